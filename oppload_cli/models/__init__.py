@@ -1,0 +1,1 @@
+"""The layers and models: arrays in, values out (``docs/model.md``)."""

@@ -1,0 +1,129 @@
+"""Several models over one video: what they share is computed once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.models.dlgmd import Dlgmd, DlgmdResponse
+from oppload_cli.models.layers import Dpc
+from oppload_cli.models.opplod import Opplod, OpplodResponse
+from oppload_cli.models.parameters import DlgmdParams, DpcParams, OpplodParams, axes_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from oppload_cli.models.layers import Map
+
+    Model = Opplod | Dlgmd
+    Response = OpplodResponse | DlgmdResponse
+
+
+class ModelBank:
+    """Models that see the same frames, in one pass.
+
+    Models of equal DPC constants share P, E and I.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : sequence of OpplodParams or DlgmdParams
+        One set per model, in the order of the answers.
+
+    Raises
+    ------
+    ParameterError
+        If no model is given.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], params: Sequence[OpplodParams | DlgmdParams]
+    ) -> None:
+        if not params:
+            raise ParameterError("no model is chosen; name at least one")
+        axes = {each.dpc(): axes_of(each) for each in params if isinstance(each, OpplodParams)}
+        self._layers: dict[DpcParams, Dpc] = {
+            constants: Dpc(shape, constants, axes.get(constants, ()))
+            for constants in dict.fromkeys(each.dpc() for each in params)
+        }
+        self.models: dict[str, Model] = {}
+        for each in params:
+            dpc = self._layers[each.dpc()]
+            model: Model = (
+                Opplod(shape, each, dpc=dpc)
+                if isinstance(each, OpplodParams)
+                else Dlgmd(shape, each, dpc=dpc)
+            )
+            self.models[model.name] = model
+
+    @property
+    def luma_change(self) -> float | None:
+        """Mean of P(t) over the frame, 0 to 1; None on the first frame."""
+        return next(iter(self._layers.values())).luma_change
+
+    def reset(self) -> None:
+        """Start over: the next frame is frame 0."""
+        for dpc in self._layers.values():
+            dpc.reset()
+
+    def step(self, luma: Map) -> dict[str, Response | None]:
+        """Take the next frame; every model answers to it.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance, 0 to 1.
+
+        Returns
+        -------
+        dict of str to response or None
+            By model name; None during warm-up, frames 0 to 2.
+
+        Raises
+        ------
+        FrameError
+            If the array is not a luminance image of the right shape.
+        """
+        ready = [dpc.step(luma) for dpc in self._layers.values()]
+        return {
+            name: model.respond() if all(ready) else None for name, model in self.models.items()
+        }
+
+    def at_rest(self) -> dict[str, Response | None]:
+        """Return every model's answer to a frame in which nothing changed.
+
+        Returns
+        -------
+        dict of str to response
+        """
+        return {name: model.at_rest() for name, model in self.models.items()}
+
+
+def chosen(
+    names: Sequence[str], opplod: OpplodParams, dlgmd: DlgmdParams
+) -> list[OpplodParams | DlgmdParams]:
+    """Return the parameter sets of the models named.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Among ``opplod`` and ``dlgmd``.
+    opplod, dlgmd : OpplodParams, DlgmdParams
+        The parameters of each.
+
+    Returns
+    -------
+    list of OpplodParams or DlgmdParams
+        In the order of `names`, each once.
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown (the nearest one is suggested).
+    """
+    known: dict[str, OpplodParams | DlgmdParams] = {"opplod": opplod, "dlgmd": dlgmd}
+    for name in names:
+        if name not in known:
+            raise ParameterError(f"no model '{name}'{suggestion(name, known)}")
+    return [known[name] for name in dict.fromkeys(names)]

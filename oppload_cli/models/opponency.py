@@ -1,0 +1,309 @@
+"""Opposing motion judgement (OMJ) and enhancing (``docs/model.md``, section 5).
+
+Two judges, one per preset: :class:`PooledJudge` sums opponent products over cells,
+:class:`PixelwiseJudge` is the paper to the letter. Both take the four S maps and
+return the winning unit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from oppload_cli.models.parameters import axes_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.layers import Map
+    from oppload_cli.models.parameters import OpplodParams
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a judge says of one frame.
+
+    Attributes
+    ----------
+    response : float
+        The enhanced response of the frame, at least 0.
+    opponency : float
+        R of the winning unit before enhancing, at least 0.
+    centre_x, centre_y : float
+        Centre of the winning unit in working pixels (pixel i covers [i, i + 1)).
+    """
+
+    response: float
+    opponency: float
+    centre_x: float
+    centre_y: float
+
+
+class Judge(Protocol):
+    """The opposing motion judgement of one preset."""
+
+    def judge(self, pathways: Mapping[int, Map]) -> Verdict:
+        """Judge the S maps of the four pathways, by direction in degrees."""
+
+
+def cell_centres(length: int, cell: int) -> Floats:
+    """Return where the cells' centres lie along one side of the frame.
+
+    Parameters
+    ----------
+    length : int
+        Side of the frame in pixels.
+    cell : int
+        Spacing of the cells in pixels.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        As many whole cells as fit (one at the least), centred in the frame;
+        pixel i covers [i, i + 1).
+    """
+    count = max(1, length // cell)
+    return (length - count * cell) / 2 + (np.arange(count) + 0.5) * cell
+
+
+def pooling_weights(length: int, centres: Floats, sigma: float) -> Map:
+    """Return the weights that smooth a line of pixels and sample it at the cells.
+
+    Parameters
+    ----------
+    length : int
+        Pixels along the line.
+    centres : ndarray, shape (n,)
+        The cells' centres in pixels.
+    sigma : float
+        Spread of the Gaussian in pixels; 0 takes the pixel at the centre.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, length)
+        Gaussian weights, of sum 1 on an endless line: beyond the frame there is
+        nothing to pool.
+    """
+    if sigma == 0:
+        return (np.arange(length) == np.floor(centres)[:, None]).astype(np.float32)
+    distance = np.arange(length) + 0.5 - centres[:, None]
+    reach = np.arange(-np.ceil(6 * sigma), np.ceil(6 * sigma) + 1)
+    total = np.exp(-(reach**2) / (2 * sigma**2)).sum()
+    return np.asarray(np.exp(-(distance**2) / (2 * sigma**2)) / total, np.float32)
+
+
+class PooledJudge:
+    """OMJ of preset `default`: pool, outward minus inward at every unit, enhance the best.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        Resolved parameters (`receptive_field` and `cell` are numbers).
+    """
+
+    def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
+        self._params = params
+        cell = params.cell or 1
+        sigma = params.pool_sigma * cell
+        self.centres_y, self.centres_x = (cell_centres(side, cell) for side in shape)
+        self._down = pooling_weights(shape[0], self.centres_y, sigma)
+        self._across = np.ascontiguousarray(pooling_weights(shape[1], self.centres_x, sigma).T)
+        self._reach = int((params.receptive_field or 0) / 2 // cell)
+        self._outward = {phi: _outward_offsets(self._reach, phi) for phi in axes_of(params)}
+        grid = (len(self.centres_y), len(self.centres_x))
+        margin = self._reach
+        # Zeros around the maps: beyond the frame there is no motion.
+        self._one, self._other = (
+            np.zeros((grid[0] + 2 * margin, grid[1] + 2 * margin), np.float32) for _ in range(2)
+        )
+        self._half = np.zeros((grid[0], shape[1]), np.float32)
+        self._product = np.zeros(grid, np.float32)
+        self._selected = _selected_units(shape, self.centres_y, self.centres_x, params)
+
+    def judge(self, pathways: Mapping[int, Map]) -> Verdict:
+        """Judge the S maps of the four pathways.
+
+        Parameters
+        ----------
+        pathways : mapping of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees.
+
+        Returns
+        -------
+        Verdict
+            The best unit's; its response is ``c2 R^2``, 0 unless R is above T_o.
+        """
+        opponency = self.opponency(pathways)
+        opponency *= self._selected
+        best = int(opponency.argmax())
+        row, column = divmod(best, opponency.shape[1])
+        value = float(opponency[row, column])
+        above = value > self._params.threshold
+        return Verdict(
+            response=self._params.gain * value**2 if above else 0.0,
+            opponency=value,
+            centre_x=float(self.centres_x[column]),
+            centre_y=float(self.centres_y[row]),
+        )
+
+    def opponency(self, pathways: Mapping[int, Map]) -> Map:
+        """Return R(c), outward minus inward opponency, of the unit at every cell.
+
+        Parameters
+        ----------
+        pathways : mapping of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees.
+
+        Returns
+        -------
+        ndarray of float32, shape (rows, columns)
+            Sum over both axis pairs of ``max(0, out - w_p in)``.
+        """
+        total = np.zeros(self._product.shape, np.float32)
+        for phi in axes_of(self._params):
+            self._pool(pathways[phi], self._one)
+            self._pool(pathways[phi + 180], self._other)
+            outward, inward = self._opponent_sums(phi)
+            outward -= self._params.periphery * inward
+            total += np.maximum(outward, 0)
+        return total
+
+    def _pool(self, presynaptic: Map, padded: Map) -> None:
+        margin = self._reach
+        rows, columns = self._product.shape
+        np.matmul(self._down, presynaptic, out=self._half)
+        np.matmul(
+            self._half, self._across, out=padded[margin : margin + rows, margin : margin + columns]
+        )
+
+    def _opponent_sums(self, phi: int) -> tuple[Map, Map]:
+        """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over outward and inward offsets u."""
+        outward, inward = np.zeros_like(self._product), np.zeros_like(self._product)
+        for x, y in self._outward[phi]:
+            outward += self._opponent_product(x, y)
+            inward += self._opponent_product(-x, -y)
+        return outward, inward
+
+    def _opponent_product(self, x: int, y: int) -> Map:
+        margin = self._reach
+        rows, columns = self._product.shape
+        ahead = self._one[margin + y : margin + y + rows, margin + x : margin + x + columns]
+        behind = self._other[margin - y : margin - y + rows, margin - x : margin - x + columns]
+        return np.multiply(ahead, behind, out=self._product)
+
+
+class PixelwiseJudge:
+    """OMJ of preset `paper`: products pixel by pixel in the fields of a grid of units.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        Resolved parameters with a grid of units.
+    """
+
+    def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
+        self._params = params
+        self._field = min(params.receptive_field or 0, *shape)
+        columns, rows = params.grid() or (1, 1)
+        self.lefts = _evenly(shape[1] - self._field, columns)
+        self.tops = _evenly(shape[0] - self._field, rows)
+
+    def judge(self, pathways: Mapping[int, Map]) -> Verdict:
+        """Judge the S maps of the four pathways.
+
+        Parameters
+        ----------
+        pathways : mapping of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees.
+
+        Returns
+        -------
+        Verdict
+            The response is the sum of S_E over all units; the place is the unit
+            of the largest part of it.
+        """
+        values = np.array(
+            [[self._unit(pathways, top, left) for left in self.lefts] for top in self.tops]
+        )
+        row, column = divmod(int(values[..., 0].argmax()), values.shape[1])
+        return Verdict(
+            response=float(values[..., 0].sum()),
+            opponency=float(values[row, column, 1]),
+            centre_x=self.lefts[column] + self._field / 2,
+            centre_y=self.tops[row] + self._field / 2,
+        )
+
+    def _unit(self, pathways: Mapping[int, Map], top: int, left: int) -> tuple[float, float]:
+        """Return one unit's sum of S_E, and of the products that it is made from."""
+        field = np.s_[top : top + self._field, left : left + self._field]
+        enhanced = opponency = 0.0
+        for phi in axes_of(self._params):
+            product = pathways[phi][field] * pathways[phi + 180][field][::-1, ::-1]
+            selected = product[product > self._params.threshold].astype(np.float64)
+            # The products in the other order are the same ones, rotated by 180 degrees.
+            enhanced += 2 * self._params.gain * float(selected @ selected)
+            opponency += 2 * float(selected.sum())
+        return enhanced, opponency
+
+
+def judge_for(shape: tuple[int, int], params: OpplodParams) -> Judge:
+    """Return the judge that the parameters ask for.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        Resolved parameters.
+
+    Returns
+    -------
+    Judge
+    """
+    kind = PooledJudge if params.judgement == "pooled" else PixelwiseJudge
+    return kind(shape, params)
+
+
+def _outward_offsets(reach: int, phi: int) -> list[tuple[int, int]]:
+    """List the cell offsets (x, y) of a square field with u . u_phi > 0."""
+    # Along an axis or a diagonal each component of u_phi is -1, 0 or 1 times one length.
+    across = round(math.cos(math.radians(phi)) * math.sqrt(2))
+    up = round(math.sin(math.radians(phi)) * math.sqrt(2))
+    span = range(-reach, reach + 1)
+    return [(x, y) for y in span for x in span if x * across - y * up > 0]
+
+
+def _evenly(room: int, count: int) -> list[int]:
+    if count == 1:
+        return [room // 2]
+    return [round(index * room / (count - 1)) for index in range(count)]
+
+
+def _selected_units(
+    shape: tuple[int, int], centres_y: Floats, centres_x: Floats, params: OpplodParams
+) -> Map:
+    """Return 1 at the cells that are units, 0 elsewhere."""
+    selected = np.ones((len(centres_y), len(centres_x)), np.float32)
+    grid = params.grid()
+    if grid is not None:
+        field = min(params.receptive_field or 0, *shape)
+        columns = _nearest(centres_x, _evenly(shape[1] - field, grid[0]), field)
+        rows = _nearest(centres_y, _evenly(shape[0] - field, grid[1]), field)
+        selected[:] = 0
+        selected[np.ix_(rows, columns)] = 1
+    return selected
+
+
+def _nearest(centres: Floats, starts: list[int], field: int) -> list[int]:
+    return [int(np.abs(centres - (start + field / 2)).argmin()) for start in starts]
