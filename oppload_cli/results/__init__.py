@@ -1,0 +1,1 @@
+"""Results: the per-frame table, its sidecar, and reading them back."""

@@ -1,0 +1,129 @@
+"""Writing ``frames.csv``, a row per frame."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+from oppload_cli.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+Value = float | int | None
+FLUSH_EVERY_S = 1.0
+
+
+def formatted(value: Value) -> str:
+    """Return a value as the CSV has it: ``%.9g``, nothing for None.
+
+    Parameters
+    ----------
+    value : float, int or None
+
+    Returns
+    -------
+    str
+    """
+    return "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(int(value))
+
+
+class Table:
+    """A CSV stream: header first, then a row per frame, on the disk within a second.
+
+    Parameters
+    ----------
+    stream : text file
+        Where it is written; opened with ``newline=""``.
+    columns : sequence of str
+        The header.
+    """
+
+    def __init__(self, stream: IO[str], columns: Sequence[str]) -> None:
+        self._stream = stream
+        self._flushed = time.monotonic()
+        self._stream.write(",".join(columns) + "\n")
+        self._stream.flush()
+
+    def write(self, row: Sequence[Value]) -> None:
+        """Write one row.
+
+        Parameters
+        ----------
+        row : sequence of float, int or None
+            A value per column.
+        """
+        self._stream.write(",".join(map(formatted, row)) + "\n")
+        now = time.monotonic()
+        if now - self._flushed >= FLUSH_EVERY_S:
+            self._stream.flush()
+            self._flushed = now
+
+
+class PartFile:
+    """A file that appears under its name only when it is whole.
+
+    It is written as ``NAME.part``; a run that is interrupted leaves that, readable
+    as far as it goes; one that fails before its first byte of content leaves nothing.
+
+    Parameters
+    ----------
+    path : Path
+        The final name.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.part = path.with_name(path.name + ".part")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.stream = self.part.open("w", encoding="utf-8", newline="")
+        except OSError as error:
+            raise cannot_write(path, error) from error
+
+    def commit(self) -> None:
+        """Close the file and give it its name.
+
+        Raises
+        ------
+        OutputError
+            If the disk refuses.
+        """
+        try:
+            self.stream.close()
+            self.part.replace(self.path)
+        except OSError as error:
+            raise cannot_write(self.path, error) from error
+
+    def keep(self) -> None:
+        """Close the file, leaving it as ``NAME.part``."""
+        self.stream.close()
+
+    def discard(self) -> None:
+        """Close the file and remove it."""
+        self.stream.close()
+        self.part.unlink(missing_ok=True)
+
+
+def cannot_write(path: Path, error: OSError) -> OutputError:
+    """Return the error to raise where a file cannot be written.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    error : OSError
+        What the system said.
+
+    Returns
+    -------
+    OutputError
+    """
+    reason = (error.strerror or str(error)).lower()
+    return OutputError(f"{path}: cannot be written ({reason}); choose another folder with --output")

@@ -1,0 +1,155 @@
+"""Folders and patterns of images as a source of pictures."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import SourceError
+from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from fractions import Fraction
+
+    from numpy.typing import NDArray
+
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
+NUMBER = re.compile(r"%0?(\d*)d")
+
+
+class ImageSource:
+    """A sequence of images, in the order of the numbers in their names.
+
+    Parameters
+    ----------
+    name : str
+        A folder, or a pattern such as ``frames_%04d.png``.
+    frame_rate : Fraction
+        Frames per second: images carry no times.
+
+    Raises
+    ------
+    SourceError
+        If there is no image, or the first cannot be read.
+    """
+
+    def __init__(self, name: str, frame_rate: Fraction) -> None:
+        self.decode = DecodeFacts()
+        self._rate = frame_rate
+        self._paths = image_paths(name)
+        first = self._first_readable()
+        height, width = first.shape
+        self.facts = InputFacts(
+            name=name,
+            kind="images",
+            width=width,
+            height=height,
+            frame_rate=frame_rate,
+            frames_declared=len(self._paths),
+            codec=self._paths[0].suffix.lower().lstrip("."),
+            pixel_format="gray",
+            bytes=sum(path.stat().st_size for path in self._paths),
+        )
+
+    def pictures(self) -> Iterator[Picture]:
+        """Yield the images that can be read; the others are counted as failures.
+
+        Yields
+        ------
+        Picture
+            Its index and time are those of its place in the sequence.
+        """
+        for index, path in enumerate(self._paths):
+            plane = _read(path)
+            if plane is None:
+                self.decode.failed(f"{path.name} is not an image that can be read")
+                continue
+            self.decode.decoded += 1
+            yield Picture(index, float(index / self._rate), plane)
+
+    def finish(self) -> None:
+        """Nothing is missing that has not failed."""
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _first_readable(self) -> NDArray[np.uint8]:
+        for path in self._paths:
+            plane = _read(path)
+            if plane is not None:
+                return plane
+        raise SourceError(
+            f"{self._paths[0]}: none of these images can be read; check or convert them"
+        )
+
+
+def image_paths(name: str) -> list[Path]:
+    """Return the images of a folder or a pattern, in the order of their numbers.
+
+    Parameters
+    ----------
+    name : str
+        A folder, or a pattern with one ``%d`` or ``%04d`` in its file name.
+
+    Returns
+    -------
+    list of Path
+
+    Raises
+    ------
+    SourceError
+        If there is none.
+    """
+    folder, accepted = Path(name), re.compile(r".*", re.DOTALL)
+    pattern = NUMBER.search(folder.name)
+    if pattern and not folder.exists():
+        accepted = _pattern(folder.name, pattern)
+        folder = folder.parent
+    if not folder.is_dir():
+        raise SourceError(f"{name}: no such folder; check the path")
+    paths = [
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in IMAGE_SUFFIXES and accepted.fullmatch(path.name)
+    ]
+    if not paths:
+        raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
+    return sorted(paths, key=numerical_order)
+
+
+def numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Return a key that sorts ``f2`` before ``f10``.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    tuple
+        To compare with another file's.
+    """
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts], path.name
+
+
+def _pattern(name: str, number: re.Match[str]) -> re.Pattern[str]:
+    width = number.group(1)
+    digits = rf"\d{{{width},}}" if width else r"\d+"
+    return re.compile(re.escape(name[: number.start()]) + digits + re.escape(name[number.end() :]))
+
+
+def _read(path: Path) -> NDArray[np.uint8] | None:
+    """Return an image as 8-bit grey by the Rec. 601 weights, or None if it cannot be read."""
+    try:
+        data = np.fromfile(path, np.uint8)
+        colour = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except (OSError, cv2.error):
+        return None
+    return None if colour is None else np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

@@ -1,0 +1,158 @@
+"""One way into every kind of input: :func:`open_video`."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from oppload_cli.errors import SourceError
+from oppload_cli.video.container import ContainerSource
+from oppload_cli.video.frames import Frame
+from oppload_cli.video.images import IMAGE_SUFFIXES, NUMBER, ImageSource
+from oppload_cli.video.prefetch import Prefetch
+from oppload_cli.video.span import Span
+from oppload_cli.video.working import Luminance, working_size
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import TracebackType
+
+    from oppload_cli.video.frames import DecodeFacts, InputFacts, PictureSource
+
+DEFAULT_HEIGHT = 240
+DEFAULT_IMAGE_RATE = Fraction(30)
+
+
+class Video:
+    """An open input: an iterable, once, of :class:`Frame` at the working size.
+
+    A context manager; closing joins the decode thread.
+
+    Parameters
+    ----------
+    source : PictureSource
+        Where the pictures come from.
+    height : int or None
+        Working height in pixels; None keeps the native size.
+    span : Span
+        The part of the input to yield.
+    """
+
+    def __init__(self, source: PictureSource, height: int | None, span: Span) -> None:
+        self._source = source
+        self._span = span
+        self._prefetch: Prefetch[Frame] | None = None
+        try:
+            self.working = working_size(source.facts, height)
+        except BaseException:
+            source.close()
+            raise
+        self._luminance = Luminance(self.working, source.facts.rotation)
+
+    @property
+    def facts(self) -> InputFacts:
+        """What the input declares about itself."""
+        return self._source.facts
+
+    @property
+    def decode(self) -> DecodeFacts:
+        """What came of decoding; final once the iteration has ended."""
+        return self._source.decode
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def __iter__(self) -> Iterator[Frame]:
+        if self._prefetch is None:
+            self._prefetch = Prefetch(self._frames())
+        return self._prefetch
+
+    def close(self) -> None:
+        """Stop decoding, join its thread and close the input; may be called twice."""
+        if self._prefetch is not None:
+            self._prefetch.close()
+        self._source.close()
+
+    def _frames(self) -> Iterator[Frame]:
+        """Yield the span's frames. There is no seeking: what comes before is decoded."""
+        started, end = self._span.start is None, self._span.end
+        for picture in self._source.pictures():
+            place = (picture.index, picture.time_s)
+            if not started:
+                if self._span.start is not None and not self._span.start.reached(*place):
+                    continue
+                started = True
+            if end is None and self._span.duration is not None:
+                end = self._span.duration.after(*place)
+            if end is not None and end.reached(*place):
+                return
+            yield Frame(*place, self._luminance(picture))
+        self._source.finish()
+
+
+def open_video(
+    name: str | Path,
+    *,
+    height: int | None = DEFAULT_HEIGHT,
+    span: Span | None = None,
+    image_rate: Fraction = DEFAULT_IMAGE_RATE,
+    threads: int = 0,
+) -> Video:
+    """Open an input of any kind.
+
+    Parameters
+    ----------
+    name : str or Path
+        A video file, a folder or pattern of images (``frames_%04d.png``),
+        ``camera:0``, or a stream's address.
+    height : int or None
+        Working height in pixels, at least 1; the width follows. None keeps the
+        native size.
+    span : Span, optional
+        The part of the input to read.
+    image_rate : Fraction
+        Frames per second of images, which carry no times.
+    threads : int
+        Decoder threads; 0 leaves the choice to the decoder.
+
+    Returns
+    -------
+    Video
+
+    Raises
+    ------
+    SourceError
+        If nothing can be read from it.
+    ParameterError
+        If the working size is too large.
+    """
+    return Video(_source(str(name), image_rate, threads), height, span or Span())
+
+
+def _source(name: str, image_rate: Fraction, threads: int) -> PictureSource:
+    if name.startswith("camera:"):
+        from oppload_cli.video.camera import CameraSource  # noqa: PLC0415 - only where needed
+
+        return CameraSource(name)
+    path = Path(name)
+    with suppress(OSError):  # a name may be too long to look up
+        if path.is_dir():
+            return ImageSource(name, image_rate)
+        if NUMBER.search(path.name) and not path.exists():
+            return ImageSource(name, image_rate)
+    if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
+        raise SourceError(
+            f"{name}: a single image shows no motion; give its folder, or a pattern such as "
+            f"frame_%03d{path.suffix}"
+        )
+    return ContainerSource(name, threads)
