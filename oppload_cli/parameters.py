@@ -58,11 +58,12 @@ class Parameters:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Return the parameters' names, in the order of their definition.
+        """Return the names of the parameters, in the order of their definition.
 
         Returns
         -------
         tuple of str
+            As the fields are called.
         """
         return tuple(declared.name for declared in fields(cls))
 
@@ -88,8 +89,8 @@ class Parameters:
 
         Returns
         -------
-        Parameters
-            Of the same class.
+        Self
+            The copy.
 
         Raises
         ------

@@ -1,1 +1,136 @@
-"""One module per command: each parses, calls the library and prints."""
+"""The command line: each command has a module, loaded only when it is called.
+
+``main`` is the one place that turns an error into a sentence and an exit code.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import signal
+import sys
+import traceback
+from contextlib import suppress
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from oppload_cli.errors import ExitCode, OpploadError, OutputError, suggestion
+from oppload_cli.version import __version__
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import FrameType
+
+COMMANDS = {
+    "run": "run both looming detectors on videos",
+    "plot": "plot results",
+    "demo": "show it at work on a looming disk",
+    "stimuli": "the catalogue of looming stimuli",
+    "models": "the models, their parameters and presets",
+    "config": "every setting of a run, and where it came from",
+    "info": "versions, for a bug report",
+}
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command's module when the command is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the commands' names, in the order of the help."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Return a command, or None if there is none of that name."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"oppload_cli.cli.{cmd_name}")
+        command: click.Command = getattr(module, cmd_name)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command, suggesting the nearest one for a misspelt name."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            raise click.UsageError(f"no command '{args[0]}'{suggestion(args[0], COMMANDS)}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write the commands without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="oppload")
+def oppload() -> None:
+    r"""Run insect-inspired looming detectors on video: OppLoD and D-LGMD.
+
+    \b
+    oppload demo                   see it work
+    oppload run video.mp4          writes video.frames.csv and video.oppload.json
+    oppload plot video.frames.csv  writes video.frames.png
+    """
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line and exit.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Instead of those of the process.
+    """
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
+    except BaseException as error:  # the one place where all errors end
+        sys.exit(failure(error))
+    sys.exit(code or ExitCode.DONE)
+
+
+def failure(error: BaseException) -> int:
+    """Print an error as one sentence and return the exit code for it.
+
+    Parameters
+    ----------
+    error : BaseException
+        Whatever ended the command.
+
+    Returns
+    -------
+    int
+        The exit code of ``docs/formats.md``.
+    """
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else ExitCode.BUG
+    if os.environ.get("OPPLOAD_DEBUG"):
+        traceback.print_exception(error)
+    if isinstance(error, BrokenPipeError | OutputError):
+        # What could not be written shall not be tried again, and fail again, at exit.
+        with suppress(OSError):
+            sys.stdout.flush()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, BrokenPipeError):
+        return ExitCode.INTERRUPTED
+    if isinstance(error, click.ClickException):
+        error.show()
+        return ExitCode.USAGE
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        left = f": {error}" if str(error) else ""
+        click.echo(f"oppload: interrupted{left}", err=True)
+        return ExitCode.INTERRUPTED
+    if isinstance(error, OpploadError):
+        click.echo(f"oppload: {error}", err=True)
+        return error.exit_code
+    click.echo(
+        f"oppload: this is a bug ({type(error).__name__}: {error}); please report it with the "
+        f"output of OPPLOAD_DEBUG=1 and of 'oppload info'",
+        err=True,
+    )
+    return ExitCode.BUG
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+    raise KeyboardInterrupt

@@ -1,10 +1,12 @@
-"""A causal alarm: is this response far above what this video has shown so far?"""
+"""A causal alarm: a response far above what the video has shown so far."""
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
+from oppload_cli.errors import ParameterError
 from oppload_cli.parameters import Parameters, parameter
 
 
@@ -21,10 +23,13 @@ class AlarmParams(Parameters):
     guard_s: float = parameter(
         0.3, "the latest time that is not yet background", unit="s", low=0, high=60
     )
-    floor: float = parameter(
-        1e-6, "response at or below which there is never an alarm", low=0, high=1e9
+    opplod_floor: float = parameter(
+        3e-5, "response of OppLoD at or below which it never alarms", low=0, high=1e9
     )
-    enough: int = parameter(2, "frames above the threshold that alarm", unit="frames", low=1)
+    dlgmd_floor: float = parameter(
+        1e-3, "response of D-LGMD at or below which it never alarms", low=0, high=1e9
+    )
+    enough: int = parameter(3, "frames above the threshold that alarm", unit="frames", low=1)
     window: int = parameter(3, "latest frames among which they are", unit="frames", low=1, high=999)
     hold_s: float = parameter(
         0.5, "how long an alarm stays on after its last frame above", unit="s", low=0, high=60
@@ -32,6 +37,11 @@ class AlarmParams(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.enough > self.window:
+            raise ParameterError(
+                f"parameter 'enough' of alarm must be at most 'window' ({self.window}), "
+                f"not {self.enough}"
+            )
 
 
 class Alarm:
@@ -43,18 +53,21 @@ class Alarm:
 
     Parameters
     ----------
+    model : str
+        Whose responses these are: ``opplod`` or ``dlgmd``.
     params : AlarmParams, optional
+        Its parameters.
     """
 
-    def __init__(self, params: AlarmParams | None = None) -> None:
+    def __init__(self, model: str, params: AlarmParams | None = None) -> None:
         self.params = params or AlarmParams()
+        self._floor: float = getattr(self.params, f"{model}_floor")
         self._guard: deque[tuple[float, float]] = deque()
         # Times and responses of the background that a later one has not outdone:
         # the first is the largest.
         self._largest: deque[tuple[float, float]] = deque()
         self._above: deque[bool] = deque(maxlen=self.params.window)
-        self._until = float("-inf")
-        self._seen_since: float | None = None
+        self._until = -math.inf
 
     def step(self, response: float, time_s: float) -> bool:
         """Take the response to the next frame.
@@ -86,5 +99,7 @@ class Alarm:
             self._largest.append((time, response))
         while self._largest and self._largest[0][0] < time_s - self.params.background_s:
             self._largest.popleft()
-        background = self._largest[0][1] if self._largest else 0.0
-        return max(self.params.floor, self.params.factor * background)
+        if not self._largest:
+            return math.inf  # nothing to compare with yet
+        background = self._largest[0][1]
+        return max(self._floor, self.params.factor * background)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.errors import ParameterError
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdResponse
 from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opplod import Opplod, OpplodResponse
@@ -98,32 +98,3 @@ class ModelBank:
         dict of str to response
         """
         return {name: model.at_rest() for name, model in self.models.items()}
-
-
-def chosen(
-    names: Sequence[str], opplod: OpplodParams, dlgmd: DlgmdParams
-) -> list[OpplodParams | DlgmdParams]:
-    """Return the parameter sets of the models named.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Among ``opplod`` and ``dlgmd``.
-    opplod, dlgmd : OpplodParams, DlgmdParams
-        The parameters of each.
-
-    Returns
-    -------
-    list of OpplodParams or DlgmdParams
-        In the order of `names`, each once.
-
-    Raises
-    ------
-    ParameterError
-        If a name is unknown (the nearest one is suggested).
-    """
-    known: dict[str, OpplodParams | DlgmdParams] = {"opplod": opplod, "dlgmd": dlgmd}
-    for name in names:
-        if name not in known:
-            raise ParameterError(f"no model '{name}'{suggestion(name, known)}")
-    return [known[name] for name in dict.fromkeys(names)]

@@ -91,9 +91,7 @@ class Dlgmd:
         """
         presynaptic_sum(self.dpc.excitation, self.dpc.inhibition, self.presynaptic)
         self._group()
-        return DlgmdResponse(
-            response=cv2.mean(self.grouped)[0], s=cv2.mean(self.presynaptic)[0]
-        )
+        return DlgmdResponse(response=cv2.mean(self.grouped)[0], s=cv2.mean(self.presynaptic)[0])
 
     def at_rest(self) -> DlgmdResponse:
         """Return the answer to a frame in which nothing changed.
@@ -126,4 +124,4 @@ class Dlgmd:
         # THRESH_TOZERO keeps what is strictly above; the model keeps T itself too.
         below = float(np.nextafter(np.float32(threshold), np.float32(-np.inf)))
         cv2.threshold(self.grouped, below, 0, cv2.THRESH_TOZERO, dst=self.grouped)
-        cv2.min(self.grouped, self.params.grouped_limit, dst=self.grouped)
+        np.minimum(self.grouped, np.float32(self.params.grouped_limit), out=self.grouped)

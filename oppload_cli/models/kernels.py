@@ -61,7 +61,8 @@ def spread(params: DpcParams, sigma: float) -> Kernel:
     ndarray, shape (2 r + 1, 2 r + 1)
     """
     x, y = offsets(params.kernel_radius)
-    return np.exp(-(x**2 + y**2) / (2 * sigma**2)) / (sigma * np.sqrt(2 * np.pi))
+    gaussian: Kernel = np.exp(-(x**2 + y**2) / (2 * sigma**2)) / (sigma * np.sqrt(2 * np.pi))
+    return gaussian
 
 
 def latency(params: DpcParams) -> Kernel:
@@ -145,4 +146,5 @@ def direction_mask(params: DpcParams, direction: float) -> Kernel:
     phi = np.deg2rad(direction)
     along = x * np.cos(phi) - y * np.sin(phi)
     # 1 / (1 + exp(sqrt(2) along)), written so that a large kernel does not overflow.
-    return 0.5 - 0.5 * np.tanh(along / np.sqrt(2))
+    mask: Kernel = 0.5 - 0.5 * np.tanh(along / np.sqrt(2))
+    return mask

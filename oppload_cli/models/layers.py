@@ -248,7 +248,7 @@ def presynaptic_sum(excitation: Map, inhibition: Map, out: Map) -> Map:
     """
     cv2.subtract(excitation, inhibition, dst=out)
     cv2.min(out, excitation, dst=out)
-    cv2.max(out, 0.0, dst=out)
+    np.maximum(out, 0, out=out)
     return out
 
 
@@ -261,6 +261,8 @@ def _cropped(kernel: Kernel) -> Map:
     """Cut a kernel to the centred square that holds all its non-zero pixels."""
     radius = kernel.shape[0] // 2
     rows, columns = np.nonzero(kernel)
-    reach = int(max(np.abs(rows - radius).max(), np.abs(columns - radius).max())) if len(rows) else 0
+    reach = (
+        int(max(np.abs(rows - radius).max(), np.abs(columns - radius).max())) if len(rows) else 0
+    )
     inner = slice(radius - reach, radius + reach + 1)
     return kernel[inner, inner].astype(np.float32)

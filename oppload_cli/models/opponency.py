@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from oppload_cli.models.parameters import axes_of
+from oppload_cli.models.pooling import Pooling
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from oppload_cli.models.layers import Map
     from oppload_cli.models.parameters import OpplodParams
-
-    Floats = NDArray[np.float64]
+    from oppload_cli.models.pooling import Floats
 
 
 @dataclass(frozen=True)
@@ -53,52 +51,6 @@ class Judge(Protocol):
         """Judge the S maps of the four pathways, by direction in degrees."""
 
 
-def cell_centres(length: int, cell: int) -> Floats:
-    """Return where the cells' centres lie along one side of the frame.
-
-    Parameters
-    ----------
-    length : int
-        Side of the frame in pixels.
-    cell : int
-        Spacing of the cells in pixels.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        As many whole cells as fit (one at the least), centred in the frame;
-        pixel i covers [i, i + 1).
-    """
-    count = max(1, length // cell)
-    return (length - count * cell) / 2 + (np.arange(count) + 0.5) * cell
-
-
-def pooling_weights(length: int, centres: Floats, sigma: float) -> Map:
-    """Return the weights that smooth a line of pixels and sample it at the cells.
-
-    Parameters
-    ----------
-    length : int
-        Pixels along the line.
-    centres : ndarray, shape (n,)
-        The cells' centres in pixels.
-    sigma : float
-        Spread of the Gaussian in pixels; 0 takes the pixel at the centre.
-
-    Returns
-    -------
-    ndarray of float32, shape (n, length)
-        Gaussian weights, of sum 1 on an endless line: beyond the frame there is
-        nothing to pool.
-    """
-    if sigma == 0:
-        return (np.arange(length) == np.floor(centres)[:, None]).astype(np.float32)
-    distance = np.arange(length) + 0.5 - centres[:, None]
-    reach = np.arange(-np.ceil(6 * sigma), np.ceil(6 * sigma) + 1)
-    total = np.exp(-(reach**2) / (2 * sigma**2)).sum()
-    return np.asarray(np.exp(-(distance**2) / (2 * sigma**2)) / total, np.float32)
-
-
 class PooledJudge:
     """OMJ of preset `default`: pool, outward minus inward at every unit, enhance the best.
 
@@ -113,20 +65,18 @@ class PooledJudge:
     def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
         self._params = params
         cell = params.cell or 1
-        sigma = params.pool_sigma * cell
-        self.centres_y, self.centres_x = (cell_centres(side, cell) for side in shape)
-        self._down = pooling_weights(shape[0], self.centres_y, sigma)
-        self._across = np.ascontiguousarray(pooling_weights(shape[1], self.centres_x, sigma).T)
+        self._pool = Pooling(shape, cell, params.pool_sigma * cell)
+        self.centres_y, self.centres_x = self._pool.centres_y, self._pool.centres_x
         self._reach = int((params.receptive_field or 0) / 2 // cell)
         self._outward = {phi: _outward_offsets(self._reach, phi) for phi in axes_of(params)}
-        grid = (len(self.centres_y), len(self.centres_x))
+        rows, columns = self._pool.shape
         margin = self._reach
         # Zeros around the maps: beyond the frame there is no motion.
         self._one, self._other = (
-            np.zeros((grid[0] + 2 * margin, grid[1] + 2 * margin), np.float32) for _ in range(2)
+            np.zeros((rows + 2 * margin, columns + 2 * margin), np.float32) for _ in range(2)
         )
-        self._half = np.zeros((grid[0], shape[1]), np.float32)
-        self._product = np.zeros(grid, np.float32)
+        self._inside = np.s_[margin : margin + rows, margin : margin + columns]
+        self._product = np.zeros((rows, columns), np.float32)
         self._selected = _selected_units(shape, self.centres_y, self.centres_x, params)
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
@@ -170,20 +120,12 @@ class PooledJudge:
         """
         total = np.zeros(self._product.shape, np.float32)
         for phi in axes_of(self._params):
-            self._pool(pathways[phi], self._one)
-            self._pool(pathways[phi + 180], self._other)
+            self._pool(pathways[phi], self._one[self._inside])
+            self._pool(pathways[phi + 180], self._other[self._inside])
             outward, inward = self._opponent_sums(phi)
             outward -= self._params.periphery * inward
             total += np.maximum(outward, 0)
         return total
-
-    def _pool(self, presynaptic: Map, padded: Map) -> None:
-        margin = self._reach
-        rows, columns = self._product.shape
-        np.matmul(self._down, presynaptic, out=self._half)
-        np.matmul(
-            self._half, self._across, out=padded[margin : margin + rows, margin : margin + columns]
-        )
 
     def _opponent_sums(self, phi: int) -> tuple[Map, Map]:
         """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over outward and inward offsets u."""

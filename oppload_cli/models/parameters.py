@@ -82,10 +82,10 @@ class OpplodParams(DpcParams):
         choices=("pooled", "pixelwise"),
     )
     receptive_field: int | None = parameter(
-        None, "side of a unit's square field; none: 5/12 of the height", unit="px", low=2, high=8192
+        None, "side of a unit's square field; auto: 5/12 of the height", unit="px", low=2, high=8192
     )
     cell: int | None = parameter(
-        None, "spacing of cells; none: 1/30 of the height", unit="px", low=1, high=1024
+        None, "spacing of cells; auto: 1/30 of the height", unit="px", low=1, high=1024
     )
     pool_sigma: float = parameter(
         1.5, "spread of pooling; 0: no pooling", unit="cells", low=0, high=10

@@ -1,4 +1,4 @@
-"""The columns of ``frames.csv``: the one definition that the writer, the reader and the docs use."""
+"""The columns of ``frames.csv``, defined once for the writer, the reader and the docs."""
 
 from __future__ import annotations
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from oppload_cli.errors import OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 Value = float | int | None
 FLUSH_EVERY_S = 1.0

@@ -74,7 +74,7 @@ class CameraSource:
             plane = self._read()
 
     def finish(self) -> None:
-        """A camera that stops by itself has failed."""
+        """Count a failure: a camera that stops by itself has failed."""
         self.decode.failed("the camera stopped")
 
     def close(self) -> None:

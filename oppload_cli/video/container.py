@@ -62,7 +62,6 @@ class ContainerSource:
         self._stream.codec_context.thread_count = threads
         self._frames = self._decoded()
         self._first = self._first_frame()
-        self._start = self._first.time
         self._last_time = 0.0
         self.facts = self._facts()
 
@@ -137,7 +136,9 @@ class ContainerSource:
         if not streams:
             self._container.close()
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
-        if not getattr(streams[0], "codec_context", None):
+        # The stubs promise a codec; a stream of an unknown one has none.
+        codec: Any = streams[0].codec_context
+        if codec is None:
             self._container.close()
             raise SourceError(f"{self.name}: its codec is unknown here; convert it, e.g. to H.264")
         return streams[0]
@@ -178,8 +179,8 @@ class ContainerSource:
                 yield packet
 
     def _time(self, frame: VideoFrame, index: int) -> float:
-        if frame.time is not None and self._start is not None:
-            return frame.time - self._start
+        if frame.pts is not None and self._first.pts is not None:
+            return frame.time - self._first.time
         rate = self.facts.frame_rate
         return index / float(rate) if rate else float(index)
 
@@ -273,8 +274,8 @@ def is_full_range(frame: VideoFrame, codec: str) -> bool:
 def _view(frame: VideoFrame, bits: int, *, big_endian: bool) -> NDArray[Any]:
     plane = frame.planes[0]
     kind = np.dtype(np.uint8) if bits == 8 else np.dtype(">u2" if big_endian else "<u2")
-    rows = np.frombuffer(plane, kind).reshape(-1, plane.line_size // kind.itemsize)
-    view = rows[: frame.height, : frame.width]
+    rows = np.frombuffer(memoryview(plane), kind).reshape(-1, plane.line_size // kind.itemsize)
+    view: NDArray[Any] = rows[: frame.height, : frame.width]
     return view.astype(np.uint16) if big_endian and bits > 8 else view
 
 

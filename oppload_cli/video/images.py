@@ -11,6 +11,7 @@ import numpy as np
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
+from oppload_cli.video.inputs import IMAGE_SUFFIXES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
 NUMBER = re.compile(r"%0?(\d*)d")
 
 
@@ -152,4 +152,6 @@ def _read(path: Path) -> NDArray[np.uint8] | None:
         colour = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
     except (OSError, cv2.error):
         return None
-    return None if colour is None else np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
+    return (
+        None if colour is None else np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
+    )

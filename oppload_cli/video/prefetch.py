@@ -62,7 +62,7 @@ class Prefetch(Generic[Item]):
                 self._queue.put(item)
                 if self._stop.is_set():
                     break
-        except BaseException as raised:  # noqa: BLE001 - it is raised again, in the caller
+        except BaseException as raised:
             error = raised
         finally:
             self._queue.put(_End(error))

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Self
 from oppload_cli.errors import SourceError
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import Frame
-from oppload_cli.video.images import IMAGE_SUFFIXES, NUMBER, ImageSource
+from oppload_cli.video.images import NUMBER, ImageSource
+from oppload_cli.video.inputs import IMAGE_SUFFIXES
 from oppload_cli.video.prefetch import Prefetch
 from oppload_cli.video.span import Span
 from oppload_cli.video.working import Luminance, working_size

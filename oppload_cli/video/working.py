@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -13,6 +13,8 @@ from oppload_cli.errors import ParameterError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    Plane = NDArray[Any]  # of uint8 or uint16
 
     from oppload_cli.video.frames import InputFacts, Picture
 
@@ -110,19 +112,18 @@ class Luminance:
         """
         plane = self._resized(picture.plane)
         if self._turn is not None:
-            plane = cv2.rotate(plane, self._turn)
+            plane = np.asarray(cv2.rotate(plane, self._turn), plane.dtype)
         table = luminance_table(picture.bits, picture.full_range)
-        if plane.dtype == np.uint8:
-            return np.asarray(cv2.LUT(plane, table), np.float32)
-        return table[plane]
+        luminance = cv2.LUT(plane, table) if plane.dtype == np.uint8 else table[plane]
+        return np.asarray(luminance, np.float32)
 
-    def _resized(self, plane: NDArray[np.generic]) -> NDArray[np.generic]:
+    def _resized(self, plane: Plane) -> Plane:
         rows, columns = plane.shape
         if (columns, rows) == self._coded:
             return plane
         shrinks = self._coded[0] <= columns and self._coded[1] <= rows
         method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        return np.asarray(cv2.resize(plane, self._coded, interpolation=method))  # type: ignore[call-overload]
+        return np.asarray(cv2.resize(plane, self._coded, interpolation=method), plane.dtype)
 
 
 @lru_cache(maxsize=16)
@@ -148,4 +149,4 @@ def luminance_table(bits: int, full_range: bool) -> NDArray[np.float32]:
     else:
         step = 2 ** (bits - 8)
         luminance = (codes - 16 * step) / (219 * step)
-    return np.clip(luminance, 0, 1).astype(np.float32)
+    return np.asarray(np.clip(luminance, 0, 1), np.float32)

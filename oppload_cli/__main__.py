@@ -1,0 +1,5 @@
+"""``python -m oppload_cli``."""
+
+from oppload_cli.cli import main
+
+main()

@@ -1,0 +1,254 @@
+"""The settings of a run, and where each came from.
+
+Later ones win: the preset, then the TOML file, then the command line.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from oppload_cli.detection.alarm import AlarmParams
+from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.models.parameters import (
+    DEFAULT_PRESET,
+    DlgmdParams,
+    OpplodParams,
+    preset_named,
+)
+from oppload_cli.results.columns import MODELS
+from oppload_cli.video.parameters import RepeatParams
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from oppload_cli.parameters import Parameters
+
+Kind = TypeVar("Kind", bound="Parameters")
+
+COMMAND_LINE = "command line"
+NATIVE = "native"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """All that decides how an input is analysed.
+
+    Attributes
+    ----------
+    preset : str
+        The preset's name.
+    models : tuple of str
+        The models to run, in order.
+    height : int or None
+        Working height in pixels; None keeps the native size.
+    groups : dict of str to Parameters
+        Parameter sets by name: ``opplod``, ``dlgmd``, ``alarm``, ``repeats``.
+    origins : dict of str to str
+        Where each setting came from, by its dotted name: ``preset default``,
+        a file's path, or ``command line``.
+    """
+
+    preset: str
+    models: tuple[str, ...]
+    height: int | None
+    groups: dict[str, Parameters]
+    origins: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def opplod(self) -> OpplodParams:
+        """The parameters of OppLoD."""
+        return _of_kind(self.groups["opplod"], OpplodParams)
+
+    @property
+    def dlgmd(self) -> DlgmdParams:
+        """The parameters of D-LGMD."""
+        return _of_kind(self.groups["dlgmd"], DlgmdParams)
+
+    @property
+    def alarm(self) -> AlarmParams:
+        """The parameters of the alarms."""
+        return _of_kind(self.groups["alarm"], AlarmParams)
+
+    @property
+    def repeats(self) -> RepeatParams:
+        """How exact repeats are taken."""
+        return _of_kind(self.groups["repeats"], RepeatParams)
+
+    def model_params(self) -> list[OpplodParams | DlgmdParams]:
+        """Return the parameter sets of the models to run, in order.
+
+        Returns
+        -------
+        list of OpplodParams or DlgmdParams
+        """
+        return [self.opplod if name == "opplod" else self.dlgmd for name in self.models]
+
+
+def resolve(
+    *,
+    preset: str | None = None,
+    config: Path | None = None,
+    models: Sequence[str] = (),
+    height: str | None = None,
+    assignments: Sequence[str] = (),
+) -> Settings:
+    """Resolve the settings of a run from the preset, a TOML file and the command line.
+
+    Parameters
+    ----------
+    preset : str, optional
+        Name of the preset; else the file's, else ``default``.
+    config : Path, optional
+        A TOML file with ``preset``, ``models``, ``height`` and a table per
+        parameter set.
+    models : sequence of str
+        Models to run; none means all.
+    height : str, optional
+        Working height in pixels, or ``native``.
+    assignments : sequence of str
+        ``set.parameter=value``, e.g. ``opplod.receptive_field=200``.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown or a value out of range; the message says where.
+    """
+    content = _read(config) if config else {}
+    source = str(config) if config else ""
+    chosen = preset_named(preset or _text(content, "preset", source) or DEFAULT_PRESET)
+    groups: dict[str, Parameters] = {
+        "opplod": chosen.opplod,
+        "dlgmd": chosen.dlgmd,
+        "alarm": AlarmParams(),
+        "repeats": RepeatParams(),
+    }
+    known = {f"{group}.{name}" for group, params in groups.items() for name in params.names()}
+    origins = dict.fromkeys(["preset", "models", "height", *sorted(known)], f"preset {chosen.name}")
+    origins["preset"] = COMMAND_LINE if preset else source if "preset" in content else "default"
+    settings = Settings(chosen.name, MODELS, chosen.height, groups, origins)
+    settings = _with_file(settings, content, source)
+    return _with_command_line(settings, models, height, assignments)
+
+
+def parse_height(value: str | int) -> int | None:
+    """Read a working height.
+
+    Parameters
+    ----------
+    value : str or int
+        Pixels, or ``native``.
+
+    Returns
+    -------
+    int or None
+        None for ``native``.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, or outside 1 to 8192.
+    """
+    if value == NATIVE:
+        return None
+    text = str(value)
+    if not text.isdigit() or not 1 <= int(text) <= 8192:
+        raise ParameterError(f"height must be 'native' or 1 to 8192 pixels, not '{value}'")
+    return int(text)
+
+
+def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> Settings:
+    models, height, origins = settings.models, settings.height, dict(settings.origins)
+    groups = dict(settings.groups)
+    known = ["preset", "models", "height", *groups]
+    for key, value in content.items():
+        try:
+            if key not in known:
+                raise ParameterError(f"no setting '{key}'{suggestion(key, known)}")
+            if key in groups:
+                if not isinstance(value, dict):
+                    raise ParameterError(f"'{key}' is a table; write [{key}] on a line of its own")
+                groups[key] = groups[key].replaced(**value)
+                origins.update((f"{key}.{name}", source) for name in value)
+            elif key != "preset":
+                origins[key] = source
+                models = _models(value) if key == "models" else models
+                height = parse_height(value) if key == "height" else height
+        except ParameterError as error:
+            raise ParameterError(f"{source}: {error}") from error
+    return Settings(settings.preset, models, height, groups, origins)
+
+
+def _with_command_line(
+    settings: Settings, models: Sequence[str], height: str | None, assignments: Sequence[str]
+) -> Settings:
+    groups, origins = dict(settings.groups), dict(settings.origins)
+    changes: dict[str, dict[str, object]] = {}
+    for assignment in assignments:
+        group, name, text = _split(assignment, groups)
+        changes.setdefault(group, {})[name] = groups[group].parsed(name, text)
+        origins[f"{group}.{name}"] = COMMAND_LINE
+    for group, values in changes.items():
+        groups[group] = groups[group].replaced(**values)
+    if models:
+        origins["models"] = COMMAND_LINE
+    if height is not None:
+        origins["height"] = COMMAND_LINE
+    return Settings(
+        settings.preset,
+        _models(models) if models else settings.models,
+        parse_height(height) if height is not None else settings.height,
+        groups,
+        origins,
+    )
+
+
+def _split(assignment: str, groups: Mapping[str, Parameters]) -> tuple[str, str, str]:
+    target, equals, text = assignment.partition("=")
+    group, dot, name = target.strip().partition(".")
+    if not equals or not dot:
+        raise ParameterError(
+            f"'{assignment}' is no setting; write set.parameter=value, "
+            f"e.g. opplod.receptive_field=200"
+        )
+    if group not in groups:
+        raise ParameterError(f"no parameter set '{group}'{suggestion(group, groups)}")
+    return group, name, text.strip()
+
+
+def _models(names: object) -> tuple[str, ...]:
+    if not isinstance(names, list | tuple) or not names:
+        raise ParameterError(f"models must be a list such as {list(MODELS)}, not {names!r}")
+    for name in names:
+        if name not in MODELS:
+            raise ParameterError(f"no model '{name}'{suggestion(str(name), MODELS)}")
+    return tuple(dict.fromkeys(names))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ParameterError(f"{path}: cannot be read ({reason}); check --config") from error
+    except ValueError as error:  # of TOML, or of UTF-8
+        raise ParameterError(f"{path}: is not valid TOML ({error}); correct the file") from error
+
+
+def _text(content: Mapping[str, Any], key: str, source: str) -> str | None:
+    value = content.get(key)
+    if value is not None and not isinstance(value, str):
+        raise ParameterError(f"{source}: '{key}' must be a word in quotes, not {value!r}")
+    return value
+
+
+def _of_kind(params: Parameters, kind: type[Kind]) -> Kind:
+    if not isinstance(params, kind):
+        raise ParameterError(f"a set of {kind.__name__} is wanted, not {type(params).__name__}")
+    return params

@@ -1,0 +1,285 @@
+"""One input from its first frame to its result files."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from fractions import Fraction
+from typing import IO, TYPE_CHECKING, Any, Protocol
+
+from oppload_cli.analysis import analyse
+from oppload_cli.environment import environment
+from oppload_cli.errors import OpploadError, OutputError
+from oppload_cli.results.columns import columns_for
+from oppload_cli.results.sidecar import write_sidecar
+from oppload_cli.results.summary import ModelSummary
+from oppload_cli.results.table import PartFile, Table, cannot_write
+from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Span
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.settings import Settings
+    from oppload_cli.video.source import Video
+
+
+class IfExists(StrEnum):
+    """What to do where a result is there already."""
+
+    ERROR = "error"
+    SKIP = "skip"
+    OVERWRITE = "overwrite"
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to do with one input.
+
+    Attributes
+    ----------
+    name : str
+        The input.
+    settings : Settings
+        How to analyse it.
+    csv, sidecar : Path or None
+        The files to write; None for both streams the CSV to standard output.
+    span : Span
+        The part of the input.
+    image_rate : Fraction
+        Frames per second of images.
+    if_exists : IfExists
+        What to do where `csv` or `sidecar` exists.
+    command : sequence of str
+        The command line, for the sidecar.
+    """
+
+    name: str
+    settings: Settings
+    csv: Path | None = None
+    sidecar: Path | None = None
+    span: Span = field(default_factory=Span)
+    image_rate: Fraction = Fraction(30)
+    if_exists: IfExists = IfExists.ERROR
+    command: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task.
+
+    Attributes
+    ----------
+    skipped : bool
+        The result was there already.
+    complete : bool
+        Everything that the input declared was decoded.
+    frames : int
+        Rows written.
+    wall_s : float
+        Seconds from opening to the last row.
+    notes : tuple of str
+        What was wrong with the input, a line each.
+    summaries : dict of str to ModelSummary
+        By model.
+    """
+
+    skipped: bool = False
+    complete: bool = True
+    frames: int = 0
+    wall_s: float = 0.0
+    notes: tuple[str, ...] = ()
+    summaries: dict[str, ModelSummary] = field(default_factory=dict)
+
+
+class Watcher(Protocol):
+    """Whoever wants to know how a task gets on."""
+
+    def opened(self, video: Video) -> None:
+        """Take note that the input is open."""
+
+    def frame(self, record: FrameRecord) -> None:
+        """Take note of a frame that is written."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """The user stopped a task; the message says what is left of it."""
+
+
+def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
+    """Analyse one input and write its results.
+
+    Parameters
+    ----------
+    task : Task
+        What to do.
+    watcher : Watcher, optional
+        Told of each frame.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    SourceError
+        If nothing can be read; nothing is written then.
+    OutputError
+        If a result exists, or cannot be written.
+    Interrupted
+        If the user stops it; the rows so far stay as ``NAME.part``.
+    """
+    if _exists_already(task):
+        return Outcome(skipped=True)
+    started = time.perf_counter()
+    with open_video(
+        task.name, height=task.settings.height, span=task.span, image_rate=task.image_rate
+    ) as video:
+        if watcher:
+            watcher.opened(video)
+        run = _Run(task, video, watcher)
+        if task.csv is None:
+            _write_stream(run, sys.stdout)
+        else:
+            _write_file(run, task.csv)
+        outcome = run.outcome(time.perf_counter() - started)
+        if task.sidecar is not None:
+            write_sidecar(task.sidecar, run.sidecar(outcome))
+    return outcome
+
+
+def _exists_already(task: Task) -> bool:
+    """Tell whether to skip; raise where a result must not be overwritten."""
+    there = [path for path in (task.csv, task.sidecar) if path is not None and path.exists()]
+    if not there or task.if_exists is IfExists.OVERWRITE:
+        return False
+    if task.if_exists is IfExists.SKIP and len(there) == 2:
+        return True
+    if task.if_exists is IfExists.ERROR:
+        raise OutputError(
+            f"{there[0]}: exists already; choose --if-exists overwrite or skip, or another --output"
+        )
+    return False
+
+
+def _write_file(run: _Run, path: Path) -> None:
+    file = PartFile(path)
+    try:
+        run.write(file.stream)
+    except BaseException as error:
+        if run.frames == 0:
+            file.discard()
+            raise
+        left = f"the first {run.frames} rows are in {file.part}"
+        _closed(file)
+        if isinstance(error, KeyboardInterrupt):
+            raise Interrupted(left) from error
+        if isinstance(error, OSError):
+            raise OutputError(f"{cannot_write(path, error)}; {left}") from error
+        if isinstance(error, OpploadError):
+            raise type(error)(f"{error}; {left}") from error
+        raise
+    file.commit()
+
+
+def _write_stream(run: _Run, stream: IO[str]) -> None:
+    try:
+        run.write(stream)
+    except BrokenPipeError:
+        raise  # the reader has gone: not an error of ours
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise OutputError(f"standard output: cannot be written ({reason}); free it") from error
+
+
+def _closed(file: PartFile) -> None:
+    try:
+        file.keep()
+    except OSError:
+        return  # the disk that refused the rows may refuse the last of them again
+
+
+class _Run:
+    """The state of one pass over a video."""
+
+    def __init__(self, task: Task, video: Video, watcher: Watcher | None) -> None:
+        self._task = task
+        self._video = video
+        self._watcher = watcher
+        self._summaries = {name: ModelSummary() for name in task.settings.models}
+        self._repeats = 0
+        self.frames = 0
+
+    def write(self, stream: IO[str]) -> None:
+        """Analyse every frame and write its row."""
+        settings = self._task.settings
+        table = Table(stream, [column.name for column in columns_for(settings.models)])
+        records = analyse(
+            self._video, settings.model_params(), alarm=settings.alarm, repeats=settings.repeats
+        )
+        for record in records:
+            table.write(record.row())
+            self.frames += 1
+            self._repeats += record.repeat
+            for name, summary in self._summaries.items():
+                summary.add(record, name)
+            if self._watcher:
+                self._watcher.frame(record)
+        stream.flush()
+
+    def outcome(self, wall_s: float) -> Outcome:
+        """Return what became of the pass."""
+        decode = self._video.decode
+        return Outcome(
+            complete=decode.complete,
+            frames=self.frames,
+            wall_s=wall_s,
+            notes=tuple(decode.messages),
+            summaries=self._summaries,
+        )
+
+    def sidecar(self, outcome: Outcome) -> dict[str, Any]:
+        """Return the content of the sidecar."""
+        settings, facts, decode = self._task.settings, self._video.facts, self._video.decode
+        working = self._video.working
+        rate = facts.frame_rate
+        groups = {
+            **settings.groups,
+            "opplod": settings.opplod.resolved(working.height),
+        }
+        return {
+            "tool": environment(),
+            "command": list(self._task.command),
+            "preset": settings.preset,
+            "models": list(settings.models),
+            "parameters": {name: params.as_dict() for name, params in groups.items()},
+            "input": facts.as_dict(),
+            "span": asdict(self._task.span),
+            "working": {
+                "width": working.width,
+                "height": working.height,
+                "source_px_per_px_x": working.scale_x,
+                "source_px_per_px_y": working.scale_y,
+                "source_px_per_s_at_1_px_per_frame": (
+                    working.scale_x * float(rate) if rate else None
+                ),
+            },
+            "decode": {
+                "declared": facts.frames_declared,
+                "decoded": decode.decoded,
+                "analysed": self.frames,
+                "failures": decode.failures,
+                "corrupt": decode.corrupt,
+                "missing": decode.missing,
+                "repeats": self._repeats,
+                "complete": decode.complete,
+                "messages": decode.messages,
+            },
+            "wall_s": round(outcome.wall_s, 3),
+            "frames_per_s": round(self.frames / outcome.wall_s, 1) if outcome.wall_s else None,
+            "summary": {name: summary.as_dict() for name, summary in self._summaries.items()},
+        }

@@ -1,0 +1,95 @@
+"""What the user names, turned into single inputs and the stems of their results."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from oppload_cli.errors import SourceError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+VIDEO_SUFFIXES = {
+    *(".avi", ".flv", ".gif", ".h264", ".hevc", ".ivf", ".m2ts", ".m4v", ".mjpeg", ".mkv"),
+    *(".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf", ".nut", ".ogv", ".ts", ".webm"),
+    *(".wmv", ".y4m"),
+}
+IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
+
+
+def single_inputs(name: str) -> list[str]:
+    """Return the inputs that a name stands for.
+
+    Parameters
+    ----------
+    name : str
+        A file, a folder, a pattern of images, ``camera:0``, or an address.
+
+    Returns
+    -------
+    list of str
+        The videos of a folder of videos, in the order of their names; else `name`.
+
+    Raises
+    ------
+    SourceError
+        If a folder holds neither videos nor images, or cannot be listed.
+    """
+    path = Path(name)
+    try:
+        if not path.is_dir():
+            return [name]
+        suffixes = {entry: entry.suffix.lower() for entry in path.iterdir() if entry.is_file()}
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise SourceError(f"{name}: cannot be read ({reason}); check the path") from error
+    videos = sorted(entry for entry, suffix in suffixes.items() if suffix in VIDEO_SUFFIXES)
+    if videos:
+        return [str(video) for video in videos]
+    if not IMAGE_SUFFIXES.intersection(suffixes.values()):
+        raise SourceError(f"{name}: no video and no image in this folder; check the path")
+    return [name]
+
+
+def result_stems(inputs: Sequence[str]) -> list[str]:
+    """Return the stem of each input's results; equal ones are told apart by a hash of the path.
+
+    Parameters
+    ----------
+    inputs : sequence of str
+        Single inputs, each once.
+
+    Returns
+    -------
+    list of str
+        As many, all different.
+    """
+    stems = [_stem(name) for name in inputs]
+    return _told_apart(stems, inputs, Counter(stems))
+
+
+def _told_apart(stems: Iterable[str], inputs: Iterable[str], counts: Counter[str]) -> list[str]:
+    return [
+        stem if counts[stem] == 1 else f"{stem}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
+        for stem, name in zip(stems, inputs, strict=True)
+    ]
+
+
+def _bytes(name: str) -> bytes:
+    path = name if "://" in name or name.startswith("camera:") else str(Path(name).resolve())
+    return path.encode("utf-8", "surrogateescape")
+
+
+def _stem(name: str) -> str:
+    if "://" in name or name.startswith("camera:"):
+        return re.sub(r"[^A-Za-z0-9.]+", "-", name.partition("?")[0]).strip("-.")
+    path = Path(name).resolve() if Path(name).is_dir() else Path(name)
+    if path.is_dir():
+        return path.name or "root"
+    # "frames_%04d.png" gives "frames".
+    without_number = re.sub(r"[_\-. ]*%0?\d*d", "", path.stem)
+    return without_number or path.resolve().parent.name or "input"

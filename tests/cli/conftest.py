@@ -1,0 +1,15 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.media import looming, write_video
+
+
+@pytest.fixture(scope="session")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A looming disk of 24 frames, off centre."""
+    frames = [(frame * 255).round().astype(np.uint8) for frame in looming(240, 150, 110, 24)]
+    return write_video(tmp_path_factory.mktemp("clips") / "loom.avi", frames)

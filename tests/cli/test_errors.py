@@ -1,0 +1,89 @@
+"""Every wrong use: one sentence, the right exit code, nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.process import oppload
+
+
+def prepared(folder: Path) -> None:
+    (folder / "text.mp4").write_text("not a video\n" * 100)
+    (folder / "empty").mkdir()
+    (folder / "other.csv").write_text("a,b\n1,2\n")
+    (folder / "file").write_text("in the way")
+
+
+WRONG = [
+    (["run", "missing.mp4"], 3, "missing.mp4: no such file; check the path"),
+    (["run", "text.mp4"], 3, "text.mp4: not a video that can be read"),
+    (["run", "empty"], 3, "empty: no video and no image in this folder"),
+    (["run", "CLIP", "--model", "lgmd"], 2, "no model 'lgmd'; did you mean 'dlgmd'?"),
+    (["run", "CLIP", "--preset", "papr"], 2, "no preset 'papr'; did you mean 'paper'?"),
+    (["run", "CLIP", "--set", "opplod.receptive_feild=9"], 2, "did you mean 'receptive_field'?"),
+    (["run", "CLIP", "--set", "opplod.cell=0"], 2, "must be at least 1, not 0"),
+    (["run", "CLIP", "--height", "0"], 2, "height must be 'native' or 1 to 8192 pixels"),
+    (["run", "CLIP", "--start", "soon"], 2, "'soon' is no position"),
+    (["run", "CLIP", "--image-rate", "0"], 2, "--image-rate must be a number above 0"),
+    (["run", "CLIP", "--config", "none.toml"], 2, "none.toml: cannot be read"),
+    (["run", "CLIP", "-o", "file"], 2, "file: cannot be made"),
+    (["run", "CLIP", "-o", "file/inside"], 2, "file/inside: cannot be made"),
+    (["run", "CLIP", "CLIP2", "-o", "-"], 2, "'-o -' streams one input"),
+    (["run"], 2, "Missing argument 'INPUT...'"),
+    (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
+    (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),
+    (["plot", "file"], 2, "is not a CSV table"),
+    (["plot", "other.csv"], 2, "has no column 'frame'"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "sentence"), WRONG)
+def test_wrong_use(
+    arguments: list[str], code: int, sentence: str, clip: Path, tmp_path: Path
+) -> None:
+    prepared(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    named = [str(clip) if word == "CLIP" else word for word in arguments]
+    done = oppload(*named, cwd=tmp_path)
+    assert done.returncode == code
+    assert sentence in done.stderr
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) <= 4
+    assert done.stdout == ""
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written(clip: Path, tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    done = oppload("run", clip, "-o", tmp_path)
+    assert (done.returncode, "cannot be written" in done.stderr) == (2, True)
+
+
+def test_a_disk_that_is_full(clip: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    import subprocess
+
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "oppload_cli", "run", str(clip), "-o", "-"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+    assert done.returncode == 2
+    assert "no space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_debugging_shows_the_traceback() -> None:
+    done = oppload("run", "missing.mp4", OPPLOAD_DEBUG="1")
+    assert done.returncode == 3
+    assert "Traceback" in done.stderr

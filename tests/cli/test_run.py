@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import csv
+import io
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.cli.process import oppload
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEADER = (
+    "frame,time_s,luma_change,"
+    "opplod_response,opplod_alarm,opplod_x,opplod_y,opplod_width,opplod_height,"
+    "dlgmd_response,dlgmd_alarm,dlgmd_s"
+)
+
+
+def rows(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+@pytest.fixture(scope="module")
+def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("result")
+    done = oppload("run", clip, "-o", folder)
+    assert (done.returncode, done.stdout) == (0, "")
+    assert "24 frames" in done.stderr
+    return folder
+
+
+def test_the_table(result: Path) -> None:
+    text = (result / "loom.frames.csv").read_text()
+    assert text.startswith(HEADER + "\n0,0,,,,,,,,,,\n1,0.0333333333,")
+    table = rows(text)
+    assert [int(row["frame"]) for row in table] == list(range(24))
+    assert all(row["opplod_response"] == "" for row in table[:3])
+    assert all(float(row["dlgmd_s"]) >= 0 for row in table[3:])
+    best = max(table[3:], key=lambda row: float(row["opplod_response"]))
+    centre = [
+        float(best[f"opplod_{place}"]) + float(best[f"opplod_{size}"]) / 2
+        for place, size in (("x", "width"), ("y", "height"))
+    ]
+    assert centre == pytest.approx([150, 110], abs=8)
+    assert not list(result.glob("*.part"))
+
+
+def test_the_sidecar(result: Path, clip: Path) -> None:
+    sidecar: dict[str, Any] = json.loads((result / "loom.oppload.json").read_text())
+    assert sidecar["schema"] == "oppload.result/1"
+    assert sidecar["command"][:2] == ["oppload", "run"]
+    assert sidecar["input"]["bytes"] == clip.stat().st_size
+    assert sidecar["input"]["frame_rate"] == "30/1"
+    assert sidecar["working"]["source_px_per_s_at_1_px_per_frame"] == 30
+    assert sidecar["parameters"]["opplod"]["receptive_field"] == 100
+    assert sidecar["parameters"]["dlgmd"]["threshold_limit"] == 0.3
+    assert sidecar["decode"]["decoded"] == sidecar["decode"]["analysed"] == 24
+    assert sidecar["decode"]["complete"] is True
+    table = rows((result / "loom.frames.csv").read_text())
+    for model in ("opplod", "dlgmd"):
+        summary = sidecar["summary"][model]
+        responses = [float(row[f"{model}_response"] or -1) for row in table]
+        assert summary["peak"] == pytest.approx(max(responses), rel=1e-8)
+        assert summary["peak_frame"] == responses.index(max(responses))
+        first = next((i for i, row in enumerate(table) if row[f"{model}_alarm"] == "1"), None)
+        assert summary["first_alarm_frame"] == first
+
+
+def test_standard_output_gives_the_same_table_and_nothing_else(result: Path, clip: Path) -> None:
+    done = oppload("run", clip, "-o", "-", "-q")
+    assert done.returncode == 0
+    assert done.stdout == (result / "loom.frames.csv").read_text()
+    assert done.stderr == ""
+
+
+def test_same_input_same_bytes(result: Path, clip: Path, tmp_path: Path) -> None:
+    oppload("run", clip, "-o", tmp_path, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
+    again = (tmp_path / "loom.frames.csv").read_bytes()
+    assert again == (result / "loom.frames.csv").read_bytes()
+
+
+def test_options_reach_the_models(clip: Path, tmp_path: Path) -> None:
+    (tmp_path / "s.toml").write_text("[opplod]\ngain = 2.0\n")
+    done = oppload(
+        *("run", clip, "-o", tmp_path, "--model", "opplod", "--height", "native", "-v"),
+        *("--set", "opplod.receptive_field=60", "--config", tmp_path / "s.toml"),
+        *("--start", "f4", "--end", "f20"),
+    )
+    assert done.returncode == 0
+    assert "240 x 240 at 30 frames/s, seen at 240 x 240; 1 px/frame there = 1 source" in done.stderr
+    table = rows((tmp_path / "loom.frames.csv").read_text())
+    assert [int(row["frame"]) for row in table] == list(range(4, 20))
+    assert "dlgmd_response" not in table[0]
+    assert {row["opplod_width"] for row in table} <= {"", "60"}
+    sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
+    assert sidecar["parameters"]["opplod"]["gain"] == 2
+    assert sidecar["span"]["start"] == {"frame": 4, "seconds": None}
+    assert sidecar["decode"]["complete"] is True
+
+
+def test_preset_paper_runs_at_its_own_height(clip: Path, tmp_path: Path) -> None:
+    done = oppload("run", clip, "-o", tmp_path, "--preset", "paper", "--end", "f8", "-v")
+    assert done.returncode == 0
+    assert "seen at 600 x 600" in done.stderr
+    sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
+    assert (sidecar["preset"], sidecar["working"]["height"]) == ("paper", 600)
+
+
+def test_an_existing_result_is_not_touched_without_being_asked(clip: Path, tmp_path: Path) -> None:
+    there = tmp_path / "loom.frames.csv"
+    there.write_text("mine")
+    refused = oppload("run", clip, "-o", tmp_path)
+    assert refused.returncode == 2
+    assert "exists already; choose --if-exists" in refused.stderr
+    assert there.read_text() == "mine"
+    assert oppload("run", clip, "-o", tmp_path, "--if-exists", "overwrite").returncode == 0
+    written = there.read_text()
+    assert written.startswith(HEADER)
+    skipped = oppload("run", clip, "-o", tmp_path, "--if-exists", "skip")
+    assert (skipped.returncode, there.read_text()) == (0, written)
+    assert "skipped" in skipped.stderr
+
+
+def test_a_bad_input_does_not_stop_the_others(clip: Path, tmp_path: Path) -> None:
+    done = oppload("run", tmp_path / "missing.mp4", clip, "-o", tmp_path / "out")
+    assert done.returncode == 4
+    assert "no such file" in done.stderr
+    assert (tmp_path / "out" / "loom.frames.csv").exists()
+
+
+def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
+    images = grey_frames(40, width=320, height=240)
+    whole = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    done = oppload("run", cut, "-o", tmp_path)
+    assert done.returncode == 4
+    assert "incomplete" in done.stderr
+    sidecar = json.loads((tmp_path / "cut.oppload.json").read_text())
+    assert sidecar["decode"]["complete"] is False
+    analysed = len(rows((tmp_path / "cut.frames.csv").read_text()))
+    assert sidecar["decode"]["missing"] == 40 - analysed

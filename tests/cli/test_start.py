@@ -1,0 +1,60 @@
+"""What the help costs, and the commands that only print."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+from tests.cli.process import oppload
+
+HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib")
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys, oppload_cli.cli as cli\n"
+        "try: cli.main(['--help'])\n"
+        "except SystemExit as end: assert end.code == 0\n"
+        f"print([name for name in {HEAVY} if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "Usage: oppload" in done.stdout
+
+
+def test_models_lists_every_parameter_once_defined() -> None:
+    described = json.loads(oppload("models", "--json").stdout)
+    names = {entry["name"] for entry in described["parameters"]["opplod"]}
+    assert {
+        "receptive_field",
+        "cell",
+        "pool_sigma",
+        "axes",
+        "periphery",
+        "threshold",
+        "gain",
+    } < names
+    assert described["presets"]["paper"]["opplod"]["receptive_field"] == 200
+    text = oppload("models").stdout
+    assert "opplod.judgement = pixelwise" in text
+
+
+def test_printed_settings_can_be_given_back(tmp_path: object) -> None:
+    printed = oppload("config", "--preset", "paper", "--set", "opplod.gain=2").stdout
+    assert "gain = 2.0  # command line" in printed
+    path = f"{tmp_path}/s.toml"
+    with open(path, "w", encoding="utf-8") as file:  # noqa: PTH123
+        file.write(printed)
+    again = oppload("config", "--config", path).stdout
+    bare = [line.partition("  #")[0] for line in printed.splitlines()]
+    assert [line.partition("  #")[0] for line in again.splitlines()] == bare
+
+
+def test_info_names_the_versions() -> None:
+    facts = json.loads(oppload("info", "--json").stdout)
+    assert facts["cores"] >= 1
+    assert set(facts["libraries"]) >= {"numpy", "av", "click"}
+    assert facts["libraries"]["numpy"] is not None

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import FrameError
+from oppload_cli.models.layers import Dpc, presynaptic_sum
+from oppload_cli.models.parameters import DpcParams
+from tests import reference
+from tests.media import edge
+
+SHAPES = [(40, 61), (13, 13), (5, 90), (1, 1), (7, 4)]
+
+
+def random_frames(shape: tuple[int, int], count: int = 5) -> list[np.ndarray]:
+    rng = np.random.default_rng(7)
+    return [rng.random(shape, dtype=np.float32) for _ in range(count)]
+
+
+def stepped(frames: list[np.ndarray], axes: tuple[int, ...] = (45, 135)) -> Dpc:
+    dpc = Dpc(frames[0].shape, DpcParams(), axes)
+    for frame in frames:
+        dpc.step(frame)
+    return dpc
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_layers_agree_with_the_literal_reference(shape: tuple[int, int]) -> None:
+    frames = random_frames(shape)
+    dpc, p = stepped(frames, (45, 135)), reference.photoreceptors(frames)
+    np.testing.assert_allclose(dpc.photoreceptors, p[-1], atol=1e-6)
+    np.testing.assert_allclose(dpc.excitation, reference.excitation(p), atol=1e-6)
+    np.testing.assert_allclose(dpc.inhibition, reference.inhibition(p), atol=1e-5)
+    for phi in (45, 135, 225, 315):
+        np.testing.assert_allclose(
+            dpc.inhibition_of(phi), reference.directional_inhibition(p, phi), atol=1e-5
+        )
+
+
+@pytest.mark.parametrize("phi", [0, 90])
+def test_the_other_axes_agree_too(phi: int) -> None:
+    frames = random_frames((33, 20))
+    dpc, p = stepped(frames, (0, 90)), reference.photoreceptors(frames)
+    np.testing.assert_allclose(
+        dpc.inhibition_of(phi), reference.directional_inhibition(p, phi), atol=1e-5
+    )
+
+
+def test_opposite_pathways_share_the_whole_inhibition() -> None:
+    dpc = stepped(random_frames((30, 31)))
+    both = dpc.inhibition_of(45) + dpc.inhibition_of(225)
+    np.testing.assert_allclose(both, dpc.inhibition, rtol=1e-6, atol=1e-7)
+
+
+# docs/model.md, sections 3 and 4: S per pixel of edge length.
+EDGE = {
+    1: (0, 0.21, 0),
+    2: (0, 0.68, 0),
+    3: (0, 1.20, 0),
+    4: (0.11, 1.73, 0.11),
+    6: (1.17, 2.79, 1.17),
+    10: (3.28, 4.90, 3.28),
+    15: (5.93, 7.55, 5.93),
+}
+
+
+@pytest.mark.parametrize("speed", EDGE)
+def test_straight_edge_table(speed: int) -> None:
+    dpc = stepped(list(edge(speed, 10)), (0,))
+    out = np.zeros(dpc.shape, np.float32)
+    maps = (dpc.inhibition, dpc.inhibition_of(0), dpc.inhibition_of(180))
+    measured = [float(presynaptic_sum(dpc.excitation, each, out)[20].sum()) for each in maps]
+    assert measured == pytest.approx(EDGE[speed], abs=0.01)
+
+
+def test_warm_up_is_three_frames() -> None:
+    dpc = Dpc((9, 9), DpcParams())
+    assert [dpc.step(frame) for frame in random_frames((9, 9))] == [False, False, False, True, True]
+
+
+def test_nothing_answers_where_nothing_changed() -> None:
+    frames = random_frames((30, 30))
+    dpc = stepped([*frames, frames[-1]])
+    out = np.ones((30, 30), np.float32)
+    assert not presynaptic_sum(dpc.excitation, dpc.inhibition, out).any()
+
+
+def test_reset_starts_over() -> None:
+    frames = random_frames((20, 30))
+    dpc = stepped(random_frames((20, 30))[::-1])
+    dpc.reset()
+    again = [dpc.step(frame) for frame in frames]
+    assert again == [False, False, False, True, True]
+    np.testing.assert_array_equal(dpc.inhibition, stepped(frames).inhibition)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        np.zeros((8, 9), np.float32),
+        np.zeros((9, 9), np.float64),
+        np.zeros((9, 9, 3), np.float32),
+    ],
+)
+def test_a_wrong_array_is_refused(frame: np.ndarray) -> None:
+    with pytest.raises(FrameError, match="float32 array of shape"):
+        Dpc((9, 9), DpcParams()).step(frame)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_luminance_that_is_not_finite_is_refused(value: float) -> None:
+    dpc = Dpc((9, 9), DpcParams())
+    dpc.step(np.zeros((9, 9), np.float32))
+    with pytest.raises(FrameError, match="not finite"):
+        dpc.step(np.full((9, 9), value, np.float32))

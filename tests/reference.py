@@ -1,0 +1,165 @@
+"""The models once more: literal, slow, written from docs/model.md only.
+
+Nothing is shared with the package. Loops and direct convolutions in float64.
+"""
+
+from __future__ import annotations
+
+from math import cos, exp, pi, radians, sin, sqrt
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.signal import convolve2d
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[Any]
+
+SIGMA_E, SIGMA_I, A, R = 1.5, 5.0, 1.5, 6
+ALPHA_TAU, BETA, LAMBDA = -0.1, 0.5, 0.7
+
+
+def kernel(value: Callable[[int, int], float]) -> Array:
+    return np.array([[value(x, y) for x in range(-R, R + 1)] for y in range(-R, R + 1)])
+
+
+def gaussian(x: int, y: int, sigma: float) -> float:
+    return exp(-(x * x + y * y) / (2 * sigma**2)) / (sigma * sqrt(2 * pi))
+
+
+def delay(x: int, y: int) -> int:
+    tau = ALPHA_TAU + 1 / (BETA + exp(-(LAMBDA**2) * (x * x + y * y)))
+    return 0 if tau < 1 else 1 if tau <= 1.8999 else 2
+
+
+def w_e(x: int, y: int) -> float:
+    if delay(x, y) != 0:
+        return 0.0
+    return max(0.0, gaussian(x, y, SIGMA_E) - A * gaussian(x, y, SIGMA_I))
+
+
+def w_i(frames: int) -> Callable[[int, int], float]:
+    return lambda x, y: A * gaussian(x, y, SIGMA_I) if delay(x, y) == frames else 0.0
+
+
+def mask(phi: float) -> Callable[[int, int], float]:
+    return lambda x, y: 1 / (1 + exp(sqrt(2) * (x * cos(radians(phi)) - y * sin(radians(phi)))))
+
+
+def same(image: Array, weights: Array) -> Array:
+    return convolve2d(image, weights, mode="full")[R:-R, R:-R]
+
+
+def photoreceptors(luma: Sequence[Array]) -> list[Array]:
+    """P(1), P(2), ... of L(0), L(1), ..."""
+    frames = [np.asarray(frame, np.float64) for frame in luma]
+    return [np.abs(now - before) for before, now in zip(frames, frames[1:], strict=False)]
+
+
+def excitation(p: Sequence[Array]) -> Array:
+    return same(p[-1], kernel(w_e))
+
+
+def inhibition(p: Sequence[Array]) -> Array:
+    return same(p[-2], kernel(w_i(1))) + same(p[-3], kernel(w_i(2)))
+
+
+def directional_inhibition(p: Sequence[Array], phi: float) -> Array:
+    m = kernel(mask(phi))
+    return same(p[-2], kernel(w_i(1)) * m) + same(p[-3], kernel(w_i(2)) * m)
+
+
+def dlgmd(p: Sequence[Array]) -> tuple[Array, Array]:
+    """S and G."""
+    s = np.maximum(0, excitation(p) - inhibition(p))
+    height, width = s.shape
+    g = np.zeros_like(s)
+    threshold = min(1.2 * p[-3].mean(), 0.3)
+    for y in range(height):
+        for x in range(width):
+            # conv2(S, ones(4), 'same') starts at the third row of the full convolution.
+            c = s[max(0, y - 1) : y + 3, max(0, x - 1) : x + 3].sum()
+            value = s[y, x] * c
+            g[y, x] = 0 if value < threshold else min(value, 1)
+    return s, g
+
+
+def pathway(p: Sequence[Array], phi: float) -> Array:
+    return np.maximum(0, excitation(p) - directional_inhibition(p, phi))
+
+
+def centres(length: int, cell: int) -> list[float]:
+    count = max(1, length // cell)
+    return [(length - count * cell) / 2 + (k + 0.5) * cell for k in range(count)]
+
+
+def pooled(s: Array, cell: int, sigma_cells: float) -> Array:
+    """Gaussian of unit sum on an endless plane, sampled at the cells' centres."""
+    sigma = sigma_cells * cell
+    height, width = s.shape
+
+    def weights(centre: float, length: int) -> Array:
+        far = int(8 * sigma)
+        total = sum(exp(-(k * k) / (2 * sigma**2)) for k in range(-far, far + 1))
+        return np.array(
+            [exp(-((k + 0.5 - centre) ** 2) / (2 * sigma**2)) / total for k in range(length)]
+        )
+
+    return np.array(
+        [
+            [weights(cy, height) @ s @ weights(cx, width) for cx in centres(width, cell)]
+            for cy in centres(height, cell)
+        ]
+    )
+
+
+def opponency(
+    p: Sequence[Array], *, field: int, cell: int, sigma: float, axes: int, w_p: float
+) -> Array:
+    """R(c) of preset default."""
+    reach = int(field / 2 / cell)
+    total: Array | None = None
+    for phi in (axes, axes + 90):
+        one, other = (pooled(pathway(p, phi + turn), cell, sigma) for turn in (0, 180))
+        rows, columns = one.shape
+        out, inward = np.zeros_like(one), np.zeros_like(one)
+        for y in range(rows):
+            for x in range(columns):
+                for uy in range(-reach, reach + 1):
+                    for ux in range(-reach, reach + 1):
+                        inside = all(
+                            0 <= y + s * uy < rows and 0 <= x + s * ux < columns for s in (1, -1)
+                        )
+                        along = ux * cos(radians(phi)) - uy * sin(radians(phi))
+                        if not inside or abs(along) < 1e-9:
+                            continue
+                        product = one[y + uy, x + ux] * other[y - uy, x - ux]
+                        (out if along > 0 else inward)[y, x] += product
+        part = np.maximum(0, out - w_p * inward)
+        total = part if total is None else total + part
+    assert total is not None
+    return total
+
+
+def paper_response(
+    p: Sequence[Array], *, field: int, grid: tuple[int, int], threshold: float, gain: float
+) -> float:
+    """Preset paper: both orders, both axis pairs, all units, literally."""
+    maps = {phi: pathway(p, phi) for phi in (45, 135, 225, 315)}
+    height, width = next(iter(maps.values())).shape
+    columns, rows = grid
+    response = 0.0
+    for row in range(rows):
+        for column in range(columns):
+            top = round(row * (height - field) / (rows - 1))
+            left = round(column * (width - field) / (columns - 1))
+            crop = {phi: s[top : top + field, left : left + field] for phi, s in maps.items()}
+            for phi in (45, 135):
+                for first, second in ((phi, phi + 180), (phi + 180, phi)):
+                    product = crop[first] * np.rot90(crop[second], 2)
+                    selected = np.where(product > threshold, product, 0)
+                    response += gain * float((selected**2).sum())
+    return response

@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+import struct
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import SourceError
+from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Span, parse_position
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from oppload_cli.video.frames import Frame
+
+
+def frames_of(path: Path, **options: Any) -> list[Frame]:
+    with open_video(path, **options) as video:
+        return list(video)
+
+
+def test_grey_ffv1_gives_exactly_what_was_written(tmp_path: Path) -> None:
+    images = grey_frames(7)
+    frames = frames_of(write_video(tmp_path / "a.mkv", images), height=None)
+    assert [frame.index for frame in frames] == list(range(7))
+    for frame, image in zip(frames, images, strict=True):
+        np.testing.assert_array_equal(frame.luma, image.astype(np.float32) / np.float32(255))
+        assert frame.luma.dtype == np.float32
+
+
+def test_limited_range_is_expanded(tmp_path: Path) -> None:
+    image = np.zeros((48, 64), np.uint8)
+    image[:, :16], image[:, 16:32], image[:, 32:48], image[:, 48:] = 16, 235, 0, 126
+    yuv = np.full((72, 64), 128, np.uint8)
+    yuv[:48] = image
+    path = write_video(tmp_path / "a.mkv", [yuv], pixel_format="yuv420p", source_format="yuv420p")
+    [frame] = frames_of(path, height=None)
+    row = frame.luma[0]
+    assert [row[0], row[20], row[40], row[60]] == pytest.approx([0, 1, 0, 110 / 219], abs=1e-7)
+
+
+def test_ten_bits_keep_their_precision(tmp_path: Path) -> None:
+    codes = np.tile(np.arange(64, 940, 13, dtype=np.uint16)[:64], (48, 1))
+    path = write_video(
+        tmp_path / "a.mkv", [codes], pixel_format="gray10le", source_format="gray10le"
+    )
+    [frame] = frames_of(path, height=None)
+    np.testing.assert_allclose(frame.luma, codes / 1023, atol=1e-7)
+
+
+def test_rgb_becomes_grey_by_rec_601(tmp_path: Path) -> None:
+    colour = np.zeros((48, 64, 3), np.uint8)
+    colour[..., 0], colour[..., 1], colour[..., 2] = 200, 100, 50
+    path = write_video(tmp_path / "a.mkv", [colour], pixel_format="bgr0", source_format="rgb24")
+    [frame] = frames_of(path, height=None)
+    grey = round(0.299 * 200 + 0.587 * 100 + 0.114 * 50)
+    np.testing.assert_allclose(frame.luma, grey / 255, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("name", "codec", "pixel_format"),
+    [
+        ("a.mp4", "libx264", "yuv420p"),
+        ("a.mkv", "libx264", "yuv420p"),
+        ("a.avi", "mpeg4", "yuv420p"),
+        ("a.mov", "mjpeg", "yuvj420p"),
+        ("a.webm", "libvpx-vp9", "yuv420p"),
+        ("a.ts", "libx264", "yuv420p"),
+    ],
+)
+def test_every_frame_of_common_files_comes_out(
+    tmp_path: Path, name: str, codec: str, pixel_format: str
+) -> None:
+    images = grey_frames(25)
+    path = write_video(tmp_path / name, images, codec=codec, pixel_format=pixel_format)
+    with open_video(path, height=None) as video:
+        frames = list(video)
+        assert video.decode.complete
+        assert video.decode.decoded == 25
+    times = [frame.time_s for frame in frames]
+    assert times == pytest.approx([t / 30 for t in range(25)], abs=2e-3)
+    error = [
+        np.abs(frame.luma - image / 255).mean() for frame, image in zip(frames, images, strict=True)
+    ]
+    assert max(error) < 0.03
+
+
+def test_presentation_times_are_those_of_the_file(tmp_path: Path) -> None:
+    times = [10, 20, 50, 60, 100]
+    path = write_video(tmp_path / "a.mkv", grey_frames(5), times=times, time_base=Fraction(1, 100))
+    assert [f.time_s for f in frames_of(path)] == pytest.approx([0, 0.1, 0.4, 0.5, 0.9], abs=1e-3)
+
+
+def turned(path: Path, matrix: tuple[int, ...]) -> Path:
+    """Write a display matrix into the track header of an MP4 file."""
+    data = bytearray(path.read_bytes())
+    # Size and kind, version, two times, track, duration, layer and volume come first.
+    start = data.index(b"tkhd") + 4 + 4 + 4 * 5 + 8 + 8
+    data[start : start + 36] = struct.pack(">9i", *matrix)
+    path.write_bytes(data)
+    return path
+
+
+ONE = 1 << 16
+MATRICES = {
+    # As cameras write them: how far the picture is to be turned clockwise.
+    90: (0, ONE, 0, -ONE, 0, 0, 0, 0, 1 << 30),
+    180: (-ONE, 0, 0, 0, -ONE, 0, 0, 0, 1 << 30),
+    270: (0, -ONE, 0, ONE, 0, 0, 0, 0, 1 << 30),
+}
+
+
+@pytest.mark.parametrize("clockwise", MATRICES)
+def test_rotation_is_applied(tmp_path: Path, clockwise: int) -> None:
+    image = np.full((48, 64), 40, np.uint8)
+    image[:16, :16] = 220  # a bright corner, left and top as coded
+    path = write_video(tmp_path / "a.mp4", [image] * 3, codec="libx264", pixel_format="yuv420p")
+    turned(path, MATRICES[clockwise])
+    with open_video(path, height=None) as video:
+        frame = next(iter(video))
+        assert video.facts.rotation == 360 - clockwise
+        assert (video.facts.width, video.facts.height) == (frame.luma.shape[1], frame.luma.shape[0])
+    expected = np.rot90(image, -clockwise // 90) > 128
+    np.testing.assert_array_equal(frame.luma > 0.5, expected)
+
+
+def test_the_width_follows_the_height(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mkv", grey_frames(2, width=128, height=72))
+    with open_video(path, height=36) as video:
+        frame = next(iter(video))
+        assert frame.luma.shape == (36, 64)
+        assert (video.working.scale_x, video.working.scale_y) == (2, 2)
+    image = grey_frames(2, width=128, height=72)[0].astype(np.float64)
+    blocks = image.reshape(36, 2, 64, 2).mean(axis=(1, 3)) / 255
+    assert np.abs(frame.luma - blocks).max() <= 0.51 / 255
+
+
+def test_a_span_keeps_the_ordinals_and_times_of_the_file(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mkv", grey_frames(30))
+    span = Span(start=parse_position("f10"), duration=parse_position("0.2"))
+    frames = frames_of(path, span=span)
+    assert [frame.index for frame in frames] == list(range(10, 16))
+    assert frames[0].time_s == pytest.approx(1 / 3, abs=1e-3)
+    ended = frames_of(path, span=Span(end=parse_position("f3")))
+    assert [frame.index for frame in ended] == [0, 1, 2]
+
+
+def test_a_truncated_file_is_incomplete(tmp_path: Path) -> None:
+    images = grey_frames(40, width=320, height=240)
+    whole = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
+    cut = tmp_path / "cut.avi"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with open_video(cut, height=None) as video:
+        frames = list(video)
+        assert 0 < len(frames) < 40
+        assert video.decode.missing == 40 - len(frames)
+        assert not video.decode.complete
+
+
+def test_a_damaged_packet_loses_only_its_own_frames(tmp_path: Path) -> None:
+    path = write_video(
+        tmp_path / "a.avi", grey_frames(60, seed=4), codec="ffv1", options={"slicecrc": "1"}
+    )
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 300] = b"\x5a" * 300
+    path.write_bytes(data)
+    with open_video(path, height=None) as video:
+        frames = list(video)
+        assert len(frames) + video.decode.failures >= 58
+        assert len(frames) >= 57
+        assert not video.decode.complete
+
+
+def test_only_the_first_of_several_video_streams_is_read_and_sound_is_not(tmp_path: Path) -> None:
+    import av
+
+    path = tmp_path / "sound.mkv"
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("pcm_s16le", rate=8000)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), layout="mono")
+        frame.sample_rate = 8000
+        for packet in [*stream.encode(frame), *stream.encode()]:
+            container.mux(packet)
+    with pytest.raises(SourceError, match="holds no video stream"):
+        open_video(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "no such file"),
+        (b"", "the file is empty"),
+        (b"this is a shopping list\n" * 50, "not a video that can be read"),
+    ],
+)
+def test_what_is_no_video_is_named(tmp_path: Path, content: bytes | None, message: str) -> None:
+    path = tmp_path / "a.mp4"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(SourceError, match=message) as caught:
+        open_video(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
