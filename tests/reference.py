@@ -5,6 +5,7 @@ Nothing is shared with the package. Loops and direct convolutions in float64.
 
 from __future__ import annotations
 
+import itertools
 from math import cos, exp, pi, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -50,13 +51,13 @@ def mask(phi: float) -> Callable[[int, int], float]:
 
 
 def same(image: Array, weights: Array) -> Array:
-    return convolve2d(image, weights, mode="full")[R:-R, R:-R]
+    return np.asarray(convolve2d(image, weights, mode="full")[R:-R, R:-R])
 
 
 def photoreceptors(luma: Sequence[Array]) -> list[Array]:
     """P(1), P(2), ... of L(0), L(1), ..."""
     frames = [np.asarray(frame, np.float64) for frame in luma]
-    return [np.abs(now - before) for before, now in zip(frames, frames[1:], strict=False)]
+    return [np.abs(now - before) for before, now in itertools.pairwise(frames)]
 
 
 def excitation(p: Sequence[Array]) -> Array:
@@ -88,7 +89,7 @@ def dlgmd(p: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def pathway(p: Sequence[Array], phi: float) -> Array:
-    return np.maximum(0, excitation(p) - directional_inhibition(p, phi))
+    return np.asarray(np.maximum(0, excitation(p) - directional_inhibition(p, phi)))
 
 
 def centres(length: int, cell: int) -> list[float]:

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from oppload_cli import DlgmdParams, FrameRecord, OpplodParams, OpplodResponse, analyse, open_video
 from tests.media import looming, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def records(path: Path, height: int | None = None) -> list[FrameRecord]:

@@ -100,7 +100,7 @@ def _weights(centre: float, reach: int, sigma: float) -> Map:
 def _windows(padded: Map, centres: Floats, taps: int, cell: int, axis: int) -> Map:
     """View the pixels around each cell's centre, as (rows, columns, taps)."""
     first = math.floor(centres[0])
-    windows = sliding_window_view(padded, taps, axis=axis)  # type: ignore[call-overload]
+    windows = sliding_window_view(padded, taps, axis=axis)
     chosen = slice(first, first + (len(centres) - 1) * cell + 1, cell)
     view: Map = windows[chosen] if axis == 0 else windows[:, chosen]
     return view

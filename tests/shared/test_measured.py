@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from oppload_cli import DlgmdParams, OpplodParams, OpplodResponse, analyse, open_video
 from oppload_cli.models.dlgmd import DlgmdResponse
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def manifest(shared: Path) -> list[dict[str, str]]:
