@@ -1,0 +1,290 @@
+"""Radial opponent motion (ROM) pairs and radial motion opponency (RMO).
+
+The metric alone: arrays of motion vectors in, numbers out. Vectors may come from
+anywhere and be in any unit. x grows right and y grows down, as in images; only
+angles between vectors matter, so that the direction of y changes no result.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.motion.parameters import RmoParams
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import ArrayLike, NDArray
+
+# Pairs handled at once: bounds the memory, and keeps the temporary arrays in the cache.
+_BLOCK = 8192
+_DEFAULTS = RmoParams()
+
+
+@dataclass(frozen=True)
+class RmoMetrics:
+    """Radial motion opponency of one set of motion vectors (``docs/rmo.md``).
+
+    Attributes
+    ----------
+    flow_vectors : int
+        Motion vectors that are not zero.
+    rom_pairs : int
+        Opposite outward pairs.
+    rom_share : float
+        ROM pairs over all pairs of vectors, 0 to 1.
+    rmo_mean, rmo_max : float
+        Mean and largest RMO of the ROM pairs, 0 to 1; 0 without a ROM pair.
+    rmo_index : float
+        RMO of the outward less that of the inward pairs, over that of all opposite
+        pairs: 1 for pure expansion, -1 for contraction; 0 without an opposite pair.
+    """
+
+    flow_vectors: int = 0
+    rom_pairs: int = 0
+    rom_share: float = 0.0
+    rmo_mean: float = 0.0
+    rmo_max: float = 0.0
+    rmo_index: float = 0.0
+
+
+def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
+    """Return the radial motion opponency of pairs of opposite vectors.
+
+    ``sides * min(|v1|, |v2|) / (|v1| + |v2|)``: the closed form of the paper's
+    projection and integral (equations "degree of RMO" and "length of symmetric
+    part"; see ``docs/rmo.md``). That the two are opposite is not checked here.
+
+    Parameters
+    ----------
+    v1, v2 : array_like, shape (..., 2)
+        Motion vectors (x, y), in any one unit.
+    sides : int
+        2 counts the symmetric length on both sides of the centre (0 to 1), 1 on
+        one side, as the paper's integral literally does (0 to 0.5).
+
+    Returns
+    -------
+    ndarray, shape (...)
+        0 where one of the two is zero.
+
+    Raises
+    ------
+    ParameterError
+        If `sides` is neither 1 nor 2, or the vectors are not pairs of finite numbers.
+    """
+    RmoParams(sides=sides)
+    one, other = _points("v1", v1), _points("v2", v2)
+    return _opponency(_length(one), _length(other), sides)
+
+
+def opposite_pairs(
+    vectors: ArrayLike, tolerance: float = 30.0
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which pairs of vectors are opposite, each pair once.
+
+    Two vectors are opposite if the angle between one and the negative of the other
+    is below `tolerance` (the paper's first equation). A zero vector is in no pair.
+
+    Parameters
+    ----------
+    vectors : array_like, shape (n, 2)
+        Motion vectors (x, y).
+    tolerance : float
+        theta_T, in degrees, 0 to 90.
+
+    Returns
+    -------
+    first, second : ndarray of int, shape (pairs,)
+        Row numbers, ``first < second``, in ascending order.
+
+    Raises
+    ------
+    ParameterError
+        If `tolerance` is out of range, or the vectors are not pairs of finite numbers.
+    """
+    RmoParams(opposite_tolerance=tolerance)
+    moving = _Moving(vectors, vectors)
+    return moving.named(*_joined(moving.opposite(tolerance)))
+
+
+def rom_pairs(
+    starts: ArrayLike, vectors: ArrayLike, params: RmoParams | None = None
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the ROM pairs: opposite vectors that point away from each other.
+
+    With u the line that the two share, a pair is outward if the angle between
+    ``start1 - start2`` and u is below `params.outward_tolerance`.
+
+    Parameters
+    ----------
+    starts, vectors : array_like, shape (n, 2)
+        Where each motion vector starts, and the vector (x, y).
+    params : RmoParams, optional
+        Tolerances; the default ones if omitted.
+
+    Returns
+    -------
+    first, second : ndarray of int, shape (pairs,)
+        Row numbers, ``first < second``, in ascending order.
+
+    Raises
+    ------
+    ParameterError
+        If the two arrays are not of one shape (n, 2) with finite numbers.
+    """
+    params = params or _DEFAULTS
+    moving = _Moving(starts, vectors)
+    first, second = _joined(moving.opposite(params.opposite_tolerance))
+    outward, _ = moving.radial(first, second, params.outward_tolerance)
+    return moving.named(first[outward], second[outward])
+
+
+def rmo_metrics(
+    starts: ArrayLike, vectors: ArrayLike, params: RmoParams | None = None
+) -> RmoMetrics:
+    """Measure the radial motion opponency of a set of motion vectors.
+
+    Every pair is looked at; see ``docs/rmo.md`` for the definition. The result does
+    not depend on the unit of either array, nor on a shift or a rotation of the plane.
+
+    Parameters
+    ----------
+    starts, vectors : array_like, shape (n, 2)
+        Where each motion vector starts, and the vector (x, y). Zero vectors are
+        left out; no minimum speed is applied.
+    params : RmoParams, optional
+        Tolerances and sides; the default ones if omitted.
+
+    Returns
+    -------
+    RmoMetrics
+        Zeros where there is no pair.
+
+    Raises
+    ------
+    ParameterError
+        If the two arrays are not of one shape (n, 2) with finite numbers.
+    """
+    params = params or _DEFAULTS
+    moving = _Moving(starts, vectors)
+    count = moving.speeds.size
+    outward_pairs = 0
+    outward_sum = inward_sum = opposite_sum = largest = 0.0
+    for first, second in moving.opposite(params.opposite_tolerance):
+        outward, inward = moving.radial(first, second, params.outward_tolerance)
+        values = _opponency(moving.speeds[first], moving.speeds[second], params.sides)
+        # Products rather than selections: the sum of all and of the outward ones are then
+        # the same additions, and the index of a pure expansion is exactly 1.
+        kept = values * outward
+        outward_pairs += int(np.count_nonzero(outward))
+        outward_sum += float(kept.sum())
+        inward_sum += float((values * inward).sum())
+        opposite_sum += float(values.sum())
+        largest = max(largest, float(kept.max()))
+    return RmoMetrics(
+        flow_vectors=count,
+        rom_pairs=outward_pairs,
+        rom_share=outward_pairs / (count * (count - 1) // 2) if outward_pairs else 0.0,
+        rmo_mean=outward_sum / outward_pairs if outward_pairs else 0.0,
+        rmo_max=largest,
+        rmo_index=(outward_sum - inward_sum) / opposite_sum if opposite_sum > 0 else 0.0,
+    )
+
+
+class _Moving:
+    """The vectors that are not zero, sorted by direction.
+
+    Sorted so, the opposites of a vector stand in one run, and only pairs that are
+    opposite are ever formed.
+    """
+
+    def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
+        motion, origin = _points("vectors", vectors), _points("starts", starts)
+        if motion.ndim != 2 or origin.shape != motion.shape:
+            raise ParameterError(
+                f"starts and vectors are of shapes {origin.shape} and {motion.shape}; "
+                "give two arrays of one shape (n, 2)"
+            )
+        speeds = _length(motion)
+        rows = np.flatnonzero(speeds)
+        angles = np.arctan2(motion[rows, 1], motion[rows, 0])
+        order = np.argsort(angles, kind="stable")
+        self.rows = rows[order]
+        self.angles = angles[order]
+        self.speeds = speeds[self.rows]
+        units = motion[self.rows] / self.speeds[:, np.newaxis]
+        self.geometry = np.concatenate([units.T, origin[self.rows].T])
+
+    def opposite(self, tolerance: float) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Yield the opposite pairs in blocks, as positions in the sorted arrays."""
+        wide = math.radians(tolerance)
+        if self.angles.size < 2 or self.angles[-1] - self.angles[0] <= math.pi - wide:
+            return
+        low = np.searchsorted(self.angles, self.angles + (math.pi - wide), side="right")
+        high = np.searchsorted(self.angles, self.angles + (math.pi + wide), side="left")
+        counts = np.maximum(high - low, 0)
+        block = np.cumsum(counts) // _BLOCK
+        for some in np.split(np.arange(counts.size), np.flatnonzero(np.diff(block)) + 1):
+            run = counts[some]
+            first = np.repeat(some, run)
+            offset = low[some] - (np.cumsum(run) - run)
+            second = np.arange(first.size) + np.repeat(offset, run)
+            if first.size:
+                yield first, second
+
+    def radial(
+        self, first: NDArray[np.intp], second: NDArray[np.intp], tolerance: float
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which of the pairs are outward, and which inward."""
+        line_x, line_y, apart_x, apart_y = (row[first] - row[second] for row in self.geometry)
+        # Compares the angle between the two with the tolerance without computing it.
+        along = (line_x * apart_x + line_y * apart_y) * math.tan(math.radians(tolerance))
+        across = np.abs(line_x * apart_y - line_y * apart_x)
+        return along > across, -along > across
+
+    def named(
+        self, first: NDArray[np.intp], second: NDArray[np.intp]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Turn positions into the caller's row numbers, the smaller one first."""
+        one, other = self.rows[first], self.rows[second]
+        smaller, larger = np.minimum(one, other), np.maximum(one, other)
+        order = np.lexsort((larger, smaller))
+        return smaller[order], larger[order]
+
+
+def _joined(
+    blocks: Iterable[tuple[NDArray[np.intp], NDArray[np.intp]]],
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    none = np.empty(0, dtype=np.intp)
+    first, second = zip((none, none), *blocks, strict=True)
+    return np.concatenate(first), np.concatenate(second)
+
+
+def _opponency(
+    speed1: NDArray[np.float64], speed2: NDArray[np.float64], sides: int
+) -> NDArray[np.float64]:
+    total = speed1 + speed2
+    symmetric = sides * np.minimum(speed1, speed2)
+    values = np.zeros_like(total)
+    np.divide(symmetric, total, out=values, where=total > 0)
+    return values
+
+
+def _points(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    points = np.asarray(values, dtype=np.float64)
+    if points.ndim == 0 or points.shape[-1] != 2:
+        raise ParameterError(f"{name} is of shape {points.shape}; its last axis must be (x, y)")
+    if not np.isfinite(points).all():
+        raise ParameterError(f"{name} holds numbers that are not finite; leave those rows out")
+    return points
+
+
+def _length(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    lengths: NDArray[np.float64] = np.hypot(points[..., 0], points[..., 1])
+    return lengths
