@@ -1,0 +1,178 @@
+"""Motion vectors of a video by dense inverse search optical flow, on a grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import FrameError
+from oppload_cli.motion.parameters import RmoParams
+from oppload_cli.motion.rmo import RmoMetrics, rmo_metrics
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# Shortest side, in px of the reduced frame, that inverse search gets: it refuses
+# below 8 to 12 px, and its patches of 8 px say nothing there.
+_SHORTEST_SIDE = 16
+
+
+@dataclass(frozen=True)
+class MotionVectors:
+    """Motion vectors of one frame, in px of the working frame, y down.
+
+    Attributes
+    ----------
+    starts : ndarray of float, shape (n, 2)
+        Where each vector starts (x, y): the centre of its grid cell.
+    vectors : ndarray of float, shape (n, 2)
+        Motion since the frame before (x, y), px/frame.
+    """
+
+    starts: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+
+
+class DenseFlow:
+    """Motion vectors and RMO of a video, frame by frame (``docs/rmo.md``).
+
+    Parameters
+    ----------
+    params : RmoParams, optional
+        Grid, minimum speed and tolerances; the default ones if omitted.
+
+    Notes
+    -----
+    Dense inverse search: Kroeger, Timofte, Dai and Van Gool (2016), "Fast optical
+    flow using dense inverse search", as implemented by OpenCV.
+    """
+
+    _before: NDArray[np.uint8]
+    _now: NDArray[np.uint8]
+
+    def __init__(self, params: RmoParams | None = None) -> None:
+        self.params = params or RmoParams()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next one is the first."""
+        self._shape: tuple[int, int] | None = None
+
+    def step(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> RmoMetrics | None:
+        """Take the next frame and measure its radial motion opponency.
+
+        Parameters
+        ----------
+        luma : ndarray, shape (h, w)
+            Luminance: float32 in [0, 1], or uint8.
+
+        Returns
+        -------
+        RmoMetrics or None
+            None for the first frame; zeros for a frame too small for flow.
+
+        Raises
+        ------
+        FrameError
+            If `luma` is not such an image, or not of the shape of the frame before.
+        """
+        motion = self.motion(luma)
+        if motion is None:
+            return None
+        return rmo_metrics(motion.starts, motion.vectors, self.params)
+
+    def motion(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> MotionVectors | None:
+        """Take the next frame and return its motion vectors, without measuring them.
+
+        Parameters
+        ----------
+        luma : ndarray, shape (h, w)
+            As for :meth:`step`; a frame is given to one of the two, not to both.
+
+        Returns
+        -------
+        MotionVectors or None
+            Those of at least the minimum speed and change; None for the first frame.
+
+        Raises
+        ------
+        FrameError
+            As for :meth:`step`.
+        """
+        _check(luma, self._shape)
+        first = self._shape is None
+        if self._shape is None:
+            self._prepare(luma.shape[0], luma.shape[1])
+        self._before, self._now = self._now, self._before
+        self._reduce(luma)
+        return None if first else self._sampled()
+
+    def _prepare(self, height: int, width: int) -> None:
+        reduction = self.params.reduction
+        while reduction > 1 and min(height, width) // reduction < _SHORTEST_SIDE:
+            reduction //= 2
+        rows, columns = height // reduction, width // reduction
+        self._shape = (height, width)
+        self._reduction = reduction
+        self._starts = _cell_centres(rows * reduction, columns * reduction, self.params.grid)
+        self._bytes = np.empty((rows * reduction, columns * reduction), dtype=np.uint8)
+        self._before = np.empty((rows, columns), dtype=np.uint8)
+        self._now = np.empty((rows, columns), dtype=np.uint8)
+        self._flow = np.zeros((rows, columns, 2), dtype=np.float32)
+        self._search = _inverse_search()
+
+    def _reduce(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> None:
+        rows, columns = self._bytes.shape
+        image = luma[:rows, :columns]
+        if image.dtype != np.uint8:
+            image = cv2.convertScaleAbs(image, dst=self._bytes, alpha=255.0)
+        size = (columns // self._reduction, rows // self._reduction)
+        cv2.resize(image, size, dst=self._now, interpolation=cv2.INTER_AREA)
+
+    def _sampled(self) -> MotionVectors:
+        if min(self._now.shape) < _SHORTEST_SIDE:
+            return MotionVectors(np.empty((0, 2)), np.empty((0, 2)))
+        # What the buffer holds is taken as a first guess, so that old flow would linger.
+        self._flow.fill(0.0)
+        self._search.calc(self._before, self._now, self._flow)
+        rows, columns = self._starts.shape[:2]
+        vectors = _cell_means(self._flow, rows, columns) * self._reduction
+        change = cv2.absdiff(self._before, self._now).astype(np.float32)
+        kept = np.hypot(vectors[..., 0], vectors[..., 1]) >= self.params.minimum_speed
+        kept &= _cell_means(change, rows, columns) >= 255.0 * self.params.minimum_change
+        return MotionVectors(self._starts[kept], vectors[kept])
+
+
+def _inverse_search() -> cv2.DISOpticalFlow:
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+    # The frames are reduced already; denser patches cost twice as much and gain nothing.
+    search.setFinestScale(0)
+    search.setPatchStride(6)
+    return search
+
+
+def _cell_centres(height: int, width: int, grid: int | None) -> NDArray[np.float64]:
+    spacing = grid or max(4, round(height / 15))
+    rows, columns = max(1, round(height / spacing)), max(1, round(width / spacing))
+    x = (np.arange(columns) + 0.5) * width / columns - 0.5
+    y = (np.arange(rows) + 0.5) * height / rows - 0.5
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _cell_means(image: NDArray[np.float32], rows: int, columns: int) -> NDArray[np.float64]:
+    return cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
+
+
+def _check(luma: NDArray[np.float32] | NDArray[np.uint8], shape: tuple[int, int] | None) -> None:
+    if luma.ndim != 2 or luma.dtype not in (np.float32, np.uint8) or not luma.size:
+        raise FrameError(
+            f"the frame is {luma.dtype} of shape {luma.shape}; "
+            "give float32 luminance in [0, 1] or uint8, of shape (height, width)"
+        )
+    if shape is not None and luma.shape != shape:
+        raise FrameError(
+            f"the frame is of shape {luma.shape} after one of {shape}; call reset() between videos"
+        )
