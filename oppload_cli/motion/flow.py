@@ -126,11 +126,12 @@ class DenseFlow:
 
     def _reduce(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> None:
         rows, columns = self._bytes.shape
-        image = luma[:rows, :columns]
-        if image.dtype != np.uint8:
-            image = cv2.convertScaleAbs(image, dst=self._bytes, alpha=255.0)
+        grey = luma[:rows, :columns]
+        if luma.dtype != np.uint8:
+            cv2.convertScaleAbs(grey, dst=self._bytes, alpha=255.0)
+            grey = self._bytes
         size = (columns // self._reduction, rows // self._reduction)
-        cv2.resize(image, size, dst=self._now, interpolation=cv2.INTER_AREA)
+        cv2.resize(grey, size, dst=self._now, interpolation=cv2.INTER_AREA)
 
     def _sampled(self) -> MotionVectors:
         if min(self._now.shape) < _SHORTEST_SIDE:
@@ -155,7 +156,7 @@ def _inverse_search() -> cv2.DISOpticalFlow:
 
 
 def _cell_centres(height: int, width: int, grid: int | None) -> NDArray[np.float64]:
-    spacing = grid or max(4, round(height / 15))
+    spacing = grid or max(4, round(height / 17))
     rows, columns = max(1, round(height / spacing)), max(1, round(width / spacing))
     x = (np.arange(columns) + 0.5) * width / columns - 0.5
     y = (np.arange(rows) + 0.5) * height / rows - 0.5

@@ -16,7 +16,7 @@ class RmoParams(Parameters):
 
     grid: int | None = parameter(
         None,
-        "distance between motion vectors; default 1/15 of the working height",
+        "distance between motion vectors; default 1/17 of the working height",
         unit="px",
         low=4,
     )

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 # Pairs handled at once: bounds the memory, and keeps the temporary arrays in the cache.
-_BLOCK = 8192
+_BLOCK = 4096
 _DEFAULTS = RmoParams()
 
 
@@ -218,8 +218,9 @@ class _Moving:
         self.rows = rows[order]
         self.angles = angles[order]
         self.speeds = speeds[self.rows]
-        units = motion[self.rows] / self.speeds[:, np.newaxis]
-        self.geometry = np.concatenate([units.T, origin[self.rows].T])
+        # As complex numbers x + iy: one gather per pair for both.
+        self.units = _plane(motion[self.rows]) / self.speeds
+        self.starts = _plane(origin[self.rows])
 
     def opposite(self, tolerance: float) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
         """Yield the opposite pairs in blocks, as positions in the sorted arrays."""
@@ -242,11 +243,20 @@ class _Moving:
         self, first: NDArray[np.intp], second: NDArray[np.intp], tolerance: float
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which of the pairs are outward, and which inward."""
-        line_x, line_y, apart_x, apart_y = (row[first] - row[second] for row in self.geometry)
-        # Compares the angle between the two with the tolerance without computing it.
-        along = (line_x * apart_x + line_y * apart_y) * math.tan(math.radians(tolerance))
-        across = np.abs(line_x * apart_y - line_y * apart_x)
-        return along > across, -along > across
+        # In place: for thousands of pairs, fresh arrays cost more than the arithmetic.
+        line, apart = self.units[first], self.starts[first]
+        line -= self.units[second]
+        apart -= self.starts[second]
+        along = line.real * apart.real
+        along += line.imag * apart.imag
+        across = line.real * apart.imag
+        across -= line.imag * apart.real
+        # Compares the angle between the two with the tolerance, without computing it.
+        along *= math.tan(math.radians(tolerance))
+        np.abs(across, out=across)
+        outward = along > across
+        np.negative(along, out=along)
+        return outward, along > across
 
     def named(
         self, first: NDArray[np.intp], second: NDArray[np.intp]
@@ -270,10 +280,8 @@ def _opponency(
     speed1: NDArray[np.float64], speed2: NDArray[np.float64], sides: int
 ) -> NDArray[np.float64]:
     total = speed1 + speed2
-    symmetric = sides * np.minimum(speed1, speed2)
-    values = np.zeros_like(total)
-    np.divide(symmetric, total, out=values, where=total > 0)
-    return values
+    symmetric = np.minimum(speed1, speed2) * sides
+    return symmetric / np.where(total > 0, total, 1.0)
 
 
 def _points(name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -288,3 +296,7 @@ def _points(name: str, values: ArrayLike) -> NDArray[np.float64]:
 def _length(points: NDArray[np.float64]) -> NDArray[np.float64]:
     lengths: NDArray[np.float64] = np.hypot(points[..., 0], points[..., 1])
     return lengths
+
+
+def _plane(points: NDArray[np.float64]) -> NDArray[np.complex128]:
+    return points[:, 0] + 1j * points[:, 1]
