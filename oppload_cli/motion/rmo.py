@@ -150,8 +150,8 @@ def rmo_metrics(
 ) -> RmoMetrics:
     """Measure the radial motion opponency of a set of motion vectors.
 
-    Every pair is looked at; see ``docs/rmo.md`` for the definition. The result does
-    not depend on the unit of either array, nor on a shift or a rotation of the plane.
+    Every pair is looked at. The definition is in ``docs/rmo.md``; units, shifts and
+    rotations of the plane do not matter.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def rmo_metrics(
         # Products rather than selections: the sum of all and of the outward ones are then
         # the same additions, and the index of a pure expansion is exactly 1.
         kept = values * outward
-        outward_pairs += int(np.count_nonzero(outward))
+        outward_pairs += int(outward.sum())
         outward_sum += float(kept.sum())
         inward_sum += float((values * inward).sum())
         opposite_sum += float(values.sum())
@@ -200,8 +200,7 @@ def rmo_metrics(
 class _Moving:
     """The vectors that are not zero, sorted by direction.
 
-    Sorted so, the opposites of a vector stand in one run, and only pairs that are
-    opposite are ever formed.
+    So the opposites of a vector stand in one run, and no other pair is ever formed.
     """
 
     def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
@@ -262,10 +261,9 @@ class _Moving:
         self, first: NDArray[np.intp], second: NDArray[np.intp]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Turn positions into the caller's row numbers, the smaller one first."""
-        one, other = self.rows[first], self.rows[second]
-        smaller, larger = np.minimum(one, other), np.maximum(one, other)
-        order = np.lexsort((larger, smaller))
-        return smaller[order], larger[order]
+        pairs = np.sort([self.rows[first], self.rows[second]], axis=0)
+        smaller, larger = pairs[:, np.lexsort(pairs[::-1])]
+        return smaller, larger
 
 
 def _joined(
