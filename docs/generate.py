@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.cli.models import SETS
 from oppload_cli.errors import ExitCode
-from oppload_cli.results.columns import COMMON, OF_MODEL
+from oppload_cli.results.columns import COMMON, OF_MODEL, RMO
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -35,7 +35,11 @@ def formats() -> str:
     parts += ["### Every result", columns(COMMON)]
     for model, own in OF_MODEL.items():
         parts += [f"### With model `{model}`", columns(own)]
-    parts += ["## Exit codes", table(("code", "meaning"), ((str(int(c)), m) for c, m in EXITS.items()))]
+    parts += ["### Unless `--no-rmo`", columns(RMO)]
+    parts += [
+        "## Exit codes",
+        table(("code", "meaning"), ((str(int(c)), m) for c, m in EXITS.items())),
+    ]
     return "\n".join(parts) + "\n"
 
 
@@ -57,7 +61,9 @@ def rows(kind: type[Parameters]) -> Iterable[tuple[str, ...]]:
     """Yield a row per parameter of a set."""
     for each in fields(kind):
         meta = each.metadata
-        bounds = " to ".join("" if end is None else f"{end:g}" for end in (meta["low"], meta["high"]))
+        bounds = " to ".join(
+            "" if end is None else f"{end:g}" for end in (meta["low"], meta["high"])
+        )
         allowed = ", ".join(str(choice) for choice in meta["choices"])
         default = "auto" if each.default is None else str(each.default)
         span = allowed or (bounds if bounds.strip() != "to" else "")

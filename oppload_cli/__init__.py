@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdResponse
     from oppload_cli.models.opplod import Box, Opplod, OpplodResponse
     from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
+    from oppload_cli.motion.parameters import RmoParams
+    from oppload_cli.motion.rmo import RmoMetrics
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video, open_video
@@ -39,6 +41,8 @@ _HOME = {
     "OpplodResponse": "models.opplod",
     "PRESETS": "models.parameters",
     "Position": "video.span",
+    "RmoMetrics": "motion.rmo",
+    "RmoParams": "motion.parameters",
     "Span": "video.span",
     "Video": "video.source",
     "analyse": "analysis",
@@ -60,6 +64,8 @@ __all__ = [
     "OpplodParams",
     "OpplodResponse",
     "Position",
+    "RmoMetrics",
+    "RmoParams",
     "Span",
     "Video",
     "__version__",

@@ -10,6 +10,9 @@ from oppload_cli.models.bank import ModelBank
 from oppload_cli.models.layers import MEMORY
 from oppload_cli.models.opplod import Box, OpplodResponse
 from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+from oppload_cli.motion.flow import DenseFlow
+from oppload_cli.motion.parameters import RmoParams
+from oppload_cli.motion.rmo import RmoMetrics
 from oppload_cli.results.record import FrameRecord
 from oppload_cli.video.parameters import RepeatParams
 from oppload_cli.video.repeats import Repeats
@@ -21,12 +24,15 @@ if TYPE_CHECKING:
     from oppload_cli.video.source import Video
     from oppload_cli.video.working import WorkingSize
 
+DEFAULT_RMO = RmoParams()
+
 
 def analyse(
     video: Video,
     params: Sequence[OpplodParams | DlgmdParams] | None = None,
     *,
     alarm: AlarmParams | None = None,
+    rmo: RmoParams | None = DEFAULT_RMO,
     repeats: RepeatParams | None = None,
 ) -> Iterator[FrameRecord]:
     """Run models over a video in one pass.
@@ -39,6 +45,8 @@ def analyse(
         One set per model; both models with the defaults if left out.
     alarm : AlarmParams, optional
         Of every model's alarm.
+    rmo : RmoParams, optional
+        Of radial motion opponency; None does not measure it.
     repeats : RepeatParams, optional
         What is done with exact repeats.
 
@@ -49,13 +57,16 @@ def analyse(
     """
     bank = ModelBank(video.working.shape, params or [OpplodParams(), DlgmdParams()])
     alarms = {name: Alarm(name, alarm) for name in bank.models}
+    flow = DenseFlow(rmo) if rmo else None
     copies = Repeats(repeats or RepeatParams())
     for seen, frame in enumerate(video):
         repeat, passed_over = copies.step(frame.luma)
         answers = {} if passed_over else bank.step(frame.luma)
+        opponency = flow.step(frame.luma) if flow and not passed_over else None
         if repeat:
             # Where nothing changed every model answers 0, whatever came before.
             answers = bank.at_rest() if seen >= MEMORY else dict.fromkeys(bank.models)
+            opponency = RmoMetrics() if flow else None
         yield FrameRecord(
             frame.index,
             frame.time_s,
@@ -66,6 +77,7 @@ def analyse(
                 for name, answer in answers.items()
                 if answer is not None
             },
+            opponency,
             repeat,
         )
 

@@ -6,7 +6,7 @@ Later ones win: the preset, then the TOML file, then the command line.
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from oppload_cli.detection.alarm import AlarmParams
@@ -17,11 +17,12 @@ from oppload_cli.models.parameters import (
     OpplodParams,
     preset_named,
 )
+from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.results.columns import MODELS
 from oppload_cli.video.parameters import RepeatParams
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from oppload_cli.parameters import Parameters
@@ -30,6 +31,7 @@ Kind = TypeVar("Kind", bound="Parameters")
 
 COMMAND_LINE = "command line"
 NATIVE = "native"
+TOP_LEVEL = ("preset", "models", "height", "measure_rmo")
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,11 @@ class Settings:
         The models to run, in order.
     height : int or None
         Working height in pixels; None keeps the native size.
+    measure_rmo : bool
+        Whether radial motion opponency is measured.
     groups : dict of str to Parameters
-        Parameter sets by name: ``opplod``, ``dlgmd``, ``alarm``, ``repeats``.
+        Parameter sets by name: ``opplod``, ``dlgmd``, ``alarm``, ``rmo``,
+        ``repeats``.
     origins : dict of str to str
         Where each setting came from, by its dotted name: ``preset default``,
         a file's path, or ``command line``.
@@ -54,6 +59,7 @@ class Settings:
     preset: str
     models: tuple[str, ...]
     height: int | None
+    measure_rmo: bool
     groups: dict[str, Parameters]
     origins: dict[str, str] = field(default_factory=dict)
 
@@ -71,6 +77,11 @@ class Settings:
     def alarm(self) -> AlarmParams:
         """The parameters of the alarms."""
         return _of_kind(self.groups["alarm"], AlarmParams)
+
+    @property
+    def rmo(self) -> RmoParams | None:
+        """The parameters of radial motion opponency; None if it is not measured."""
+        return _of_kind(self.groups["rmo"], RmoParams) if self.measure_rmo else None
 
     @property
     def repeats(self) -> RepeatParams:
@@ -93,6 +104,7 @@ def resolve(
     config: Path | None = None,
     models: Sequence[str] = (),
     height: str | None = None,
+    measure_rmo: bool | None = None,
     assignments: Sequence[str] = (),
 ) -> Settings:
     """Resolve the settings of a run from the preset, a TOML file and the command line.
@@ -102,12 +114,14 @@ def resolve(
     preset : str, optional
         Name of the preset; else the file's, else ``default``.
     config : Path, optional
-        A TOML file with ``preset``, ``models``, ``height`` and a table per
-        parameter set.
+        A TOML file with ``preset``, ``models``, ``height``, ``measure_rmo`` and a
+        table per parameter set.
     models : sequence of str
         Models to run; none means all.
     height : str, optional
         Working height in pixels, or ``native``.
+    measure_rmo : bool, optional
+        Whether radial motion opponency is measured; else the file's, else yes.
     assignments : sequence of str
         ``set.parameter=value``, e.g. ``opplod.receptive_field=200``.
 
@@ -127,14 +141,15 @@ def resolve(
         "opplod": chosen.opplod,
         "dlgmd": chosen.dlgmd,
         "alarm": AlarmParams(),
+        "rmo": RmoParams(),
         "repeats": RepeatParams(),
     }
     known = {f"{group}.{name}" for group, params in groups.items() for name in params.names()}
-    origins = dict.fromkeys(["preset", "models", "height", *sorted(known)], f"preset {chosen.name}")
+    origins = dict.fromkeys([*TOP_LEVEL, *sorted(known)], f"preset {chosen.name}")
     origins["preset"] = COMMAND_LINE if preset else source if "preset" in content else "default"
-    settings = Settings(chosen.name, MODELS, chosen.height, groups, origins)
+    settings = Settings(chosen.name, MODELS, chosen.height, True, groups, origins)
     settings = _with_file(settings, content, source)
-    return _with_command_line(settings, models, height, assignments)
+    return _with_command_line(settings, models, height, measure_rmo, assignments)
 
 
 def parse_height(value: str | int) -> int | None:
@@ -164,29 +179,36 @@ def parse_height(value: str | int) -> int | None:
 
 
 def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> Settings:
-    models, height, origins = settings.models, settings.height, dict(settings.origins)
-    groups = dict(settings.groups)
-    known = ["preset", "models", "height", *groups]
+    groups, origins = dict(settings.groups), dict(settings.origins)
+    top: dict[str, Any] = {}
+    known = [*TOP_LEVEL, *groups]
     for key, value in content.items():
         try:
             if key not in known:
                 raise ParameterError(f"no setting '{key}'{suggestion(key, known)}")
             if key in groups:
-                if not isinstance(value, dict):
-                    raise ParameterError(f"'{key}' is a table; write [{key}] on a line of its own")
-                groups[key] = groups[key].replaced(**value)
+                groups[key] = _with_table(groups[key], key, value)
                 origins.update((f"{key}.{name}", source) for name in value)
             elif key != "preset":
+                top[key] = TOP_READERS[key](value)
                 origins[key] = source
-                models = _models(value) if key == "models" else models
-                height = parse_height(value) if key == "height" else height
         except ParameterError as error:
             raise ParameterError(f"{source}: {error}") from error
-    return Settings(settings.preset, models, height, groups, origins)
+    return replace(settings, groups=groups, origins=origins, **top)
+
+
+def _with_table(params: Parameters, key: str, value: object) -> Parameters:
+    if not isinstance(value, dict):
+        raise ParameterError(f"'{key}' is a table; write [{key}] on a line of its own")
+    return params.replaced(**value)
 
 
 def _with_command_line(
-    settings: Settings, models: Sequence[str], height: str | None, assignments: Sequence[str]
+    settings: Settings,
+    models: Sequence[str],
+    height: str | None,
+    measure_rmo: bool | None,
+    assignments: Sequence[str],
 ) -> Settings:
     groups, origins = dict(settings.groups), dict(settings.origins)
     changes: dict[str, dict[str, object]] = {}
@@ -196,17 +218,10 @@ def _with_command_line(
         origins[f"{group}.{name}"] = COMMAND_LINE
     for group, values in changes.items():
         groups[group] = groups[group].replaced(**values)
-    if models:
-        origins["models"] = COMMAND_LINE
-    if height is not None:
-        origins["height"] = COMMAND_LINE
-    return Settings(
-        settings.preset,
-        _models(models) if models else settings.models,
-        parse_height(height) if height is not None else settings.height,
-        groups,
-        origins,
-    )
+    given = {"models": tuple(models) or None, "height": height, "measure_rmo": measure_rmo}
+    top = {key: TOP_READERS[key](value) for key, value in given.items() if value is not None}
+    origins.update(dict.fromkeys(top, COMMAND_LINE))
+    return replace(settings, groups=groups, origins=origins, **top)
 
 
 def _split(assignment: str, groups: Mapping[str, Parameters]) -> tuple[str, str, str]:
@@ -229,6 +244,19 @@ def _models(names: object) -> tuple[str, ...]:
         if name not in MODELS:
             raise ParameterError(f"no model '{name}'{suggestion(str(name), MODELS)}")
     return tuple(dict.fromkeys(names))
+
+
+def _yes_or_no(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ParameterError(f"measure_rmo must be true or false, not {value!r}")
+    return value
+
+
+TOP_READERS: dict[str, Callable[[Any], Any]] = {
+    "models": _models,
+    "height": parse_height,
+    "measure_rmo": _yes_or_no,
+}
 
 
 def _read(path: Path) -> dict[str, Any]:

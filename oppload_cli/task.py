@@ -217,12 +217,17 @@ class _Run:
     def write(self, stream: IO[str]) -> None:
         """Analyse every frame and write its row."""
         settings = self._task.settings
-        table = Table(stream, [column.name for column in columns_for(settings.models)])
+        columns = columns_for(settings.models, rmo=settings.rmo is not None)
+        table = Table(stream, [column.name for column in columns])
         records = analyse(
-            self._video, settings.model_params(), alarm=settings.alarm, repeats=settings.repeats
+            self._video,
+            settings.model_params(),
+            alarm=settings.alarm,
+            rmo=settings.rmo,
+            repeats=settings.repeats,
         )
         for record in records:
-            table.write(record.row())
+            table.write(record.values())
             self.frames += 1
             self._repeats += record.repeat
             for name, summary in self._summaries.items():

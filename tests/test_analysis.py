@@ -5,7 +5,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli import DlgmdParams, FrameRecord, OpplodParams, OpplodResponse, analyse, open_video
+from oppload_cli import (
+    DlgmdParams,
+    FrameRecord,
+    OpplodParams,
+    OpplodResponse,
+    RmoMetrics,
+    analyse,
+    open_video,
+)
 from tests.media import looming, write_video
 
 if TYPE_CHECKING:
@@ -53,6 +61,7 @@ def test_a_still_video_answers_zero_from_the_fourth_frame(tmp_path: Path) -> Non
     for record in still[3:]:
         assert [answer.response for answer in record.responses.values() if answer] == [0, 0]
     assert [each.luma_change for each in still] == [None] + [0] * 11
+    assert [each.rmo for each in still] == [None] + [RmoMetrics()] * 11
 
 
 def test_boxes_are_in_source_pixels(tmp_path: Path) -> None:
@@ -74,7 +83,7 @@ def test_one_model_alone(tmp_path: Path) -> None:
     with open_video(path) as video:
         [*_, last] = analyse(video, [DlgmdParams()])
     assert list(last.responses) == ["dlgmd"]
-    assert len(last.row()) == 6
+    assert "opplod_response" not in last.values()
     with open_video(path) as video:
         [*_, last] = analyse(video, [OpplodParams()])
-    assert len(last.row()) == 9
+    assert "dlgmd_response" not in last.values()

@@ -19,19 +19,25 @@ if TYPE_CHECKING:
 
 @click.command(short_help="every setting of a run, and where it came from")
 @settings_options
-def config(
+def config(  # noqa: PLR0917 - click passes them by name
     models: tuple[str, ...],
     preset: str | None,
     assignments: tuple[str, ...],
     config: Path | None,
     height: str | None,
+    measure_rmo: bool | None,
 ) -> None:
     """Print every setting as TOML, with where each came from as a comment.
 
     What is printed can be saved and given back with --config.
     """
     settings = resolve(
-        preset=preset, config=config, models=models, height=height, assignments=assignments
+        preset=preset,
+        config=config,
+        models=models,
+        height=height,
+        measure_rmo=measure_rmo,
+        assignments=assignments,
     )
     for line in _lines(settings):
         click.echo(line)
@@ -43,6 +49,7 @@ def _lines(settings: Settings) -> Iterator[str]:
     yield f"models = {json.dumps(list(settings.models))}  # {origins['models']}"
     height = settings.height if settings.height is not None else f'"{NATIVE}"'
     yield f"height = {height}  # {origins['height']}"
+    yield f"measure_rmo = {json.dumps(settings.measure_rmo)}  # {origins['measure_rmo']}"
     for group, params in settings.groups.items():
         yield ""
         yield f"[{group}]"

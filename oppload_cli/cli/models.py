@@ -10,6 +10,7 @@ import click
 
 from oppload_cli.detection.alarm import AlarmParams
 from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
+from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.video.parameters import RepeatParams
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     "opplod": ("OppLoD: DPC, directional inhibition, opponency, enhancing", OpplodParams),
     "dlgmd": ("D-LGMD: DPC and grouping", DlgmdParams),
     "alarm": ("the alarm of each model", AlarmParams),
+    "rmo": ("radial motion opponency of motion vectors", RmoParams),
     "repeats": ("exact repeats of a frame", RepeatParams),
 }
 

@@ -22,7 +22,8 @@ def settings_options(command: Command) -> Command:
     Parameters
     ----------
     command : callable
-        Takes `models`, `preset`, `assignments`, `config` and `height`.
+        Takes `models`, `preset`, `assignments`, `config`, `height` and
+        `measure_rmo`.
 
     Returns
     -------
@@ -59,6 +60,14 @@ def settings_options(command: Command) -> Command:
                 "--height",
                 metavar="PX|native",
                 help="Working height; the width follows.  [default: the preset's, 240 or 600]",
+            ),
+            click.option(
+                "--no-rmo",
+                "measure_rmo",
+                flag_value=False,
+                default=None,
+                type=bool,
+                help="Do not measure radial motion opponency (RMO).",
             ),
         )
     ):

@@ -53,6 +53,7 @@ def run(  # noqa: PLR0917 - click passes them by name
     assignments: tuple[str, ...],
     config: Path | None,
     height: str | None,
+    measure_rmo: bool | None,
     start: str | None,
     end: str | None,
     duration: str | None,
@@ -73,7 +74,12 @@ def run(  # noqa: PLR0917 - click passes them by name
     from oppload_cli.video.span import Span, parse_position  # noqa: PLC0415
 
     settings = resolve(
-        preset=preset, config=config, models=models, height=height, assignments=assignments
+        preset=preset,
+        config=config,
+        models=models,
+        height=height,
+        measure_rmo=measure_rmo,
+        assignments=assignments,
     )
     span = Span(*(parse_position(text) if text else None for text in (start, end, duration)))
     command = ["oppload", *sys.argv[1:]]

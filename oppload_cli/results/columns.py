@@ -54,19 +54,36 @@ OF_MODEL = {
         Column("dlgmd_s", "", "mean over the frame of S, the presynaptic sum of D-LGMD"),
     ),
 }
+RMO = (
+    Column("flow_vectors", "", "motion vectors kept; these columns are empty for the first frame"),
+    Column("rom_pairs", "", "pairs of vectors that are opposite and point outward"),
+    Column("rom_share", "0 to 1", "their share of all pairs"),
+    Column("rmo_mean", "0 to 1", "mean radial motion opponency over these pairs"),
+    Column("rmo_max", "0 to 1", "largest radial motion opponency"),
+    Column(
+        "rmo_index",
+        "-1 to 1",
+        "outward minus inward opponency over that of all opposite pairs: 1 for expansion, "
+        "-1 for contraction, 0 for translation, rotation and noise",
+    ),
+)
 
 
-def columns_for(models: Sequence[str]) -> tuple[Column, ...]:
+def columns_for(models: Sequence[str], *, rmo: bool) -> tuple[Column, ...]:
     """Return the columns of a result, in their order.
 
     Parameters
     ----------
     models : sequence of str
         Names of the models that were run.
+    rmo : bool
+        Whether radial motion opponency was measured.
 
     Returns
     -------
     tuple of Column
-        ``frame``, ``time_s`` and ``luma_change``, then each model's.
+        ``frame``, ``time_s`` and ``luma_change``, then each model's, then those
+        of RMO.
     """
-    return COMMON + tuple(column for model in models for column in OF_MODEL[model])
+    of_models = tuple(column for model in models for column in OF_MODEL[model])
+    return COMMON + of_models + (RMO if rmo else ())

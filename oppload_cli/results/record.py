@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from oppload_cli.models.opplod import OpplodResponse
+from oppload_cli.models.dlgmd import DlgmdResponse
 
 if TYPE_CHECKING:
-    from oppload_cli.models.dlgmd import DlgmdResponse
+    from oppload_cli.models.opplod import OpplodResponse
+    from oppload_cli.motion.rmo import RmoMetrics
     from oppload_cli.results.table import Value
 
 
@@ -28,6 +29,8 @@ class FrameRecord:
         By model; None during warm-up. Boxes are in source pixels.
     alarms : dict of str to bool
         By model, those that have answered.
+    rmo : RmoMetrics or None
+        Radial motion opponency; None for the first frame, or if not measured.
     repeat : bool
         Whether the frame is an exact repeat of the one before.
     """
@@ -37,26 +40,29 @@ class FrameRecord:
     luma_change: float | None
     responses: dict[str, OpplodResponse | DlgmdResponse | None]
     alarms: dict[str, bool] = field(default_factory=dict)
+    rmo: RmoMetrics | None = None
     repeat: bool = False
 
-    def row(self) -> list[Value]:
-        """Return the values in the order of :func:`oppload_cli.results.columns.columns_for`.
+    def values(self) -> dict[str, Value]:
+        """Return the values by column; what is not there is an empty cell.
 
         Returns
         -------
-        list of float, int or None
+        dict of str to float, int or None
         """
-        row: list[Value] = [self.frame, self.time_s, self.luma_change]
+        values: dict[str, Value] = {
+            "frame": self.frame,
+            "time_s": self.time_s,
+            "luma_change": self.luma_change,
+        }
         for model, response in self.responses.items():
-            row += [response.response if response else None, self.alarms.get(model)]
-            if model == "opplod":
-                row += _box(response)
-            else:
-                row.append(None if response is None else getattr(response, "s", None))
-        return row
-
-
-def _box(response: OpplodResponse | DlgmdResponse | None) -> list[Value]:
-    if not isinstance(response, OpplodResponse) or response.box is None:
-        return [None] * 4
-    return [response.box.x, response.box.y, response.box.width, response.box.height]
+            if response is not None:
+                values[f"{model}_response"] = response.response
+                values[f"{model}_alarm"] = self.alarms[model]
+            if isinstance(response, DlgmdResponse):
+                values[f"{model}_s"] = response.s
+            elif response is not None and response.box is not None:
+                values.update((f"{model}_{side}", v) for side, v in vars(response.box).items())
+        if self.rmo is not None:
+            values.update(vars(self.rmo))
+        return values

@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING
 from oppload_cli.errors import OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
 Value = float | int | None
@@ -42,19 +42,21 @@ class Table:
 
     def __init__(self, stream: IO[str], columns: Sequence[str]) -> None:
         self._stream = stream
+        self._columns = tuple(columns)
         self._flushed = time.monotonic()
         self._stream.write(",".join(columns) + "\n")
         self._stream.flush()
 
-    def write(self, row: Sequence[Value]) -> None:
+    def write(self, values: Mapping[str, Value]) -> None:
         """Write one row.
 
         Parameters
         ----------
-        row : sequence of float, int or None
-            A value per column.
+        values : mapping of str to float, int or None
+            By column; a column without a value is an empty cell.
         """
-        self._stream.write(",".join(map(formatted, row)) + "\n")
+        row = ",".join(formatted(values.get(name)) for name in self._columns)
+        self._stream.write(row + "\n")
         now = time.monotonic()
         if now - self._flushed >= FLUSH_EVERY_S:
             self._stream.flush()

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 HEADER = (
     "frame,time_s,luma_change,"
     "opplod_response,opplod_alarm,opplod_x,opplod_y,opplod_width,opplod_height,"
-    "dlgmd_response,dlgmd_alarm,dlgmd_s"
+    "dlgmd_response,dlgmd_alarm,dlgmd_s,"
+    "flow_vectors,rom_pairs,rom_share,rmo_mean,rmo_max,rmo_index"
 )
 
 
@@ -35,7 +36,7 @@ def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_table(result: Path) -> None:
     text = (result / "loom.frames.csv").read_text()
-    assert text.startswith(HEADER + "\n0,0,,,,,,,,,,\n1,0.0333333333,")
+    assert text.startswith(HEADER + "\n0,0,,,,,,,,,,,,,,,,\n1,0.0333333333,")
     table = rows(text)
     assert [int(row["frame"]) for row in table] == list(range(24))
     assert all(row["opplod_response"] == "" for row in table[:3])
@@ -46,6 +47,8 @@ def test_the_table(result: Path) -> None:
         for place, size in (("x", "width"), ("y", "height"))
     ]
     assert centre == pytest.approx([150, 110], abs=8)
+    late = [float(row["rmo_index"]) for row in table[4:]]
+    assert min(late) > 0.85
     assert not list(result.glob("*.part"))
 
 
@@ -88,13 +91,14 @@ def test_options_reach_the_models(clip: Path, tmp_path: Path) -> None:
     done = oppload(
         *("run", clip, "-o", tmp_path, "--model", "opplod", "--height", "native", "-v"),
         *("--set", "opplod.receptive_field=60", "--config", tmp_path / "s.toml"),
-        *("--start", "f4", "--end", "f20"),
+        *("--start", "f4", "--end", "f20", "--no-rmo"),
     )
     assert done.returncode == 0
     assert "240 x 240 at 30 frames/s, seen at 240 x 240; 1 px/frame there = 1 source" in done.stderr
     table = rows((tmp_path / "loom.frames.csv").read_text())
     assert [int(row["frame"]) for row in table] == list(range(4, 20))
     assert "dlgmd_response" not in table[0]
+    assert "rmo_index" not in table[0]
     assert {row["opplod_width"] for row in table} <= {"", "60"}
     sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
     assert sidecar["parameters"]["opplod"]["gain"] == 2

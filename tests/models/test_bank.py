@@ -17,7 +17,10 @@ def test_shared_layers_change_no_answer(sigma: float) -> None:
     frames = looming(120, 60, 60, 10)
     opplod, dlgmd = OpplodParams(), DlgmdParams(sigma_inhibition=sigma)
     bank = ModelBank((120, 120), [opplod, dlgmd])
-    alone: dict[str, Opplod | Dlgmd] = {"opplod": Opplod((120, 120), opplod), "dlgmd": Dlgmd((120, 120), dlgmd)}
+    alone: dict[str, Opplod | Dlgmd] = {
+        "opplod": Opplod((120, 120), opplod),
+        "dlgmd": Dlgmd((120, 120), dlgmd),
+    }
     for frame in frames:
         together = bank.step(frame)
         assert together == {name: model.step(frame) for name, model in alone.items()}
