@@ -1,0 +1,82 @@
+"""Stimuli: protocols as data, their frames, their ground truth and the catalogue.
+
+>>> from oppload_cli import stimulus
+>>> protocol = stimulus.load("opplod2023/looming-disk-centre")
+>>> for frame in stimulus.frames(protocol):
+...     response = model.step(frame.luma)
+
+Names are imported when they are first used: reading protocols needs no NumPy.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from oppload_cli.stimulus.catalogue import Entry, entries, find, load, load_all, read_entry
+    from oppload_cli.stimulus.files import Written, file_stem, write
+    from oppload_cli.stimulus.objects import Brightness, Growth, Object
+    from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.stimulus.renderer import Renderer, StimulusFrame, frames
+    from oppload_cli.stimulus.schema import json_schema
+    from oppload_cli.stimulus.tables import Display, Effects, Motion, Scene, Timing
+    from oppload_cli.stimulus.truth import (
+        FrameTruth,
+        ObjectTruth,
+        frame_truth,
+        ground_truth,
+        read_ground_truth,
+    )
+
+__all__ = [
+    "Brightness",
+    "Display",
+    "Effects",
+    "Entry",
+    "FrameTruth",
+    "Growth",
+    "Motion",
+    "Object",
+    "ObjectTruth",
+    "Protocol",
+    "Renderer",
+    "Scene",
+    "StimulusFrame",
+    "Timing",
+    "Written",
+    "entries",
+    "file_stem",
+    "find",
+    "frame_truth",
+    "frames",
+    "ground_truth",
+    "json_schema",
+    "load",
+    "load_all",
+    "read_entry",
+    "read_ground_truth",
+    "write",
+]
+
+_MODULES = {
+    "catalogue": ("Entry", "entries", "find", "load", "load_all", "read_entry"),
+    "files": ("Written", "file_stem", "write"),
+    "objects": ("Brightness", "Growth", "Object"),
+    "protocol": ("Protocol",),
+    "renderer": ("Renderer", "StimulusFrame", "frames"),
+    "schema": ("json_schema",),
+    "tables": ("Display", "Effects", "Motion", "Scene", "Timing"),
+    "truth": ("FrameTruth", "ObjectTruth", "frame_truth", "ground_truth", "read_ground_truth"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+    return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return list(__all__)

@@ -1,0 +1,167 @@
+"""Writing a stimulus: the video, its ground truth and a contact sheet."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from oppload_cli.errors import OpploadError, OutputError, StimulusError
+from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.stimulus.sheet import contact_sheet, sheet_frames
+from oppload_cli.stimulus.truth import ground_truth
+from oppload_cli.video.writer import (
+    check_format,
+    open_writer,
+    png_bytes,
+    remove,
+    target_of,
+    write_atomic,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from oppload_cli.stimulus.protocol import Protocol
+
+
+@dataclass(frozen=True)
+class Written:
+    """The files of one stimulus.
+
+    Attributes
+    ----------
+    video, truth : Path
+        The video (a folder for ``png``) and its ``.stimulus.json``.
+    preview : Path or None
+        The contact sheet, where one was asked for.
+    frames : int
+        Number of frames.
+    """
+
+    video: Path
+    truth: Path
+    preview: Path | None
+    frames: int
+
+
+def file_stem(name: str) -> str:
+    """Return the file name of a stimulus, without suffix.
+
+    Parameters
+    ----------
+    name : str
+        E.g. ``klapoetke2017/bar-expand-10/axis-45``.
+
+    Returns
+    -------
+    str
+        E.g. ``klapoetke2017_bar-expand-10_axis-45``.
+    """
+    return name.replace("/", "_")
+
+
+def targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = False) -> Written:
+    """Return the files that :func:`write` makes.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+    directory : Path
+        Where they go.
+    form : str
+        A key of :data:`oppload_cli.video.writer.FORMATS`.
+    preview : bool
+        Whether there is a contact sheet.
+
+    Returns
+    -------
+    Written
+
+    Raises
+    ------
+    StimulusError
+        If the format cannot hold the stimulus.
+    """
+    display = protocol.display
+    try:
+        check_format(form, display.width, display.height, display.frame_rate)
+    except OutputError as problem:
+        keys = "display.width, display.height and display.frame_rate"
+        raise StimulusError(f"{protocol.name}: {problem} (keys {keys})") from None
+    stem = file_stem(protocol.name)
+    return Written(
+        target_of(directory, stem, form),
+        directory / f"{stem}.stimulus.json",
+        directory / f"{stem}.preview.png" if preview else None,
+        protocol.frame_count,
+    )
+
+
+def write(
+    protocol: Protocol,
+    directory: Path,
+    *,
+    form: str = "ffv1",
+    preview: bool = False,
+    progress: Callable[[int], None] | None = None,
+) -> Written:
+    """Write a stimulus: the video, its ground truth, maybe a contact sheet.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+    directory : Path
+        Where the files go; made if it is not there. What is there is overwritten.
+    form : str
+        A key of :data:`oppload_cli.video.writer.FORMATS`.
+    preview : bool
+        Whether to write a contact sheet too.
+    progress : callable or None
+        Called with 1 after each frame.
+
+    Returns
+    -------
+    Written
+
+    Raises
+    ------
+    StimulusError
+        If the format cannot hold the stimulus.
+    OutputError
+        If it cannot be written; nothing of this stimulus is left then.
+    """
+    made = targets(protocol, directory, form, preview=preview)
+    display, renderer = protocol.display, Renderer(protocol)
+    shown = set(sheet_frames(protocol.frame_count)) if preview else set()
+    kept = []
+    # the truth first: a video is never there without it
+    truth = json.dumps(ground_truth(protocol), indent=1, ensure_ascii=False) + "\n"
+    try:
+        write_atomic(made.truth, truth.encode())
+        with open_writer(
+            made.video,
+            form,
+            width=display.width,
+            height=display.height,
+            frame_rate=display.frame_rate,
+            count=protocol.frame_count,
+        ) as video:
+            for index in range(protocol.frame_count):
+                grey = renderer.grey(index)
+                video.write(grey)
+                if index in shown:
+                    kept.append(grey)
+                if progress is not None:
+                    progress(1)
+        if made.preview is not None:
+            write_atomic(made.preview, png_bytes(contact_sheet(kept)))
+    except BaseException as problem:
+        for path in (made.video, made.truth, made.preview):
+            if path is not None and isinstance(problem, OpploadError | KeyboardInterrupt):
+                remove(path)
+        raise
+    return made
