@@ -66,9 +66,7 @@ def write_all(
         In the order of `protocols`.
     """
     if jobs <= 1:
-        return [
-            _written(protocol, directory, form, preview, progress) for protocol in protocols
-        ]
+        return [_written(protocol, directory, form, preview, progress) for protocol in protocols]
     # fresh processes: a copy of one that runs decoder threads may hang
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(min(jobs, len(protocols)), mp_context=context)

@@ -274,7 +274,5 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
     """
     found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
     return [
-        protocol
-        for entry in found
-        for protocol in entry.with_settings(settings or {}).protocols()
+        protocol for entry in found for protocol in entry.with_settings(settings or {}).protocols()
     ]

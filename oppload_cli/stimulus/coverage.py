@@ -45,7 +45,9 @@ class Window:
         Window
             Empty where the box is outside.
         """
-        left, top = (int(np.clip(np.floor(v), 0, n)) for v, n in zip(low, (width, height), strict=True))
+        left, top = (
+            int(np.clip(np.floor(v), 0, n)) for v, n in zip(low, (width, height), strict=True)
+        )
         right, bottom = (
             int(np.clip(np.ceil(v), 0, n)) for v, n in zip(high, (width, height), strict=True)
         )

@@ -81,6 +81,4 @@ def _twice_integrated(phase: Floats) -> Floats:
     """Integral of the triangle less its mean 1/4, periodic; the mean falls out of the difference."""
     cycle = phase - np.floor(phase)
     late = cycle - 0.5
-    return np.where(
-        cycle < 0.5, cycle * (cycle / 2 - 0.25), late * (0.25 - late / 2)
-    )
+    return np.where(cycle < 0.5, cycle * (cycle / 2 - 0.25), late * (0.25 - late / 2))

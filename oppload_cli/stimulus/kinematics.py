@@ -113,9 +113,7 @@ def pose_of(protocol: Protocol, thing: Object, time: float) -> Pose:
         thing.motion, phase, thing.axis_deg, f"{protocol.seed}/{thing.id}"
     )
     x, y = thing.centre_deg[0] + travel[0], thing.centre_deg[1] + travel[1]
-    centre, moved = _in_scene(
-        protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time
-    )
+    centre, moved = _in_scene(protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time)
     speed = extent.forward_speed + extent.backward_speed
     return Pose(
         visible=_visible(thing, time, start, end),
@@ -159,7 +157,10 @@ def movement(
     if motion is None:
         return (0.0, 0.0), (0.0, 0.0), 0.0
     heading = math.radians(axis_deg if motion.direction_deg is None else motion.direction_deg)
-    x_speed, y_speed = motion.speed_deg_s * math.cos(heading), motion.speed_deg_s * math.sin(heading)
+    x_speed, y_speed = (
+        motion.speed_deg_s * math.cos(heading),
+        motion.speed_deg_s * math.sin(heading),
+    )
     x, y = x_speed * elapsed, y_speed * elapsed
     for (dx, dy), (vx, vy) in (_path(motion, elapsed), _shake(motion, elapsed, seed)):
         x, y, x_speed, y_speed = x + dx, y + dy, x_speed + vx, y_speed + vy

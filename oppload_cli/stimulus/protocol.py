@@ -176,7 +176,8 @@ def _check_inside(protocol: Protocol, thing: Object) -> None:
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
     if not any(reaches_field(protocol, thing, pose_of(protocol, thing, time)) for time in times):
         wide, high = (
-            size / protocol.display.scale for size in (protocol.display.width, protocol.display.height)
+            size / protocol.display.scale
+            for size in (protocol.display.width, protocol.display.height)
         )
         raise StimulusError(
             f"it is outside the field ({wide:.4g} x {high:.4g} deg) in every frame; "

@@ -122,9 +122,7 @@ class Renderer:
         if self._last is not None and _same_look(self._last[0], poses):
             return self._last[1]
         display = self.protocol.display
-        picture = np.full(
-            (display.height, display.width), display.background, dtype=np.float32
-        )
+        picture = np.full((display.height, display.width), display.background, dtype=np.float32)
         for (_, painter), pose in zip(self._painters, poses, strict=True):
             if pose.visible:
                 painter.paint(picture, pose)

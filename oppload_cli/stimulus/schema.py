@@ -90,7 +90,9 @@ def _reference_row(declared: Field[Any], table: type[Table]) -> str:
     value = " / ".join(f"`{one}`" for one in metadata["choices"]) or _in_words(hint)
     default = "**required**" if declared.default is MISSING else _default(declared.default)
     only = f" ({', '.join(metadata['kinds'])} only)" if metadata["kinds"] else ""
-    return f"| `{declared.name}` | {value}{unit}{limits} | {default} | {metadata['meaning']}{only} |"
+    return (
+        f"| `{declared.name}` | {value}{unit}{limits} | {default} | {metadata['meaning']}{only} |"
+    )
 
 
 def _default(value: object) -> str:
@@ -161,9 +163,11 @@ def _type_schema(hint: Any, metadata: Any) -> dict[str, Any]:
             return _table_schema(hint)
         return {"oneOf": [_table_schema(hint, kind) for kind in kinds]}
     if hint is str:
-        return {"type": "string", "enum": list(metadata["choices"])} if metadata["choices"] else {
-            "type": "string"
-        }
+        return (
+            {"type": "string", "enum": list(metadata["choices"])}
+            if metadata["choices"]
+            else {"type": "string"}
+        )
     if hint is bool:
         return {"type": "boolean"}
     bounds = {"low": "minimum", "above": "exclusiveMinimum", "high": "maximum"}

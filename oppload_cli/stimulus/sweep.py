@@ -86,8 +86,7 @@ def label_of(values: dict[str, Any]) -> str:
     leaves = [dotted.rpartition(".")[2] for dotted in values]
     names = leaves if len(set(leaves)) == len(leaves) else list(values)
     parts = [
-        f"{_word(name)}-{_text(value)}"
-        for name, value in zip(names, values.values(), strict=True)
+        f"{_word(name)}-{_text(value)}" for name, value in zip(names, values.values(), strict=True)
     ]
     return "_".join(parts)
 

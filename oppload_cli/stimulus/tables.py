@@ -134,7 +134,9 @@ class Motion(Table):
         high=20,
     )
     shake_deg: float = key("RMS amplitude of a shake", default=0.0, unit="deg", low=0, high=90)
-    shake_hz: float = key("middle frequency of the shake", default=4.0, unit="Hz", above=0, high=500)
+    shake_hz: float = key(
+        "middle frequency of the shake", default=4.0, unit="Hz", above=0, high=500
+    )
     path_deg: tuple[tuple[float, float], ...] = key(
         "points [right, up] of a path, added to centre_deg, joined by straight lines",
         default=(),
@@ -177,9 +179,7 @@ class Effects(Table):
     """What happens to the finished picture."""
 
     invert: bool = key("swap dark and light (contrast polarity)", default=False)
-    noise: float = key(
-        "standard deviation of additive Gaussian noise", default=0.0, low=0, high=1
-    )
+    noise: float = key("standard deviation of additive Gaussian noise", default=0.0, low=0, high=1)
     shutter: float = key(
         "motion blur: open shutter as a share of the frame time, centred on it",
         default=0.0,

@@ -99,8 +99,7 @@ def frame_truth(protocol: Protocol, frame: int) -> FrameTruth:
     """
     time = protocol.time_of(frame)
     things = tuple(
-        _object_truth(protocol, thing, pose_of(protocol, thing, time))
-        for thing in protocol.objects
+        _object_truth(protocol, thing, pose_of(protocol, thing, time)) for thing in protocol.objects
     )
     return FrameTruth(frame, time, any(thing.looming for thing in things), things)
 
