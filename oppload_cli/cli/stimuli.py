@@ -105,7 +105,7 @@ def show(name: str, as_json: bool, settings: tuple[str, ...]) -> None:
 )
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 @click.pass_context
-def generate(
+def generate(  # noqa: PLR0917 - one argument per option
     context: click.Context,
     names: tuple[str, ...],
     directory: Path,
@@ -126,7 +126,7 @@ def generate(
     wanted = _not_there(protocols, directory, form, preview, if_exists)
     if form == "mp4":
         click.echo("note: mp4 (H.264) is lossy; use ffv1 for exact luminance", err=True)
-    results = _written(wanted, directory, form, preview, jobs, quiet)
+    results = _written(wanted, directory, form, preview=preview, jobs=jobs, quiet=quiet)
     for one in results:
         if isinstance(one, OpploadError):
             problems.append(one)
@@ -202,6 +202,7 @@ def _written(
     protocols: list[Protocol],
     directory: Path,
     form: str,
+    *,
     preview: bool,
     jobs: int | None,
     quiet: bool,
@@ -213,13 +214,17 @@ def _written(
     total = sum(protocol.frame_count for protocol in protocols)
     hidden = quiet or not sys.stderr.isatty()
     with tqdm(total=total, unit=" frames", disable=hidden, file=sys.stderr) as bar:
+
+        def advance(frames: int) -> None:
+            bar.update(frames)
+
         return write_all(
             protocols,
             directory,
             form=form,
             preview=preview,
             jobs=jobs or default_jobs(len(protocols)),
-            progress=lambda frames: None if bar.update(frames) else None,
+            progress=advance,
         )
 
 

@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from oppload_cli.stimulus.catalogue import Entry, entries, find, load, load_all, read_entry
+    from oppload_cli.stimulus.changes import Brightness, Growth
     from oppload_cli.stimulus.files import Written, file_stem, write
-    from oppload_cli.stimulus.objects import Brightness, Growth, Object
+    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.stimulus.renderer import Renderer, StimulusFrame, frames
     from oppload_cli.stimulus.schema import json_schema
@@ -61,8 +62,9 @@ __all__ = [
 
 _MODULES = {
     "catalogue": ("Entry", "entries", "find", "load", "load_all", "read_entry"),
+    "changes": ("Brightness", "Growth"),
     "files": ("Written", "file_stem", "write"),
-    "objects": ("Brightness", "Growth", "Object"),
+    "objects": ("Object",),
     "protocol": ("Protocol",),
     "renderer": ("Renderer", "StimulusFrame", "frames"),
     "schema": ("json_schema",),

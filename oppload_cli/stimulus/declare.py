@@ -10,7 +10,6 @@ import math
 import typing
 from dataclasses import MISSING, Field, dataclass, field, fields
 from fractions import Fraction
-from functools import cache
 from types import NoneType
 from typing import Any, Self
 
@@ -68,8 +67,11 @@ def key(
     return field(default=default, metadata=metadata)
 
 
-@cache
-def hints(cls: type[Table]) -> dict[str, Any]:
+# resolved once: evaluating the annotations takes longer than checking the values
+_HINTS: dict[type[Any], dict[str, Any]] = {}
+
+
+def hints(cls: type[Any]) -> dict[str, Any]:
     """Return the resolved types of a table's keys.
 
     Parameters
@@ -81,7 +83,9 @@ def hints(cls: type[Table]) -> dict[str, Any]:
     -------
     dict of str to type
     """
-    return typing.get_type_hints(cls)
+    if cls not in _HINTS:
+        _HINTS[cls] = typing.get_type_hints(cls)
+    return _HINTS[cls]
 
 
 def members(hint: Any) -> tuple[Any, bool]:

@@ -10,14 +10,9 @@ from oppload_cli.errors import OpploadError, OutputError, StimulusError
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.sheet import contact_sheet, sheet_frames
 from oppload_cli.stimulus.truth import ground_truth
-from oppload_cli.video.writer import (
-    check_format,
-    open_writer,
-    png_bytes,
-    remove,
-    target_of,
-    write_atomic,
-)
+from oppload_cli.video.archive import png_bytes
+from oppload_cli.video.atomic import remove, write_atomic
+from oppload_cli.video.writer import check_format, open_writer, target_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -48,7 +48,7 @@ def square_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
         - _twice_integrated(phase - inner)
         + _twice_integrated(phase - outer)
     )
-    return np.clip(second / (long * short), -1.0, 1.0)
+    return np.asarray(np.clip(second / (long * short), -1.0, 1.0))
 
 
 def sine_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
@@ -64,7 +64,7 @@ def sine_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
     ndarray
         -1 to 1.
     """
-    return np.sin(2 * np.pi * phase) * np.sinc(width) * np.sinc(depth)
+    return np.asarray(np.sin(2 * np.pi * phase) * np.sinc(width) * np.sinc(depth))
 
 
 def _box(phase: Floats, width: Floats) -> Floats:
@@ -78,7 +78,7 @@ def _integrated(phase: Floats) -> Floats:
 
 
 def _twice_integrated(phase: Floats) -> Floats:
-    """Integral of the triangle less its mean 1/4, periodic; the mean falls out of the difference."""
+    """Integral of the triangle less its mean 1/4, periodic; that mean cancels."""
     cycle = phase - np.floor(phase)
     late = cycle - 0.5
     return np.where(cycle < 0.5, cycle * (cycle / 2 - 0.25), late * (0.25 - late / 2))

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from oppload_cli.stimulus.objects import Growth, Object
+    from oppload_cli.stimulus.changes import Growth
+    from oppload_cli.stimulus.objects import Object
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,12 @@ class Protocol(Table):
     source: str = key("where it was published or what it is for", default="")
     tags: tuple[str, ...] = key("words to find it by", default=())
     seed: int = key("of everything random in it", default=0, low=0, high=2**32 - 1)
-    display: Display = key("the screen")
-    timing: Timing = key("pauses and duration")
-    scene: Scene = key("what all objects share", default=Scene())
-    effects: Effects = key("what happens to the finished picture", default=Effects())
+    display: Display = key("the screen")  # noqa: RUF009
+    timing: Timing = key("pauses and duration")  # noqa: RUF009
+    scene: Scene = key("what all objects share", default=Scene())  # noqa: RUF009
+    effects: Effects = key(  # noqa: RUF009
+        "what happens to the finished picture", default=Effects()
+    )
     objects: tuple[Object, ...] = key("drawn in this order, the first one at the back", default=())
 
     def __post_init__(self) -> None:
@@ -145,8 +147,8 @@ def _check_object_times(protocol: Protocol, thing: Object) -> None:
         thing.onset_s + thing.duration_s > timing.motion_s * (1 + 1e-9)
     ):
         raise StimulusError(
-            f"onset_s + duration_s = {thing.onset_s + thing.duration_s:g} is after the motion's end "
-            f"(timing.motion_s = {timing.motion_s:g}); shorten it"
+            f"onset_s + duration_s = {thing.onset_s + thing.duration_s:g} is after the motion's "
+            f"end (timing.motion_s = {timing.motion_s:g}); shorten it"
         )
     if thing.growth is not None and thing.growth.contact_s is not None:
         _check_contact(protocol, thing, thing.growth.contact_s)

@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oppload_cli.stimulus.figures import Painter, PatchPainter
 from oppload_cli.stimulus.kinematics import pose_of
-from oppload_cli.stimulus.painters import painter_of
+from oppload_cli.stimulus.objects import GRATINGS
+from oppload_cli.stimulus.patterns import (
+    DotsPainter,
+    GratingPainter,
+    PatternPainter,
+    TexturePainter,
+)
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
 
 if TYPE_CHECKING:
@@ -17,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.stimulus.kinematics import Pose
+    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
 
 # v / 255 in single precision, rounded once
@@ -76,7 +84,7 @@ class Renderer:
             uint8 (h, w).
         """
         picture = self.luminance(frame)
-        return np.clip(np.rint(picture * np.float32(255)), 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(np.rint(picture * np.float32(255)), 0, 255), dtype=np.uint8)
 
     def luminance(self, frame: int) -> NDArray[np.float32]:
         """Return a frame's luminance before it is rounded to 8 bits.
@@ -93,10 +101,7 @@ class Renderer:
         """
         effects = self.protocol.effects
         time = self.protocol.time_of(frame)
-        if effects.shutter:
-            picture = self._blurred(time)
-        else:
-            picture = self._picture(time)
+        picture = self._blurred(time) if effects.shutter else self._picture(time)
         if effects.invert:
             picture = 1 - picture
         if effects.noise:
@@ -148,6 +153,31 @@ def frames(protocol: Protocol) -> Iterator[StimulusFrame]:
         grey = renderer.grey(index)
         truth = frame_truth(protocol, index)
         yield StimulusFrame(index, truth.time_s, grey, LUMINANCE[grey], truth)
+
+
+def painter_of(protocol: Protocol, thing: Object) -> Painter:
+    """Return the painter of an object.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+    thing : Object
+        One of its objects.
+
+    Returns
+    -------
+    Painter
+    """
+    if thing.kind in GRATINGS:
+        return GratingPainter(protocol, thing)
+    others: dict[str, type[Painter]] = {
+        "field": PatternPainter,
+        "texture": TexturePainter,
+        "dots": DotsPainter,
+        "patch": PatchPainter,
+    }
+    return others.get(thing.kind, Painter)(protocol, thing)
 
 
 def _same_look(first: list[Pose], second: list[Pose]) -> bool:

@@ -7,8 +7,9 @@ from dataclasses import MISSING, Field, fields
 from fractions import Fraction
 from typing import Any
 
+from oppload_cli.stimulus.changes import Brightness, Growth
 from oppload_cli.stimulus.declare import Table, hints, members
-from oppload_cli.stimulus.objects import KINDS, Brightness, Growth, Object
+from oppload_cli.stimulus.objects import KINDS, Object
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import Display, Effects, Motion, Scene, Timing
 
@@ -162,14 +163,13 @@ def _type_schema(hint: Any, metadata: Any) -> dict[str, Any]:
         if kinds is None:
             return _table_schema(hint)
         return {"oneOf": [_table_schema(hint, kind) for kind in kinds]}
-    if hint is str:
-        return (
-            {"type": "string", "enum": list(metadata["choices"])}
-            if metadata["choices"]
-            else {"type": "string"}
-        )
-    if hint is bool:
-        return {"type": "boolean"}
+    if hint in {str, bool}:
+        plain = {"type": "string" if hint is str else "boolean"}
+        return plain | ({"enum": list(metadata["choices"])} if metadata["choices"] else {})
+    return _number_schema(hint, metadata)
+
+
+def _number_schema(hint: Any, metadata: Any) -> dict[str, Any]:
     bounds = {"low": "minimum", "above": "exclusiveMinimum", "high": "maximum"}
     number: dict[str, Any] = {"type": "integer" if hint is int else "number"}
     number |= {bounds[name]: metadata[name] for name in bounds if metadata[name] is not None}

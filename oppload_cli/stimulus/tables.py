@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from fractions import Fraction
@@ -33,7 +34,7 @@ def check_times(times: tuple[float, ...], values: tuple[Any, ...], first: str, s
             f"{first} and {second} must be lists of the same length, not {len(times)} and "
             f"{len(values)} values"
         )
-    if any(after <= before for before, after in zip(times, times[1:], strict=False)):
+    if any(after <= before for before, after in itertools.pairwise(times)):
         raise StimulusError(f"{first} must rise from value to value")
 
 
@@ -43,7 +44,7 @@ class Display(Table):
 
     width: int = key("width of the picture", unit="px", low=8, high=8192)
     height: int = key("height of the picture", unit="px", low=8, high=8192)
-    frame_rate: Fraction = key(
+    frame_rate: Fraction = key(  # noqa: RUF009
         "frames per second, a number or a fraction as text",
         default=Fraction(30),
         unit="Hz",
@@ -166,7 +167,9 @@ class Scene(Table):
     rotation_deg: float = key(
         "turn of the whole scene about its middle, counter-clockwise", default=0.0, unit="deg"
     )
-    motion: Motion | None = key("common motion of all objects", default=None)
+    motion: Motion | None = key(  # noqa: RUF009
+        "common motion of all objects", default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -76,7 +76,7 @@ class Texture:
         while self.levels[-1].shape[0] > 4:
             last = self.levels[-1]
             half = (last[0::2, 0::2] + last[1::2, 0::2] + last[0::2, 1::2] + last[1::2, 1::2]) / 4
-            self.levels.append(half)
+            self.levels.append(half.astype(np.float32))
 
     def at(self, u: NDArray[np.float64], v: NDArray[np.float64], per_pixel: float) -> Floats:
         """Return the texture at positions.
@@ -109,16 +109,37 @@ class Texture:
         (left, right, fx), (top, low, fy) = (_between(w * side - 0.5, side) for w in (u, v))
         if u.shape[0] == 1 and v.shape[1] == 1:
             rows = tile[top[:, 0]] * (1 - fy) + tile[low[:, 0]] * fy
-            return rows[:, left[0]] * (1 - fx) + rows[:, right[0]] * fx
+            return np.asarray(rows[:, left[0]] * (1 - fx) + rows[:, right[0]] * fx, np.float32)
         upper = tile[top, left] * (1 - fx) + tile[top, right] * fx
         lower = tile[low, left] * (1 - fx) + tile[low, right] * fx
-        return upper * (1 - fy) + lower * fy
+        return np.asarray(upper * (1 - fy) + lower * fy, np.float32)
+
+
+def shaded(mean: float, contrast: float, values: Floats) -> Floats:
+    """Return a texture's luminance.
+
+    Parameters
+    ----------
+    mean : float
+        Mean luminance.
+    contrast : float
+        RMS contrast.
+    values : ndarray
+        Texture of mean 0 and standard deviation 1.
+
+    Returns
+    -------
+    ndarray
+        float32, cut to 0 to 1.
+    """
+    picture = np.float32(mean) * (1 + np.float32(contrast) * values)
+    return np.asarray(np.clip(picture, 0.0, 1.0), dtype=np.float32)
 
 
 def _between(
     position: NDArray[np.float64], side: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Indices of the two samples around a position, and the weight of the second."""
+    """Find the two samples around a position, and the weight of the second."""
     floor = np.floor(position)
     first = floor.astype(np.intp) % side
     return first, (first + 1) % side, (position - floor).astype(np.float32)

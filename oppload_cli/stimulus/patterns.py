@@ -1,4 +1,4 @@
-"""Painters: each puts one object of a protocol onto the picture."""
+"""Painters of patterns, which fill the display or a round aperture."""
 
 from __future__ import annotations
 
@@ -8,90 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
+from oppload_cli.stimulus.coverage import Window, disk_coverage
 from oppload_cli.stimulus.dots import DotField
-from oppload_cli.stimulus.geometry import WIDEST_DEG, Projection
+from oppload_cli.stimulus.figures import Painter
+from oppload_cli.stimulus.geometry import WIDEST_DEG
 from oppload_cli.stimulus.gratings import sine_wave, square_wave
-from oppload_cli.stimulus.objects import GRATINGS
-from oppload_cli.stimulus.outline import corners_of, middle_of
-from oppload_cli.stimulus.texture import LARGEST_TILE, Texture, generator, noise_tile
+from oppload_cli.stimulus.texture import LARGEST_TILE, Texture, generator, noise_tile, shaded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.stimulus.kinematics import Pose
-    from oppload_cli.stimulus.objects import Object
-    from oppload_cli.stimulus.protocol import Protocol
 
     Floats = NDArray[np.float64]
     Picture = NDArray[np.float32]
-
-
-class Painter:
-    """Paints an object of one colour; the base of the others.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    thing : Object
-        The object to paint.
-    """
-
-    def __init__(self, protocol: Protocol, thing: Object) -> None:
-        self.protocol, self.thing = protocol, thing
-        self.projection = Projection.of(protocol.display)
-        self.height, self.width = protocol.display.height, protocol.display.width
-
-    def paint(self, picture: Picture, pose: Pose) -> None:
-        """Paint the object over what is there.
-
-        Parameters
-        ----------
-        picture : ndarray
-            float32 (h, w), luminance; changed in place.
-        pose : Pose
-            Where the object is.
-        """
-        window, coverage = self.coverage(pose)
-        if not coverage.size:
-            return
-        part = picture[window.slices]
-        part += (self.colours(pose, window) - part) * coverage.astype(np.float32)
-
-    def coverage(self, pose: Pose) -> tuple[Window, Floats]:
-        """Return which share of each pixel the object covers.
-
-        Parameters
-        ----------
-        pose : Pose
-            Where the object is.
-
-        Returns
-        -------
-        Window
-            The pixels it touches.
-        ndarray
-            float64 of the window's shape, 0 to 1.
-        """
-        return figure_coverage(self.projection, self.thing, pose, self.height, self.width)
-
-    def colours(self, pose: Pose, window: Window) -> Picture | np.float32:  # noqa: ARG002
-        """Return the luminance of the object's pixels.
-
-        Parameters
-        ----------
-        pose : Pose
-            Where the object is.
-        window : Window
-            The pixels wanted.
-
-        Returns
-        -------
-        ndarray or numpy.float32
-            One value for all, or float32 of the window's shape.
-        """
-        return np.float32(pose.luminance)
 
 
 class PatternPainter(Painter):
@@ -111,8 +41,8 @@ class PatternPainter(Painter):
     def grid_deg(self) -> tuple[Floats, Floats]:
         """Degrees right and up of the pixels' centres: (1, w) and (h, 1), or both (h, w)."""
         middle_x, middle_y = self.projection.middle
-        x = (np.arange(self.width)[None, :] + 0.5 - middle_x) / self.projection.scale
-        y = (middle_y - np.arange(self.height)[:, None] - 0.5) / self.projection.scale
+        x: Floats = (np.arange(self.width)[None, :] + 0.5 - middle_x) / self.projection.scale
+        y: Floats = (middle_y - np.arange(self.height)[:, None] - 0.5) / self.projection.scale
         if not self.projection.perspective:
             return x, y
         # the eccentricity of a pixel is the arctangent of its distance from the middle
@@ -207,32 +137,6 @@ class TexturePainter(PatternPainter):
         return shaded(pose.luminance, self.thing.contrast, values)
 
 
-class PatchPainter(Painter):
-    """Paints a textured disk; the texture grows with it."""
-
-    SIDE = 256
-
-    @cached_property
-    def texture(self) -> Texture:
-        """One tile spans the disk."""
-        random = generator(self.protocol.seed, self.thing.id)
-        return Texture(noise_tile(self.SIDE, self.thing.exponent, self.SIDE / 8, random))
-
-    def colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the texture, turned and scaled as the disk is."""
-        (x, y), (ahead, behind) = middle_of(self.projection, pose)
-        size = max(ahead + behind, 1e-9)
-        angle = math.radians(pose.orientation_deg)
-        u = (np.arange(window.left, window.right)[None, :] + 0.5 - x) / size
-        v = (np.arange(window.top, window.bottom)[:, None] + 0.5 - y) / size
-        if angle:
-            u, v = (
-                u * math.cos(angle) - v * math.sin(angle),
-                u * math.sin(angle) + v * math.cos(angle),
-            )
-        return shaded(pose.luminance, self.thing.contrast, self.texture.at(u, v, self.SIDE / size))
-
-
 class DotsPainter(PatternPainter):
     """Paints random dots on an even ground."""
 
@@ -267,87 +171,6 @@ class DotsPainter(PatternPainter):
             scale = self.projection.eye_px * np.tan(np.radians(away)) / np.maximum(away, 1e-12)
         middle_x, middle_y = self.projection.middle
         return middle_x + scale * places[:, 0], middle_y - scale * places[:, 1]
-
-
-def figure_coverage(
-    projection: Projection, thing: Object, pose: Pose, height: int, width: int
-) -> tuple[Window, Floats]:
-    """Return which share of each pixel a figure covers.
-
-    Parameters
-    ----------
-    projection : Projection
-        From degrees to pixels.
-    thing : Object
-        The figure.
-    pose : Pose
-        Where it is.
-    height, width : int
-        The display in pixels.
-
-    Returns
-    -------
-    Window
-        The pixels it touches.
-    ndarray
-        float64 of the window's shape, 0 to 1.
-    """
-    if thing.kind in {"disk", "patch", "ring"}:
-        (x, y), (ahead, behind) = middle_of(projection, pose)
-        window, coverage = disk_coverage(x, y, (ahead + behind) / 2, height, width)
-        inner = pose.extent.size / 2 - (thing.width_deg or 0.0)
-        if thing.kind == "ring" and inner > 0:
-            hole, open_share = disk_coverage(x, y, projection.reach(inner), height, width)
-            rows = slice(hole.top - window.top, hole.bottom - window.top)
-            columns = slice(hole.left - window.left, hole.right - window.left)
-            coverage[rows, columns] -= open_share
-        return window, np.maximum(coverage, 0.0)
-    return polygon_coverage(corners_of(projection, thing, pose, height, width), height, width)
-
-
-def shaded(mean: float, contrast: float, values: Picture) -> Picture:
-    """Return a texture's luminance.
-
-    Parameters
-    ----------
-    mean : float
-        Mean luminance.
-    contrast : float
-        RMS contrast.
-    values : ndarray
-        Texture of mean 0 and standard deviation 1.
-
-    Returns
-    -------
-    ndarray
-        float32, cut to 0 to 1.
-    """
-    return np.clip(np.float32(mean) * (1 + np.float32(contrast) * values), 0.0, 1.0)
-
-
-def painter_of(protocol: Protocol, thing: Object) -> Painter:
-    """Return the painter of an object.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    thing : Object
-        One of its objects.
-
-    Returns
-    -------
-    Painter
-    """
-    if thing.kind in GRATINGS:
-        return GratingPainter(protocol, thing)
-    others: dict[str, type[Painter]] = {
-        "field": PatternPainter,
-        "texture": TexturePainter,
-        "dots": DotsPainter,
-        "patch": PatchPainter,
-    }
-    return others.get(thing.kind, Painter)(protocol, thing)
 
 
 def _clean(value: float) -> float:
