@@ -107,8 +107,8 @@ class PatchPainter(Painter):
         (x, y), (ahead, behind) = middle_of(self.projection, pose)
         size = max(ahead + behind, 1e-9)
         angle = math.radians(pose.orientation_deg)
-        u: Floats = (np.arange(window.left, window.right)[None, :] + 0.5 - x) / size
-        v: Floats = (np.arange(window.top, window.bottom)[:, None] + 0.5 - y) / size
+        u: Floats = (np.arange(window.left + 0.5, window.right)[None, :] - x) / size
+        v: Floats = (np.arange(window.top + 0.5, window.bottom)[:, None] - y) / size
         if angle:
             u, v = (
                 u * math.cos(angle) - v * math.sin(angle),

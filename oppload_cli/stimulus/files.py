@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from oppload_cli.errors import OpploadError, OutputError, StimulusError
+from oppload_cli.errors import OutputError, StimulusError
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.sheet import contact_sheet, sheet_frames
 from oppload_cli.stimulus.truth import ground_truth
@@ -133,30 +133,29 @@ def write(
     display, renderer = protocol.display, Renderer(protocol)
     shown = set(sheet_frames(protocol.frame_count)) if preview else set()
     kept = []
-    # the truth first: a video is never there without it
+    with open_writer(
+        made.video,
+        form,
+        width=display.width,
+        height=display.height,
+        frame_rate=display.frame_rate,
+        count=protocol.frame_count,
+    ) as video:
+        for index in range(protocol.frame_count):
+            grey = renderer.grey(index)
+            video.write(grey)
+            if index in shown:
+                kept.append(grey)
+            if progress is not None:
+                progress(1)
     truth = json.dumps(ground_truth(protocol), indent=1, ensure_ascii=False) + "\n"
     try:
         write_atomic(made.truth, truth.encode())
-        with open_writer(
-            made.video,
-            form,
-            width=display.width,
-            height=display.height,
-            frame_rate=display.frame_rate,
-            count=protocol.frame_count,
-        ) as video:
-            for index in range(protocol.frame_count):
-                grey = renderer.grey(index)
-                video.write(grey)
-                if index in shown:
-                    kept.append(grey)
-                if progress is not None:
-                    progress(1)
         if made.preview is not None:
             write_atomic(made.preview, png_bytes(contact_sheet(kept)))
-    except BaseException as problem:
-        for path in (made.video, made.truth, made.preview):
-            if path is not None and isinstance(problem, OpploadError | KeyboardInterrupt):
-                remove(path)
+    except BaseException:
+        # a video without its truth would be taken for a whole result
+        for path in (made.video, made.truth):
+            remove(path)
         raise
     return made

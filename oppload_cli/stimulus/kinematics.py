@@ -121,7 +121,9 @@ def pose_of(protocol: Protocol, thing: Object, time: float) -> Pose:
         velocity_deg_s=moved,
         orientation_deg=thing.axis_deg + turn + _scene_turn(protocol, time),
         extent=extent,
-        luminance=luminance_at(thing.brightness, thing.base_luminance, elapsed, end - start),
+        luminance=luminance_at(
+            thing.brightness, thing.base_luminance, min(time, end) - start, end - start
+        ),
         zoom=math.exp(thing.motion.zoom_per_s * phase) if thing.motion else 1.0,
         travel_deg=travel,
         contact_in_s=_contact_in(thing, time, start, end),

@@ -64,7 +64,7 @@ def luminance_at(
     base : float
         The object's luminance, 0 to 1.
     elapsed, duration : float
-        Seconds since its motion's start, and how long its motion lasts.
+        Seconds since its motion's start (negative before), and how long it lasts.
 
     Returns
     -------
@@ -83,7 +83,9 @@ def luminance_at(
         cycle = since * (brightness.frequency_hz or 0.0)
         sine = brightness.waveform == "sine"
         # a cycle starts at the base; 1e-9 keeps a frame on the switch on one side of it
-        share = (1 - math.cos(2 * math.pi * cycle)) / 2 if sine else float((cycle + 1e-9) % 1 < 0.5)
+        share = (
+            (1 - math.cos(2 * math.pi * cycle)) / 2 if sine else float((cycle + 1e-9) % 1 >= 0.5)
+        )
     return base + (brightness.to - base) * share
 
 

@@ -41,8 +41,8 @@ class PatternPainter(Painter):
     def grid_deg(self) -> tuple[Floats, Floats]:
         """Degrees right and up of the pixels' centres: (1, w) and (h, 1), or both (h, w)."""
         middle_x, middle_y = self.projection.middle
-        x: Floats = (np.arange(self.width)[None, :] + 0.5 - middle_x) / self.projection.scale
-        y: Floats = (middle_y - np.arange(self.height)[:, None] - 0.5) / self.projection.scale
+        x: Floats = (np.arange(0.5, self.width)[None, :] - middle_x) / self.projection.scale
+        y: Floats = (middle_y - np.arange(0.5, self.height)[:, None]) / self.projection.scale
         if not self.projection.perspective:
             return x, y
         # the eccentricity of a pixel is the arctangent of its distance from the middle

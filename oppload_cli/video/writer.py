@@ -6,6 +6,7 @@ nothing half-written carries the target's name.
 
 from __future__ import annotations
 
+import contextlib
 import io
 from dataclasses import dataclass
 from fractions import Fraction
@@ -84,10 +85,9 @@ class VideoWriter(Writer):
 
         container, codec, pixels, options = _CODECS[self.path.suffix.lower()]
         # bitexact: no dates and no random identifiers, the same frames give the same bytes
-        target = io.FileIO(self.part, "w+")
-        self._file = io.BufferedRandom(target, 1 << 20)
+        self._sink = _Sink(self.part)
         self._container: Any = av.open(
-            self._file, "w", format=container, options={"fflags": "+bitexact"}
+            self._sink, "w", format=container, options={"fflags": "+bitexact"}
         )
         self._gif = codec == "gif"
         rate = Fraction(100) if self._gif else self.frame_rate
@@ -114,21 +114,69 @@ class VideoWriter(Writer):
         frame.time_base = self._time_base
         frame.color_range = 1 if self._limited else 2
         self._container.mux(self._stream.encode(frame))
+        self._sink.check()
 
     def _close(self) -> None:
         self._container.mux(self._stream.encode())
         self._container.close()
-        self._file.close()
+        self._sink.close()
 
     def _abandon(self) -> None:
-        for thing in (getattr(self, "_container", None), getattr(self, "_file", None)):
-            # the disk is full already: what closing says has been said
-            try:
-                if thing is not None:
-                    thing.close()
-            except (OSError, ValueError):
-                continue
+        if hasattr(self, "_sink"):
+            self._sink.fail(OSError("abandoned"))
+        if hasattr(self, "_container"):
+            self._container.close()
+        if hasattr(self, "_sink"):
+            with contextlib.suppress(OSError):
+                self._sink.close()
         remove(self.part)
+
+
+class _Sink:
+    """A file that keeps what goes wrong to itself until it is asked.
+
+    The encoder's library calls it from C, where an exception cannot pass; a full disk
+    would be printed as a stack of tracebacks, and the next call would fail again.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = io.FileIO(path, "w+")
+        self._problem: OSError | None = None
+
+    def write(self, data: bytes) -> int:
+        if self._problem is None:
+            try:
+                left = memoryview(data)
+                while left:
+                    left = left[self._file.write(left) :]
+            except OSError as problem:
+                self._problem = problem
+        return len(data)
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        if self._problem is None:
+            try:
+                return self._file.seek(offset, whence)
+            except OSError as problem:
+                self._problem = problem
+        return 0
+
+    def tell(self) -> int:
+        return self._file.tell() if self._problem is None else 0
+
+    def fail(self, problem: OSError) -> None:
+        """Write nothing more."""
+        self._problem = self._problem or problem
+
+    def check(self) -> None:
+        """Raise what went wrong."""
+        if self._problem is not None:
+            raise self._problem
+
+    def close(self) -> None:
+        """Close the file, and raise what went wrong."""
+        self._file.close()
+        self.check()
 
 
 def open_writer(
