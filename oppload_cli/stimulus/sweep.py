@@ -13,7 +13,7 @@ TABLES = ("display", "timing", "scene", "effects")
 MOST_MEMBERS = 10_000
 
 
-def sweep_of(table: object, where: str) -> dict[str, list[Any]]:
+def sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any]]:
     """Read a ``[sweep]`` table.
 
     Parameters
@@ -22,6 +22,8 @@ def sweep_of(table: object, where: str) -> dict[str, list[Any]]:
         Lists by dotted key; dots may also nest tables.
     where : str
         The file, for the messages.
+    prefix : str
+        What the keys are nested in.
 
     Returns
     -------
@@ -36,10 +38,10 @@ def sweep_of(table: object, where: str) -> dict[str, list[Any]]:
     if not isinstance(table, dict):
         raise StimulusError(f"{where}: sweep must be a table of lists, not {table!r}")
     flat: dict[str, list[Any]] = {}
-    for name, value in table.items():
+    for key, value in table.items():
+        name = f"{prefix}{key}"
         if isinstance(value, dict):
-            nested = sweep_of(value, where)
-            flat.update({f"{name}.{dotted}": values for dotted, values in nested.items()})
+            flat.update(sweep_of(value, where, f"{name}."))
         elif not isinstance(value, list):
             raise StimulusError(f"{where}: sweep: {name} takes a list of values, not {value!r}")
         elif not value:

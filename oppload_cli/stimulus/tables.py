@@ -134,7 +134,7 @@ class Motion(Table):
         low=-20,
         high=20,
     )
-    shake_deg: float = key("RMS amplitude of a shake", default=0.0, unit="deg", low=0, high=90)
+    shake_deg: float = key("RMS distance of a shake from its middle", default=0.0, unit="deg", low=0, high=90)
     shake_hz: float = key(
         "middle frequency of the shake", default=4.0, unit="Hz", above=0, high=500
     )

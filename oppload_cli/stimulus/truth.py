@@ -118,7 +118,8 @@ def ground_truth(protocol: Protocol) -> dict[str, Any]:
         As described in ``docs/stimuli.md``.
     """
     display = protocol.display
-    listed = [asdict(frame_truth(protocol, index)) for index in range(protocol.frame_count)]
+    truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
+    listed = [{**asdict(truth), "objects": [asdict(o) for o in truth.objects]} for truth in truths]
     rate = display.frame_rate
     return {
         "schema": SCHEMA,

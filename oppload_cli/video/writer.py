@@ -59,7 +59,7 @@ FORMATS = {
     for one in (
         Format("ffv1", ".mkv", "lossless; the container rounds frame times to 1 ms"),
         Format("avi", ".avi", "lossless FFV1; frame times exact"),
-        Format("mp4", ".mp4", "lossy H.264: a few grey levels at edges", even=True),
+        Format("mp4", ".mp4", "lossy H.264: up to 6 grey levels, 0.3 on average", even=True),
         Format("png", "", "lossless; one image per frame in a folder, no frame times"),
         Format("npz", ".npz", "lossless; frame times exact, not a video"),
         Format("gif", ".gif", "lossless; frame times rounded to 10 ms", fastest_hz=50.0),
@@ -72,7 +72,7 @@ _FFV1 = {"level": "3", "coder": "1", "context": "0", "g": "1", "slices": "4", "s
 _CODECS: dict[str, tuple[str, str, str, dict[str, str]]] = {
     ".mkv": ("matroska", "ffv1", "gray", _FFV1),
     ".avi": ("avi", "ffv1", "gray", _FFV1),
-    ".mp4": ("mp4", "libx264", "yuv420p", {"crf": "8", "preset": "medium", "tune": "animation"}),
+    ".mp4": ("mp4", "libx264", "yuv420p", {"crf": "1", "preset": "medium", "tune": "psnr"}),
     ".gif": ("gif", "gif", "gray", {}),
 }
 

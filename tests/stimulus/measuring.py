@@ -1,0 +1,85 @@
+"""Measures figures in rendered frames, for comparison with what the ground truth states."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from oppload_cli.stimulus import Effects, Object, Protocol, Renderer, frame_truth
+from oppload_cli.stimulus.geometry import Projection
+from oppload_cli.stimulus.objects import SIZED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+# below this many pixels a thresholded figure has no measurable size
+LEAST_PX = 4.0
+# whole pixels would round both sides of an upright square the same way, up to a pixel in all
+FINE = 4
+
+
+def worst_errors(protocol: Protocol, frames: Iterable[int]) -> tuple[float, float, int]:
+    """Return the largest error of size and of centre in pixels, and how often was measured."""
+    size_error = centre_error = 0.0
+    count = 0
+    for thing in protocol.objects:
+        if thing.kind not in SIZED:
+            continue
+        alone = _alone(protocol, thing)
+        renderer = Renderer(alone)
+        for frame in frames:
+            truth = frame_truth(alone, frame).objects[0]
+            stated = _size_px(alone, truth.angular_size_deg or 0.0)
+            width = _size_px(alone, thing.width_deg or 1e9)
+            dark = _thresholded(renderer.grey(frame))
+            rim = dark[0].any() or dark[-1].any() or dark[:, 0].any() or dark[:, -1].any()
+            if min(stated, width) < LEAST_PX or rim or not truth.visible:
+                continue
+            rows, columns = (index / FINE for index in np.nonzero(dark))
+            measured = _size_of(thing.kind, float(dark.sum()) / FINE**2, width)
+            size_error = max(size_error, abs(measured - stated))
+            x, y = columns.mean() + 0.5 / FINE, rows.mean() + 0.5 / FINE
+            off = math.hypot(x - truth.centre_x_px, y - truth.centre_y_px)
+            centre_error = max(centre_error, off)
+            count += 1
+    return size_error, centre_error, count
+
+
+def _thresholded(grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Cut at half the contrast, the grey levels interpolated between pixels."""
+    fine = cv2.resize(grey.astype(np.float32), None, fx=FINE, fy=FINE)
+    return np.asarray(fine < 127.5)
+
+
+def _alone(protocol: Protocol, thing: Object) -> Protocol:
+    """Put one object, black, on white: nothing else in the picture."""
+    kind = "disk" if thing.kind == "patch" else thing.kind
+    contrast = 1.0 if kind != thing.kind else thing.contrast
+    black = dataclasses.replace(
+        thing, kind=kind, luminance=0.0, brightness=None, contrast=contrast, exponent=1.0
+    )
+    display = dataclasses.replace(protocol.display, background=1.0)
+    return dataclasses.replace(protocol, objects=(black,), display=display, effects=Effects())
+
+
+def _size_px(protocol: Protocol, angle_deg: float) -> float:
+    return 2 * Projection.of(protocol.display).reach(angle_deg / 2)
+
+
+def _size_of(kind: str, area: float, width: float) -> float:
+    """Size that a figure of this area has."""
+    if kind == "bar":
+        return area / width
+    if kind == "square":
+        return math.sqrt(area)
+    if kind == "cross":
+        return (area / width + width) / 2 if area > width**2 else math.sqrt(area)
+    if kind == "ring" and area > math.pi * width**2:
+        return area / (math.pi * width) + width
+    return 2 * math.sqrt(area / math.pi)

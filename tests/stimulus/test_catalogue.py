@@ -1,0 +1,199 @@
+"""The catalogue: complete, found everywhere, and true to its ground truth."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from stimulus.measuring import worst_errors
+
+from oppload_cli import stimulus
+from oppload_cli.errors import StimulusError
+from oppload_cli.stimulus.batch import write_all
+from oppload_cli.stimulus.catalogue import catalogue_directory
+from oppload_cli.stimulus.files import Written
+
+ENTRIES = [entry.name for entry in stimulus.entries()]
+
+
+def test_every_entry_is_described_and_has_a_source() -> None:
+    for entry in stimulus.entries():
+        assert entry.description
+        assert "\n" not in entry.description
+        assert entry.source
+        assert entry.tags
+    assert {name.split("/")[0] for name in ENTRIES} == {"opplod2023", "klapoetke2017", "controls"}
+
+
+def test_more_than_150_stimuli_of_different_names_and_content() -> None:
+    protocols = [protocol for name in ENTRIES for protocol in stimulus.load_all(name)]
+    names = [protocol.name for protocol in protocols]
+    assert len(names) == len(set(names)) > 150
+    files = [stimulus.file_stem(name) for name in names]
+    assert len(files) == len(set(files))
+    for protocol in protocols:
+        assert 0.5 <= protocol.timing.total_s <= 4
+        assert protocol.display.width % 2 == protocol.display.height % 2 == 0
+
+
+def test_kinds_and_growths_all_appear() -> None:
+    objects = [thing for name in ENTRIES for p in stimulus.load_all(name) for thing in p.objects]
+    assert {thing.kind for thing in objects} >= {
+        *("disk", "square", "cross", "bar", "ring", "patch", "edge", "field"),
+        *("square-grating", "sine-grating", "plaid", "texture", "dots"),
+    }
+    growths = {thing.growth.kind for thing in objects if thing.growth is not None}
+    assert growths == {"edge-speed", "approach", "steps"}
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "width", "speed", "end"),
+    [
+        ("loom", 20, None, 10, 60),
+        ("bar-expand-10/axis-45", 10, 10, 20, 60),
+        ("bar-expand-60/axis-165", 10, 60, 20, 60),
+        ("cross-outward", 10, 10, 20, 60),
+    ],
+)
+def test_klapoetke_values(
+    name: str, size: float, width: float | None, speed: float, end: float
+) -> None:
+    protocol = stimulus.load(f"klapoetke2017/{name}")
+    (thing,) = protocol.objects
+    assert thing.growth is not None
+    shown = (thing.size_deg, thing.width_deg, thing.growth.speed_deg_s, thing.growth.end_deg)
+    assert shown == (size, width, speed, end)
+    # the motion lasts until the figure is complete
+    assert protocol.timing.motion_s == pytest.approx((end - size) / 2 / speed)
+
+
+def test_every_axis_of_the_published_responses_is_there() -> None:
+    table = Path(__file__).parents[3] / "shared" / "data" / "lplc2_klapoetke2017.csv"
+    if not table.is_file():
+        pytest.skip(f"the published responses are not at {table}")
+    with table.open() as lines:
+        rows = [row for row in csv.DictReader(lines) if row["stimulus"] == "bar_expand"]
+    assert len(rows) == 12
+    for row in rows:
+        name = f"klapoetke2017/bar-expand-{row['width_deg']}/axis-{row['axis_deg']}"
+        assert stimulus.load(name).objects[0].axis_deg == float(row["axis_deg"])
+
+
+def test_twelve_directions_and_eight() -> None:
+    assert len(stimulus.load_all("opplod2023/bar-10")) == 12
+    assert len(stimulus.load_all("klapoetke2017/bar-expand-60")) == 12
+    assert len(stimulus.load_all("controls/square-grating")) == 8
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_frames_agree_with_the_ground_truth(name: str) -> None:
+    """Thresholded size and centre within half a pixel, for one stimulus of each entry."""
+    protocols = stimulus.load_all(name)
+    protocol = protocols[len(protocols) // 3]
+    size, centre, _ = worst_errors(protocol, range(3, protocol.frame_count, 12))
+    assert size < 0.5
+    assert centre < 0.5
+
+
+def test_most_entries_are_measured() -> None:
+    """The test above is not passed by measuring nothing."""
+    measured = 0
+    for name in ENTRIES:
+        protocol = stimulus.load_all(name)[0]
+        measured += worst_errors(protocol, [protocol.frame_count // 2])[2] > 0
+    assert measured > 35
+
+
+def test_find_by_name_member_pattern_and_file(tmp_path: Path) -> None:
+    assert [entry.name for entry in stimulus.find("klapoetke2017/loom")] == ["klapoetke2017/loom"]
+    (protocol,) = stimulus.load_all("klapoetke2017/bar-expand-10/axis-45")
+    assert protocol.objects[0].axis_deg == 45
+    some = stimulus.load_all("klapoetke2017/bar-expand-?0/axis-4*")
+    assert [one.name.split("/", 1)[1] for one in some] == [
+        "bar-expand-10/axis-45",
+        "bar-expand-20/axis-45",
+        "bar-expand-60/axis-45",
+    ]
+    own = tmp_path / "own.toml"
+    shutil.copy(catalogue_directory() / "klapoetke2017" / "loom.toml", own)
+    assert stimulus.load(str(own)).name == "own"
+
+
+def test_nothing_found_suggests_the_nearest() -> None:
+    with pytest.raises(StimulusError, match="did you mean 'klapoetke2017/loom'"):
+        stimulus.find("klapoetke2017/lom")
+    with pytest.raises(StimulusError, match="oppload stimuli list"):
+        stimulus.find("zzz*")
+    with pytest.raises(StimulusError, match="is 12 stimuli; name one of them"):
+        stimulus.load("klapoetke2017/bar-expand-10")
+
+
+def test_settings() -> None:
+    (one,) = stimulus.load_all("klapoetke2017/bar-expand-10", {"bar.axis_deg": 33})
+    assert one.name == "klapoetke2017/bar-expand-10/axis-33"
+    two = stimulus.load_all("klapoetke2017/bar-expand-10", {"bar.axis_deg": [1, 2]})
+    assert [protocol.objects[0].axis_deg for protocol in two] == [1, 2]
+    fast = stimulus.load("klapoetke2017/loom", {"display.frame_rate": 144, "seed": 9})
+    assert (fast.display.frame_rate, fast.seed) == (144, 9)
+    assert stimulus.load("klapoetke2017/loom").seed == 0
+    for dotted, words in (
+        ("disc.size_deg", "did you mean 'disk'"),
+        ("disk.sise_deg", "did you mean 'size_deg'"),
+        ("size_deg", "a key starts with"),
+    ):
+        with pytest.raises(StimulusError, match=words):
+            stimulus.load("klapoetke2017/loom", {dotted: 3})
+
+
+def test_reading_the_catalogue_needs_no_numpy() -> None:
+    script = (
+        "import sys; from oppload_cli import stimulus; stimulus.load_all('klapoetke2017/*');"
+        "print([m for m in ('numpy', 'cv2', 'av', 'pandas', 'matplotlib') if m in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"
+
+
+def test_the_catalogue_is_found_in_a_wheel_as_in_the_source(tmp_path: Path) -> None:
+    """An installed wheel has it inside the package."""
+    root = Path(stimulus.__file__).parents[2]
+    assert catalogue_directory() == root / "stimuli"
+    shutil.copytree(root / "oppload_cli", tmp_path / "oppload_cli")
+    shutil.copytree(root / "stimuli", tmp_path / "oppload_cli" / "stimuli")
+    script = "from oppload_cli import stimulus; print(len(stimulus.entries()), stimulus.__file__)"
+    ran = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+    )
+    count, path = ran.stdout.split()
+    assert int(count) == len(ENTRIES)
+    assert Path(path).is_relative_to(tmp_path)
+
+
+@pytest.mark.slow
+def test_whole_catalogue(tmp_path: Path) -> None:
+    """Every stimulus is written, twice with the same bytes, and agrees with its truth."""
+    protocols = [protocol for name in ENTRIES for protocol in stimulus.load_all(name)]
+    digests = []
+    for jobs, folder in ((2, tmp_path / "a"), (1, tmp_path / "b")):
+        results = write_all(protocols, folder, jobs=jobs)
+        assert all(isinstance(one, Written) for one in results)
+        files = sorted(folder.iterdir())
+        assert len(files) == 2 * len(protocols)
+        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in files])
+        shutil.rmtree(folder)
+    assert digests[0] == digests[1]
+    for protocol in protocols:
+        size, centre, _ = worst_errors(protocol, range(protocol.frame_count))
+        assert size < 0.5, protocol.name
+        assert centre < 0.5, protocol.name

@@ -1,0 +1,246 @@
+"""Files: what each format keeps, and nothing half-written."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import re
+import resource
+import signal
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli import stimulus
+from oppload_cli.errors import OutputError, StimulusError
+from oppload_cli.stimulus import Display, Effects, Growth, Object, Protocol, Renderer, Timing
+from oppload_cli.stimulus.batch import write_all
+from oppload_cli.stimulus.sheet import contact_sheet, sheet_frames
+from oppload_cli.video.writer import FORMATS, open_writer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+LOSSLESS = ("ffv1", "avi", "png", "npz", "gif")
+
+
+def clip(width: int = 96, height: int = 64, rate: str = "30", **tables: Any) -> Protocol:
+    display = Display(
+        width=width, height=height, pixels_per_degree=2, frame_rate=Fraction(rate), background=0.8
+    )
+    things = (
+        Object(id="ground", kind="texture", contrast=0.4),
+        Object(id="disk", kind="disk", growth=Growth(kind="approach", l_over_v_ms=40, most_deg=24)),
+    )
+    return Protocol(
+        name="a/clip", display=display, timing=Timing(motion_s=0.5), objects=things, **tables
+    )
+
+
+def decoded(path: Path, form: str) -> tuple[NDArray[np.float64], list[float | None]]:
+    """Grey levels, 0 to 255, and times; decoded without any of our own code."""
+    if form == "png":
+        names = sorted(path.iterdir())
+        pictures = [cv2.imread(str(name), cv2.IMREAD_UNCHANGED) for name in names]
+        return np.array(pictures, dtype=np.float64), []
+    if form == "npz":
+        with np.load(path) as archive:
+            return archive["grey"].astype(np.float64), list(archive["time_s"])
+    frames, times = [], []
+    with av.open(str(path)) as container:
+        for frame in container.decode(video=0):
+            if form == "mp4":
+                limited = frame.to_ndarray()[: frame.height].astype(np.float64)
+                frames.append(np.clip((limited - 16) * 255 / 219, 0, 255))
+            else:
+                grey = frame.to_ndarray() if form != "gif" else frame.to_ndarray(format="gray")
+                frames.append(grey.astype(np.float64))
+            times.append(frame.time)
+    return np.array(frames), times
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_error_of_each_format(form: str, tmp_path: Path) -> None:
+    """The figures that the documentation states."""
+    protocol = clip()
+    written = stimulus.write(protocol, tmp_path, form=form)
+    frames, times = decoded(written.video, form)
+    rendered = np.array([frame.grey for frame in stimulus.frames(protocol)], dtype=np.float64)
+    assert frames.shape == rendered.shape
+    error = np.abs(frames - rendered)
+    if form in LOSSLESS:
+        assert error.max() == 0
+    else:
+        assert 0 < error.max() <= 8
+        assert error.mean() < 0.4
+    late = {"ffv1": 0.0005, "gif": 0.005}.get(form, 1e-9)
+    for index, time in enumerate(times):
+        assert time == pytest.approx(index / 30, abs=late + 1e-12)
+
+
+@pytest.mark.parametrize("form", ["ffv1", "avi"])
+@pytest.mark.parametrize("rate", ["30000/1001", "60", "144"])
+def test_frame_rate_is_kept_as_a_fraction(form: str, rate: str, tmp_path: Path) -> None:
+    written = stimulus.write(clip(rate=rate), tmp_path, form=form)
+    with av.open(str(written.video)) as container:
+        stream = container.streams.video[0]
+        assert stream.average_rate == Fraction(rate)
+        assert stream.codec_context.pix_fmt == "gray"
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_same_bytes_again(form: str, tmp_path: Path) -> None:
+    digests = []
+    for folder in ("first", "second"):
+        written = stimulus.write(clip(), tmp_path / folder, form=form, preview=True)
+        assert written.preview is not None
+        files = [written.truth, written.preview]
+        files += sorted(written.video.iterdir()) if form == "png" else [written.video]
+        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in files])
+    assert digests[0] == digests[1]
+
+
+def test_truth_and_preview_lie_beside_the_video(tmp_path: Path) -> None:
+    written = stimulus.write(clip(), tmp_path / "new" / "folder", preview=True)
+    assert sorted(path.name for path in written.video.parent.iterdir()) == [
+        "a_clip.mkv",
+        "a_clip.preview.png",
+        "a_clip.stimulus.json",
+    ]
+    truth = stimulus.read_ground_truth(written.truth)
+    assert truth == stimulus.ground_truth(clip())
+    assert len(truth["frames"]) == written.frames == 15
+    assert json.loads(written.truth.read_text())["name"] == "a/clip"
+
+
+def test_odd_sizes_and_fast_rates_are_refused_before_anything_is_written(tmp_path: Path) -> None:
+    odd = clip(width=97)
+    with pytest.raises(StimulusError, match=r"even width and height, not 97 x 64.*display\.width"):
+        stimulus.write(odd, tmp_path, form="mp4")
+    with pytest.raises(StimulusError, match=r"at most 50 frames per second.*display\.frame_rate"):
+        stimulus.write(clip(rate="60"), tmp_path, form="gif")
+    with pytest.raises(StimulusError, match="did you mean 'ffv1'"):
+        stimulus.write(odd, tmp_path, form="ffv")
+    assert list(tmp_path.iterdir()) == []
+    for form in LOSSLESS:
+        frames, _ = decoded(stimulus.write(odd, tmp_path / form, form=form).video, form)
+        assert frames.shape == (15, 64, 97)
+
+
+@pytest.fixture
+def small_disk() -> Iterator[None]:
+    """Let no file grow beyond 50 kB, as on a disk that is full."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+@pytest.mark.usefixtures("small_disk")
+@pytest.mark.parametrize("form", FORMATS)
+def test_a_full_disk_leaves_nothing_half_written(form: str, tmp_path: Path) -> None:
+    noisy = clip(width=300, height=300, effects=Effects(noise=0.3))
+    with pytest.raises(OutputError, match="cannot write: File too large") as caught:
+        stimulus.write(noisy, tmp_path, form=form)
+    assert "a_clip" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_an_interrupt_leaves_what_was_there(form: str, tmp_path: Path) -> None:
+    before = stimulus.write(clip(), tmp_path, form=form)
+    kept = sorted(path.name for path in tmp_path.rglob("*"))
+
+    def interrupted(_: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        stimulus.write(clip(seed=5), tmp_path, form=form, progress=interrupted)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == kept
+    frames, _ = decoded(before.video, form)
+    assert len(frames) == 15
+
+
+def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match="cannot write"):
+        stimulus.write(clip(), tmp_path / "file" / "folder")
+
+
+def test_a_writer_wants_all_frames_of_one_size(tmp_path: Path) -> None:
+    facts: dict[str, Any] = {"width": 16, "height": 16, "frame_rate": Fraction(30), "count": 2}
+    path = tmp_path / "a.mkv"
+    with (
+        pytest.raises(OutputError, match=re.escape("not uint8 (16, 16)")),
+        open_writer(path, "ffv1", **facts) as writer,
+    ):
+        writer.write(np.zeros((8, 8), dtype=np.uint8))
+    with (
+        pytest.raises(OutputError, match="1 frames were written, not 2"),
+        open_writer(path, "ffv1", **facts) as writer,
+    ):
+        writer.write(np.zeros((16, 16), dtype=np.uint8))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_several_at_a_time_are_the_same_files(tmp_path: Path) -> None:
+    protocols = [dataclasses.replace(clip(seed=seed), name=f"clip-{seed}") for seed in range(3)]
+    odd = dataclasses.replace(clip(width=97), name="odd")
+    counted: list[int] = []
+    results = write_all(
+        [*protocols, odd], tmp_path / "a", form="mp4", jobs=2, progress=counted.append
+    )
+    assert sum(counted) == 60
+    assert isinstance(results[3], StimulusError)
+    write_all(protocols, tmp_path / "b", form="mp4", jobs=1)
+    names = [path.name for path in sorted((tmp_path / "a").iterdir())]
+    assert names == [path.name for path in sorted((tmp_path / "b").iterdir())]
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_memory_does_not_grow_with_length(tmp_path: Path) -> None:
+    """A clip of 12 times the frames takes no more memory than its own 3 MB would show."""
+    import tracemalloc
+
+    def peak(seconds: float) -> int:
+        protocol = dataclasses.replace(
+            clip(), timing=Timing(motion_s=seconds), effects=Effects(noise=0.1)
+        )
+        tracemalloc.start()
+        stimulus.write(protocol, tmp_path, form="npz")
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(0.5)
+    short, long = peak(1.0), peak(12.0)
+    pixels = 96 * 64 * 30 * 11
+    assert long - short < pixels
+
+
+def test_contact_sheet() -> None:
+    assert sheet_frames(1) == [0]
+    assert sheet_frames(3) == [0, 1, 2]
+    assert sheet_frames(100, 4) == [0, 33, 66, 99]
+    pictures = [np.full((90, 120), level, dtype=np.uint8) for level in (0, 100, 200)]
+    sheet = contact_sheet(pictures, side=40, columns=2)
+    assert sheet.shape == (2 * 32 + 2, 2 * 42 + 2)
+    assert (sheet[10, 10], sheet[10, 50], sheet[45, 10], sheet[45, 50]) == (0, 100, 200, 128)
+
+
+def test_contact_sheet_keeps_the_mean() -> None:
+    picture = Renderer(stimulus.load("klapoetke2017/loom")).grey(20)
+    sheet = contact_sheet([picture], side=100)
+    assert sheet[2:102, 2:102].mean() == pytest.approx(picture.mean(), abs=0.1)

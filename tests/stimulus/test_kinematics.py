@@ -1,0 +1,214 @@
+"""Where things are and how large: closed forms of time."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from fractions import Fraction
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from oppload_cli.stimulus import (
+    Brightness,
+    Display,
+    Growth,
+    Motion,
+    Object,
+    Protocol,
+    Scene,
+    Timing,
+    frame_truth,
+)
+from oppload_cli.stimulus.kinematics import pose_of
+from oppload_cli.stimulus.movement import movement
+
+
+def made(thing: Object, rate: object = 30, **tables: Any) -> Protocol:
+    values: dict[str, Any] = {"timing": Timing(before_s=0.2, motion_s=1.0, after_s=0.3), **tables}
+    display = Display(width=200, height=200, pixels_per_degree=4, frame_rate=Fraction(str(rate)))
+    return Protocol(display=display, objects=(thing,), **values)
+
+
+def disk(**keys: Any) -> Object:
+    return Object(id="disk", kind="disk", **keys)
+
+
+def size(protocol: Protocol, time: float) -> float:
+    return pose_of(protocol, protocol.objects[0], time).extent.size
+
+
+@pytest.mark.parametrize("l_over_v_ms", [10, 40, 200])
+def test_constant_approach_is_never_shifted(l_over_v_ms: float) -> None:
+    protocol = made(disk(growth=Growth(kind="approach", l_over_v_ms=l_over_v_ms)))
+    for time in (0.2, 0.5, 0.9, 1.1, 1.19):
+        expected = 2 * math.degrees(math.atan(l_over_v_ms / 1000 / (1.2 - time)))
+        assert size(protocol, time) == pytest.approx(expected, abs=1e-12)
+    # in the pauses it stands still at the sizes of the motion's start and end
+    assert size(protocol, 0.0) == size(protocol, 0.2)
+    assert size(protocol, 1.3) == 180
+
+
+def test_bounds_cut_the_approach_and_do_not_shift_it() -> None:
+    growth = Growth(kind="approach", l_over_v_ms=50, least_deg=10, most_deg=40)
+    protocol = made(disk(growth=growth))
+    free = made(disk(growth=Growth(kind="approach", l_over_v_ms=50)))
+    assert size(protocol, 0.2) == 10
+    assert size(protocol, 0.9) == size(free, 0.9)
+    assert size(protocol, 1.19) == 40
+    held, growing = (frame_truth(protocol, frame).objects[0] for frame in (7, 27))
+    assert not held.looming
+    assert held.edge_speed_deg_s == 0
+    assert growing.looming
+    assert growing.time_to_contact_s == pytest.approx(1.2 - 27 / 30)
+
+
+def test_contact_may_lie_beyond_the_clip() -> None:
+    growth = Growth(kind="approach", l_over_v_ms=100, contact_s=3.0)
+    protocol = made(disk(growth=growth))
+    assert size(protocol, 0.7) == pytest.approx(2 * math.degrees(math.atan(0.1 / 2.3)))
+    assert frame_truth(protocol, 21).objects[0].time_to_contact_s == pytest.approx(2.3)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    frame=st.integers(0, 44),
+    speed=st.floats(1, 60),
+    l_over_v=st.floats(5, 300),
+    shake=st.floats(0, 3),
+    turn=st.floats(-90, 90),
+)
+def test_frame_rate_does_not_matter(
+    frame: int, speed: float, l_over_v: float, shake: float, turn: float
+) -> None:
+    """The same time at 30, 60 and 144 Hz shows the same sizes and places, to 1e-9."""
+    time = Fraction(frame, 30)
+    motion = Motion(speed_deg_s=speed / 10, shake_deg=shake, rotation_deg_s=turn)
+    for growth in (
+        Growth(kind="edge-speed", speed_deg_s=speed, end_deg=40),
+        Growth(kind="approach", l_over_v_ms=l_over_v),
+    ):
+        start = 2.0 if growth.kind == "edge-speed" else None
+        thing = disk(size_deg=start, growth=growth, motion=motion)
+        # 144 / 30 is not whole: 1/720 s is a frame of all three
+        truths = []
+        for rate in (30, 60, 720):
+            protocol = made(thing, rate, scene=Scene(motion=motion))
+            truths.append(frame_truth(protocol, int(time * rate)))
+        for other in truths[1:]:
+            assert other.time_s == pytest.approx(truths[0].time_s, abs=1e-12)
+            first, second = truths[0].objects[0], other.objects[0]
+            assert second.angular_size_deg == pytest.approx(first.angular_size_deg, abs=1e-9)
+            assert second.centre_x_px == pytest.approx(first.centre_x_px, abs=1e-9)
+            assert second.edge_speed_deg_s == pytest.approx(first.edge_speed_deg_s, abs=1e-6)
+
+
+def test_144_hz_agrees_where_frames_coincide() -> None:
+    thing = disk(growth=Growth(kind="approach", l_over_v_ms=40))
+    for frame in range(0, 45, 5):
+        slow, fast = (made(thing, rate) for rate in (30, 144))
+        a, b = frame_truth(slow, frame), frame_truth(fast, frame * 144 // 30)
+        assert b.objects[0].angular_size_deg == pytest.approx(
+            a.objects[0].angular_size_deg, abs=1e-9
+        )
+
+
+def test_receding_is_the_same_backwards() -> None:
+    growth = Growth(kind="edge-speed", speed_deg_s=10)
+    thing = disk(size_deg=5, growth=growth, motion=Motion(speed_deg_s=4))
+    forwards, backwards = made(thing), made(dataclasses.replace(thing, reverse=True))
+    for late in (0.0, 0.1, 0.55, 1.0):
+        a = pose_of(forwards, forwards.objects[0], 0.2 + late)
+        b = pose_of(backwards, backwards.objects[0], 1.2 - late)
+        assert b.extent.size == pytest.approx(a.extent.size)
+        assert b.centre_deg == pytest.approx(a.centre_deg)
+    truth = frame_truth(backwards, 15).objects[0]
+    assert truth.edge_speed_deg_s == -10
+    assert not truth.looming
+
+
+def test_one_end_only() -> None:
+    growth = Growth(kind="edge-speed", speed_deg_s=20, sides="forward", end_deg=20)
+    bar = Object(id="bar", kind="bar", size_deg=10, width_deg=4, axis_deg=90, growth=growth)
+    pose = pose_of(made(bar), bar, 0.2 + 0.25)
+    assert (pose.extent.backward, pose.extent.forward) == (5, 10)
+    truth = frame_truth(made(bar), 60 // 4).objects[0]
+    assert truth.angular_size_deg == pytest.approx(min(20, 10 + 20 * (0.5 - 0.2)))
+    # the middle as drawn moves up, at half the speed
+    assert truth.centre_x_px == pytest.approx(100)
+    assert truth.centre_y_px == pytest.approx(100 - 4 * (truth.angular_size_deg - 10) / 2)
+
+
+def test_shrinking_to_a_smaller_end() -> None:
+    growth = Growth(kind="edge-speed", speed_deg_s=10, end_deg=4)
+    protocol = made(disk(size_deg=14, growth=growth))
+    assert size(protocol, 0.4) == pytest.approx(10)
+    assert size(protocol, 1.1) == 4
+    assert frame_truth(protocol, 10).objects[0].edge_speed_deg_s == -10
+
+
+def test_steps() -> None:
+    growth = Growth(kind="steps", sizes_deg=(10, 20), times_s=(0.2, 0.5))
+    protocol = made(disk(size_deg=5, growth=growth))
+    assert [size(protocol, t) for t in (0, 0.39, 0.41, 0.69, 0.71, 1.4)] == [5, 5, 10, 10, 20, 20]
+    assert not frame_truth(protocol, 14).objects[0].looming
+
+
+def test_onset_duration_appearance() -> None:
+    thing = disk(
+        size_deg=8,
+        onset_s=0.3,
+        duration_s=0.4,
+        appears="onset",
+        vanishes="end",
+        motion=Motion(speed_deg_s=10, direction_deg=90),
+    )
+    protocol = made(thing)
+    seen = [pose_of(protocol, thing, time).visible for time in (0.49, 0.51, 0.89, 0.91)]
+    assert seen == [False, True, True, False]
+    assert pose_of(protocol, thing, 0.7).centre_deg == pytest.approx((0, 2))
+
+
+def test_scene_turns_and_shifts_everything() -> None:
+    thing = disk(size_deg=8, centre_deg=(10, 0), motion=Motion(speed_deg_s=5))
+    protocol = made(thing, scene=Scene(centre_deg=(1, 2), rotation_deg=90))
+    pose = pose_of(protocol, thing, 0.2 + 0.4)
+    assert pose.centre_deg == pytest.approx((1, 2 + 12))
+    assert pose.velocity_deg_s == pytest.approx((0, 5))
+
+
+def test_path_is_followed() -> None:
+    motion = Motion(path_deg=((0, 0), (4, 0), (4, 6)), path_s=(0, 0.4, 1.0))
+    assert movement(motion, 0.2, 0, "") == ((2, 0), (10, 0), 0)
+    (x, y), velocity, _ = movement(motion, 0.7, 0, "")
+    assert (x, y) == pytest.approx((4, 3))
+    assert velocity == pytest.approx((0, 10))
+    assert movement(motion, 5, 0, "")[0] == (4, 6)
+
+
+def test_shake_has_the_stated_size_and_no_start() -> None:
+    motion = Motion(shake_deg=2, shake_hz=5)
+    places = [movement(motion, index / 100, 0, "seed")[0] for index in range(4000)]
+    assert places[0] == (0, 0)
+    middle = [sum(place[axis] for place in places) / len(places) for axis in (0, 1)]
+    squares = [math.dist(place, middle) ** 2 for place in places]
+    assert math.sqrt(sum(squares) / len(squares)) == pytest.approx(2, rel=0.05)
+    assert movement(motion, 0.3, 0, "other")[0] != places[30]
+
+
+def test_brightness() -> None:
+    def at(brightness: Brightness, *times: float) -> list[float]:
+        thing = disk(size_deg=10, luminance=0.2, brightness=brightness)
+        return [pose_of(made(thing), thing, time).luminance for time in times]
+
+    assert at(Brightness(kind="step", to=0.8), 0.1, 0.3, 1.4) == [0.2, 0.8, 0.8]
+    ramp = Brightness(kind="ramp", to=0.8, start_s=0.2, duration_s=0.4)
+    assert at(ramp, 0.0, 0.3, 0.6, 0.9) == pytest.approx([0.2, 0.2, 0.5, 0.8])
+    whole = Brightness(kind="ramp", to=0.8)
+    assert at(whole, 0.2, 0.7, 1.2) == pytest.approx([0.2, 0.5, 0.8])
+    square = Brightness(kind="flicker", to=0.8, frequency_hz=2)
+    assert at(square, 0.1, 0.21, 0.5, 0.75) == [0.2, 0.2, 0.8, 0.2]
+    sine = Brightness(kind="flicker", to=0.8, frequency_hz=2, waveform="sine")
+    assert at(sine, 0.2, 0.45, 0.7) == pytest.approx([0.2, 0.8, 0.2])

@@ -1,0 +1,294 @@
+"""Pixels: areas, smooth motion, effects, and the same bytes every time."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+import subprocess
+import sys
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from oppload_cli import stimulus
+from oppload_cli.stimulus import (
+    Display,
+    Effects,
+    Growth,
+    Motion,
+    Object,
+    Protocol,
+    Renderer,
+    Scene,
+    Timing,
+)
+
+
+def made(*things: Object, seconds: float = 1.0, scale: float = 5.0, **tables: Any) -> Protocol:
+    display = Display(width=200, height=180, pixels_per_degree=scale)
+    values: dict[str, Any] = {"timing": Timing(motion_s=seconds), **tables}
+    return Protocol(display=display, objects=things, **values)
+
+
+def dark_area(frame: stimulus.StimulusFrame) -> float:
+    return float((1 - frame.luma.astype(np.float64)).sum())
+
+
+def test_area_of_a_growing_disk_at_every_frame() -> None:
+    """Within 0.1 %, after rounding to 8 bits, from a radius of 2 px on."""
+    growth = Growth(kind="edge-speed", speed_deg_s=14.7)
+    disk = Object(id="disk", kind="disk", size_deg=0.8, centre_deg=(0.31, -0.17), growth=growth)
+    for frame in stimulus.frames(made(disk)):
+        size = frame.truth.objects[0].angular_size_deg
+        assert size is not None
+        area = math.pi * (size * 5 / 2) ** 2
+        assert dark_area(frame) == pytest.approx(area, rel=1e-3)
+
+
+@pytest.mark.parametrize("axis", [0, 17, 45, 90, 123])
+def test_area_of_a_turned_bar_at_every_frame(axis: float) -> None:
+    growth = Growth(kind="edge-speed", speed_deg_s=9.3, end_deg=28)
+    bar = Object(
+        id="bar",
+        kind="bar",
+        size_deg=3,
+        width_deg=4.1,
+        axis_deg=axis,
+        centre_deg=(0.13, 0.29),
+        growth=growth,
+    )
+    for frame in stimulus.frames(made(bar, seconds=1.5)):
+        size = frame.truth.objects[0].angular_size_deg
+        assert size is not None
+        assert dark_area(frame) == pytest.approx(size * 4.1 * 25, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "area"),
+    [
+        ("square", {"size_deg": 10}, 100.0),
+        ("cross", {"size_deg": 16, "width_deg": 3}, 2 * 16 * 3 - 9.0),
+        ("ring", {"size_deg": 12, "width_deg": 2}, math.pi * (36 - 16)),
+        ("ring", {"size_deg": 12, "width_deg": 7}, math.pi * 36),
+    ],
+)
+def test_area_of_the_other_figures(kind: str, keys: dict[str, float], area: float) -> None:
+    figure = Object.from_table({"id": "f", "kind": kind, "axis_deg": 30, **keys}, "")
+    frame = next(stimulus.frames(made(figure, scene=Scene(centre_deg=(1.1, -0.7)))))
+    assert dark_area(frame) == pytest.approx(area * 25, rel=1e-3)
+
+
+@pytest.mark.parametrize("axis", [0, 30, 45, 77, 90])
+@pytest.mark.parametrize("pixels_per_frame", [1.0, 1.37, 2.0, 3.3])
+def test_sum_of_p_is_constant_for_an_edge(axis: float, pixels_per_frame: float) -> None:
+    """Within 0.5 % from 1 px/frame on; below, one grey level is more than that."""
+    bar = Object(
+        id="bar",
+        kind="bar",
+        size_deg=8,
+        width_deg=24,
+        axis_deg=axis,
+        growth=Growth(kind="edge-speed", speed_deg_s=pixels_per_frame * 30 / 5, sides="forward"),
+    )
+    frames = [frame.luma.astype(np.float64) for frame in stimulus.frames(made(bar, seconds=0.5))]
+    sums = [np.abs(after - before).sum() for before, after in zip(frames, frames[1:], strict=False)]
+    np.testing.assert_allclose(sums, 24 * 5 * pixels_per_frame, rtol=5e-3)
+
+
+def test_sub_pixel_motion_is_smooth_before_rounding() -> None:
+    bar = Object(
+        id="bar",
+        kind="bar",
+        size_deg=8,
+        width_deg=16,
+        axis_deg=11,
+        growth=Growth(kind="edge-speed", speed_deg_s=0.137 * 30 / 5),
+    )
+    renderer = Renderer(made(bar))
+    frames = [renderer.luminance(index).astype(np.float64) for index in range(30)]
+    sums = [np.abs(after - before).sum() for before, after in zip(frames, frames[1:], strict=False)]
+    np.testing.assert_allclose(sums, 2 * 16 * 5 * 0.137, rtol=1e-4)
+
+
+def test_directions_are_counter_clockwise_and_y_grows_down() -> None:
+    disk = Object(
+        id="disk",
+        kind="disk",
+        size_deg=4,
+        motion=Motion(speed_deg_s=10, direction_deg=90),
+        centre_deg=(5, 0),
+    )
+    protocol = made(disk)
+    last = list(stimulus.frames(protocol))[-1]
+    rows, columns = np.nonzero(last.grey < 128)
+    truth = last.truth.objects[0]
+    assert columns.mean() + 0.5 == pytest.approx(truth.centre_x_px, abs=0.05)
+    assert rows.mean() + 0.5 == pytest.approx(truth.centre_y_px, abs=0.05)
+    assert truth.centre_x_px == 125
+    assert truth.centre_y_px == pytest.approx(90 - 5 * 10 * 29 / 30)
+
+
+def test_luminance_is_the_grey_level_over_255() -> None:
+    for frame in stimulus.frames(stimulus.load("controls/looming-patch")):
+        assert frame.luma.dtype == np.float32
+        np.testing.assert_array_equal(frame.luma, frame.grey.astype(np.float32) / np.float32(255))
+        break
+
+
+def test_objects_cover_one_another_in_order() -> None:
+    back = Object(id="back", kind="square", size_deg=20, luminance=0.2)
+    front = Object(id="front", kind="square", size_deg=10, luminance=0.6)
+    grey = next(stimulus.frames(made(back, front))).grey
+    assert grey[90, 100] == 153
+    assert grey[90, 60] == 51
+    assert grey[5, 5] == 255
+
+
+def test_invert_swaps_dark_and_light() -> None:
+    disk = Object(id="disk", kind="disk", size_deg=9.7)
+    plain, inverted = (
+        next(stimulus.frames(made(disk, effects=Effects(invert=invert)))).grey.astype(int)
+        for invert in (False, True)
+    )
+    np.testing.assert_array_equal(plain + inverted, 255)
+
+
+def test_noise_has_the_stated_spread_and_differs_from_frame_to_frame() -> None:
+    field = Object(id="field", kind="field", luminance=0.5)
+    protocol = made(field, effects=Effects(noise=0.05), seed=3)
+    first, second = (Renderer(protocol).luminance(index) for index in (0, 1))
+    assert first.std() == pytest.approx(0.05, rel=0.02)
+    assert np.corrcoef(first.ravel(), second.ravel())[0, 1] == pytest.approx(0, abs=0.02)
+    other = Renderer(dataclasses.replace(protocol, seed=4)).luminance(0)
+    assert not np.array_equal(first, other)
+
+
+def test_motion_blur_averages_over_the_open_shutter() -> None:
+    bar = Object(id="bar", kind="bar", size_deg=8, width_deg=16, motion=Motion(speed_deg_s=24))
+    frame = Renderer(made(bar, effects=Effects(shutter=1.0, shutter_samples=64))).luminance(10)
+    # 4 px/frame: the edges become ramps of 4 px whose middle is where the edge would be
+    row = 1 - frame[90].astype(np.float64)
+    assert row.sum() == pytest.approx(40, rel=1e-3)
+    middle = (row * (np.arange(200) + 0.5)).sum() / row.sum()
+    assert middle == pytest.approx(100 + 4 * 10, abs=0.02)
+    assert np.count_nonzero((row > 0.01) & (row < 0.99)) == 8
+
+
+def test_aperture_and_background() -> None:
+    grating = Object(
+        id="g", kind="sine-grating", period_deg=4, size_deg=20, motion=Motion(speed_deg_s=9)
+    )
+    frames = [frame.grey for frame in stimulus.frames(made(grating))]
+    assert all(np.all(grey[:, :45] == 255) for grey in frames)
+    assert frames[5][90].min() < 20
+
+
+def test_perspective_is_the_tangent() -> None:
+    display = Display(width=300, height=300, field_of_view_deg=100, projection="perspective")
+    eye = 150 / math.tan(math.radians(50))
+    disk = Object(id="disk", kind="disk", size_deg=30, centre_deg=(25, 0))
+    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(disk,))
+    frame = next(stimulus.frames(protocol))
+    radius = eye * math.tan(math.radians(15))
+    assert dark_area(frame) == pytest.approx(math.pi * radius**2, rel=1e-3)
+    assert frame.truth.objects[0].centre_x_px == pytest.approx(
+        150 + eye * math.tan(math.radians(25))
+    )
+
+
+def test_perspective_warps_patterns_the_same_way() -> None:
+    """A cycle of a grating spans its angle wherever it is: edges lie at f tan(angle)."""
+    display = Display(width=400, height=40, field_of_view_deg=100, projection="perspective")
+    grating = Object(id="g", kind="square-grating", period_deg=20)
+    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(grating,))
+    row = next(stimulus.frames(protocol)).luma[20]
+    crossings = np.nonzero(np.diff((row > 0.5).astype(int)))[0] + 1
+    eye = 200 / math.tan(math.radians(50))
+    expected = [200 + eye * math.tan(math.radians(angle)) for angle in range(-40, 41, 10)]
+    np.testing.assert_allclose(crossings, expected, atol=1.0)
+
+
+def test_zoomed_dots_flow_outward() -> None:
+    dots = Object(
+        id="dots",
+        kind="dots",
+        dot_deg=1,
+        dots_per_100deg2=1,
+        contrast=-1,
+        motion=Motion(zoom_per_s=0.5),
+    )
+    protocol = made(dots)
+    renderer = Renderer(protocol)
+    first, later = renderer.luminance(0), renderer.luminance(15)
+    scale = math.exp(0.25)
+    rows, columns = np.nonzero(first < 0.05)
+    moved_rows = (rows + 0.5 - 90) * scale + 90
+    moved_columns = (columns + 0.5 - 100) * scale + 100
+    inside = (abs(moved_rows - 90) < 85) & (abs(moved_columns - 100) < 95)
+    values = later[moved_rows[inside].astype(int), moved_columns[inside].astype(int)]
+    assert inside.sum() > 50
+    # what moved outward is at or next to its dot
+    assert np.mean(values < 0.5) > 0.8
+
+
+def test_texture_moves_with_its_stated_speed() -> None:
+    ground = Object(id="g", kind="texture", contrast=0.3, motion=Motion(speed_deg_s=12))
+    renderer = Renderer(made(ground, seed=5))
+    # 12 deg/s at 5 px/deg and 30 Hz: 2 px/frame
+    first, fourth = renderer.luminance(0), renderer.luminance(4)
+    np.testing.assert_allclose(first[:, :-8], fourth[:, 8:], atol=1e-4)
+
+
+def test_texture_falls_as_one_over_frequency() -> None:
+    ground = Object(id="g", kind="texture", contrast=0.15, finest_deg=0.4)
+    display = Display(width=256, height=256, pixels_per_degree=5)
+    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(ground,), seed=1)
+    picture = Renderer(protocol).luminance(0).astype(np.float64)
+    assert picture.mean() == pytest.approx(0.5, abs=0.01)
+    assert picture.std() == pytest.approx(0.075, rel=0.05)
+    power = np.abs(np.fft.rfft2(picture - picture.mean())) ** 2
+    frequency = np.hypot(np.fft.fftfreq(256)[:, None], np.fft.rfftfreq(256)[None, :])
+    middle = (frequency > 0.02) & (frequency < 0.15)
+    slope = np.polyfit(np.log(frequency[middle]), np.log(power[middle]), 1)[0]
+    assert slope == pytest.approx(-2, abs=0.25)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "klapoetke2017/bar-expand-10/axis-45",
+        "controls/camera-shake/shake-1",
+        "controls/dots-coherence/coherence-0.25",
+        "controls/looming-noise/noise-0.1",
+    ],
+)
+def test_same_bytes_in_another_process(name: str) -> None:
+    script = (
+        "import hashlib, sys; from oppload_cli import stimulus;"
+        "p = stimulus.load(sys.argv[1]); d = hashlib.sha256();"
+        "[d.update(stimulus.Renderer(p).grey(i).tobytes()) for i in (0, 9, 20)];"
+        "print(d.hexdigest())"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", script, name], capture_output=True, text=True, check=True
+    )
+    protocol = stimulus.load(name)
+    digest = hashlib.sha256()
+    renderer = Renderer(protocol)
+    # another order, and one renderer for all: a frame does not depend on those before it
+    pictures = {index: renderer.grey(index).tobytes() for index in (20, 0, 9)}
+    for index in (0, 9, 20):
+        digest.update(pictures[index])
+    assert ran.stdout.strip() == digest.hexdigest()
+
+
+def test_frame_times_are_exact() -> None:
+    protocol = dataclasses.replace(
+        made(Object(id="f", kind="field")),
+        display=Display(width=20, height=20, pixels_per_degree=1, frame_rate=Fraction(30000, 1001)),
+    )
+    times = [frame.time_s for frame in stimulus.frames(protocol)]
+    assert times == [float(Fraction(index * 1001, 30000)) for index in range(30)]

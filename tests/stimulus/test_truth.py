@@ -1,0 +1,146 @@
+"""The ground truth file says what the frames show."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli import stimulus
+from oppload_cli.errors import StimulusError
+from oppload_cli.version import __version__
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_reference_disk() -> None:
+    """Radius 5 + 4 t px, t in frames, in the middle of 600 x 600."""
+    truth = stimulus.ground_truth(stimulus.load("opplod2023/looming-disk-centre"))
+    assert truth["schema"] == "oppload.stimulus/1"
+    assert truth["tool_version"] == __version__
+    assert truth["display"] == {
+        "width": 600,
+        "height": 600,
+        "frame_rate": "30/1",
+        "pixels_per_degree": 10.0,
+        "projection": "flat",
+    }
+    assert truth["looming"] is True
+    assert truth["contact_time_s"] is None
+    assert len(truth["frames"]) == 45
+    for index, frame in enumerate(truth["frames"]):
+        (disk,) = frame["objects"]
+        assert frame["frame"] == index
+        assert frame["time_s"] == index / 30
+        assert frame["looming"] is True
+        assert disk["angular_size_deg"] * 10 / 2 == pytest.approx(5 + 4 * index)
+        assert disk["edge_speed_px_frame"] == pytest.approx(4)
+        assert (disk["centre_x_px"], disk["centre_y_px"]) == (300, 300)
+        assert disk["time_to_contact_s"] is None
+
+
+def test_reference_disk_off_centre() -> None:
+    truth = stimulus.ground_truth(stimulus.load("opplod2023/looming-disk-off-centre"))
+    disk = truth["frames"][10]["objects"][0]
+    assert (disk["centre_x_px"], disk["centre_y_px"]) == pytest.approx((430, 230))
+
+
+def test_approach_has_a_time_of_contact() -> None:
+    protocol = stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-40")
+    truth = stimulus.ground_truth(protocol)
+    assert truth["contact_time_s"] == pytest.approx(2.2)
+    looming = [frame for frame in truth["frames"] if frame["looming"]]
+    for frame in looming:
+        disk = frame["objects"][0]
+        assert disk["time_to_contact_s"] == pytest.approx(2.2 - frame["time_s"])
+        expected = 2 * math.degrees(math.atan(0.04 / (2.2 - frame["time_s"])))
+        assert disk["angular_size_deg"] == pytest.approx(expected, abs=1e-9)
+    # it looms from the end of the pause until it has 60 degrees
+    assert looming[0]["time_s"] == pytest.approx(0.2)
+    assert looming[-1]["objects"][0]["angular_size_deg"] < 60
+    assert truth["frames"][-1]["objects"][0]["angular_size_deg"] == 60
+
+
+@pytest.mark.parametrize(
+    ("name", "looms"),
+    [
+        ("controls/receding-disk/l-over-v-40", False),
+        ("controls/translating-disk-direction/rotation-45", False),
+        ("controls/size-steps", False),
+        ("controls/texture-zoom/zoom-0.6", False),
+        ("klapoetke2017/bar-expand-60/axis-30", False),
+        ("controls/looming-on-moving-texture/direction-90", True),
+        ("controls/looming-ring", True),
+        ("opplod2023/approaching-block", True),
+    ],
+)
+def test_what_looms(name: str, looms: bool) -> None:
+    assert stimulus.ground_truth(stimulus.load(name))["looming"] is looms
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "controls/near-miss",
+        "controls/zigzag-disk",
+        "controls/looming-perspective",
+        "klapoetke2017/bar-expand-10-one-end/axis-30",
+        "klapoetke2017/bar-sweep/rotation-45",
+    ],
+)
+def test_edge_speed_is_the_change_of_the_size_on_the_display(name: str) -> None:
+    """A central difference of finely spaced truths gives the same pixels per frame."""
+    coarse = stimulus.load(name)
+    rate = coarse.display.frame_rate
+    fine = stimulus.load(name, {"display.frame_rate": str(rate * 100)})
+    for frame in range(8, 20):
+        stated = stimulus.frame_truth(coarse, frame).objects[0]
+        before, after = (
+            stimulus.frame_truth(fine, frame * 100 + step).objects[0] for step in (-1, 1)
+        )
+        if coarse.objects[0].growth is None:
+            moved = math.hypot(
+                after.centre_x_px - before.centre_x_px, after.centre_y_px - before.centre_y_px
+            )
+            expected = moved / 2 * 100
+        else:
+            assert after.angular_size_deg is not None
+            assert before.angular_size_deg is not None
+            ends = 1 if coarse.objects[0].growth.sides != "both" else 2
+            expected = _reach(coarse, after.angular_size_deg) - _reach(
+                coarse, before.angular_size_deg
+            )
+            expected *= 2 / ends / 2 * 100
+        assert stated.edge_speed_px_frame == pytest.approx(expected, rel=1e-4)
+
+
+def _reach(protocol: stimulus.Protocol, size_deg: float) -> float:
+    from oppload_cli.stimulus.geometry import Projection
+
+    return Projection.of(protocol.display).reach(size_deg / 2)
+
+
+def test_the_protocol_in_it_makes_the_same_stimulus() -> None:
+    protocol = stimulus.load("controls/camera-shake/shake-1")
+    table = json.loads(json.dumps(stimulus.ground_truth(protocol)))["protocol"]
+    assert stimulus.Protocol.from_table(table, "again") == protocol
+
+
+def test_reading(tmp_path: Path) -> None:
+    path = tmp_path / "a.stimulus.json"
+    truth = stimulus.ground_truth(stimulus.load("klapoetke2017/loom"))
+    path.write_text(json.dumps(truth), encoding="utf-8")
+    assert stimulus.read_ground_truth(path) == truth
+    for text, words in (
+        ("{", "not valid JSON"),
+        ("[1]", "its schema is None"),
+        ('{"schema": "oppload.stimulus/9", "frames": []}', "oppload.stimulus/9"),
+    ):
+        path.write_text(text)
+        with pytest.raises(StimulusError, match=words):
+            stimulus.read_ground_truth(path)
+    with pytest.raises(StimulusError, match="No such file"):
+        stimulus.read_ground_truth(tmp_path / "gone.json")
