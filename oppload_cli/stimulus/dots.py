@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.texture import generator
 
 if TYPE_CHECKING:
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.objects import Object
 
     Floats = NDArray[np.float64]
+
+
+MOST_DOTS = 1_000_000
 
 
 class DotField:
@@ -34,6 +38,11 @@ class DotField:
     def __init__(self, thing: Object, seed: int, view_deg: float) -> None:
         self.side = view_deg + 2 * (thing.dot_deg or 0.0)
         number = max(1, round((thing.dots_per_100deg2 or 0.0) / 100 * self.side**2))
+        if number > MOST_DOTS:
+            raise StimulusError(
+                f"object '{thing.id}': dots_per_100deg2 = {thing.dots_per_100deg2:g} makes {number} "
+                f"dots, and the most is {MOST_DOTS}; lower it, or its motion's zoom"
+            )
         random = generator(seed, thing.id)
         self.places = random.uniform(-self.side / 2, self.side / 2, (number, 2))
         directions = random.uniform(0, 2 * math.pi, number)

@@ -20,6 +20,8 @@ from oppload_cli.stimulus.objects import FIELDS, Object
 from oppload_cli.stimulus.tables import Display, Effects, Scene, Timing
 
 MOST_FRAMES = 1_000_000
+# of the logarithm of a pattern's scale
+MOST_ZOOM = 6.0
 RESERVED = ("display", "timing", "scene", "effects", "object", "sweep", "seed")
 
 
@@ -149,6 +151,12 @@ def _check_object_times(protocol: Protocol, thing: Object) -> None:
         raise StimulusError(
             f"onset_s + duration_s = {thing.onset_s + thing.duration_s:g} is after the motion's "
             f"end (timing.motion_s = {timing.motion_s:g}); shorten it"
+        )
+    zoom = thing.motion.zoom_per_s if thing.motion is not None else 0.0
+    if abs(zoom) * timing.motion_s > MOST_ZOOM:
+        raise StimulusError(
+            f"motion: zoom_per_s = {zoom:g} over {timing.motion_s:g} s scales by more than "
+            f"{math.exp(MOST_ZOOM):.0f}; keep it below {MOST_ZOOM / timing.motion_s:.3g}"
         )
     if thing.growth is not None and thing.growth.contact_s is not None:
         _check_contact(protocol, thing, thing.growth.contact_s)

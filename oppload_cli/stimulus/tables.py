@@ -55,14 +55,14 @@ class Display(Table):
         "scale in the middle of the field; give this or field_of_view_deg",
         default=None,
         unit="px/deg",
-        above=0,
+        low=0.001,
         high=10_000,
     )
     field_of_view_deg: float | None = key(
         "angle that the width spans; give this or pixels_per_degree",
         default=None,
         unit="deg",
-        above=0,
+        low=0.001,
         high=360,
     )
     projection: str = key(
@@ -134,7 +134,9 @@ class Motion(Table):
         low=-20,
         high=20,
     )
-    shake_deg: float = key("RMS distance of a shake from its middle", default=0.0, unit="deg", low=0, high=90)
+    shake_deg: float = key(
+        "RMS distance of a shake from its middle", default=0.0, unit="deg", low=0, high=90
+    )
     shake_hz: float = key(
         "middle frequency of the shake", default=4.0, unit="Hz", above=0, high=500
     )

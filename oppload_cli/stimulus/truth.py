@@ -232,8 +232,9 @@ def _edge_speed(projection: Projection, pose: Pose) -> tuple[float, float]:
     speed = math.hypot(vx, vy)
     if not speed:
         return 0.0, 0.0
-    # a short step each way is exact where the map is linear, and close where it is not
-    step = 1e-3 / speed
-    ahead = projection.to_px(x + vx * step, y + vy * step)
-    behind = projection.to_px(x - vx * step, y - vy * step)
-    return speed, math.dist(ahead, behind) / (2 * step)
+    # pixels per degree in this direction, from a short step each way
+    step = 1e-3
+    x_step, y_step = vx / speed * step, vy / speed * step
+    ahead = projection.to_px(x + x_step, y + y_step)
+    behind = projection.to_px(x - x_step, y - y_step)
+    return speed, speed * math.dist(ahead, behind) / (2 * step)

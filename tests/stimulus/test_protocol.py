@@ -106,6 +106,12 @@ MISTAKES = [
     ('id = "disk"', 'id = "display"', "display", "must be a letter"),
     ("motion_s = 1.0", "motion_s = 3600\n", "", ""),
     ("width = 100", "width = 100\nframe_rate = 5000", "", ""),
+    (
+        GOOD[GOOD.index("[[object]]") :],
+        '[[object]]\nid = "t"\nkind = "texture"\nmotion = {zoom_per_s = -7.0}\n',
+        "zoom_per_s = -7",
+        "keep it below 6",
+    ),
 ]
 
 
@@ -158,6 +164,7 @@ def test_no_objects_or_too_many_frames() -> None:
     [
         ("sine-grating", {"period_deg": 4, "luminance": 0.8}, "out of 0 to 1"),
         ("sine-grating", {}, "needs period_deg"),
+        ("sine-grating", {"period_deg": 1e-9}, "at least 0.001 deg"),
         ("dots", {"dot_deg": 1, "dots_per_100deg2": 1, "luminance": 0.9}, "brighter than 1"),
         ("texture", {"contrast": -0.5}, "at least 0"),
         ("bar", {"size_deg": 4}, "needs width_deg"),

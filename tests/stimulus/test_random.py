@@ -34,9 +34,10 @@ def table(**keys: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, Any]]:
     return drawn.map(lambda made: {name: one for name, one in made.items() if one is not None})
 
 
-number = st.floats(-5, 60)
-share = st.floats(-0.1, 1.1)
-point = st.lists(st.floats(-40, 40), min_size=2, max_size=2)
+# mostly within what is allowed, so that a good part of the protocols is valid
+number = st.floats(0.5, 40) | st.floats(0.5, 40) | st.floats(0.5, 40) | st.floats(-5, 60)
+share = st.floats(0, 0.5) | st.floats(0, 0.5) | st.floats(-0.1, 1.1)
+point = st.lists(st.floats(-8, 8), min_size=2, max_size=2)
 growth = st.one_of(
     table(
         kind=st.just("edge-speed"),
@@ -47,59 +48,78 @@ growth = st.one_of(
     table(
         kind=st.just("approach"),
         l_over_v_ms=number,
-        contact_s=maybe(st.floats(0, 2)),
+        contact_s=st.sampled_from([None, None, None, 0.05, 0.5, 3.0]),
         most_deg=maybe(number),
-        least_deg=maybe(number),
     ),
     table(
-        kind=st.just("steps"), sizes_deg=st.lists(number, max_size=3), times_s=st.just([0.0, 0.2])
+        kind=st.just("steps"),
+        sizes_deg=st.lists(number, min_size=2, max_size=3),
+        times_s=st.just([0.0, 0.2]),
     ),
 )
 motion = table(
     speed_deg_s=maybe(number),
     direction_deg=maybe(st.floats(-400, 400)),
     rotation_deg_s=maybe(number),
-    zoom_per_s=maybe(st.floats(-3, 3)),
+    zoom_per_s=st.sampled_from([None] * 9 + [-3.0, 0.5]),
     shake_deg=maybe(st.floats(0, 5)),
-    path_deg=maybe(st.lists(point, max_size=3)),
-    path_s=maybe(st.lists(st.floats(0, 1), max_size=3)),
+    path_s=st.sampled_from([None, None, None, [0.0, 0.1], [0.2, 0.1]]),
+    path_deg=st.lists(point, min_size=2, max_size=2),
+).map(lambda made: made if "path_s" in made else {k: made[k] for k in made if k != "path_deg"})
+brightness = table(kind=st.sampled_from(["step", "ramp"]), to=share) | table(
+    kind=st.just("flicker"), to=share, frequency_hz=number
 )
-brightness = table(
-    kind=st.sampled_from(["step", "ramp", "flicker"]), to=share, frequency_hz=maybe(number)
-)
-thing = table(
-    kind=st.sampled_from(KINDS),
-    luminance=maybe(share),
+needs = {
+    **dict.fromkeys(("disk", "square", "patch"), {"size_deg": number}),
+    **dict.fromkeys(("bar", "cross", "ring"), {"size_deg": number, "width_deg": number}),
+    **dict.fromkeys(("square-grating", "sine-grating", "plaid"), {"period_deg": number}),
+    "dots": {"dot_deg": st.floats(0.5, 8), "dots_per_100deg2": st.floats(0.1, 20)},
+}
+rarely = st.sampled_from([False] * 9 + [True])
+stray = table(
     size_deg=maybe(number),
     width_deg=maybe(number),
-    axis_deg=maybe(st.floats(-400, 400)),
-    centre_deg=maybe(point),
-    onset_s=maybe(st.floats(0, 0.4)),
-    reverse=maybe(st.booleans()),
     contrast=maybe(share),
     period_deg=maybe(number),
     dot_deg=maybe(st.floats(0.5, 8)),
-    dots_per_100deg2=maybe(st.floats(0.1, 20)),
     growth=maybe(growth),
+)
+common = table(
+    luminance=maybe(share),
+    axis_deg=maybe(st.floats(-400, 400)),
+    centre_deg=maybe(point),
+    onset_s=st.sampled_from([None, None, 0.05, 0.4]),
+    reverse=maybe(st.booleans()),
     motion=maybe(motion),
     brightness=maybe(brightness),
 )
+
+
+@st.composite
+def thing(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw an object that has what its kind needs, and now and then what it must not have."""
+    kind = draw(st.sampled_from(KINDS))
+    made = {"kind": kind, **draw(common), **draw(table(**needs.get(kind, {})))}
+    if "size_deg" in made and draw(st.booleans()):
+        made["growth"] = draw(growth)
+        if made["growth"]["kind"] == "approach":
+            del made["size_deg"]
+    return {**made, **draw(stray)} if draw(rarely) else made
+
+
 protocol_table = table(
-    seed=maybe(st.integers(-1, 10)),
+    seed=maybe(st.integers(0, 10)),
     display=table(
-        width=st.integers(4, 40),
-        height=st.integers(4, 40),
-        frame_rate=maybe(st.sampled_from([0, 10, 29.97, "30000/1001", 60])),
-        pixels_per_degree=maybe(st.floats(0.2, 4)),
-        field_of_view_deg=maybe(st.floats(10, 200)),
+        width=st.integers(8, 40),
+        height=st.integers(7, 40),
+        frame_rate=st.sampled_from([None, 10, 29.97, "30000/1001", 60, None, 0]),
+        field_of_view_deg=st.floats(10, 170) | st.floats(10, 200),
         projection=maybe(st.sampled_from(["flat", "perspective"])),
     ),
-    timing=table(
-        before_s=maybe(st.floats(-0.1, 0.2)), motion_s=st.floats(0, 0.6), after_s=maybe(share)
-    ),
+    timing=table(before_s=maybe(share), motion_s=st.floats(0.1, 0.6), after_s=maybe(share)),
     scene=maybe(table(rotation_deg=number, centre_deg=point, motion=maybe(motion))),
     effects=maybe(table(noise=maybe(share), shutter=maybe(share), invert=maybe(st.booleans()))),
-    object=st.lists(thing, max_size=2),
+    object=st.lists(thing(), min_size=1, max_size=2),
 )
 valid_kind = {
     "disk": {"size_deg": 5.0},

@@ -1,0 +1,140 @@
+"""The JSON Schema and the reference say what the code does."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from oppload_cli.stimulus import Growth, Object, json_schema
+from oppload_cli.stimulus.catalogue import catalogue_directory
+from oppload_cli.stimulus.objects import KINDS
+from oppload_cli.stimulus.schema import SECTIONS, reference
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_the_shipped_schema_is_that_of_the_code() -> None:
+    path = catalogue_directory() / "stimulus.schema.json"
+    shipped = json.loads(path.read_text(encoding="utf-8"))
+    assert shipped == json_schema(), "run: python docs/gallery.py"
+
+
+def test_the_documented_keys_are_those_of_the_code() -> None:
+    page = (DOCS / "stimuli.md").read_text(encoding="utf-8")
+    assert reference() in page, "run: python docs/gallery.py"
+    for table in SECTIONS.values():
+        for declared in fields(table):
+            assert f"| `{declared.name}` |" in page
+
+
+def test_the_gallery_shows_the_catalogue() -> None:
+    page = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    names = [
+        path.relative_to(catalogue_directory()).with_suffix("").as_posix()
+        for path in catalogue_directory().rglob("*.toml")
+    ]
+    for name in names:
+        assert f"### `{name}`" in page, "run: python docs/gallery.py"
+        assert (DOCS / "gallery" / f"{name.replace('/', '_')}.png").is_file()
+    pictures = list((DOCS / "gallery").glob("*.png"))
+    assert len(pictures) == len(names)
+    assert sum(path.stat().st_size for path in pictures) < 1_500_000
+
+
+def test_the_example_of_the_documentation_is_valid(tmp_path: Path) -> None:
+    from oppload_cli.stimulus import load_all
+
+    page = (DOCS / "stimuli.md").read_text(encoding="utf-8")
+    example = page.split("```toml\n")[1].split("```")[0]
+    path = tmp_path / "example.toml"
+    path.write_text(example)
+    assert [protocol.name for protocol in load_all(path)] == [
+        "example/l-over-v-10",
+        "example/l-over-v-40",
+        "example/l-over-v-160",
+    ]
+
+
+def test_every_file_of_the_catalogue_is_valid_by_the_schema() -> None:
+    schema = json_schema()
+    for path in catalogue_directory().rglob("*.toml"):
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        assert problems(table, schema, schema) == [], path.name
+
+
+def test_the_schema_refuses_what_the_code_refuses() -> None:
+    schema = json_schema()
+    path = catalogue_directory() / "klapoetke2017" / "loom.toml"
+    text = path.read_text(encoding="utf-8")
+    for old, new in (
+        ("size_deg = 20", "size_deg = -20"),
+        ("size_deg = 20", "period_deg = 20"),
+        ("width = 360", "width = 36.5"),
+        ("width = 360", "widht = 360"),
+        ("motion_s = 2.0", ""),
+        ('kind = "disk"', 'kind = "dsik"'),
+        ('kind = "edge-speed"', 'kind = "approach"'),
+    ):
+        assert old in text
+        assert problems(tomllib.loads(text.replace(old, new)), schema, schema) != []
+
+
+def test_kinds_have_their_own_keys() -> None:
+    objects = json_schema()["properties"]["object"]["items"]["oneOf"]
+    assert [one["properties"]["kind"]["const"] for one in objects] == list(KINDS)
+    disk = objects[0]["properties"]
+    assert "period_deg" not in disk
+    assert disk["growth"]["oneOf"][0]["required"] == ["kind", "speed_deg_s"]
+    known = {declared.name for declared in fields(Object)}
+    assert {name for one in objects for name in one["properties"]} == known
+    steps = disk["growth"]["oneOf"]
+    growth = {declared.name for declared in fields(Growth)}
+    assert {name for one in steps for name in one["properties"]} == growth
+
+
+def problems(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list[str]:  # noqa: C901
+    """Check a value by the part of JSON Schema that is used here."""
+    found: list[str] = []
+    if "$ref" in schema:
+        schema = root["$defs"][schema["$ref"].rsplit("/", 1)[1]]
+    for word in ("oneOf", "anyOf"):
+        if word in schema:
+            fits = sum(not problems(value, option, root) for option in schema[word])
+            if fits == 0 or (word == "oneOf" and fits > 1):
+                found.append(f"{value} fits {fits} of {word}")
+    if "const" in schema and value != schema["const"]:
+        found.append(f"{value} is not {schema['const']}")
+    if "enum" in schema and value not in schema["enum"]:
+        found.append(f"{value} is none of {schema['enum']}")
+    types = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "boolean": bool,
+        "integer": int,
+        "number": (int, float),
+    }
+    if "type" in schema and not isinstance(value, types[schema["type"]]):
+        return [*found, f"{value} is not of type {schema['type']}"]
+    if isinstance(value, int | float):
+        if value < schema.get("minimum", value) or value > schema.get("maximum", value):
+            found.append(f"{value} is out of range")
+        if "exclusiveMinimum" in schema and value <= schema["exclusiveMinimum"]:
+            found.append(f"{value} is too small")
+    if isinstance(value, list):
+        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
+            found.append(f"{value} has the wrong length")
+        for one in value:
+            found += problems(one, schema.get("items", {}), root)
+    if isinstance(value, dict):
+        known, others = schema.get("properties", {}), schema.get("additionalProperties", {})
+        found += [f"{name} is missing" for name in schema.get("required", []) if name not in value]
+        for name, one in value.items():
+            if name not in known and others is False:
+                found.append(f"{name} is unknown")
+            else:
+                found += problems(one, known.get(name, others or {}), root)
+    return found
