@@ -40,8 +40,8 @@ class DotField:
         number = max(1, round((thing.dots_per_100deg2 or 0.0) / 100 * self.side**2))
         if number > MOST_DOTS:
             raise StimulusError(
-                f"object '{thing.id}': dots_per_100deg2 = {thing.dots_per_100deg2:g} makes {number} "
-                f"dots, and the most is {MOST_DOTS}; lower it, or its motion's zoom"
+                f"object '{thing.id}': dots_per_100deg2 = {thing.dots_per_100deg2:g} makes "
+                f"{number} dots, and the most is {MOST_DOTS}; lower it, or its motion's zoom"
             )
         random = generator(seed, thing.id)
         self.places = random.uniform(-self.side / 2, self.side / 2, (number, 2))

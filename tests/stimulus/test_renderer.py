@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import math
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import stimulus
+from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus import (
     Display,
     Effects,
@@ -94,7 +96,7 @@ def test_sum_of_p_is_constant_for_an_edge(axis: float, pixels_per_frame: float) 
         growth=Growth(kind="edge-speed", speed_deg_s=pixels_per_frame * 30 / 5, sides="forward"),
     )
     frames = [frame.luma.astype(np.float64) for frame in stimulus.frames(made(bar, seconds=0.5))]
-    sums = [np.abs(after - before).sum() for before, after in zip(frames, frames[1:], strict=False)]
+    sums = [np.abs(after - before).sum() for before, after in itertools.pairwise(frames)]
     np.testing.assert_allclose(sums, 24 * 5 * pixels_per_frame, rtol=5e-3)
 
 
@@ -109,7 +111,7 @@ def test_sub_pixel_motion_is_smooth_before_rounding() -> None:
     )
     renderer = Renderer(made(bar))
     frames = [renderer.luminance(index).astype(np.float64) for index in range(30)]
-    sums = [np.abs(after - before).sum() for before, after in zip(frames, frames[1:], strict=False)]
+    sums = [np.abs(after - before).sum() for before, after in itertools.pairwise(frames)]
     np.testing.assert_allclose(sums, 2 * 16 * 5 * 0.137, rtol=1e-4)
 
 
@@ -292,3 +294,11 @@ def test_frame_times_are_exact() -> None:
     )
     times = [frame.time_s for frame in stimulus.frames(protocol)]
     assert times == [float(Fraction(index * 1001, 30000)) for index in range(30)]
+
+
+def test_too_many_dots_are_an_error() -> None:
+    dots = Object(id="dots", kind="dots", dot_deg=0.1, dots_per_100deg2=10_000)
+    display = Display(width=64, height=64, field_of_view_deg=360)
+    protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(dots,))
+    with pytest.raises(StimulusError, match="object 'dots': dots_per_100deg2 = 10000 makes"):
+        next(stimulus.frames(protocol))

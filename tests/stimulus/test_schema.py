@@ -95,46 +95,51 @@ def test_kinds_have_their_own_keys() -> None:
     assert {name for one in steps for name in one["properties"]} == growth
 
 
-def problems(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list[str]:  # noqa: C901
+def problems(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list[str]:
     """Check a value by the part of JSON Schema that is used here."""
-    found: list[str] = []
     if "$ref" in schema:
         schema = root["$defs"][schema["$ref"].rsplit("/", 1)[1]]
+    found: list[str] = []
     for word in ("oneOf", "anyOf"):
         if word in schema:
             fits = sum(not problems(value, option, root) for option in schema[word])
             if fits == 0 or (word == "oneOf" and fits > 1):
                 found.append(f"{value} fits {fits} of {word}")
-    if "const" in schema and value != schema["const"]:
-        found.append(f"{value} is not {schema['const']}")
-    if "enum" in schema and value not in schema["enum"]:
-        found.append(f"{value} is none of {schema['enum']}")
-    types = {
-        "object": dict,
-        "array": list,
-        "string": str,
-        "boolean": bool,
-        "integer": int,
-        "number": (int, float),
-    }
-    if "type" in schema and not isinstance(value, types[schema["type"]]):
+    if value not in schema.get("enum", [schema.get("const", value)]):
+        found.append(f"{value} is not allowed")
+    if not isinstance(value, TYPES.get(schema.get("type", ""), object)):
         return [*found, f"{value} is not of type {schema['type']}"]
-    if isinstance(value, int | float):
-        if value < schema.get("minimum", value) or value > schema.get("maximum", value):
-            found.append(f"{value} is out of range")
-        if "exclusiveMinimum" in schema and value <= schema["exclusiveMinimum"]:
-            found.append(f"{value} is too small")
     if isinstance(value, list):
         if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
             found.append(f"{value} has the wrong length")
-        for one in value:
-            found += problems(one, schema.get("items", {}), root)
+        found += [p for one in value for p in problems(one, schema.get("items", {}), root)]
     if isinstance(value, dict):
-        known, others = schema.get("properties", {}), schema.get("additionalProperties", {})
-        found += [f"{name} is missing" for name in schema.get("required", []) if name not in value]
-        for name, one in value.items():
-            if name not in known and others is False:
-                found.append(f"{name} is unknown")
-            else:
-                found += problems(one, known.get(name, others or {}), root)
+        found += problems_of_keys(value, schema, root)
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        low, above = schema.get("minimum", value), schema.get("exclusiveMinimum", value - 1)
+        if not (low <= value <= schema.get("maximum", value) and value > above):
+            found.append(f"{value} is out of range")
+    return found
+
+
+TYPES: dict[str, Any] = {
+    "object": dict,
+    "array": list,
+    "string": str,
+    "boolean": bool,
+    "integer": int,
+    "number": (int, float),
+}
+
+
+def problems_of_keys(
+    table: dict[str, Any], schema: dict[str, Any], root: dict[str, Any]
+) -> list[str]:
+    known, others = schema.get("properties", {}), schema.get("additionalProperties", {})
+    found = [f"{name} is missing" for name in schema.get("required", []) if name not in table]
+    for name, one in table.items():
+        if name not in known and others is False:
+            found.append(f"{name} is unknown")
+        else:
+            found += problems(one, known.get(name, others or {}), root)
     return found

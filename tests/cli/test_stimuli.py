@@ -1,0 +1,217 @@
+"""``oppload stimuli``: list, show, generate, schema."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from click.testing import CliRunner, Result
+
+from oppload_cli import stimulus
+from oppload_cli.cli.stimuli import FORMATS, stimuli
+from oppload_cli.errors import ExitCode, OpploadError, OutputError, StimulusError
+from oppload_cli.video import writer
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SMALL = [
+    *("--set", "display.width=48", "--set", "display.height=40"),
+    *("--set", "display.pixels_per_degree=0.6", "--set", "timing.motion_s=0.2"),
+]
+OWN = """
+description = "own"
+[display]
+width = 41
+height = 40
+pixels_per_degree = 1
+[timing]
+motion_s = 0.2
+[[object]]
+id = "disk"
+kind = "disk"
+size_deg = 10
+"""
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(stimuli, [str(word) for word in words])
+
+
+def problem(result: Result) -> OpploadError:
+    """The error that the top level would print."""
+    assert isinstance(result.exception, OpploadError), result.output
+    return result.exception
+
+
+def test_list_is_a_table() -> None:
+    result = run("list")
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()
+    row = next(line for line in lines if line.startswith("klapoetke2017/bar-expand-10 "))
+    assert row.split()[1] == "12"
+    assert "both ends growing" in row
+    count = len(stimulus.entries())
+    assert lines[-1].startswith(f"{count} protocols, ")
+    assert int(lines[-1].split()[2]) > 150
+
+
+def test_list_as_json() -> None:
+    listed = json.loads(run("list", "--json").stdout)
+    assert [one["name"] for one in listed] == [entry.name for entry in stimulus.entries()]
+    for one in listed:
+        assert set(one) == {"name", "description", "source", "tags", "members"}
+        assert one["description"]
+        assert one["source"]
+        assert isinstance(one["tags"], list)
+        assert one["members"]
+
+
+def test_list_some() -> None:
+    listed = json.loads(run("list", "--json", "opplod2023/looming*").stdout)
+    assert [one["name"] for one in listed] == [
+        "opplod2023/looming-disk-centre",
+        "opplod2023/looming-disk-off-centre",
+    ]
+
+
+def test_show() -> None:
+    shown = run("show", "klapoetke2017/bar-expand-10").stdout
+    assert "12 axes" in shown
+    assert "Klapoetke et al. 2017" in shown
+    assert "klapoetke2017/bar-expand-10/axis-165" in shown
+    assert "360 x 360 px, 5 px/deg, flat, 30 Hz" in shown
+    assert "bar.axis_deg = [0, 15," in shown
+
+
+def test_show_as_json_is_the_resolved_protocol() -> None:
+    result = run("show", "klapoetke2017/loom", "--json", "--set", "display.frame_rate=60")
+    (table,) = json.loads(result.stdout)
+    expected = stimulus.load("klapoetke2017/loom", {"display.frame_rate": 60})
+    assert stimulus.Protocol.from_table(table, "shown") == expected
+    assert table["display"]["frame_rate"] == "60/1"
+
+
+def test_generate_writes_video_truth_and_preview(tmp_path: Path) -> None:
+    name = "opplod2023/looming-disk-centre"
+    result = run("generate", name, "-o", tmp_path / "new", "--preview", *SMALL)
+    assert result.exit_code == 0
+    assert result.stdout.strip() == str(tmp_path / "new" / "opplod2023_looming-disk-centre.mkv")
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
+        "opplod2023_looming-disk-centre.mkv",
+        "opplod2023_looming-disk-centre.preview.png",
+        "opplod2023_looming-disk-centre.stimulus.json",
+    ]
+    truth = stimulus.read_ground_truth(
+        tmp_path / "new" / "opplod2023_looming-disk-centre.stimulus.json"
+    )
+    assert truth["display"]["width"] == 48
+    assert len(truth["frames"]) == 6
+
+
+def test_generate_a_family_several_at_a_time(tmp_path: Path) -> None:
+    result = run(
+        *("generate", "controls/square-grating/axis-?5", "controls/sine-grating/axis-90"),
+        *("-o", tmp_path, "--jobs", 2, *SMALL),
+    )
+    assert result.exit_code == 0
+    assert [line.rsplit("_", 1)[1] for line in result.stdout.splitlines()] == [
+        "axis-45.mkv",
+        "axis-90.mkv",
+    ]
+
+
+def test_formats_are_those_of_the_writer() -> None:
+    assert tuple(writer.FORMATS) == FORMATS
+
+
+def test_mp4_says_that_it_is_lossy(tmp_path: Path) -> None:
+    result = run("generate", "klapoetke2017/loom", "-o", tmp_path, "--format", "mp4", *SMALL)
+    assert result.exit_code == 0
+    assert "lossy" in result.stderr
+    assert "lossy" not in result.stdout
+    assert "lossy" in run("generate", "--help").stdout
+
+
+def test_existing_files(tmp_path: Path) -> None:
+    words = ("generate", "klapoetke2017/loom", "-o", tmp_path, *SMALL)
+    run(*words)
+    path = tmp_path / "klapoetke2017_loom.mkv"
+    first = path.read_bytes()
+    found = problem(run(*words))
+    assert isinstance(found, OutputError)
+    assert "klapoetke2017_loom.mkv exists already; use --if-exists skip or overwrite" in str(found)
+    changed = (*words, "--set", "disk.luminance=0.4")
+    assert run(*changed, "--if-exists", "skip").stdout == ""
+    assert path.read_bytes() == first
+    assert run(*changed, "--if-exists", "overwrite").stdout.strip() == str(path)
+    assert path.read_bytes() != first
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["klapoetke2017/lom"], "did you mean 'klapoetke2017/loom'?"),
+        (["gone.toml"], "gone.toml: cannot read: No such file or directory; check the path"),
+        (["klapoetke2017/loom", "--set", "disk.size_deg"], "--set takes key=value"),
+        (["klapoetke2017/loom", "--set", "disk.size_deg=-3"], "size_deg must be at least 0 deg"),
+        (["klapoetke2017/loom", "--set", "dsik.size_deg=3"], "did you mean 'disk'?"),
+        (["klapoetke2017/loom", "--set", "display.frame_rate=0"], "frame_rate must be above 0 Hz"),
+        (["klapoetke2017/loom", "--set", "disk.centre_deg=[99,0]"], "outside the field"),
+        (
+            ["klapoetke2017/loom-l-over-v/l-over-v-40", "--set", "disk.growth.contact_s=0.1"],
+            "pause",
+        ),
+        (["klapoetke2017/bar-expand-10", "--set", "bar.axis_deg=[]"], "takes a number"),
+        (["klapoetke2017/loom", "--format", "mp4", "--set", "display.width=361"], "even width"),
+    ],
+)
+def test_mistakes(words: list[str], message: str, tmp_path: Path) -> None:
+    found = problem(run("generate", *words, "-o", tmp_path / "out"))
+    assert message in str(found)
+    assert "\n" not in str(found)
+    assert found.exit_code == ExitCode.USAGE
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_bad_name_does_not_stop_the_others(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    own.write_text(OWN)
+    result = run("generate", "klapoetke2017/lom", own, "-o", tmp_path)
+    assert result.exit_code == ExitCode.INCOMPLETE == 4
+    assert result.stdout.strip() == str(tmp_path / "own.mkv")
+    assert "did you mean 'klapoetke2017/loom'" in result.stderr
+
+
+def test_two_different_stimuli_of_one_name(tmp_path: Path) -> None:
+    for folder, width in (("a", "41"), ("b", "42")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "own.toml").write_text(OWN.replace("41", width))
+    words = ("generate", tmp_path / "a" / "own.toml", tmp_path / "b" / "own.toml")
+    result = run(*words, "-o", tmp_path)
+    assert result.exit_code == ExitCode.INCOMPLETE
+    assert "two different stimuli are named 'own'" in result.stderr
+
+
+def test_nothing_is_made_where_all_fails(tmp_path: Path) -> None:
+    result = run("generate", "nothing", "klapoetke2017/lom", "-o", tmp_path)
+    assert isinstance(problem(result), StimulusError)
+    assert "no stimulus 'nothing'" in result.stderr
+    assert "klapoetke2017/lom" in str(problem(result))
+
+
+def test_schema() -> None:
+    assert json.loads(run("schema").stdout) == stimulus.json_schema()
+
+
+def test_listing_imports_nothing_heavy() -> None:
+    script = (
+        "import sys; from click.testing import CliRunner;"
+        "from oppload_cli.cli.stimuli import stimuli; CliRunner().invoke(stimuli, ['list']);"
+        "print([m for m in ('numpy', 'cv2', 'av', 'pandas', 'matplotlib') if m in sys.modules])"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"
