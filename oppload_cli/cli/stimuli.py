@@ -103,7 +103,7 @@ def show(name: str, as_json: bool, settings: tuple[str, ...]) -> None:
     show_default=True,
     help="What to do where a file is there already.",
 )
-@click.option("--quiet", is_flag=True, help="No progress bar.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 @click.pass_context
 def generate(  # noqa: PLR0917 - one argument per option
     context: click.Context,
@@ -138,7 +138,7 @@ def generate(  # noqa: PLR0917 - one argument per option
         raise _reported(problems)
     if problems:
         for problem in problems:
-            click.echo(f"error: {problem}", err=True)
+            click.echo(f"oppload: {problem}", err=True)
         context.exit(ExitCode.INCOMPLETE)
 
 
@@ -230,7 +230,7 @@ def _written(
 
 def _reported(problems: list[OpploadError]) -> OpploadError:
     for problem in problems[:-1]:
-        click.echo(f"error: {problem}", err=True)
+        click.echo(f"oppload: {problem}", err=True)
     return problems[-1]
 
 

@@ -132,7 +132,7 @@ def test_mp4_says_that_it_is_lossy(tmp_path: Path) -> None:
     result = run("generate", "klapoetke2017/loom", "-o", tmp_path, "--format", "mp4", *SMALL)
     assert result.exit_code == 0
     assert "lossy" in result.stderr
-    assert "lossy" not in result.stdout
+    assert "H.264" not in result.stdout
     assert "lossy" in run("generate", "--help").stdout
 
 
@@ -181,7 +181,7 @@ def test_a_bad_name_does_not_stop_the_others(tmp_path: Path) -> None:
     own = tmp_path / "own.toml"
     own.write_text(OWN)
     result = run("generate", "klapoetke2017/lom", own, "-o", tmp_path)
-    assert result.exit_code == ExitCode.INCOMPLETE == 4
+    assert result.exit_code == ExitCode.INCOMPLETE
     assert result.stdout.strip() == str(tmp_path / "own.mkv")
     assert "did you mean 'klapoetke2017/loom'" in result.stderr
 

@@ -54,7 +54,8 @@ def decoded(path: Path, form: str) -> tuple[NDArray[np.float64], list[float | No
     if form == "npz":
         with np.load(path) as archive:
             return archive["grey"].astype(np.float64), list(archive["time_s"])
-    frames, times = [], []
+    frames: list[NDArray[np.float64]] = []
+    times: list[float | None] = []
     with av.open(str(path)) as container:
         for frame in container.decode(video=0):
             if form == "mp4":

@@ -129,7 +129,7 @@ def test_mistakes(old: str, new: str, names: str, remedy: str) -> None:
     assert names in message
     assert remedy in message
     assert message.count("\n") == 0
-    assert caught.value.exit_code == ExitCode.USAGE == 2
+    assert caught.value.exit_code == ExitCode.USAGE
 
 
 def test_negative_sizes_and_missing_ones() -> None:

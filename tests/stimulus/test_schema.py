@@ -100,11 +100,10 @@ def problems(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list[s
     if "$ref" in schema:
         schema = root["$defs"][schema["$ref"].rsplit("/", 1)[1]]
     found: list[str] = []
-    for word in ("oneOf", "anyOf"):
-        if word in schema:
-            fits = sum(not problems(value, option, root) for option in schema[word])
-            if fits == 0 or (word == "oneOf" and fits > 1):
-                found.append(f"{value} fits {fits} of {word}")
+    options = schema.get("oneOf") or schema.get("anyOf")
+    fits = sum(not problems(value, option, root) for option in options) if options else 1
+    if fits != 1 and (fits == 0 or "oneOf" in schema):
+        found.append(f"{value} fits {fits} of the options")
     if value not in schema.get("enum", [schema.get("const", value)]):
         found.append(f"{value} is not allowed")
     if not isinstance(value, TYPES.get(schema.get("type", ""), object)):
@@ -115,11 +114,7 @@ def problems(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list[s
         found += [p for one in value for p in problems(one, schema.get("items", {}), root)]
     if isinstance(value, dict):
         found += problems_of_keys(value, schema, root)
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        low, above = schema.get("minimum", value), schema.get("exclusiveMinimum", value - 1)
-        if not (low <= value <= schema.get("maximum", value) and value > above):
-            found.append(f"{value} is out of range")
-    return found
+    return found + problems_of_number(value, schema)
 
 
 TYPES: dict[str, Any] = {
@@ -130,6 +125,14 @@ TYPES: dict[str, Any] = {
     "integer": int,
     "number": (int, float),
 }
+
+
+def problems_of_number(value: Any, schema: dict[str, Any]) -> list[str]:
+    if not isinstance(value, int | float):
+        return []
+    low, above = schema.get("minimum", value), schema.get("exclusiveMinimum", value - 1)
+    inside = low <= value <= schema.get("maximum", value) and value > above
+    return [] if inside else [f"{value} is out of range"]
 
 
 def problems_of_keys(
