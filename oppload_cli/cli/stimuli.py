@@ -122,7 +122,7 @@ def generate(  # noqa: PLR0917 - one argument per option
     FILE your own .toml, GLOB a pattern such as 'klapoetke2017/*'. The paths of the
     videos are printed.
     """
-    protocols, problems = _protocols(names, _settings(settings))
+    protocols, problems = _protocols(names, _settings(settings), form)
     wanted = _not_there(protocols, directory, form, preview, if_exists)
     if form == "mp4":
         click.echo("note: mp4 (H.264) is lossy; use ffv1 for exact luminance", err=True)
@@ -157,10 +157,11 @@ def _settings(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _protocols(
-    names: Sequence[str], settings: dict[str, Any]
+    names: Sequence[str], settings: dict[str, Any], form: str
 ) -> tuple[list[Protocol], list[OpploadError]]:
     """Resolve all names; a name that fails does not stop the others."""
     from oppload_cli.stimulus.catalogue import find  # noqa: PLC0415
+    from oppload_cli.stimulus.files import check_fits  # noqa: PLC0415
 
     found: dict[str, Protocol] = {}
     problems: list[OpploadError] = []
@@ -168,6 +169,7 @@ def _protocols(
         try:
             for entry in find(name):
                 for protocol in entry.with_settings(settings).protocols():
+                    check_fits(protocol, form, str(entry.path))
                     same = found.setdefault(protocol.name, protocol)
                     if same != protocol:
                         raise OutputError(

@@ -218,7 +218,9 @@ def find(wanted: str) -> list[Entry]:
         names = {entry.name for entry in known}
         near = {name for entry in known for name in entry.values()} | names
         hint = suggestion(wanted, near)
-        if "did you mean" not in hint:
+        if any(name.startswith(f"{wanted}/") for name in names):
+            hint = f"; did you mean '{wanted}/*'?"
+        elif "did you mean" not in hint:
             hint = "; see 'oppload stimuli list', or give a .toml file"
         raise StimulusError(f"no stimulus '{wanted}' in the catalogue{hint}")
     return found

@@ -6,13 +6,13 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from oppload_cli.errors import OutputError, StimulusError
+from oppload_cli.errors import StimulusError, suggestion
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.sheet import contact_sheet, sheet_frames
 from oppload_cli.stimulus.truth import ground_truth
 from oppload_cli.video.archive import png_bytes
 from oppload_cli.video.atomic import remove, write_atomic
-from oppload_cli.video.writer import check_format, open_writer, target_of
+from oppload_cli.video.writer import FORMATS, open_writer, target_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,6 +57,40 @@ def file_stem(name: str) -> str:
     return name.replace("/", "_")
 
 
+def check_fits(protocol: Protocol, form: str, where: str) -> None:
+    """Check that a format can hold a stimulus.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+    form : str
+        A key of :data:`oppload_cli.video.writer.FORMATS`.
+    where : str
+        Its name or file, for the message.
+
+    Raises
+    ------
+    StimulusError
+        If it cannot; the message names the key to change.
+    """
+    if form not in FORMATS:
+        raise StimulusError(f"no video format '{form}'{suggestion(form, FORMATS)}")
+    display, known = protocol.display, FORMATS[form]
+    for key in ("width", "height"):
+        pixels = getattr(display, key)
+        if known.even and pixels % 2:
+            raise StimulusError(
+                f"{where}: display.{key} = {pixels} is odd, and {form} holds even sizes only; "
+                "change it or use format ffv1"
+            )
+    if known.fastest_hz is not None and display.frame_rate > known.fastest_hz:
+        raise StimulusError(
+            f"{where}: display.frame_rate = {float(display.frame_rate):g} is more than the "
+            f"{known.fastest_hz:g} Hz that {form} holds; lower it or use format ffv1"
+        )
+
+
 def targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = False) -> Written:
     """Return the files that :func:`write` makes.
 
@@ -80,12 +114,7 @@ def targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = F
     StimulusError
         If the format cannot hold the stimulus.
     """
-    display = protocol.display
-    try:
-        check_format(form, display.width, display.height, display.frame_rate)
-    except OutputError as problem:
-        keys = "display.width, display.height and display.frame_rate"
-        raise StimulusError(f"{protocol.name}: {problem} (keys {keys})") from None
+    check_fits(protocol, form, protocol.name)
     stem = file_stem(protocol.name)
     return Written(
         target_of(directory, stem, form),

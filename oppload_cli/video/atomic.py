@@ -187,6 +187,6 @@ def disk_errors(path: Path) -> Iterator[None]:
     except OSError as problem:
         reason = problem.strerror or str(problem)
         raise OutputError(
-            f"{path}: cannot write: {reason}; nothing half-written is left, free the disk or "
-            "choose another folder"
+            f"{path}: cannot write: {reason}; nothing half-written is left; check the "
+            "folder and the space on its disk"
         ) from problem

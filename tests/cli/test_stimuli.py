@@ -166,7 +166,11 @@ def test_existing_files(tmp_path: Path) -> None:
             "pause",
         ),
         (["klapoetke2017/bar-expand-10", "--set", "bar.axis_deg=[]"], "takes a number"),
-        (["klapoetke2017/loom", "--format", "mp4", "--set", "display.width=361"], "even width"),
+        (
+            ["klapoetke2017/loom", "--format", "mp4", "--set", "display.width=361"],
+            "loom.toml: display.width = 361 is odd",
+        ),
+        (["klapoetke2017"], "did you mean 'klapoetke2017/*'?"),
     ],
 )
 def test_mistakes(words: list[str], message: str, tmp_path: Path) -> None:

@@ -124,12 +124,16 @@ def test_truth_and_preview_lie_beside_the_video(tmp_path: Path) -> None:
 
 def test_odd_sizes_and_fast_rates_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     odd = clip(width=97)
-    with pytest.raises(StimulusError, match=r"even width and height, not 97 x 64.*display\.width"):
+    with pytest.raises(StimulusError, match=r"a/clip: display\.width = 97 is odd"):
         stimulus.write(odd, tmp_path, form="mp4")
-    with pytest.raises(StimulusError, match=r"at most 50 frames per second.*display\.frame_rate"):
+    with pytest.raises(StimulusError, match=r"display\.frame_rate = 60 is more than the 50 Hz"):
         stimulus.write(clip(rate="60"), tmp_path, form="gif")
     with pytest.raises(StimulusError, match="did you mean 'ffv1'"):
         stimulus.write(odd, tmp_path, form="ffv")
+    facts: dict[str, Any] = {"frame_rate": Fraction(60), "count": 1}
+    for form, width, words in (("mp4", 97, "not 97 x 64"), ("gif", 96, "at most 50")):
+        with pytest.raises(OutputError, match=words):
+            open_writer(tmp_path / "a", form, width=width, height=64, **facts)
     assert list(tmp_path.iterdir()) == []
     for form in LOSSLESS:
         frames, _ = decoded(stimulus.write(odd, tmp_path / form, form=form).video, form)
