@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from oppload_cli.errors import StimulusError, suggestion
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.sheet import contact_sheet, sheet_frames
-from oppload_cli.stimulus.truth import ground_truth
+from oppload_cli.stimulus.truth import ground_truth_text
 from oppload_cli.video.archive import png_bytes
 from oppload_cli.video.atomic import remove, write_atomic
 from oppload_cli.video.writer import FORMATS, open_writer, target_of
@@ -177,11 +176,10 @@ def write(
                 kept.append(grey)
             if progress is not None:
                 progress(1)
-    truth = json.dumps(ground_truth(protocol), indent=1, ensure_ascii=False) + "\n"
     try:
-        write_atomic(made.truth, truth.encode())
+        write_atomic(made.truth, (text.encode() for text in ground_truth_text(protocol)))
         if made.preview is not None:
-            write_atomic(made.preview, png_bytes(contact_sheet(kept)))
+            write_atomic(made.preview, [png_bytes(contact_sheet(kept))])
     except BaseException:
         # a video without its truth would be taken for a whole result
         for path in (made.video, made.truth):

@@ -15,6 +15,7 @@ from oppload_cli.stimulus.outline import middle_of
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from oppload_cli.stimulus.kinematics import Pose
@@ -117,10 +118,38 @@ def ground_truth(protocol: Protocol) -> dict[str, Any]:
     dict
         As described in ``docs/stimuli.md``.
     """
+    return {**_head(protocol), "frames": list(_frames(protocol))}
+
+
+def ground_truth_text(protocol: Protocol) -> Iterator[str]:
+    """Return the ground truth as the text of its file, a line for each frame.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+
+    Yields
+    ------
+    str
+        Part of the JSON; the clip's truth is never in memory as a whole.
+    """
+    yield json.dumps(_head(protocol), indent=1, ensure_ascii=False)[:-2] + ',\n "frames": ['
+    for index, frame in enumerate(_frames(protocol)):
+        yield ("," if index else "") + "\n  " + json.dumps(frame, ensure_ascii=False)
+    yield "\n ]\n}\n"
+
+
+def _frames(protocol: Protocol) -> Iterator[dict[str, Any]]:
+    for index in range(protocol.frame_count):
+        truth = frame_truth(protocol, index)
+        yield {**asdict(truth), "objects": [asdict(thing) for thing in truth.objects]}
+
+
+def _head(protocol: Protocol) -> dict[str, Any]:
     display = protocol.display
-    truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
-    listed = [{**asdict(truth), "objects": [asdict(o) for o in truth.objects]} for truth in truths]
     rate = display.frame_rate
+    truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
     return {
         "schema": SCHEMA,
         "name": protocol.name,
@@ -136,9 +165,8 @@ def ground_truth(protocol: Protocol) -> dict[str, Any]:
             "pixels_per_degree": display.scale,
             "projection": display.projection,
         },
-        "looming": any(frame["looming"] for frame in listed),
+        "looming": any(truth.looming for truth in truths),
         "contact_time_s": contact_time(protocol),
-        "frames": listed,
     }
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from oppload_cli.errors import OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from fractions import Fraction
     from pathlib import Path
     from types import TracebackType
@@ -142,15 +142,15 @@ def remove(path: Path) -> None:
         path.unlink(missing_ok=True)
 
 
-def write_atomic(path: Path, data: bytes) -> None:
+def write_atomic(path: Path, parts: Iterable[bytes]) -> None:
     """Write a small file as a whole or not at all.
 
     Parameters
     ----------
     path : Path
         Where it shall be.
-    data : bytes
-        What it shall hold.
+    parts : iterable of bytes
+        What it shall hold, piece by piece.
 
     Raises
     ------
@@ -161,7 +161,8 @@ def write_atomic(path: Path, data: bytes) -> None:
     with disk_errors(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(data)
+            with part.open("wb") as file:
+                file.writelines(parts)
             part.replace(path)
         except BaseException:
             remove(part)
