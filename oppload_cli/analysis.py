@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams
 from oppload_cli.models.bank import ModelBank
-from oppload_cli.models.layers import MEMORY
+from oppload_cli.models.convolution import MEMORY
 from oppload_cli.models.opplod import Box, OpplodResponse
 from oppload_cli.models.parameters import DlgmdParams, OpplodParams
 from oppload_cli.motion.flow import DenseFlow

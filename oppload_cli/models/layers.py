@@ -1,8 +1,7 @@
 """Photoreceptors, DPC and MDE: the layers that both models share (sections 1, 2 and 4).
 
-One forward transform of P(t) serves the three frames that need it, and one inverse
-transform per map serves both delays. ``I_phi + I_(phi+180) = I`` halves the number of
-pathways: with ``J_phi = I_phi - I / 2`` the opposite pathway has ``-J_phi``.
+``I_phi + I_(phi+180) = I`` halves the number of convolutions: with
+``J_phi = I_phi - I / 2`` the opposite pathway has ``-J_phi``.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import FrameError
+from oppload_cli.models.convolution import EVEN, MEMORY, ODD, Convolution
 from oppload_cli.models.kernels import (
     direction_mask,
     excitation_kernel,
@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.parameters import DpcParams
 
     Map = NDArray[np.float32]
-
-MEMORY = 3  # P(t), P(t-1) and P(t-2)
 
 
 class Dpc:
@@ -55,12 +53,12 @@ class Dpc:
         self.shape = shape
         self.params = params
         self.axes = axes
-        self._convolution = _Convolution(shape, params.kernel_radius)
+        self._convolution = Convolution(shape, params.kernel_radius)
         self._excitation_kernel = _cropped(excitation_kernel(params))
         kernels = inhibition_kernels(params)
-        self._inhibition = self._convolution.prepared(kernels)
+        self._inhibition = self._convolution.prepared(kernels, EVEN)
         self._directional = {
-            phi: self._convolution.prepared(_antisymmetric(kernels, params, phi)) for phi in axes
+            phi: self._convolution.prepared(_directional(kernels, params, phi), ODD) for phi in axes
         }
         self._luma = np.zeros(shape, np.float32)
         self._photoreceptors = np.zeros((MEMORY, *shape), np.float32)
@@ -170,69 +168,8 @@ class Dpc:
             self._convolution.apply(prepared, self.directional[phi])
 
 
-class _Convolution:
-    """True 2-D convolutions, zero outside the frame, of the last three maps pushed.
-
-    Circular over a frame padded by the kernel radius, which is the linear one
-    inside the frame.
-    """
-
-    def __init__(self, shape: tuple[int, int], radius: int) -> None:
-        height, width = shape
-        self._shape = shape
-        least = 2 * radius + 1  # a frame may be smaller than the kernel
-        padded = (
-            cv2.getOptimalDFTSize(max(height + radius, least)),
-            cv2.getOptimalDFTSize(max(width + radius, least)),
-        )
-        self._padded = np.zeros(padded, np.float32)
-        self._spectra = np.zeros((MEMORY, *padded), np.float32)
-        self._sum = np.zeros(padded, np.float32)
-        self._product = np.zeros(padded, np.float32)
-        self._latest = 0
-
-    def reset(self) -> None:
-        self._spectra[:] = 0
-        self._latest = 0
-
-    def push(self, values: Map) -> None:
-        height, width = self._shape
-        self._latest = (self._latest + 1) % MEMORY
-        self._padded[:height, :width] = values
-        cv2.dft(self._padded, dst=self._spectra[self._latest], nonzeroRows=height)
-
-    def prepared(self, kernels: Inhibition) -> tuple[Map, Map]:
-        return self._spectrum(kernels.one), self._spectrum(kernels.two)
-
-    def _spectrum(self, kernel: Kernel) -> Map:
-        radius = kernel.shape[0] // 2
-        padded = np.zeros(self._padded.shape)
-        padded[: kernel.shape[0], : kernel.shape[1]] = kernel
-        centred = np.roll(padded, (-radius, -radius), axis=(0, 1))
-        spectrum: Map = (cv2.dft(centred) / centred.size).astype(np.float32)
-        return spectrum
-
-    def apply(self, prepared: tuple[Map, Map], out: Map) -> None:
-        height, width = self._shape
-        one = self._spectra[(self._latest - 1) % MEMORY]
-        two = self._spectra[(self._latest - 2) % MEMORY]
-        cv2.mulSpectrums(one, prepared[0], 0, c=self._sum)
-        cv2.mulSpectrums(two, prepared[1], 0, c=self._product)
-        cv2.add(self._sum, self._product, dst=self._sum)
-        cv2.dft(
-            self._sum,
-            dst=self._product,
-            flags=cv2.DFT_INVERSE | cv2.DFT_REAL_OUTPUT,
-            nonzeroRows=height,
-        )
-        np.copyto(out, self._product[:height, :width])
-
-
 def presynaptic_sum(excitation: Map, inhibition: Map, out: Map) -> Map:
     """Compute S = max(0, E - I), eq. (original layer S) with its rectifier.
-
-    S is held at or below E: where nothing changed, E is exactly 0, and so must S
-    be, whatever the last digits of I are.
 
     Parameters
     ----------
@@ -247,12 +184,31 @@ def presynaptic_sum(excitation: Map, inhibition: Map, out: Map) -> Map:
         `out`.
     """
     cv2.subtract(excitation, inhibition, dst=out)
-    cv2.min(out, excitation, dst=out)
-    np.maximum(out, 0, out=out)
-    return out
+    return rectified(out, excitation)
 
 
-def _antisymmetric(kernels: Inhibition, params: DpcParams, phi: float) -> Inhibition:
+def rectified(values: Map, excitation: Map) -> Map:
+    """Rectify E - I in place.
+
+    The result is held at or below E: where nothing changed, E is exactly 0, and so
+    must S be, whatever the last digits of I are.
+
+    Parameters
+    ----------
+    values, excitation : ndarray of float32, shape (height, width)
+        E - I (or E - I_phi), and E.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width)
+        `values`, now S.
+    """
+    cv2.min(values, excitation, dst=values)
+    cv2.threshold(values, 0, 0, cv2.THRESH_TOZERO, dst=values)
+    return values
+
+
+def _directional(kernels: Inhibition, params: DpcParams, phi: float) -> Inhibition:
     mask = direction_mask(params, phi) - 0.5
     return type(kernels)(kernels.one * mask, kernels.two * mask)
 

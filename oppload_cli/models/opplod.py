@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
-from oppload_cli.models.layers import Dpc, presynaptic_sum
+from oppload_cli.models.layers import Dpc, rectified
 from oppload_cli.models.opponency import judge_for
 from oppload_cli.models.parameters import OpplodParams, axes_of
 
@@ -76,7 +77,7 @@ class Opplod:
             for axis in axes_of(self.params)
             for turn in (0, 180)
         }
-        self._half = np.zeros(shape, np.float32)
+        self._balance = np.zeros(shape, np.float32)
 
     def reset(self) -> None:
         """Start over: the next frame is frame 0."""
@@ -129,9 +130,10 @@ class Opplod:
 
     def _extract_directions(self) -> None:
         """S_phi = max(0, E - I / 2 - J_phi), and with + J_phi for the opposite one."""
-        half = np.multiply(self.dpc.inhibition, np.float32(0.5), out=self._half)
+        cv2.scaleAdd(self.dpc.inhibition, -0.5, self.dpc.excitation, dst=self._balance)
         for axis, directional in self.dpc.directional.items():
-            for direction, sign in ((axis, np.add), ((axis + 180) % 360, np.subtract)):
-                pathway = self.pathways[direction]
-                sign(half, directional, out=pathway)
-                presynaptic_sum(self.dpc.excitation, pathway, pathway)
+            passing, opposite = self.pathways[axis], self.pathways[(axis + 180) % 360]
+            cv2.subtract(self._balance, directional, dst=passing)
+            cv2.add(self._balance, directional, dst=opposite)
+            rectified(passing, self.dpc.excitation)
+            rectified(opposite, self.dpc.excitation)

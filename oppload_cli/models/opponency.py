@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from oppload_cli.models.parameters import axes_of
 from oppload_cli.models.pooling import Pooling
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.layers import Map
     from oppload_cli.models.parameters import OpplodParams
     from oppload_cli.models.pooling import Floats
+
+MOST_PRODUCTS = 1 << 18  # held at once, so that they stay in the cache
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,9 @@ class PooledJudge:
         self._pool = Pooling(shape, cell, params.pool_sigma * cell)
         self.centres_y, self.centres_x = self._pool.centres_y, self._pool.centres_x
         self._reach = int((params.receptive_field or 0) / 2 // cell)
-        self._outward = {phi: _outward_offsets(self._reach, phi) for phi in axes_of(params)}
+        self._weights = {
+            phi: _offset_weights(self._reach, phi, params.periphery) for phi in axes_of(params)
+        }
         rows, columns = self._pool.shape
         margin = self._reach
         # Zeros around the maps: beyond the frame there is no motion.
@@ -76,7 +81,12 @@ class PooledJudge:
             np.zeros((rows + 2 * margin, columns + 2 * margin), np.float32) for _ in range(2)
         )
         self._inside = np.s_[margin : margin + rows, margin : margin + columns]
-        self._product = np.zeros((rows, columns), np.float32)
+        # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u.
+        self._ahead = sliding_window_view(self._one, (rows, columns))
+        self._behind = sliding_window_view(self._other, (rows, columns))[::-1, ::-1]
+        side = 2 * margin + 1
+        most = max(1, MOST_PRODUCTS // (side * rows * columns))
+        self._products = np.zeros((min(side, most), side, rows, columns), np.float32)
         self._selected = _selected_units(shape, self.centres_y, self.centres_x, params)
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
@@ -118,29 +128,23 @@ class PooledJudge:
         ndarray of float32, shape (rows, columns)
             Sum over both axis pairs of ``max(0, out - w_p in)``.
         """
-        total = np.zeros(self._product.shape, np.float32)
+        total = np.zeros(self._pool.shape, np.float32)
         for phi in axes_of(self._params):
             self._pool(pathways[phi], self._one[self._inside])
             self._pool(pathways[phi + 180], self._other[self._inside])
-            outward, inward = self._opponent_sums(phi)
-            outward -= self._params.periphery * inward
-            total += np.maximum(outward, 0)
+            total += np.maximum(self._outward_minus_inward(self._weights[phi]), 0)
         return total
 
-    def _opponent_sums(self, phi: int) -> tuple[Map, Map]:
-        """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over outward and inward offsets u."""
-        outward, inward = np.zeros_like(self._product), np.zeros_like(self._product)
-        for x, y in self._outward[phi]:
-            outward += self._opponent_product(x, y)
-            inward += self._opponent_product(-x, -y)
-        return outward, inward
-
-    def _opponent_product(self, x: int, y: int) -> Map:
-        margin = self._reach
-        rows, columns = self._product.shape
-        ahead = self._one[margin + y : margin + y + rows, margin + x : margin + x + columns]
-        behind = self._other[margin - y : margin - y + rows, margin - x : margin - x + columns]
-        return np.multiply(ahead, behind, out=self._product)
+    def _outward_minus_inward(self, weights: Map) -> Map:
+        """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted by 1 or -w_p."""
+        difference = np.zeros(self._pool.shape, np.float32)
+        step = len(self._products)
+        for first in range(0, len(weights), step):
+            rows = slice(first, first + step)
+            products = self._products[: len(weights[rows])]
+            np.multiply(self._ahead[rows], self._behind[rows], out=products)
+            difference += np.einsum("yx,yxrc->rc", weights[rows], products)
+        return difference
 
 
 class PixelwiseJudge:
@@ -217,13 +221,14 @@ def judge_for(shape: tuple[int, int], params: OpplodParams) -> Judge:
     return kind(shape, params)
 
 
-def _outward_offsets(reach: int, phi: int) -> list[tuple[int, int]]:
-    """List the cell offsets (x, y) of a square field with u . u_phi > 0."""
+def _offset_weights(reach: int, phi: int, periphery: float) -> Map:
+    """Return 1 at the offsets u with u . u_phi > 0, -w_p at those with < 0, by row and column."""
     # Along an axis or a diagonal each component of u_phi is -1, 0 or 1 times one length.
     across = round(math.cos(math.radians(phi)) * math.sqrt(2))
     up = round(math.sin(math.radians(phi)) * math.sqrt(2))
-    span = range(-reach, reach + 1)
-    return [(x, y) for y in span for x in span if x * across - y * up > 0]
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    along = x * across - y * up
+    return np.asarray((along > 0) - periphery * (along < 0), np.float32)
 
 
 def _evenly(room: int, count: int) -> list[int]:
