@@ -47,7 +47,7 @@ def parameters() -> str:
     """Return the page of all parameters."""
     parts = [
         "# Parameters",
-        "Set one with `--set set.parameter=value`, or in a file for `--config`: see `oppload config`.",
+        "Set one with `--set set.parameter=value`, or in a file: see `oppload config`.",
         "*auto* follows from the working height.",
         "",
     ]

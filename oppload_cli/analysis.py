@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams
 from oppload_cli.models.bank import ModelBank
@@ -15,12 +15,14 @@ from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.motion.rmo import RmoMetrics
 from oppload_cli.results.record import FrameRecord
 from oppload_cli.video.parameters import RepeatParams
+from oppload_cli.video.prefetch import Prefetch
 from oppload_cli.video.repeats import Repeats
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from oppload_cli.models.bank import Response
+    from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video
     from oppload_cli.video.working import WorkingSize
 
@@ -57,29 +59,50 @@ def analyse(
     """
     bank = ModelBank(video.working.shape, params or [OpplodParams(), DlgmdParams()])
     alarms = {name: Alarm(name, alarm) for name in bank.models}
+    # A thread of its own for the motion: it costs about as much as a model.
+    seen = Prefetch(_seen(video, rmo, repeats or RepeatParams()), ahead=2)
+    try:
+        for count, each in enumerate(seen):
+            answers = {} if each.passed_over else bank.step(each.frame.luma)
+            if each.repeat:
+                # Where nothing changed every model answers 0, whatever came before.
+                answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
+            time_s = each.frame.time_s
+            yield FrameRecord(
+                each.frame.index,
+                time_s,
+                0.0 if each.repeat else bank.luma_change,
+                {name: _in_source(answer, video.working) for name, answer in answers.items()},
+                {
+                    name: alarms[name].step(answer.response, time_s)
+                    for name, answer in answers.items()
+                    if answer is not None
+                },
+                each.opponency,
+                each.repeat,
+            )
+    finally:
+        seen.close()
+
+
+class _Seen(NamedTuple):
+    """A frame, whether the models shall see it, and its radial motion opponency."""
+
+    frame: Frame
+    repeat: bool
+    passed_over: bool
+    opponency: RmoMetrics | None
+
+
+def _seen(video: Video, rmo: RmoParams | None, repeats: RepeatParams) -> Iterator[_Seen]:
     flow = DenseFlow(rmo) if rmo else None
-    copies = Repeats(repeats or RepeatParams())
-    for seen, frame in enumerate(video):
+    copies = Repeats(repeats)
+    for frame in video:
         repeat, passed_over = copies.step(frame.luma)
-        answers = {} if passed_over else bank.step(frame.luma)
         opponency = flow.step(frame.luma) if flow and not passed_over else None
-        if repeat:
-            # Where nothing changed every model answers 0, whatever came before.
-            answers = bank.at_rest() if seen >= MEMORY else dict.fromkeys(bank.models)
-            opponency = RmoMetrics() if flow else None
-        yield FrameRecord(
-            frame.index,
-            frame.time_s,
-            0.0 if repeat else bank.luma_change,
-            {name: _in_source(answer, video.working) for name, answer in answers.items()},
-            {
-                name: alarms[name].step(answer.response, frame.time_s)
-                for name, answer in answers.items()
-                if answer is not None
-            },
-            opponency,
-            repeat,
-        )
+        if flow and repeat:
+            opponency = RmoMetrics()
+        yield _Seen(frame, repeat, passed_over, opponency)
 
 
 def _in_source(answer: Response | None, working: WorkingSize) -> Response | None:
