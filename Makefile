@@ -1,8 +1,9 @@
 # Each target sets up what it needs in a private .venv; only Python 3.11+, make and a C library are assumed.
 PYTHON ?= python3
 BIN := .venv/bin
+BENCH ?=
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint docs clean
+.PHONY: help demo test test-slow bench lint docs clean
 
 help:
 	@echo "make demo   install, run both detectors on a looming disk, plot the comparison"
@@ -20,6 +21,10 @@ demo: .venv/.ready
 
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses 2
+
+bench: .venv/.ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "scenedetect>=0.6"
+	$(BIN)/python -m benchmarks.bench $(BENCH)
 
 test-slow: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses 2 -m slow

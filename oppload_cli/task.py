@@ -133,7 +133,7 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
     Interrupted
         If the user stops it; the rows so far stay as ``NAME.part``.
     """
-    if _exists_already(task):
+    if exists_already(task):
         return Outcome(skipped=True)
     started = time.perf_counter()
     with open_video(
@@ -152,8 +152,23 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
     return outcome
 
 
-def _exists_already(task: Task) -> bool:
-    """Tell whether to skip; raise where a result must not be overwritten."""
+def exists_already(task: Task) -> bool:
+    """Tell whether the results of a task are there and shall be kept.
+
+    Parameters
+    ----------
+    task : Task
+        What would be done.
+
+    Returns
+    -------
+    bool
+
+    Raises
+    ------
+    OutputError
+        If a result is there and nothing was said of it.
+    """
     there = [path for path in (task.csv, task.sidecar) if path is not None and path.exists()]
     if not there or task.if_exists is IfExists.OVERWRITE:
         return False

@@ -1,0 +1,1 @@
+"""Figures of cost, each against a reference; see README.md."""

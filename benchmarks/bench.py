@@ -1,0 +1,352 @@
+"""Take every figure by turns with its reference; write JSON and Markdown."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+
+from benchmarks import media, references
+from oppload_cli.environment import environment
+from oppload_cli.models.bank import ModelBank
+from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
+from oppload_cli.motion.flow import DenseFlow
+from oppload_cli.video.source import open_video
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    Luma = NDArray[np.float32]
+
+RESULTS = Path(__file__).parent / "results"
+FRAMES = 600
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One row of the table.
+
+    Attributes
+    ----------
+    what : str
+        What was measured, against what.
+    must, aim : str
+        What it shall reach.
+    median, smallest, largest : float
+        Over the rounds.
+    unit : str
+        Of these.
+    seconds : float
+        Median of the absolute times, for orientation.
+    """
+
+    what: str
+    must: str
+    aim: str
+    median: float
+    smallest: float
+    largest: float
+    unit: str
+    seconds: float
+
+
+def by_turns(
+    a: Callable[[], object], b: Callable[[], object], rounds: int
+) -> tuple[list[float], list[float]]:
+    """Time a and b in turn, after one uncounted round."""
+    times: tuple[list[float], list[float]] = ([], [])
+    for count in range(rounds + 1):
+        for each, taken in zip((a, b), times, strict=True):
+            start = time.perf_counter()
+            each()
+            if count:
+                taken.append(time.perf_counter() - start)
+    return times
+
+
+def ratio(  # noqa: PLR0917 - a row of the table
+    what: str,
+    must: str,
+    aim: str,
+    ours: Callable[[], object],
+    other: Callable[[], object],
+    rounds: int,
+    *,
+    faster: bool = False,
+    per_call: float = 1.0,
+) -> Figure:
+    """Return ours over the other's time, or how many times as fast we are.
+
+    `per_call` is how many of our frames stand against one of the other's.
+    """  # fmt: skip
+    mine, theirs = by_turns(ours, other, rounds)
+    ratios = [
+        per_call * b / a if faster else a / (per_call * b)
+        for a, b in zip(mine, theirs, strict=True)
+    ]
+    return Figure(
+        what, must, aim, statistics.median(ratios), min(ratios), max(ratios),
+        "times as fast" if faster else "ratio", statistics.median(mine),
+    )  # fmt: skip
+
+
+def models(frames: Sequence[Luma], preset: str = "default") -> Callable[[], None]:
+    """Return a pass of both models over frames."""
+    chosen = PRESETS[preset]
+    bank = ModelBank(frames[0].shape, [chosen.opplod, chosen.dlgmd])
+
+    def once() -> None:
+        for luma in frames:
+            bank.step(luma)
+
+    return once
+
+
+def run_command(path: Path, *options: str) -> list[str]:
+    """Return `oppload run` on a file as a command."""
+    folder = tempfile.mkdtemp(prefix="oppload-bench-")
+    return [
+        *(sys.executable, "-m", "oppload_cli", "run", str(path), "-o", folder, "-q"),
+        *("--if-exists", "overwrite", *options),
+    ]
+
+
+def whole(rounds: int) -> Iterator[Figure]:
+    """Whole runs against bare decoding and against PySceneDetect."""
+    for width, height, must, aim in ((1920, 1080, "1.6", "1.15"), (1280, 720, "2.2", "1.3")):
+        path = media.h264(RESULTS, width, height, FRAMES)
+        ours = run_command(path)
+        yield ratio(
+            f"oppload run, {height}p H.264, over bare decoding (whole processes)",
+            f"<= {must}", aim,
+            partial(references.run, ours),
+            partial(references.run, references.decode_command(path)),
+            rounds,
+        )  # fmt: skip
+        theirs = references.scenedetect_command(path)
+        if theirs is not None:
+            yield ratio(
+                f"oppload run, {height}p, against scenedetect detect-content",
+                ">= 1", "1.5",
+                partial(references.run, ours),
+                partial(references.run, theirs),
+                rounds, faster=True,
+            )  # fmt: skip
+
+
+def alone(rounds: int) -> Iterator[Figure]:
+    """Measure the models alone."""
+    small = media.luminance(427, 240, 60)
+    ours = models(small)
+    mine, _ = by_turns(ours, lambda: None, rounds)
+    rates = [len(small) / each for each in mine]
+    yield Figure(
+        "models alone, 427 x 240, this many cores: frames/s", ">= 400 on one core", "1000",
+        statistics.median(rates), min(rates), max(rates), "frames/s", statistics.median(mine),
+    )  # fmt: skip
+    large = media.luminance(1280, 720, 12)
+    ours_large = models(large)
+    yield ratio(
+        "models alone, 1280 x 720, against DIS ultrafast and divergence", ">= 1", "2",
+        ours_large, partial(references.dis, large), rounds, faster=True,
+    )  # fmt: skip
+    yield ratio(
+        "models alone, 1280 x 720, against Farneback and divergence", ">= 15", "40",
+        ours_large, partial(references.farneback, large), rounds, faster=True,
+    )  # fmt: skip
+    paper = media.luminance(800, 600, 6)
+    for preset, must, aim in (("default", ">= 20", "60"), ("paper", ">= 8", "20")):
+        is_paper = preset == "paper"
+        yield ratio(
+            f"preset {preset}, 800 x 600, against the literal reference", must, aim,
+            models(paper, preset),
+            partial(references.literal, paper[:4], paper=is_paper),
+            rounds, faster=True, per_call=len(paper),
+        )  # fmt: skip
+
+
+def stages(rounds: int) -> Iterator[Figure]:
+    """Measure what each stage costs per frame at 427 x 240, in ms: where the time goes."""
+    frames = media.luminance(427, 240, 60)
+    bank = ModelBank((240, 427), [OpplodParams(), DlgmdParams()])
+    opplod, dlgmd = bank.models["opplod"], bank.models["dlgmd"]
+    flow = DenseFlow()
+    parts: list[tuple[str, Callable[[Luma], object]]] = [
+        ("P, DPC and MDE convolutions", opplod.dpc.step),
+        ("MDE rectifying, OMJ and enhancing", lambda _: opplod.respond()),
+        ("D-LGMD grouping", lambda _: dlgmd.respond()),
+        ("flow and RMO", flow.step),
+        ("table row", lambda luma: ",".join(f"{value:.9g}" for value in luma[0, :20].tolist())),
+    ]
+    for luma in frames[:4]:
+        bank.step(luma)
+    for name, part in parts:
+
+        def once(part: Callable[[Luma], object] = part) -> None:
+            for luma in frames:
+                part(luma)
+
+        mine, _ = by_turns(once, lambda: None, rounds)
+        each = [1e3 * value / len(frames) for value in mine]
+        yield Figure(
+            f"stage: {name}", "", "", statistics.median(each), min(each), max(each), "ms/frame",
+            statistics.median(mine),
+        )  # fmt: skip
+    path = media.h264(RESULTS, 1280, 720, FRAMES)
+
+    def read() -> None:
+        with open_video(path) as video:
+            for _ in video:
+                pass
+
+    yield ratio(
+        "stage: decode and resize, 720p, over bare decoding", "", "",
+        read, lambda: references.decode(path), rounds,
+    )  # fmt: skip
+
+
+def start(rounds: int) -> Iterator[Figure]:
+    """Start-up."""
+    helped, bare = by_turns(
+        lambda: references.run([sys.executable, "-m", "oppload_cli", "--help"]),
+        lambda: references.run([sys.executable, "-c", "pass"]),
+        4 * rounds,
+    )
+    extra = [1e3 * (a - b) for a, b in zip(helped, bare, strict=True)]
+    yield Figure(
+        "oppload --help over a bare interpreter's start", "<= 60", "40",
+        statistics.median(extra), min(extra), max(extra), "ms", statistics.median(helped),
+    )  # fmt: skip
+
+
+def memory(_rounds: int) -> Iterator[Figure]:
+    """Peak memory of a whole run, in a pass of its own."""
+    code = (
+        "import resource, subprocess, sys; subprocess.run(sys.argv[1:], check=True); "
+        "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
+    )
+    for frames in (FRAMES // 4, FRAMES):
+        path = media.h264(RESULTS, 1920, 1080, frames)
+        done = subprocess.run(
+            [sys.executable, "-c", code, *run_command(path)],
+            check=True, capture_output=True, text=True,
+        )  # fmt: skip
+        peak = int(done.stdout) / 1024
+        yield Figure(
+            f"peak memory, 1080p, {frames} frames", "<= 250", "150", peak, peak, peak, "MB", 0.0
+        )
+
+
+def scaling(rounds: int) -> Iterator[Figure]:
+    """Cost against pixels and against frames, over two decades: the exponent of the fit."""
+    sizes = [(128, 72), (256, 144), (512, 288), (1280, 720)]
+    costs = []
+    for width, height in sizes:
+        frames = media.luminance(width, height, 12)
+        times, _ = by_turns(models(frames), lambda: None, rounds)
+        costs.append(min(times))
+    pixels = [width * height for width, height in sizes]
+    yield exponent("cost of the models against pixels", pixels, costs)
+    frames = media.luminance(128, 72, 1)
+    counts = [10, 100, 1000]
+    totals = []
+    for count in counts:
+        times, _ = by_turns(models(frames * count), lambda: None, rounds)
+        totals.append(min(times))
+    yield exponent("cost of the models against frames", counts, totals)
+
+
+def exponent(what: str, sizes: Sequence[float], costs: Sequence[float]) -> Figure:
+    """Fit cost = c size^k."""
+    k = float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
+    return Figure(f"{what}: exponent", "<= 1.05", "1.0", k, k, k, "exponent", costs[-1])
+
+
+def live(_rounds: int) -> Iterator[Figure]:
+    """Frame in to response out at 720p, paced at 30 frames/s: 99th percentile."""
+    images = [(luma * 255).astype(np.uint8) for luma in media.luminance(1280, 720, 60)]
+    bank = ModelBank((240, 427), [OpplodParams(), DlgmdParams()])
+    flow = DenseFlow()
+    latencies = []
+    for index in range(150):
+        begun = time.perf_counter()
+        luma = cv2.resize(images[index % 60], (427, 240), interpolation=cv2.INTER_AREA)
+        grey = luma.astype(np.float32) / np.float32(255)
+        bank.step(grey)
+        flow.step(grey)
+        latencies.append(1e3 * (time.perf_counter() - begun))
+        time.sleep(max(0.0, 1 / 30 - (time.perf_counter() - begun)))
+    late = latencies[10:]
+    yield Figure(
+        "live: frame in to response out, 720p at 30 frames/s, 99th percentile", "<= 33", "5",
+        float(np.percentile(late, 99)), min(late), max(late), "ms", 0.0,
+    )  # fmt: skip
+
+
+PARTS: dict[str, Callable[[int], Iterator[Figure]]] = {
+    "whole": whole,
+    "models": alone,
+    "stages": stages,
+    "start": start,
+    "memory": memory,
+    "scaling": scaling,
+    "live": live,
+}
+
+
+def table(figures: Sequence[Figure], machine: dict[str, Any]) -> str:
+    """Return the Markdown page."""
+    lines = [
+        "# Benchmark",
+        f"{machine['platform']}, {machine['cores']} cores, Python {machine['python']}.",
+        "",
+        "| what | must | aim | median | smallest | largest | |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {each.what} | {each.must} | {each.aim} | {each.median:.3g} | {each.smallest:.3g} "
+        f"| {each.largest:.3g} | {each.unit} |"
+        for each in figures
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Run the parts asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--only", choices=PARTS, action="append")
+    parser.add_argument("--cores", type=int, help="use only this many cores")
+    options = parser.parse_args()
+    if options.cores:
+        os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[: options.cores]))
+        cv2.setNumThreads(options.cores)
+    figures = []
+    for name in options.only or PARTS:
+        for figure in PARTS[name](options.rounds):
+            print(f"{figure.what}: {figure.median:.3g} {figure.unit}", flush=True)
+            figures.append(figure)
+    machine = environment()
+    RESULTS.mkdir(exist_ok=True)
+    content = {"machine": machine, "figures": [asdict(each) for each in figures]}
+    (RESULTS / "bench.json").write_text(json.dumps(content, indent=2) + "\n")
+    (RESULTS / "bench.md").write_text(table(figures, machine))
+    print(f"\n{RESULTS / 'bench.md'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""What the figures are measured against."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import av
+import cv2
+import numpy as np
+
+from tests import reference
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Luma = NDArray[np.float32]
+
+
+def decode(path: str | Path) -> int:
+    """Decode every frame and touch its luma plane: the limit."""
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        return sum(memoryview(frame.planes[0]).nbytes > 0 for frame in container.decode(stream))
+
+
+def decode_command(path: Path) -> list[str]:
+    """Return the same as a command, for whole-process figures."""
+    code = "import sys; from benchmarks.references import decode; decode(sys.argv[1])"
+    return [sys.executable, "-c", code, str(path)]
+
+
+def divergence(flow: NDArray[Any]) -> float:
+    """Return the mean divergence of a flow field: what one takes for expansion."""
+    across = cv2.Sobel(flow[..., 0], cv2.CV_32F, 1, 0, ksize=3)
+    down = cv2.Sobel(flow[..., 1], cv2.CV_32F, 0, 1, ksize=3)
+    return float(cv2.mean(across)[0] + cv2.mean(down)[0])
+
+
+def dis(frames: Sequence[Luma]) -> float:
+    """Run DIS optical flow (ultrafast) with divergence over frames."""
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+    total, before = 0.0, None
+    for luma in frames:
+        grey = cv2.convertScaleAbs(luma, alpha=255)
+        if before is not None:
+            total += divergence(search.calc(before, grey, np.zeros((*grey.shape, 2), np.float32)))
+        before = grey
+    return total
+
+
+def farneback(frames: Sequence[Luma]) -> float:
+    """Run Farneback optical flow with divergence over frames."""
+    total, before = 0.0, None
+    for luma in frames:
+        grey = cv2.convertScaleAbs(luma, alpha=255)
+        if before is not None:
+            start = np.zeros((*grey.shape, 2), np.float32)
+            flow = cv2.calcOpticalFlowFarneback(before, grey, start, 0.5, 3, 15, 3, 5, 1.2, 0)
+            total += divergence(flow)
+        before = grey
+    return total
+
+
+def literal(frames: Sequence[Luma], *, paper: bool) -> float:
+    """Run both models by the literal reference of the tests, one answer per frame from the fourth.
+
+    Its opponent sums over all units are loops in Python; they are left out, which
+    flatters the reference.
+    """
+    total = 0.0
+    for t in range(3, len(frames)):
+        p = reference.photoreceptors(frames[t - 3 : t + 1])
+        s = np.maximum(0, reference.excitation(p) - reference.inhibition(p))
+        total += float(s.mean())
+        if paper:
+            total += reference.paper_response(p, field=200, grid=(5, 5), threshold=0, gain=1)
+        else:
+            cell = frames[0].shape[0] // 30
+            for phi in (45, 135, 225, 315):
+                total += float(reference.pooled(reference.pathway(p, phi), cell, 1.5).max())
+    return total
+
+
+def scenedetect_command(path: Path) -> list[str] | None:
+    """Return PySceneDetect's command for a file, or None if it is not installed."""
+    beside = Path(sys.executable).with_name("scenedetect")
+    command = str(beside) if beside.exists() else shutil.which("scenedetect")
+    if command is None:
+        return None
+    folder = tempfile.mkdtemp(prefix="scenedetect-")
+    return [command, "-q", "-i", str(path), "-o", folder, "detect-content", "list-scenes", "-q"]
+
+
+def run(command: list[str]) -> None:
+    """Run a command to its end, silently."""
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
