@@ -11,12 +11,15 @@ import numpy as np
 
 from oppload_cli.stimulus import Effects, Object, Protocol, Renderer, frame_truth
 from oppload_cli.stimulus.geometry import Projection
+from oppload_cli.stimulus.kinematics import pose_of
 from oppload_cli.stimulus.objects import SIZED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
 
 # below this many pixels a thresholded figure has no measurable size
 LEAST_PX = 4.0
@@ -41,8 +44,18 @@ def worst_errors(protocol: Protocol, frames: Iterable[int]) -> tuple[float, floa
             rim = dark[0].any() or dark[-1].any() or dark[:, 0].any() or dark[:, -1].any()
             if min(stated, width) < LEAST_PX or rim or not truth.visible:
                 continue
+            if not dark.any():
+                # it must have left the display, or its error is without bound
+                x_share = truth.centre_x_px / alone.display.width
+                y_share = truth.centre_y_px / alone.display.height
+                inside = 0 <= x_share <= 1 and 0 <= y_share <= 1
+                size_error = math.inf if inside else size_error
+                continue
             rows, columns = (index / FINE for index in np.nonzero(dark))
             measured = _size_of(thing.kind, float(dark.sum()) / FINE**2, width)
+            if thing.kind == "bar":
+                pose = pose_of(alone, alone.objects[0], alone.time_of(frame))
+                measured = _length_along(columns, rows, math.radians(pose.orientation_deg))
             size_error = max(size_error, abs(measured - stated))
             x, y = columns.mean() + 0.5 / FINE, rows.mean() + 0.5 / FINE
             off = math.hypot(x - truth.centre_x_px, y - truth.centre_y_px)
@@ -72,10 +85,13 @@ def _size_px(protocol: Protocol, angle_deg: float) -> float:
     return 2 * Projection.of(protocol.display).reach(angle_deg / 2)
 
 
+def _length_along(x: Floats, y: Floats, angle: float) -> float:
+    """Length of an evenly filled bar, from the spread of its pixels along its axis."""
+    return math.sqrt(12 * float(np.var(x * math.cos(angle) - y * math.sin(angle))))
+
+
 def _size_of(kind: str, area: float, width: float) -> float:
     """Size that a figure of this area has."""
-    if kind == "bar":
-        return area / width
     if kind == "square":
         return math.sqrt(area)
     if kind == "cross":
