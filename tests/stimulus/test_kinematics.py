@@ -199,6 +199,17 @@ def test_shake_has_the_stated_size_and_no_start() -> None:
     assert movement(motion, 0.3, 0, "other")[0] != places[30]
 
 
+def test_shake_is_smooth_and_differs_from_object_to_object() -> None:
+    motion = Motion(shake_deg=2)
+    first, second = (Object(id=name, kind="disk", size_deg=4, motion=motion) for name in "ab")
+    protocol = made(first)
+    here, soon = (pose_of(protocol, first, time) for time in (0.7, 0.7 + 1e-5))
+    moved = math.dist(here.centre_deg, soon.centre_deg)
+    assert moved == pytest.approx(math.hypot(*here.velocity_deg_s) * 1e-5, rel=0.01)
+    assert pose_of(protocol, second, 0.7).centre_deg != here.centre_deg
+    assert pose_of(made(first, seed=1), first, 0.7).centre_deg != here.centre_deg
+
+
 def test_brightness() -> None:
     def at(brightness: Brightness, *times: float) -> list[float]:
         thing = disk(size_deg=10, luminance=0.2, brightness=brightness)
