@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
+import sys
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from oppload_cli.errors import OpploadError, OutputError
 from oppload_cli.stimulus.files import Written, write
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from oppload_cli.stimulus.protocol import Protocol
@@ -69,18 +72,44 @@ def write_all(
         return [_written(protocol, directory, form, preview, progress) for protocol in protocols]
     # fresh processes: a copy of one that runs decoder threads may hang
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(jobs, len(protocols)), mp_context=context)
+    others = set(multiprocessing.active_children())
+    pool = ProcessPoolExecutor(
+        min(jobs, len(protocols)), mp_context=context, initializer=_stop_cleanly
+    )
     try:
-        futures = {
-            pool.submit(_written, protocol, directory, form, preview, None): protocol
-            for protocol in protocols
-        }
+        with _interrupts_held():
+            futures = {
+                pool.submit(_written, protocol, directory, form, preview, None): protocol
+                for protocol in protocols
+            }
         for future in as_completed(futures):
             if progress is not None:
                 progress(futures[future].frame_count)
         return [_result(future, protocol) for future, protocol in futures.items()]
+    except BaseException:
+        for process in set(multiprocessing.active_children()) - others:
+            process.terminate()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back, for good in the processes started meanwhile: their starter ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _stop_cleanly() -> None:
+    """Take the end of a process as an exception, so that it removes what is half-written."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
 
 
 def _written(
