@@ -7,6 +7,7 @@ import time
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from fractions import Fraction
+from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
 from oppload_cli.analysis import analyse
@@ -16,12 +17,12 @@ from oppload_cli.results.columns import columns_for
 from oppload_cli.results.sidecar import write_sidecar
 from oppload_cli.results.summary import ModelSummary
 from oppload_cli.results.table import PartFile, Table, cannot_write
+from oppload_cli.stimulus.truth import read_ground_truth
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.settings import Settings
@@ -299,7 +300,21 @@ class _Run:
                 "complete": decode.complete,
                 "messages": decode.messages,
             },
+            "stimulus": _ground_truth(Path(self._task.name)),
             "wall_s": round(outcome.wall_s, 3),
             "frames_per_s": round(self.frames / outcome.wall_s, 1) if outcome.wall_s else None,
             "summary": {name: summary.as_dict() for name, summary in self._summaries.items()},
         }
+
+
+def _ground_truth(video: Path) -> dict[str, Any] | None:
+    """Return what the ground truth beside a stimulus's video says; None if there is none."""
+    path = video.with_name(f"{video.stem}.stimulus.json")
+    if not path.is_file():
+        return None
+    try:
+        truth = read_ground_truth(path)
+    except OpploadError as error:
+        return {"path": str(path), "error": str(error)}
+    kept = ("name", "looming", "contact_time_s", "display")
+    return {"path": str(path), **{key: truth[key] for key in kept}}

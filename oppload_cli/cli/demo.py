@@ -40,7 +40,7 @@ def demo(output: Path, if_exists: str) -> None:
     stem = stimulus.file_stem(STIMULUS)
     csv, sidecar = output / f"{stem}.frames.csv", output / f"{stem}.oppload.json"
     task = Task(
-        name=str(output / f"{stem}.mkv"),
+        name=str(output / f"{stem}.avi"),
         settings=resolve(height="native", assignments=FIELD),
         csv=csv,
         sidecar=sidecar,

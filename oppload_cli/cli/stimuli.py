@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.protocol import Protocol
 
 # as in oppload_cli.video.writer, whose import would cost what --help must not
-FORMATS = ("ffv1", "avi", "mp4", "png", "npz", "gif")
+FORMATS = ("ffv1", "mkv", "mp4", "png", "npz", "gif")
 
 
 @click.group(name="stimuli")
@@ -85,7 +85,7 @@ def show(name: str, as_json: bool, settings: tuple[str, ...]) -> None:
     type=click.Choice(FORMATS),
     default="ffv1",
     show_default=True,
-    help="ffv1 (.mkv), avi (FFV1), png (folder), npz and gif are lossless; mp4 (H.264) is lossy.",
+    help="ffv1 (.avi), mkv (FFV1), png (folder), npz and gif are lossless; mp4 (H.264) is lossy.",
 )
 @click.option(
     "--set",

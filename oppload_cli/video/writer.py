@@ -57,8 +57,8 @@ class Format:
 FORMATS = {
     one.name: one
     for one in (
-        Format("ffv1", ".mkv", "lossless; the container rounds frame times to 1 ms"),
-        Format("avi", ".avi", "lossless FFV1; frame times exact"),
+        Format("ffv1", ".avi", "lossless; frame times exact"),
+        Format("mkv", ".mkv", "lossless FFV1; the container rounds frame times to 1 ms"),
         Format("mp4", ".mp4", "lossy H.264: up to 6 grey levels, 0.3 on average", even=True),
         Format("png", "", "lossless; one image per frame in a folder, no frame times"),
         Format("npz", ".npz", "lossless; frame times exact, not a video"),
@@ -78,7 +78,7 @@ _CODECS: dict[str, tuple[str, str, str, dict[str, str]]] = {
 
 
 class VideoWriter(Writer):
-    """Writes FFV1 (``.mkv``, ``.avi``), H.264 (``.mp4``) and GIF files."""
+    """Writes FFV1 (``.avi``, ``.mkv``), H.264 (``.mp4``) and GIF files."""
 
     def _open(self) -> None:
         import av  # noqa: PLC0415 - 70 ms that the other formats need not wait for

@@ -99,9 +99,9 @@ def test_generate_writes_video_truth_and_preview(tmp_path: Path) -> None:
     name = "opplod2023/looming-disk-centre"
     result = run("generate", name, "-o", tmp_path / "new", "--preview", *SMALL)
     assert result.exit_code == 0
-    assert result.stdout.strip() == str(tmp_path / "new" / "opplod2023_looming-disk-centre.mkv")
+    assert result.stdout.strip() == str(tmp_path / "new" / "opplod2023_looming-disk-centre.avi")
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
-        "opplod2023_looming-disk-centre.mkv",
+        "opplod2023_looming-disk-centre.avi",
         "opplod2023_looming-disk-centre.preview.png",
         "opplod2023_looming-disk-centre.stimulus.json",
     ]
@@ -119,8 +119,8 @@ def test_generate_a_family_several_at_a_time(tmp_path: Path) -> None:
     )
     assert result.exit_code == 0
     assert [line.rsplit("_", 1)[1] for line in result.stdout.splitlines()] == [
-        "axis-45.mkv",
-        "axis-90.mkv",
+        "axis-45.avi",
+        "axis-90.avi",
     ]
 
 
@@ -139,11 +139,11 @@ def test_mp4_says_that_it_is_lossy(tmp_path: Path) -> None:
 def test_existing_files(tmp_path: Path) -> None:
     words = ("generate", "klapoetke2017/loom", "-o", tmp_path, *SMALL)
     run(*words)
-    path = tmp_path / "klapoetke2017_loom.mkv"
+    path = tmp_path / "klapoetke2017_loom.avi"
     first = path.read_bytes()
     found = problem(run(*words))
     assert isinstance(found, OutputError)
-    assert "klapoetke2017_loom.mkv exists already; use --if-exists skip or overwrite" in str(found)
+    assert "klapoetke2017_loom.avi exists already; use --if-exists skip or overwrite" in str(found)
     changed = (*words, "--set", "disk.luminance=0.4")
     assert run(*changed, "--if-exists", "skip").stdout == ""
     assert path.read_bytes() == first
@@ -186,7 +186,7 @@ def test_a_bad_name_does_not_stop_the_others(tmp_path: Path) -> None:
     own.write_text(OWN)
     result = run("generate", "klapoetke2017/lom", own, "-o", tmp_path)
     assert result.exit_code == ExitCode.INCOMPLETE
-    assert result.stdout.strip() == str(tmp_path / "own.mkv")
+    assert result.stdout.strip() == str(tmp_path / "own.avi")
     assert "did you mean 'klapoetke2017/loom'" in result.stderr
 
 

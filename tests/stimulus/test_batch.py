@@ -27,7 +27,7 @@ def test_an_interrupt_leaves_whole_files_only(stop: signal.Signals, tmp_path: Pa
         start_new_session=True,
     )
     for _ in range(600):
-        if any(tmp_path.glob("*.mkv")):
+        if any(tmp_path.glob("*.avi")):
             break
         time.sleep(0.05)
     # Ctrl-C goes to the whole group, an end from outside to the parent
@@ -37,7 +37,7 @@ def test_an_interrupt_leaves_whole_files_only(stop: signal.Signals, tmp_path: Pa
     assert said.strip() == "oppload: interrupted"
     names = sorted(path.name for path in tmp_path.iterdir())
     assert not [name for name in names if name.endswith(".part")]
-    videos = {name.removesuffix(".mkv") for name in names if name.endswith(".mkv")}
+    videos = {name.removesuffix(".avi") for name in names if name.endswith(".avi")}
     assert 0 < len(videos) < 150
     assert videos == {
         name.removesuffix(".stimulus.json") for name in names if name.endswith(".json")

@@ -20,7 +20,7 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("form", ["ffv1", "avi", "png", "gif"])
+@pytest.mark.parametrize("form", ["ffv1", "mkv", "png", "gif"])
 @pytest.mark.parametrize("name", NAMES)
 def test_lossless_formats_give_the_rendered_luminance(name: str, form: str, tmp_path: Path) -> None:
     protocol = stimulus.load(name, SHORT)
