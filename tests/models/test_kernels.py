@@ -32,6 +32,13 @@ def test_kernels_equal_the_literal_ones() -> None:
     np.testing.assert_allclose(two, reference.kernel(reference.w_i(2)), atol=1e-14)
 
 
+def test_excitation_is_never_negative() -> None:
+    strong = excitation_kernel(DpcParams(inhibition_strength=3))
+    assert strong.min() == 0
+    assert strong[6, 6] > 0
+    assert strong[6, 7] == 0
+
+
 def test_latency_grows_with_distance() -> None:
     row = latency(PARAMS)[6, 6:]
     assert (np.diff(row) > 0).all()

@@ -79,9 +79,14 @@ def test_warm_up_is_three_frames() -> None:
 
 
 def test_nothing_answers_where_nothing_changed() -> None:
-    frames = random_frames((30, 30))
-    dpc = stepped([*frames, frames[-1]])
-    out = np.ones((30, 30), np.float32)
+    """Far from a change that is over, I is 0 but for its last digits, of either sign."""
+    frames = [np.zeros((60, 60), np.float32) for _ in range(5)]
+    for t, frame in enumerate(frames[:3]):
+        frame[:9, :9] = 0.3 * t
+    frames[3:] = frames[2], frames[2]
+    dpc = stepped(frames[:4])
+    assert (dpc.inhibition < 0).any()
+    out = np.ones((60, 60), np.float32)
     assert not presynaptic_sum(dpc.excitation, dpc.inhibition, out).any()
 
 
