@@ -1,0 +1,89 @@
+"""Compare the speed of two checkouts, by turns on one machine; fail on a real regression.
+
+    python -m benchmarks.compare BASE HEAD
+    python -m benchmarks.compare --self-test
+
+Each round runs both in processes of their own. The head has regressed if the median of
+its ratio to the base is above what the base shows against itself in the same rounds, and
+above a tenth.
+"""  # fmt: skip
+
+from __future__ import annotations
+
+import argparse
+import os
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+LEAST_MARGIN = 0.10
+WORKER = """
+import sys, time
+import numpy as np
+from oppload_cli.models.bank import ModelBank
+from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+frames = np.random.default_rng(0).random((8, 240, 427), dtype=np.float32)
+bank = ModelBank((240, 427), [OpplodParams(), DlgmdParams()])
+passes = 12 + int(sys.argv[1])
+for luma in frames:
+    bank.step(luma)
+start = time.process_time()
+for _ in range(passes):
+    for luma in frames:
+        bank.step(luma)
+print((time.process_time() - start) / 12)
+"""
+
+
+def cost(checkout: Path, extra_passes: int = 0) -> float:
+    """Return the processor time of the models in a checkout, in seconds."""
+    done = subprocess.run(
+        [sys.executable, "-c", WORKER, str(extra_passes)],
+        env={**os.environ, "PYTHONPATH": str(checkout)},
+        cwd=checkout, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    return float(done.stdout)
+
+
+def verdict(base: Path, head: Path, rounds: int, slowed: int = 0) -> tuple[bool, str]:
+    """Run base, head and base again in turns; return whether the head holds, and why."""
+    ratios, drift = [], []
+    for _ in range(rounds):
+        before, measured, after = cost(base), cost(head, slowed), cost(base)
+        ratios.append(measured / statistics.mean((before, after)))
+        drift.append(abs(after / before - 1))
+    margin = max(LEAST_MARGIN, 2 * statistics.median(drift))
+    median = statistics.median(ratios)
+    text = f"head / base: median {median:.3f} of {rounds} rounds, margin {margin:.3f}"
+    return median <= 1 + margin, text
+
+
+def self_test(rounds: int) -> bool:
+    """Prove that equal code passes and that code slower by half fails."""
+    here = Path(__file__).resolve().parents[1]
+    same, same_text = verdict(here, here, rounds)
+    slower, slower_text = verdict(here, here, rounds, slowed=6)
+    print(f"the same code: {same_text}\nslower by half: {slower_text}")
+    return same and not slower
+
+
+def main() -> None:
+    """Parse the command line and exit 0 or 1."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("base", type=Path, nargs="?")
+    parser.add_argument("head", type=Path, nargs="?")
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--self-test", action="store_true")
+    options = parser.parse_args()
+    if options.self_test:
+        sys.exit(0 if self_test(options.rounds) else 1)
+    if options.base is None or options.head is None:
+        parser.error("give two checkouts, or --self-test")
+    holds, text = verdict(options.base.resolve(), options.head.resolve(), options.rounds)
+    print(text + ("" if holds else ": slower"))
+    sys.exit(0 if holds else 1)
+
+
+if __name__ == "__main__":
+    main()

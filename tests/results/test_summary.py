@@ -1,0 +1,33 @@
+from __future__ import annotations
+
+from oppload_cli import DlgmdResponse, FrameRecord
+from oppload_cli.results.summary import ModelSummary
+
+
+def record(frame: int, response: float | None, alarm: bool = False) -> FrameRecord:
+    answer = None if response is None else DlgmdResponse(response, response)
+    return FrameRecord(frame, frame / 10, 0.0, {"dlgmd": answer}, {"dlgmd": alarm})
+
+
+def test_summary_of_a_run() -> None:
+    summary = ModelSummary()
+    responses = [None, 0.0, 0.5, 2.0, 2.0, 1.0]
+    for frame, response in enumerate(responses):
+        summary.add(record(frame, response, alarm=frame in (3, 4)), "dlgmd")
+    assert summary.as_dict() == {
+        "frames": 5,
+        "peak": 2.0,
+        "peak_frame": 3,
+        "peak_time_s": 0.3,
+        "first_response_frame": 2,
+        "first_response_time_s": 0.2,
+        "first_alarm_frame": 3,
+        "first_alarm_time_s": 0.3,
+        "alarm_frames": 2,
+    }
+
+
+def test_summary_of_nothing() -> None:
+    summary = ModelSummary()
+    summary.add(record(0, None), "dlgmd")
+    assert (summary.frames, summary.peak, summary.first_alarm_frame) == (0, None, None)
