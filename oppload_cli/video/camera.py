@@ -37,6 +37,7 @@ class CameraSource:
         if not number.isdigit():
             raise SourceError(f"{name}: no camera's name; write camera:0, camera:1 and so on")
         self.decode = DecodeFacts()
+        self.stopping = False
         self._capture = cv2.VideoCapture(int(number))
         first = self._read()
         if first is None:
@@ -67,7 +68,7 @@ class CameraSource:
         """
         start = time.monotonic()
         plane = self._first
-        while plane is not None:
+        while plane is not None and not self.stopping:
             index = self.decode.decoded
             self.decode.decoded += 1
             yield Picture(index, time.monotonic() - start if index else 0.0, plane)

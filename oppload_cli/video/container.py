@@ -2,38 +2,38 @@
 
 from __future__ import annotations
 
-import re
 from fractions import Fraction
+from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
 import cv2
-import numpy as np
+from av.codec.context import Flags
 
 from oppload_cli.errors import SourceError
+from oppload_cli.video.declared import declared_end, declared_frames
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
+from oppload_cli.video.limits import check_pixels, most_pixels
+from oppload_cli.video.luma import is_full_range, luma_plane
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from av.container import InputContainer
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
     from numpy.typing import NDArray
 
+    Shown = tuple[VideoFrame, NDArray[Any], int]  # with its luma and the bits of a sample
+
+Value = TypeVar("Value")
 OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
-LIMITED, FULL = 1, 2  # AVCOL_RANGE_MPEG, AVCOL_RANGE_JPEG
-# Grey without a stated range: what a video codec codes is limited, all else is full.
-LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
-PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
-PACKED_RGB = {
-    "bgr24": cv2.COLOR_BGR2GRAY,
-    "rgb24": cv2.COLOR_RGB2GRAY,
-    "bgra": cv2.COLOR_BGRA2GRAY,
-    "rgba": cv2.COLOR_RGBA2GRAY,
-}
+COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
+# Lists of other files: nothing but the file that the user named is ever opened.
+PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
 class ContainerSource:
@@ -49,21 +49,29 @@ class ContainerSource:
     Raises
     ------
     SourceError
-        If it cannot be opened, or holds no video, or no frame can be decoded.
+        If it cannot be opened, or holds no video, or no frame can be decoded, or
+        it declares too many pixels.
     """
 
     def __init__(self, name: str, threads: int = 0) -> None:
         self.name = name
         self.decode = DecodeFacts()
+        self.stopping = False
         self._remote = "://" in name
         self._container = self._opened()
-        self._stream = self._video_stream()
-        self._stream.thread_type = "AUTO"
-        self._stream.codec_context.thread_count = threads
-        self._frames = self._decoded()
-        self._first = self._first_frame()
+        try:
+            self._stream = self._video_stream()
+            self._codec = self._stream.codec_context.codec.canonical_name
+            self._prepare(threads)
+            self._shown = self._decoded()
+            self._first_shown = self._first_of_all()
+            self._first = self._first_shown[0]
+            self.facts = self._facts()
+        except BaseException:
+            self.close()
+            raise
         self._last_time = 0.0
-        self.facts = self._facts()
+        self._longest_gap = 0.0
 
     def pictures(self) -> Iterator[Picture]:
         """Yield the decoded pictures; a damaged packet loses only its own frames.
@@ -73,28 +81,26 @@ class ContainerSource:
         Picture
             Its plane is a view that lives as long as the picture.
         """
-        frame: VideoFrame | None = self._first
-        while frame is not None:
+        size = (self._first.width, self._first.height)
+        for frame, plane, bits in chain([self._first_shown], self._shown):
             index = self.decode.decoded
             self.decode.decoded += 1
             self.decode.corrupt += frame.is_corrupt
-            self._last_time = self._time(frame, index)
-            plane, bits = luma_plane(frame)
-            full = is_full_range(frame, self._stream.codec_context.name)
-            yield Picture(index, self._last_time, plane, bits, full)
-            frame = next(self._frames, None)
+            time = self._time(frame, index)
+            self._longest_gap = max(self._longest_gap, time - self._last_time)
+            self._last_time = time
+            if (frame.width, frame.height) != size:
+                size = (frame.width, frame.height)
+                self.decode.note(f"the size becomes {size[0]} x {size[1]} at frame {index}")
+            yield Picture(index, time, plane, bits, is_full_range(frame, self._codec))
 
     def finish(self) -> None:
         """Count the frames that the container declared and that never came."""
-        declared = self.facts.frames_declared
+        declared = declared_frames(self._container, self._stream) or self.facts.frames_declared
         if declared is not None:
             self.decode.missing = max(0, declared - self.decode.decoded)
         elif self.facts.frame_rate:
-            duration = self._declared_duration()
-            if duration is not None:
-                # Durations are rounded, and some writers count the last frame's and some do not.
-                lost = (duration - self._last_time) * float(self.facts.frame_rate) - 1
-                self.decode.missing = max(0, round(lost)) if lost > 1.5 else 0
+            self.decode.missing = self._missing_at_the_end(float(self.facts.frame_rate))
         if self.decode.missing:
             self.decode.note(f"{self.decode.missing} declared frames never came")
 
@@ -102,14 +108,25 @@ class ContainerSource:
         """Close the container; may be called twice."""
         self._container.close()
 
+    def _missing_at_the_end(self, rate: float) -> int:
+        end = declared_end(self._container, self._stream)
+        if end is None or self._first.pts is None:
+            return 0
+        # Durations are rounded, some writers count the last frame's and some do not, and
+        # how long the last frame of a variable rate lasts cannot be known.
+        lost = end - self._first.time - self._last_time
+        return round(lost * rate - 1) if lost > 1.5 * max(1 / rate, self._longest_gap) else 0
+
     def _opened(self) -> InputContainer:
         if not self._remote:
             self._check_file()
         try:
             return av.open(
-                self.name,
+                # The prefix keeps a name such as "a:b.mp4" from being taken for an address.
+                self.name if self._remote else f"file:{self.name}",
                 timeout=(OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
                 metadata_errors="replace",
+                options={"max_pixels": str(most_pixels())},
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise SourceError(
@@ -131,39 +148,68 @@ class ContainerSource:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")
 
     def _video_stream(self) -> VideoStream:
+        if not self._remote and self._container.format.name in PLAYLISTS:
+            raise SourceError(f"{self.name}: only names other files; give these instead")
         # A cover picture is a video stream to the container, and not to anybody else.
-        streams = [s for s in self._container.streams.video if not s.disposition.value & 0x400]
+        streams = [
+            stream
+            for stream in self._container.streams.video
+            if not stream.disposition.value & COVER_PICTURE
+        ]
         if not streams:
-            self._container.close()
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
         # The stubs promise a codec; a stream of an unknown one has none.
         codec: Any = streams[0].codec_context
         if codec is None:
-            self._container.close()
             raise SourceError(f"{self.name}: its codec is unknown here; convert it, e.g. to H.264")
+        check_pixels(self.name, codec.width, codec.height)
         return streams[0]
 
-    def _first_frame(self) -> VideoFrame:
-        first = next(self._frames, None)
+    def _prepare(self, threads: int) -> None:
+        """Set the decoder up so that damage has the same effect at every run.
+
+        Decoding several frames at once reports an error late, loses what is under way
+        when it comes in the end, and conceals damage by whatever the other threads have
+        done so far. So the threads share one frame, and dav1d has one under way.
+        """
+        codec = self._stream.codec_context
+        codec.thread_type = "SLICE"
+        codec.thread_count = threads
+        codec.options = {"max_pixels": str(most_pixels()), "max_frame_delay": "1"}
+        # Concealed frames are wanted, and counted as corrupt: leaving them out would
+        # shorten the video without a word.
+        codec.flags |= Flags.output_corrupt
+
+    def _first_of_all(self) -> Shown:
+        first = next(self._shown, None)
         if first is None:
-            self.close()
             reasons = "; ".join(self.decode.messages) or "it holds no frame"
             raise SourceError(
                 f"{self.name}: no frame could be decoded ({reasons}); check or convert the file"
             )
         return first
 
-    def _decoded(self) -> Iterator[VideoFrame]:
+    def _decoded(self) -> Iterator[Shown]:
         for packet in self._packets():
-            try:
-                yield from packet.decode()
-            except (av.error.FFmpegError, ValueError) as error:
-                self.decode.failed(_reason(error))
+            if packet.is_corrupt:
+                self.decode.failed("a packet is cut or damaged")
+            for frame in self._attempt(packet.decode) or ():
+                shown = self._attempt(partial(luma_plane, frame))
+                if shown is not None:
+                    yield frame, *shown
+
+    def _attempt(self, decode: Callable[[], Value]) -> Value | None:
+        """Return what a step of decoding gives; where it fails, count that and go on."""
+        try:
+            return decode()
+        except (av.error.FFmpegError, ValueError, cv2.error) as error:
+            self.decode.failed(_reason(error))
+            return None
 
     def _packets(self) -> Iterator[Any]:
         packets = self._container.demux(self._stream)
         errors = 0
-        while True:
+        while not self.stopping:
             try:
                 packet = next(packets)
             except StopIteration:
@@ -172,6 +218,7 @@ class ContainerSource:
                 self.decode.failed(_reason(error))
                 errors += 1
                 if errors > MOST_DEMUX_ERRORS or self._remote:
+                    yield av.Packet()  # empty: the decoder gives what it still holds
                     return
                 packets = self._container.demux(self._stream)
             else:
@@ -179,104 +226,34 @@ class ContainerSource:
                 yield packet
 
     def _time(self, frame: VideoFrame, index: int) -> float:
-        if frame.pts is not None and self._first.pts is not None:
-            return frame.time - self._first.time
+        """Return the presentation time minus that of the first frame, in seconds."""
+        if frame.pts is not None and self._first.pts is not None and self._stream.time_base:
+            return float((frame.pts - self._first.pts) * self._stream.time_base)
         rate = self.facts.frame_rate
-        return index / float(rate) if rate else float(index)
-
-    def _declared_duration(self) -> float | None:
-        """Return the stream's duration in seconds, as far as it is its own."""
-        stream = self._stream
-        if stream.duration is not None and stream.time_base is not None:
-            return float(stream.duration * stream.time_base)
-        tag = re.match(r"(\d+):(\d+):(\d+(?:\.\d+)?)", stream.metadata.get("DURATION", ""))
-        if tag:
-            hours, minutes, seconds = tag.groups()
-            return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
-        if len(self._container.streams) == 1 and self._container.duration is not None:
-            return self._container.duration / av.time_base
-        return None
+        step = 1 / rate if rate else Fraction(1)
+        # Where only some frames carry a time, the others follow the one before.
+        return float(index * step) if self._first.pts is None else self._last_time + float(step)
 
     def _facts(self) -> InputFacts:
         frame, stream = self._first, self._stream
         rotation = int(frame.rotation) % 360
+        rotation = rotation if rotation % 90 == 0 else 0
         sideways = rotation in (90, 270)
-        codec = stream.codec_context.name
         aspect = stream.sample_aspect_ratio
-        path = Path(self.name)
         return InputFacts(
             name=self.name,
             kind="stream" if self._remote else "container",
             width=frame.height if sideways else frame.width,
             height=frame.width if sideways else frame.height,
             frame_rate=_rate(stream),
-            frames_declared=stream.frames or None,
+            frames_declared=declared_frames(self._container, stream),
             rotation=rotation,
-            codec=codec,
+            codec=self._codec,
             pixel_format=frame.format.name,
-            colour_range="full" if is_full_range(frame, codec) else "limited",
+            colour_range="full" if is_full_range(frame, self._codec) else "limited",
             pixel_aspect=Fraction(aspect) if aspect else None,
-            bytes=path.stat().st_size if path.is_file() else None,
+            bytes=None if self._remote else self._container.size,
         )
-
-
-def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
-    """Return the luma of a decoded frame, without a copy where it has a plane of its own.
-
-    Parameters
-    ----------
-    frame : av.VideoFrame
-        Any pixel format.
-
-    Returns
-    -------
-    plane : ndarray of uint8 or uint16, shape (height, width)
-        The Y plane; what has none (RGB, palettes) is converted to grey by the
-        Rec. 601 weights.
-    bits : int
-        Bits that a sample uses.
-    """
-    name = frame.format.name
-    if name in PACKED_RGB:
-        return cv2.cvtColor(frame.to_ndarray(), PACKED_RGB[name]), 8
-    if name in PACKED_YUV:
-        frame, name = frame.reformat(format="yuv422p"), "yuv422p"
-    has_plane = name.startswith(("yuv", "gray", "nv", "p0", "p2", "p4"))
-    if not has_plane:
-        return cv2.cvtColor(frame.to_ndarray(format="bgr24"), cv2.COLOR_BGR2GRAY), 8
-    # P010 and its kin hold their bits at the top of 16.
-    bits = 16 if name.startswith("p") else frame.format.components[0].bits
-    return _view(frame, bits, big_endian=name.endswith("be")), bits
-
-
-def is_full_range(frame: VideoFrame, codec: str) -> bool:
-    """Tell whether a frame's luma uses all of its range.
-
-    Parameters
-    ----------
-    frame : av.VideoFrame
-        A decoded frame.
-    codec : str
-        Name of its decoder, which settles grey frames that state no range.
-
-    Returns
-    -------
-    bool
-    """
-    name = frame.format.name
-    if name.startswith("yuvj") or not name.startswith(("yuv", "gray", "nv", "p0", "p2", "p4")):
-        return name not in PACKED_YUV or frame.color_range == FULL
-    if name.startswith("gray") and frame.color_range != LIMITED:
-        return frame.color_range == FULL or codec not in LIMITED_GREY
-    return bool(frame.color_range == FULL)
-
-
-def _view(frame: VideoFrame, bits: int, *, big_endian: bool) -> NDArray[Any]:
-    plane = frame.planes[0]
-    kind = np.dtype(np.uint8) if bits == 8 else np.dtype(">u2" if big_endian else "<u2")
-    rows = np.frombuffer(memoryview(plane), kind).reshape(-1, plane.line_size // kind.itemsize)
-    view: NDArray[Any] = rows[: frame.height, : frame.width]
-    return view.astype(np.uint16) if big_endian and bits > 8 else view
 
 
 def _rate(stream: VideoStream) -> Fraction | None:

@@ -165,6 +165,7 @@ class PictureSource(Protocol):
 
     facts: InputFacts
     decode: DecodeFacts
+    stopping: bool  # set by another thread: end as soon as may be
 
     def pictures(self) -> Iterator[Picture]:
         """Yield the pictures in order, once; errors that end the input are raised."""

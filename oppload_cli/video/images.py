@@ -11,7 +11,9 @@ import numpy as np
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
+from oppload_cli.video.image_size import declared_size
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
+from oppload_cli.video.limits import check_pixels
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -40,6 +42,7 @@ class ImageSource:
 
     def __init__(self, name: str, frame_rate: Fraction) -> None:
         self.decode = DecodeFacts()
+        self.stopping = False
         self._rate = frame_rate
         self._paths = image_paths(name)
         first = self._first_readable()
@@ -53,7 +56,7 @@ class ImageSource:
             frames_declared=len(self._paths),
             codec=self._paths[0].suffix.lower().lstrip("."),
             pixel_format="gray",
-            bytes=sum(path.stat().st_size for path in self._paths),
+            bytes=sum(map(_bytes, self._paths)),
         )
 
     def pictures(self) -> Iterator[Picture]:
@@ -64,12 +67,17 @@ class ImageSource:
         Picture
             Its index and time are those of its place in the sequence.
         """
+        size = (self.facts.height, self.facts.width)
         for index, path in enumerate(self._paths):
-            plane = _read(path)
+            if self.stopping:
+                return
+            plane = self._plane(path)
             if plane is None:
-                self.decode.failed(f"{path.name} is not an image that can be read")
                 continue
             self.decode.decoded += 1
+            if plane.shape != size:
+                size = (plane.shape[0], plane.shape[1])
+                self.decode.note(f"the size becomes {size[1]} x {size[0]} at {path.name}")
             yield Picture(index, float(index / self._rate), plane)
 
     def finish(self) -> None:
@@ -80,12 +88,23 @@ class ImageSource:
 
     def _first_readable(self) -> NDArray[np.uint8]:
         for path in self._paths:
-            plane = _read(path)
+            plane = self._plane(path)
             if plane is not None:
+                self.decode = DecodeFacts()  # they are read, and counted, once more
                 return plane
         raise SourceError(
-            f"{self._paths[0]}: none of these images can be read; check or convert them"
+            f"{self._paths[0]}: none of these images can be read ({self.decode.messages[0]}); "
+            f"check or convert them"
         )
+
+    def _plane(self, path: Path) -> NDArray[np.uint8] | None:
+        """Return an image, or None, counted, if it cannot be read."""
+        try:
+            return _read(path)
+        except (OSError, SourceError, cv2.error) as error:
+            reason = f" ({error})" if isinstance(error, SourceError) else ""
+            self.decode.failed(f"{path.name} is not an image that can be read{reason}")
+            return None
 
 
 def image_paths(name: str) -> list[Path]:
@@ -110,13 +129,17 @@ def image_paths(name: str) -> list[Path]:
     if pattern and not folder.exists():
         accepted = _pattern(folder.name, pattern)
         folder = folder.parent
-    if not folder.is_dir():
-        raise SourceError(f"{name}: no such folder; check the path")
-    paths = [
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in IMAGE_SUFFIXES and accepted.fullmatch(path.name)
-    ]
+    try:
+        paths = [
+            path
+            for path in folder.iterdir()
+            if path.suffix.lower() in IMAGE_SUFFIXES and accepted.fullmatch(path.name)
+        ]
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise SourceError(f"{name}: no such folder; check the path") from error
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise SourceError(f"{name}: cannot be read ({reason}); check the path") from error
     if not paths:
         raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
     return sorted(paths, key=numerical_order)
@@ -145,13 +168,21 @@ def _pattern(name: str, number: re.Match[str]) -> re.Pattern[str]:
     return re.compile(re.escape(name[: number.start()]) + digits + re.escape(name[number.end() :]))
 
 
-def _read(path: Path) -> NDArray[np.uint8] | None:
-    """Return an image as 8-bit grey by the Rec. 601 weights, or None if it cannot be read."""
+def _read(path: Path) -> NDArray[np.uint8]:
+    """Return an image as 8-bit grey by the Rec. 601 weights."""
+    data = path.read_bytes()
+    size = declared_size(data)
+    if size is None:
+        raise SourceError("neither PNG, JPEG, BMP, PNM, TIFF nor WebP, or cut")
+    check_pixels(path.name, *size)
+    colour = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if colour is None:
+        raise SourceError("damaged")
+    return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def _bytes(path: Path) -> int:
     try:
-        data = np.fromfile(path, np.uint8)
-        colour = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    except (OSError, cv2.error):
-        return None
-    return (
-        None if colour is None else np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
-    )
+        return path.stat().st_size
+    except OSError:  # it has vanished, or is a link to nothing: reading it will say so
+        return 0

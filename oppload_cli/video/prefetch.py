@@ -1,22 +1,26 @@
-"""A thread that decodes ahead, so that decoding and the models overlap."""
+"""Threads: one that decodes ahead, and one for calls that may block."""
 
 from __future__ import annotations
 
 import queue
 import threading
+import time
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+JOIN_WITHIN_S = 0.5  # so that Ctrl-C ends a run within one second
 
 
 class Prefetch(Generic[Item]):
     """An iterator whose items are made in a thread, a few ahead.
 
-    The thread is joined by `close`, whatever happened; an error in it is raised
-    in the caller, after the items that came before it.
+    An error in the thread is raised in the caller, after the items that came
+    before it.
 
     Parameters
     ----------
@@ -48,12 +52,23 @@ class Prefetch(Generic[Item]):
             raise StopIteration
         return item
 
-    def close(self) -> None:
-        """Stop the thread and join it; may be called twice."""
+    def close(self) -> bool:
+        """Stop the thread and join it; may be called twice.
+
+        Returns
+        -------
+        bool
+            False if it did not end in time: it waits for a device or a network, and
+            what it uses must be left alone.
+        """
         self._stop.set()
-        while not self._ended:
-            self._ended = isinstance(self._queue.get(), _End)
-        self._thread.join()
+        deadline = time.monotonic() + JOIN_WITHIN_S
+        while self._thread.is_alive() and time.monotonic() < deadline:
+            while not self._queue.empty():  # the thread may wait for a free place
+                self._queue.get_nowait()
+            self._thread.join(0.01)
+        self._ended = True
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         error: BaseException | None = None
@@ -73,3 +88,34 @@ class _End:
 
     def __init__(self, error: BaseException | None) -> None:
         self.error = error
+
+
+def interruptible(call: Callable[[], Value]) -> Value:
+    """Run a call that may block in a library, so that Ctrl-C is answered meanwhile.
+
+    Parameters
+    ----------
+    call : callable
+        Takes nothing; it runs in a thread, which an interruption leaves behind.
+
+    Returns
+    -------
+    object
+        What the call returns; what it raises is raised.
+    """
+    values: list[Value] = []
+    errors: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            values.append(call())
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, name="oppload-open", daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(0.1)  # without a limit it could not be interrupted on every system
+    if errors:
+        raise errors[0]
+    return values[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -12,7 +13,7 @@ from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import Frame
 from oppload_cli.video.images import NUMBER, ImageSource
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
-from oppload_cli.video.prefetch import Prefetch
+from oppload_cli.video.prefetch import Prefetch, interruptible
 from oppload_cli.video.span import Span
 from oppload_cli.video.working import Luminance, working_size
 
@@ -80,14 +81,17 @@ class Video:
 
     def close(self) -> None:
         """Stop decoding, join its thread and close the input; may be called twice."""
-        if self._prefetch is not None:
-            self._prefetch.close()
-        self._source.close()
+        self._source.stopping = True
+        # What a thread still works with, held up by a device or a network, is not closed.
+        if self._prefetch is None or self._prefetch.close():
+            self._source.close()
 
     def _frames(self) -> Iterator[Frame]:
         """Yield the span's frames. There is no seeking: what comes before is decoded."""
         started, end = self._span.start is None, self._span.end
         for picture in self._source.pictures():
+            if self._source.stopping:
+                return
             place = (picture.index, picture.time_s)
             if not started:
                 if self._span.start is not None and not self._span.start.reached(*place):
@@ -137,7 +141,8 @@ def open_video(
     ParameterError
         If the working size is too large.
     """
-    return Video(_source(str(name), image_rate, threads), height, span or Span())
+    source = interruptible(partial(_source, str(name), image_rate, threads))
+    return Video(source, height, span or Span())
 
 
 def _source(name: str, image_rate: Fraction, threads: int) -> PictureSource:
@@ -146,14 +151,12 @@ def _source(name: str, image_rate: Fraction, threads: int) -> PictureSource:
 
         return CameraSource(name)
     path = Path(name)
-    with suppress(OSError):  # a name may be too long to look up
-        if path.is_dir():
+    with suppress(OSError):  # a name may be too long, or may not be looked up
+        if path.is_dir() or (NUMBER.search(path.name) and not path.exists()):
             return ImageSource(name, image_rate)
-        if NUMBER.search(path.name) and not path.exists():
-            return ImageSource(name, image_rate)
-    if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
-        raise SourceError(
-            f"{name}: a single image shows no motion; give its folder, or a pattern such as "
-            f"frame_%03d{path.suffix}"
-        )
+        if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
+            raise SourceError(
+                f"{name}: a single image shows no motion; give its folder, or a pattern such as "
+                f"frame_%03d{path.suffix}"
+            )
     return ContainerSource(name, threads)
