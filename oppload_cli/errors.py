@@ -59,6 +59,26 @@ class StimulusError(OpploadError, ValueError):
     """A stimulus protocol is not valid, or cannot be rendered as asked."""
 
 
+def printable(text: str) -> str:
+    r"""Return a text on one line, without what a terminal would obey.
+
+    Names of files go into messages, and may hold line ends and escape sequences.
+
+    Parameters
+    ----------
+    text : str
+        Of any origin.
+
+    Returns
+    -------
+    str
+        With control characters and undecodable bytes as ``\\x1b``.
+    """
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text
+    )
+
+
 def suggestion(word: str, known: Iterable[str]) -> str:
     """Return a hint that names the known word nearest to a misspelt one.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 import sys
 import time
 from dataclasses import asdict, dataclass, field
@@ -16,7 +17,7 @@ from oppload_cli.errors import OpploadError, OutputError
 from oppload_cli.results.columns import columns_for
 from oppload_cli.results.sidecar import write_sidecar
 from oppload_cli.results.summary import ModelSummary
-from oppload_cli.results.table import PartFile, Table, cannot_write
+from oppload_cli.results.table import PartFile, Table, cannot_write, part_of
 from oppload_cli.stimulus.truth import read_ground_truth
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span
@@ -146,15 +147,14 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         if task.csv is None:
             _write_stream(run, sys.stdout)
         else:
-            _write_file(run, task.csv)
-        outcome = run.outcome(time.perf_counter() - started)
-        if task.sidecar is not None:
-            write_sidecar(task.sidecar, run.sidecar(outcome))
-    return outcome
+            _write_files(run, task.csv, task.sidecar, started)
+        return run.outcome(time.perf_counter() - started)
 
 
 def exists_already(task: Task) -> bool:
     """Tell whether the results of a task are there and shall be kept.
+
+    A result is whole when both files are there; one alone is what a killed run left.
 
     Parameters
     ----------
@@ -170,39 +170,56 @@ def exists_already(task: Task) -> bool:
     OutputError
         If a result is there and nothing was said of it.
     """
-    there = [path for path in (task.csv, task.sidecar) if path is not None and path.exists()]
-    if not there or task.if_exists is IfExists.OVERWRITE:
-        return False
-    if task.if_exists is IfExists.SKIP and len(there) == 2:
-        return True
+    results = [path for path in (task.csv, task.sidecar) if path is not None]
+    # These say no to a name that may not be looked up; writing it will tell the reason.
+    there = [path for path in results if os.path.lexists(path)]
     if task.if_exists is IfExists.ERROR:
-        raise OutputError(
-            f"{there[0]}: exists already; choose --if-exists overwrite or skip, or another --output"
-        )
-    return False
+        there += [part_of(path) for path in results if os.path.lexists(part_of(path))]
+        if there:
+            raise OutputError(
+                f"{there[0]}: exists already; "
+                f"choose --if-exists overwrite or skip, or another --output"
+            )
+    return task.if_exists is IfExists.SKIP and bool(there) and len(there) == len(results)
 
 
-def _write_file(run: _Run, path: Path) -> None:
-    file = PartFile(path)
+def _write_files(run: _Run, csv: Path, sidecar: Path | None, started: float) -> None:
+    """Write the rows, the sidecar, and last give the rows their name."""
+    file = PartFile(csv)
     try:
         run.write(file.stream)
+        if sidecar is not None:
+            # An old table must never stand beside a new sidecar, however this ends.
+            csv.unlink(missing_ok=True)
+            write_sidecar(sidecar, run.sidecar(run.outcome(time.perf_counter() - started)))
+        file.commit()
     except BaseException as error:
         if run.frames == 0:
             file.discard()
+            left = ""
+        else:
+            file.keep()
+            left = f"; the first {run.frames} rows are in {file.part}"
+        explained = _explained(error, csv, left)
+        if explained is None:
             raise
-        left = f"the first {run.frames} rows are in {file.part}"
-        _closed(file)
-        if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(left) from error
-        if isinstance(error, OSError):
-            raise OutputError(f"{cannot_write(path, error)}; {left}") from error
-        if isinstance(error, OpploadError):
-            raise type(error)(f"{error}; {left}") from error
-        raise
-    file.commit()
+        raise explained from error
 
 
-def _write_stream(run: _Run, stream: IO[str]) -> None:
+def _explained(error: BaseException, path: Path, left: str) -> BaseException | None:
+    """Return an error that says what is left of the result; None for a bug."""
+    if isinstance(error, KeyboardInterrupt):
+        return Interrupted(left.removeprefix("; "))
+    if isinstance(error, OSError):
+        return OutputError(f"{cannot_write(path, error)}{left}")
+    if isinstance(error, OpploadError):
+        return type(error)(f"{error}{left}")
+    return None
+
+
+def _write_stream(run: _Run, stream: IO[str] | None) -> None:
+    if stream is None:  # as Python has it after "oppload ... >&-"
+        raise OutputError("standard output: is closed; open it, or give a folder with --output")
     try:
         run.write(stream)
     except BrokenPipeError:
@@ -210,13 +227,6 @@ def _write_stream(run: _Run, stream: IO[str]) -> None:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise OutputError(f"standard output: cannot be written ({reason}); free it") from error
-
-
-def _closed(file: PartFile) -> None:
-    try:
-        file.keep()
-    except OSError:
-        return  # the disk that refused the rows may refuse the last of them again
 
 
 class _Run:

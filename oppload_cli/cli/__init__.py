@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from oppload_cli.errors import ExitCode, OpploadError, OutputError, suggestion
+from oppload_cli.errors import ExitCode, OpploadError, OutputError, printable, suggestion
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -82,10 +82,11 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     arguments : sequence of str, optional
         Instead of those of the process.
     """
-    signal.signal(signal.SIGTERM, _interrupt)
+    _answer_signals()
     try:
         code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
     except BaseException as error:  # the one place where all errors end
+        _ignore_signals()  # what is left takes no time; a second Ctrl-C shall not garble it
         sys.exit(failure(error))
     sys.exit(code or ExitCode.DONE)
 
@@ -107,7 +108,7 @@ def failure(error: BaseException) -> int:
         return error.code if isinstance(error.code, int) else ExitCode.BUG
     if os.environ.get("OPPLOAD_DEBUG"):
         traceback.print_exception(error)
-    if isinstance(error, BrokenPipeError | OutputError):
+    if isinstance(error, BrokenPipeError | OutputError) and sys.stdout is not None:
         # What could not be written shall not be tried again, and fail again, at exit.
         with suppress(OSError):
             sys.stdout.flush()
@@ -119,17 +120,43 @@ def failure(error: BaseException) -> int:
         return ExitCode.USAGE
     if isinstance(error, KeyboardInterrupt | click.Abort):
         left = f": {error}" if str(error) else ""
-        click.echo(f"oppload: interrupted{left}", err=True)
+        say(f"oppload: interrupted{left}")
         return ExitCode.INTERRUPTED
     if isinstance(error, OpploadError):
-        click.echo(f"oppload: {error}", err=True)
+        say(f"oppload: {error}")
         return error.exit_code
-    click.echo(
+    say(
         f"oppload: this is a bug ({type(error).__name__}: {error}); please report it with the "
-        f"output of OPPLOAD_DEBUG=1 and of 'oppload info'",
-        err=True,
+        f"output of OPPLOAD_DEBUG=1 and of 'oppload info'"
     )
     return ExitCode.BUG
+
+
+def say(line: str) -> None:
+    """Print one line on standard error, whatever the names in it hold.
+
+    Parameters
+    ----------
+    line : str
+        What to say.
+    """
+    with suppress(OSError):  # there may be nobody to read it
+        click.echo(printable(line), err=True)
+
+
+def _answer_signals() -> None:
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        # One that is ignored stays so: nohup means it.
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _interrupt)
+
+
+def _ignore_signals() -> None:
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from oppload_cli.cli import say
 from oppload_cli.cli.options import settings_options
-from oppload_cli.errors import ExitCode, OpploadError, OutputError, ParameterError
+from oppload_cli.errors import ExitCode, OpploadError, OutputError, ParameterError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -112,12 +113,12 @@ def _run_all(tasks: list[Task], failures: list[tuple[str, OpploadError]], *, ver
         else:
             incomplete |= not outcome.complete
     for _, failed in failures:
-        click.echo(f"oppload: {failed}", err=True)
+        say(f"oppload: {failed}")
     if not failures:
         return ExitCode.INCOMPLETE if incomplete else ExitCode.DONE
     if len(failures) == len(tasks) or not tasks:
         return max(failed.exit_code for _, failed in failures)
-    click.echo(f"oppload: {len(failures)} of the inputs failed; the others are done", err=True)
+    say(f"oppload: {len(failures)} of the inputs failed; the others are done")
     return ExitCode.INCOMPLETE
 
 
@@ -125,16 +126,16 @@ def _run_one(task: Task, verbosity: int) -> Outcome:
     from oppload_cli.cli.progress import Progress  # noqa: PLC0415
     from oppload_cli.task import run_task  # noqa: PLC0415
 
-    progress = Progress(task.name, verbosity, whole=task.span.open_ended)
+    progress = Progress(printable(task.name), verbosity, whole=task.span.open_ended)
     try:
         outcome = run_task(task, progress)
     finally:
         progress.close()
     if verbosity >= 0:
         for line in _report(task, outcome):
-            click.echo(line, err=True)
+            say(line)
     elif not outcome.complete:
-        click.echo(_incomplete(task, outcome), err=True)
+        say(_incomplete(task, outcome))
     return outcome
 
 
@@ -157,6 +158,8 @@ def _report(task: Task, outcome: Outcome) -> Iterator[str]:
     yield f"{task.name}: {outcome.frames} frames, {speed}; {'; '.join(peaks)}{place}"
     if not outcome.complete:
         yield _incomplete(task, outcome)
+    elif outcome.notes:
+        yield f"oppload: {task.name}: {'; '.join(outcome.notes)}"
 
 
 def _incomplete(task: Task, outcome: Outcome) -> str:

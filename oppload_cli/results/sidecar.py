@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.results.table import PartFile
+from oppload_cli.results.table import PartFile, cannot_write
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +29,12 @@ def write_sidecar(path: Path, content: dict[str, Any]) -> None:
         If it cannot be written.
     """
     file = PartFile(path)
-    with file.stream:
+    try:
         json.dump({"schema": SCHEMA, **content}, file.stream, indent=2, allow_nan=False)
         file.stream.write("\n")
-    file.commit()
+        file.commit()
+    except BaseException as error:
+        file.discard()
+        if isinstance(error, OSError):
+            raise cannot_write(path, error) from error
+        raise

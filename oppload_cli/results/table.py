@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import time
+from contextlib import suppress
 from typing import IO, TYPE_CHECKING
 
 from oppload_cli.errors import OutputError
@@ -77,17 +80,25 @@ class PartFile:
     Raises
     ------
     OutputError
-        If it cannot be written there.
+        If it cannot be written there, or another run is writing it.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.part = path.with_name(path.name + ".part")
+        self.part = part_of(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self.stream = self.part.open("w", encoding="utf-8", newline="")
+            # Emptied only once it is known to be ours alone.
+            self.stream = self.part.open("a", encoding="utf-8", newline="")
         except OSError as error:
             raise cannot_write(path, error) from error
+        try:
+            if not _ours_alone(self.stream, self.part):
+                raise OutputError(f"{path}: another run is writing it; wait for that one")
+            self.stream.truncate(0)
+        except BaseException:
+            self.stream.close()
+            raise
 
     def commit(self) -> None:
         """Close the file and give it its name.
@@ -98,6 +109,8 @@ class PartFile:
             If the disk refuses.
         """
         try:
+            self.stream.flush()
+            os.fsync(self.stream.fileno())  # a name without its content helps nobody
             self.stream.close()
             self.part.replace(self.path)
         except OSError as error:
@@ -105,12 +118,44 @@ class PartFile:
 
     def keep(self) -> None:
         """Close the file, leaving it as ``NAME.part``."""
-        self.stream.close()
+        with suppress(OSError):  # a full disk refuses the last rows once more
+            self.stream.close()
 
     def discard(self) -> None:
         """Close the file and remove it."""
-        self.stream.close()
-        self.part.unlink(missing_ok=True)
+        self.keep()
+        with suppress(OSError):
+            self.part.unlink()
+
+
+def part_of(path: Path) -> Path:
+    """Return the name under which a file is written.
+
+    Parameters
+    ----------
+    path : Path
+        Its final name.
+
+    Returns
+    -------
+    Path
+    """
+    return path.with_name(path.name + ".part")
+
+
+def _ours_alone(stream: IO[str], path: Path) -> bool:
+    """Lock an open file; tell whether no other process has it, or has just renamed it."""
+    if sys.platform == "win32":
+        return True
+    import fcntl  # noqa: PLC0415 - there is none on Windows
+
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return os.path.samestat(os.fstat(stream.fileno()), path.stat())
+    except (BlockingIOError, FileNotFoundError):
+        return False
+    except OSError:  # a file system without locks
+        return True
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:

@@ -14,6 +14,7 @@ from av.codec.context import Flags
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video.declared import declared_end, declared_frames
+from oppload_cli.video.ending import is_cut_short
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
 from oppload_cli.video.limits import check_pixels, most_pixels
 from oppload_cli.video.luma import is_full_range, luma_plane
@@ -101,8 +102,12 @@ class ContainerSource:
             self.decode.missing = max(0, declared - self.decode.decoded)
         elif self.facts.frame_rate:
             self.decode.missing = self._missing_at_the_end(float(self.facts.frame_rate))
+        if self.decode.corrupt:
+            self.decode.note(f"{self.decode.corrupt} frames are damaged")
         if self.decode.missing:
             self.decode.note(f"{self.decode.missing} declared frames never came")
+        if not self._remote and is_cut_short(self.name, self._container.format.name):
+            self.decode.failed("the file ends too early")
 
     def close(self) -> None:
         """Close the container; may be called twice."""
