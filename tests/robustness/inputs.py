@@ -81,9 +81,9 @@ def frame_of(kind: Kind, index: int) -> av.VideoFrame:
     return frame
 
 
-def make(path: Path, kind: Kind) -> Path:
+def make(path: Path, kind: Kind, container_options: dict[str, str] | None = None) -> Path:
     """Encode a file of that kind."""
-    with av.open(str(path), "w") as container:
+    with av.open(str(path), "w", options=container_options or {}) as container:
         stream: Any = container.add_stream(kind.codec, rate=kind.rate, options=kind.options)
         stream.width, stream.height, stream.pix_fmt = kind.width, kind.height, kind.pixel_format
         if kind.full:
