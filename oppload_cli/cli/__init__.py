@@ -119,7 +119,9 @@ def failure(error: BaseException) -> int:
         error.show()
         return ExitCode.USAGE
     if isinstance(error, KeyboardInterrupt | click.Abort):
-        left = f": {error}" if str(error) else ""
+        # Click turns an interruption into an Abort, which knows nothing of what is left.
+        left = str(error) or str(error.__cause__ or "")
+        left = f": {left}" if left else ""
         say(f"oppload: interrupted{left}")
         return ExitCode.INTERRUPTED
     if isinstance(error, OpploadError):

@@ -1,0 +1,217 @@
+"""Ctrl-C, SIGTERM and kill -9: a valid prefix, the right code, nothing left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from random import Random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import OpploadError
+from oppload_cli.results.reading import read_result
+from tests.cli.process import oppload
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+HANG_S = 30  # no run may outlive a signal by this
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Long enough that no test sees its end."""
+    folder = tmp_path_factory.mktemp("film")
+    frames = grey_frames(60, width=96, height=64) * 25
+    return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+
+
+@pytest.fixture(scope="module")
+def table(film: Path) -> bytes:
+    """What a whole run writes of the first 200 frames."""
+    done = oppload("run", film, "-o", "-", "-q", "--end", "f200")
+    return done.stdout.encode()
+
+
+def started(film: Path, folder: Path, *more: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "oppload_cli", "run", str(film), "-o", str(folder), *more],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def rows_written(folder: Path, run: subprocess.Popen[str]) -> Path:
+    """Wait until some rows are on the disk."""
+    part = folder / "film.frames.csv.part"
+    while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
+        time.sleep(0.01)
+    assert run.poll() is None, run.communicate()[1]
+    return part
+
+
+def check_prefix(part: Path, table: bytes) -> int:
+    """Check that the part is the beginning of the whole; return its whole rows."""
+    data = part.read_bytes()
+    shared = min(len(data), len(table))
+    assert data[:shared] == table[:shared]
+    return data.count(b"\n") - 1
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
+def test_what_was_written_is_a_valid_prefix(
+    film: Path, table: bytes, tmp_path: Path, name: str
+) -> None:
+    run = started(film, tmp_path)
+    part = rows_written(tmp_path, run)
+    time.sleep(0.3)
+    run.send_signal(getattr(signal, name))
+    said = run.communicate(timeout=HANG_S)[1]
+    rows = check_prefix(part, table)
+    assert not (tmp_path / "film.frames.csv").exists()
+    assert not (tmp_path / "film.oppload.json").exists()
+    if name == "SIGKILL":
+        assert run.returncode == -signal.SIGKILL
+    else:
+        assert run.returncode == 130
+        assert said.strip() == f"oppload: interrupted: the first {rows} rows are in {part}"
+    assert len(read_result(part).frames) == rows
+
+
+def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) -> None:
+    run = started(film, tmp_path)
+    part = rows_written(tmp_path, run)
+    run.kill()
+    run.communicate(timeout=HANG_S)
+    assert oppload("plot", part).returncode == 0
+    assert (tmp_path / "film.frames.png").exists()
+    # Rows that a run has left are not overwritten without being asked.
+    before = part.read_bytes()
+    refused = oppload("run", film, "-o", tmp_path, "--end", "f30")
+    assert (refused.returncode, part.read_bytes()) == (2, before)
+    assert "film.frames.csv.part: exists already" in refused.stderr
+    again = oppload("run", film, "-o", tmp_path, "--end", "f30", "--if-exists", "skip")
+    assert again.returncode == 0
+    assert "skipped" not in again.stderr
+    assert json.loads((tmp_path / "film.oppload.json").read_text())["decode"]["analysed"] == 30
+    assert not part.exists()
+    # Killed between its two files, a result is done again as well.
+    (tmp_path / "film.oppload.json").unlink()
+    third = oppload("run", film, "-o", tmp_path, "--end", "f20", "--if-exists", "skip")
+    assert (third.returncode, "skipped" in third.stderr) == (0, False)
+    assert (tmp_path / "film.frames.csv").read_text().count("\n") == 21
+
+
+def test_two_runs_do_not_write_one_result(film: Path, tmp_path: Path) -> None:
+    run = started(film, tmp_path, "--if-exists", "overwrite")
+    part = rows_written(tmp_path, run)
+    other = oppload("run", film, "-o", tmp_path, "--if-exists", "overwrite")
+    assert other.returncode == 2
+    assert "another run is writing it" in other.stderr
+    assert part.exists()
+    assert run.poll() is None
+    run.kill()
+    run.communicate(timeout=HANG_S)
+
+
+def test_an_input_that_never_answers_is_interrupted(tmp_path: Path) -> None:
+    fifo = tmp_path / "never.mkv"
+    os.mkfifo(fifo)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"http://127.0.0.1:{server.getsockname()[1]}/a.mp4"
+        for name in (str(fifo), address):
+            run = subprocess.Popen(
+                [sys.executable, "-m", "oppload_cli", "run", name, "-o", str(tmp_path)],
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            time.sleep(1)
+            run.send_signal(signal.SIGINT)
+            said = run.communicate(timeout=5)[1]  # the network alone would take 10 s
+            assert (run.returncode, said.strip()) == (130, "oppload: interrupted")
+    assert [path.name for path in tmp_path.iterdir()] == ["never.mkv"]
+
+
+def test_a_long_way_to_the_start_is_interrupted(film: Path, tmp_path: Path) -> None:
+    run = started(film, tmp_path, "--start", "f1000000")
+    time.sleep(1)
+    run.send_signal(signal.SIGINT)
+    run.communicate(timeout=HANG_S)
+    assert run.returncode in {130, 3, 0}  # it may have come to the end before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_the_terminal_is_left_as_it_was(film: Path, tmp_path: Path) -> None:
+    import pty
+    import termios
+
+    child, terminal = pty.fork()
+    if child == 0:
+        os.execv(  # noqa: S606
+            sys.executable,
+            [sys.executable, "-m", "oppload_cli", "run", str(film), "-o", str(tmp_path)],
+        )
+    before = termios.tcgetattr(terminal)
+    part = tmp_path / "film.frames.csv.part"
+    shown = b""
+    while not part.exists() or part.stat().st_size < 400:
+        time.sleep(0.01)
+    os.write(terminal, b"\x03")  # as the key itself does
+    while True:
+        try:
+            chunk = os.read(terminal, 4096)
+        except OSError:  # it has gone
+            break
+        if not chunk:
+            break
+        shown += chunk
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 130
+    assert termios.tcgetattr(terminal) == before
+    os.close(terminal)
+    assert shown.endswith(b"\r\n")
+    last = shown.decode().rstrip().splitlines()[-1]
+    assert last.startswith("oppload: interrupted: the first")
+    assert b"\x1b[?25l" not in shown or b"\x1b[?25h" in shown  # a cursor that was hidden is back
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
+def test_a_hundred_random_moments(film: Path, table: bytes, tmp_path: Path, name: str) -> None:
+    random = Random(7)  # noqa: S311
+    longest, early, parts = 0.0, 0, 0
+    for number in range(100):
+        folder = tmp_path / str(number)
+        run = started(film, folder)
+        time.sleep(random.uniform(0, 2.5))
+        run.send_signal(getattr(signal, name))
+        sent = time.monotonic()
+        said = run.communicate(timeout=HANG_S)[1]
+        longest = max(longest, time.monotonic() - sent)
+        part = folder / "film.frames.csv.part"
+        if part.exists():
+            check_prefix(part, table)
+            parts += 1
+            try:
+                read_result(part)
+            except OpploadError as error:
+                assert "holds no row" in str(error) or "not a CSV" in str(error)  # noqa: PT017
+        if name != "SIGKILL" and run.returncode != 130:
+            # Before the program's first line Python itself answers.
+            assert not folder.exists()
+            assert run.returncode in {-getattr(signal, name), 1}
+            early += 1
+            sys.stdout.write(f"{run.returncode}: {said[-300:]}\n")
+        elif name != "SIGKILL":
+            assert said.strip().count("\n") == 0, said
+    sys.stdout.write(
+        f"{name}: longest {longest:.2f} s, {parts} parts, {early} before the program began\n"
+    )
