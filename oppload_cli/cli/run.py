@@ -99,7 +99,8 @@ def run(  # noqa: PLR0917 - click passes them by name
 
 def _run_all(tasks: list[Task], failures: list[tuple[str, OpploadError]], *, verbosity: int) -> int:
     """Run every task; a bad input never stops the others."""
-    several = len(tasks) + len(failures) > 1
+    count = len(tasks) + len(failures)
+    several = count > 1
     if failures and not several:
         raise failures[0][1]
     incomplete = False
@@ -116,7 +117,7 @@ def _run_all(tasks: list[Task], failures: list[tuple[str, OpploadError]], *, ver
         say(f"oppload: {failed}")
     if not failures:
         return ExitCode.INCOMPLETE if incomplete else ExitCode.DONE
-    if len(failures) == len(tasks) or not tasks:
+    if len(failures) == count:
         return max(failed.exit_code for _, failed in failures)
     say(f"oppload: {len(failures)} of the inputs failed; the others are done")
     return ExitCode.INCOMPLETE
@@ -170,7 +171,7 @@ def _incomplete(task: Task, outcome: Outcome) -> str:
 
 
 def _expanded(inputs: tuple[str, ...]) -> tuple[list[str], list[tuple[str, OpploadError]]]:
-    from oppload_cli.video.inputs import single_inputs  # noqa: PLC0415
+    from oppload_cli.video.inputs import each_once, single_inputs  # noqa: PLC0415
 
     names: list[str] = []
     failures: list[tuple[str, OpploadError]] = []
@@ -179,7 +180,7 @@ def _expanded(inputs: tuple[str, ...]) -> tuple[list[str], list[tuple[str, Opplo
             names += single_inputs(name)
         except OpploadError as error:
             failures.append((name, error))
-    return list(dict.fromkeys(names)), failures
+    return each_once(names), failures
 
 
 def _placed(names: list[str], folder: Path) -> Iterator[tuple[str, Path, Path]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -19,6 +20,8 @@ VIDEO_SUFFIXES = {
     *(".wmv", ".y4m"),
 }
 IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
+
+LONGEST_STEM = 200  # bytes; a name may have 255 in all
 
 
 def single_inputs(name: str) -> list[str]:
@@ -61,22 +64,44 @@ def result_stems(inputs: Sequence[str]) -> list[str]:
     Parameters
     ----------
     inputs : sequence of str
-        Single inputs, each once.
+        Single inputs, each once: see :func:`each_once`.
 
     Returns
     -------
     list of str
-        As many, all different.
+        As many, all different, also where capitals and small letters are one.
     """
     stems = [_stem(name) for name in inputs]
-    return _told_apart(stems, inputs, Counter(stems))
-
-
-def _told_apart(stems: Iterable[str], inputs: Iterable[str], counts: Counter[str]) -> list[str]:
+    counts = Counter(stem.casefold() for stem in stems)
     return [
-        stem if counts[stem] == 1 else f"{stem}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
+        _told_apart(stem, name)
+        if counts[stem.casefold()] > 1 or len(os.fsencode(stem)) > LONGEST_STEM
+        else stem
         for stem, name in zip(stems, inputs, strict=True)
     ]
+
+
+def each_once(names: Iterable[str]) -> list[str]:
+    """Leave out the inputs that are named twice, be it in two spellings.
+
+    Parameters
+    ----------
+    names : iterable of str
+        Single inputs.
+
+    Returns
+    -------
+    list of str
+        Those that differ, in their order; a link and its target differ by their names.
+    """
+    return list({(_stem(name), _bytes(name)): name for name in reversed(list(names))}.values())[
+        ::-1
+    ]
+
+
+def _told_apart(stem: str, name: str) -> str:
+    short = os.fsencode(stem)[:LONGEST_STEM].decode("utf-8", "ignore")
+    return f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
 
 
 def _bytes(name: str) -> bytes:

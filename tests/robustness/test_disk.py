@@ -1,0 +1,231 @@
+"""Full, read-only and forbidden disks; names of every kind; nothing overwritten unasked."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import OutputError
+from oppload_cli.results.table import PartFile
+from tests.cli.process import oppload
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    frames = grey_frames(12)
+    return write_video(tmp_path_factory.mktemp("disk") / "clip.avi", frames, codec="ffv1")
+
+
+@contextmanager
+def mounted(folder: Path, options: str) -> Iterator[Path]:
+    """Mount a small file system, where that is allowed."""
+    folder.mkdir()
+    done = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)],
+        capture_output=True,
+        check=False,
+    )
+    if done.returncode:
+        pytest.skip("NOT TESTED: mounting needs root")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
+    frames = grey_frames(60) * 4
+    film = write_video(tmp_path / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+    with mounted(tmp_path / "small", "size=16k") as folder:
+        done = oppload("run", film, "-o", folder, "--height", "60")
+        assert done.returncode == 2
+        part = folder / "film.frames.csv.part"
+        assert "no space left on device" in done.stderr
+        assert f"rows are in {part}" in done.stderr
+        assert "Traceback" not in done.stderr
+        assert "bug" not in done.stderr
+        assert part.read_text().startswith("frame,time_s,")
+        assert [path.name for path in folder.iterdir()] == [part.name]
+
+
+def test_a_disk_that_is_full_from_the_start_or_for_the_sidecar(clip: Path, tmp_path: Path) -> None:
+    with mounted(tmp_path / "small", "size=8k") as folder:
+        filler = folder / "filler"
+        filler.write_bytes(bytes(8192))
+        done = oppload("run", clip, "-o", folder)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert "no space left" in done.stderr
+        assert list(folder.iterdir()) == [filler]
+        filler.write_bytes(bytes(4096))  # now the rows fit, and the sidecar does not
+        done = oppload("run", clip, "-o", folder)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert "clip.oppload.json: cannot be written (no space left" in done.stderr
+        assert "the first 12 rows are in" in done.stderr
+        assert sorted(path.name for path in folder.iterdir()) == ["clip.frames.csv.part", "filler"]
+
+
+def test_a_read_only_disk(clip: Path, tmp_path: Path) -> None:
+    with mounted(tmp_path / "fixed", "ro") as folder:
+        for place in (folder, folder / "new"):
+            done = oppload("run", clip, "-o", place)
+            assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+            assert "read-only file system" in done.stderr
+
+
+def without_privilege(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run the command; root loses its right to read and write everything."""
+    rights = "-dac_override,-dac_read_search"
+    drop = ["setpriv", "--bounding-set", rights, "--"] if os.geteuid() == 0 else []
+    if drop and not shutil.which("setpriv"):
+        pytest.skip("NOT TESTED: root may read everything, and there is no setpriv")
+    return subprocess.run(
+        [*drop, sys.executable, "-m", "oppload_cli", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_what_may_not_be_read_or_written(clip: Path, tmp_path: Path) -> None:
+    secret, closed, out = tmp_path / "secret.avi", tmp_path / "closed", tmp_path / "out"
+    secret.write_bytes(clip.read_bytes())
+    secret.chmod(0)
+    closed.mkdir(mode=0)
+    names = [secret, closed / "a.avi", closed / "a_%d.png", closed]
+    done = without_privilege("run", *names, "-o", out)
+    assert done.returncode == 3, done.stderr
+    assert done.stderr.count("permission denied") == len(names)
+    assert not list(out.iterdir())
+    mixed = without_privilege("run", closed, clip, "-o", out)
+    assert mixed.returncode == 4, mixed.stderr
+    done = without_privilege("run", clip, "-o", closed)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "permission denied" in done.stderr
+    closed.chmod(0o700)
+
+
+NAMES = [
+    "with space.avi",
+    "quo'te\".avi",
+    "new\nline.avi",
+    "-o.avi",
+    "--help",
+    "a:b.avi",
+    "%.avi",
+    "frame_%d.avi",
+    "ünï çödé.avi",
+    "esc\x1b[31mape.avi",
+    "n" * 251 + ".avi",
+    "no suffix",
+]
+
+
+def test_names_of_every_kind(clip: Path, tmp_path: Path) -> None:
+    inputs = tmp_path / "in"
+    inputs.mkdir()
+    for name in NAMES:
+        (inputs / name).write_bytes(clip.read_bytes())
+    done = oppload("run", "-o", tmp_path / "out", "--no-rmo", "--", *NAMES, cwd=inputs)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("\n") == len(NAMES)
+    assert "\x1b" not in done.stderr
+    sidecars = list((tmp_path / "out").glob("*.oppload.json"))
+    named = [json.loads(path.read_text())["input"]["name"] for path in sidecars]
+    assert sorted(named) == sorted(NAMES)
+    assert len(list((tmp_path / "out").glob("*.frames.csv"))) == len(NAMES)
+
+
+def test_a_name_that_is_no_utf_8(clip: Path, tmp_path: Path) -> None:
+    name = os.fsencode(tmp_path) + b"/\xff\xfe.avi"
+    try:
+        Path(os.fsdecode(name)).write_bytes(clip.read_bytes())
+    except OSError:
+        pytest.skip("NOT TESTED: this file system takes no such name")
+    done = subprocess.run(
+        [sys.executable, "-m", "oppload_cli", "run", name, "-o", str(tmp_path / "out")],
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert rb"\xff\xfe" in done.stderr or rb"\udcff" in done.stderr
+    assert len(list((tmp_path / "out").iterdir())) == 2
+
+
+def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    paths = [tmp_path / "a.avi", tmp_path / "b" / "a.avi", tmp_path / "A.mkv"]
+    for path in paths:
+        path.write_bytes(clip.read_bytes())
+    twice = tmp_path / "b" / ".." / "a.avi"
+    done = oppload("run", *paths, twice, "-o", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    names = [path.name for path in (tmp_path / "out").iterdir()]
+    assert len([name for name in names if name.endswith(".frames.csv")]) == 3
+    # Also where "A" and "a" are one name.
+    assert len({name.lower() for name in names}) == 6
+
+
+def test_an_output_is_never_an_input(clip: Path, tmp_path: Path) -> None:
+    tricky = tmp_path / "x.frames.csv"
+    tricky.write_bytes(clip.read_bytes())
+    part = tmp_path / "x.frames.csv.part"
+    part.write_bytes(clip.read_bytes())
+    done = oppload("run", tricky, part, "-o", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert tricky.read_bytes() == part.read_bytes() == clip.read_bytes()
+    other = tmp_path / "x.avi"
+    other.write_bytes(clip.read_bytes())
+    refused = oppload("run", other, "-o", tmp_path)
+    assert refused.returncode == 2
+    assert tricky.read_bytes() == part.read_bytes() == clip.read_bytes()
+
+
+def test_a_link_in_the_place_of_a_result_is_not_followed(clip: Path, tmp_path: Path) -> None:
+    target = tmp_path / "mine.txt"
+    target.write_text("mine")
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "clip.frames.csv").symlink_to(target)
+    assert oppload("run", clip, "-o", out).returncode == 2
+    done = oppload("run", clip, "-o", out, "--if-exists", "overwrite")
+    assert done.returncode == 0, done.stderr
+    assert target.read_text() == "mine"
+    assert not (out / "clip.frames.csv").is_symlink()
+
+
+def test_a_closed_standard_output(clip: Path) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f"exec '{sys.executable}' -m oppload_cli run '{clip}' -o - >&-"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "standard output: " in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_part_file_is_written_by_one_at_a_time(tmp_path: Path) -> None:
+    first = PartFile(tmp_path / "a.csv")
+    first.stream.write("one\n")
+    first.stream.flush()
+    with pytest.raises(OutputError, match="another run is writing it"):
+        PartFile(tmp_path / "a.csv")
+    assert first.part.read_text() == "one\n"
+    first.commit()
+    assert (tmp_path / "a.csv").read_text() == "one\n"
+    second = PartFile(tmp_path / "a.csv")
+    second.discard()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
