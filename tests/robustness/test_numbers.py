@@ -1,0 +1,250 @@
+"""The same bytes at every run, finite numbers from any pixels, flat memory over long runs."""
+
+from __future__ import annotations
+
+import csv
+import gc
+import math
+import os
+import resource
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.settings import resolve
+from oppload_cli.task import Task, run_task
+from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
+from oppload_cli.video.source import open_video
+from oppload_cli.video.working import Luminance, luminance_table, working_size
+from tests.cli.process import oppload
+from tests.media import grey_frames, looming, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+
+def table(path: Path, folder: Path, *assignments: str, height: str = "60") -> bytes:
+    folder.mkdir(exist_ok=True)
+    csv_path = folder / f"{len(list(folder.iterdir()))}.csv"
+    run_task(Task(str(path), resolve(height=height, assignments=assignments), csv_path))
+    return csv_path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def loom(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    frames = [(frame * 255).round().astype(np.uint8) for frame in looming(96, 60, 40, 20)]
+    folder = tmp_path_factory.mktemp("loom")
+    return write_video(folder / "loom.mp4", frames, codec="libx264", pixel_format="yuv420p")
+
+
+def test_twenty_runs_give_the_same_bytes(loom: Path, tmp_path: Path) -> None:
+    threads = cv2.getNumThreads()
+    seen = set()
+    try:
+        for number in range(20):
+            cv2.setNumThreads((1, 2, 4, 8)[number % 4])
+            seen.add(table(loom, tmp_path / "out"))
+    finally:
+        cv2.setNumThreads(threads)
+    assert len(seen) == 1
+
+
+def test_processes_and_their_threads_give_the_same_bytes(loom: Path, tmp_path: Path) -> None:
+    alone = {"OPENCV_FOR_THREADS_NUM": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    seen = {table(loom, tmp_path / "out")}
+    for environment in ({}, alone, {"PYTHONHASHSEED": "1"}):
+        done = oppload("run", loom, "-o", "-", "-q", "--height", "60", **environment)
+        seen.add(done.stdout.encode())
+    assert len(seen) == 1
+
+
+def stripes(height: int, width: int, period: int) -> NDArray[np.uint8]:
+    return np.tile(np.uint8(255) * (np.arange(width) // period % 2 == 0), (height, 1))
+
+
+def flash(count: int) -> Iterator[NDArray[np.uint8]]:
+    for index in range(count):
+        yield np.full((48, 64), 255 if index == 6 else 0, np.uint8)
+
+
+SCENES: dict[str, Iterable[NDArray[Any]]] = {
+    "uniform": [np.full((48, 64), 77, np.uint8)] * 12,
+    "black": [np.zeros((48, 64), np.uint8)] * 12,
+    "saturated": [np.full((48, 64), 255, np.uint8)] * 12,
+    "flash": list(flash(12)),
+    "flicker": [np.full((48, 64), 255 * (t % 2), np.uint8) for t in range(12)],
+    "stripes": [np.roll(stripes(48, 64, 4), t, 1) for t in range(12)],
+    "duplicates": [frame for frame in grey_frames(4) for _ in range(3)],
+    "noise": list(np.random.default_rng(3).integers(0, 256, (12, 48, 64), np.uint8)),
+    "1 x 1": [np.full((1, 1), 20 * t, np.uint8) for t in range(12)],
+    "2 x 2": [np.full((2, 2), 20 * t, np.uint8) for t in range(12)],
+    "1 x 48": [np.full((48, 1), 20 * t, np.uint8) for t in range(12)],
+    "64 x 1": [np.full((1, 64), 20 * t, np.uint8) for t in range(12)],
+}
+
+
+@pytest.mark.parametrize("height", ["native", "240", "8", "1"])
+@pytest.mark.parametrize("scene", SCENES)
+def test_finite_numbers_from_any_pixels(tmp_path: Path, scene: str, height: str) -> None:
+    path = write_video(tmp_path / "a.avi", SCENES[scene])
+    try:
+        text = table(path, tmp_path / "out", height=height)
+    except ParameterError as error:
+        assert "too large" in str(error)  # noqa: PT017 - 64 x 1 at 240 is 15360 x 240
+        return
+    rows = list(csv.DictReader(text.decode().splitlines()))
+    assert len(rows) == 12
+    cells = [cell for row in rows for cell in row.values() if cell]
+    assert all(math.isfinite(float(cell)) for cell in cells)
+    if scene in {"uniform", "black", "saturated"}:
+        responses = [row[f"{model}_response"] for row in rows[3:] for model in ("opplod", "dlgmd")]
+        assert {float(each) for each in responses} == {0.0}
+
+
+def test_extreme_parameters_stay_finite(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.avi", SCENES["noise"])
+    largest = ["opplod.gain=1e9", "opplod.periphery=1000", "opplod.inhibition_strength=100"]
+    smallest = ["opplod.receptive_field=2", "opplod.cell=1", "opplod.kernel_radius=1"]
+    wide = ["opplod.kernel_radius=50", "dlgmd.kernel_radius=50", "dlgmd.group_size=100"]
+    for assignments in (largest, smallest, wide):
+        rows = csv.DictReader(table(path, tmp_path / "out", *assignments).decode().splitlines())
+        assert all(math.isfinite(float(cell)) for row in rows for cell in row.values() if cell)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e400", "NaN", "-1", "1_0", "0x10", ""])
+@pytest.mark.parametrize(
+    "name", ["opplod.sigma_excitation", "dlgmd.threshold_limit", "alarm.factor", "rmo.sides"]
+)
+def test_what_is_no_number_is_refused(name: str, value: str) -> None:
+    if name == "alarm.factor" and value == "1_0":
+        pytest.skip("Python reads it as 10")
+    if value == "1_0" and name != "rmo.sides":
+        assert resolve(assignments=[f"{name}={value}"])
+        return
+    with pytest.raises(ParameterError):
+        resolve(assignments=[f"{name}={value}"])
+
+
+class Endless:
+    """A source of frames made on the fly, through the same code as a file's."""
+
+    def __init__(self, name: str, count: int) -> None:
+        self.decode = DecodeFacts()
+        self.stopping = False
+        self._count = count
+        self.facts = InputFacts(name, "container", 32, 24, None, count)
+        generator = np.random.default_rng(1)
+        self._planes = list(generator.integers(0, 256, (16, 24, 32), np.uint8))
+
+    def pictures(self) -> Iterator[Picture]:
+        for index in range(self._count):
+            self.decode.decoded += 1
+            yield Picture(index, index / 30, self._planes[index % 16])
+
+    def finish(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Meter:
+    """Notes the memory and the open files of this process as a run goes on."""
+
+    def __init__(self, every: int) -> None:
+        self._every = every
+        self._frames = 0
+        self.memory: list[int] = []
+        self.files: list[int] = []
+
+    def opened(self, _video: object) -> None:
+        """Nothing to note."""
+
+    def frame(self, _record: object) -> None:
+        self._frames += 1
+        if self._frames % self._every == 0:
+            gc.collect()
+            self.memory.append(resident())
+            self.files.append(len(os.listdir("/proc/self/fd")))  # noqa: PTH208
+
+
+def resident() -> int:
+    """Return the memory that this process has in use, in bytes."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize()
+
+
+def long_run(monkeypatch: pytest.MonkeyPatch, folder: Path, count: int) -> Meter:
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("NOT MEASURED: no /proc here")
+    monkeypatch.setattr("oppload_cli.video.source._source", lambda name, *_: Endless(name, count))
+    meter = Meter(1000)
+    task = Task("endless", resolve(height="24"), folder / "a.csv", folder / "a.json")
+    outcome = run_task(task, meter)
+    assert outcome.frames == count
+    growth = max(meter.memory[1:]) - meter.memory[0]
+    sys.stdout.write(f"{count} frames: {growth / 1e6:.2f} MB more than after 1,000 frames\n")
+    return meter
+
+
+def check_flat(meter: Meter) -> None:
+    assert max(meter.memory[1:]) - meter.memory[0] < 5_000_000
+    assert len(set(meter.files)) == 1
+
+
+def test_memory_stays_flat(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    check_flat(long_run(monkeypatch, tmp_path, 4_000))
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_over_a_hundred_thousand_frames(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    check_flat(long_run(monkeypatch, tmp_path, 100_000))
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_over_a_long_file(tmp_path: Path) -> None:
+    frames = grey_frames(50, width=32, height=24) * 400
+    path = write_video(tmp_path / "a.mp4", frames, codec="libx264", pixel_format="yuv420p")
+    meter = Meter(1000)
+    run_task(Task(str(path), resolve(height="24"), tmp_path / "a.csv"), meter)
+    check_flat(meter)
+
+
+def test_many_inputs_leave_nothing_open(loom: Path, tmp_path: Path) -> None:
+    import threading
+
+    if not Path("/proc/self/fd").exists():
+        pytest.skip("NOT MEASURED: no /proc here")
+    broken = tmp_path / "broken.mp4"
+    broken.write_bytes(loom.read_bytes()[:900])
+    counts = []
+    for _ in range(30):
+        with open_video(loom, height=24) as video:
+            next(iter(video))  # left in the middle
+        with pytest.raises(Exception, match="not a video|no frame"):
+            open_video(broken)
+        counts.append((len(os.listdir("/proc/self/fd")), threading.active_count()))  # noqa: PTH208
+    assert len(set(counts)) == 1
+
+
+@pytest.mark.parametrize("full", [True, False])
+def test_luminance_stays_within_its_range(full: bool) -> None:
+    for bits in (8, 10, 16):
+        values = luminance_table(bits, full)
+        assert values.min() == 0
+        assert values.max() == 1
+        assert np.isfinite(values).all()
+    facts = InputFacts("a", "container", 3, 5, None, None)
+    luminance = Luminance(working_size(facts, 2), 0)(
+        Picture(0, 0.0, np.full((5, 3), 255, np.uint8))
+    )
+    assert luminance.max() <= 1
