@@ -146,20 +146,32 @@ def say(line: str) -> None:
         click.echo(printable(line), err=True)
 
 
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+
+
+class Signalled(KeyboardInterrupt):
+    """A signal asked the program to stop.
+
+    A class of its own: where a plain KeyboardInterrupt passes through an ``exec``, as
+    of a dataclass while modules are loaded, Python ends the process by SIGINT even if
+    the exception was caught.
+    """
+
+
 def _answer_signals() -> None:
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)  # Windows has no SIGHUP
+    for name in SIGNALS:
+        number = getattr(signal, name, None)
         # One that is ignored stays so: nohup means it.
-        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _interrupt)
 
 
 def _ignore_signals() -> None:
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+    for name in SIGNALS:
         number = getattr(signal, name, None)
         if number is not None:
             signal.signal(number, signal.SIG_IGN)
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
-    raise KeyboardInterrupt
+    raise Signalled
