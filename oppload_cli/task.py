@@ -320,7 +320,7 @@ class _Run:
 def _ground_truth(video: Path) -> dict[str, Any] | None:
     """Return what the ground truth beside a stimulus's video says; None if there is none."""
     path = video.with_name(f"{video.stem}.stimulus.json")
-    if not path.is_file():
+    if not os.path.lexists(path):  # which says no to a name too long to look up
         return None
     try:
         truth = read_ground_truth(path)
