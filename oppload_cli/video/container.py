@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from fractions import Fraction
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
+HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
 COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 # Lists of other files: nothing but the file that the user named is ever opened.
 PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
@@ -59,12 +61,14 @@ class ContainerSource:
         self.decode = DecodeFacts()
         self.stopping = False
         self._remote = "://" in name
+        self._careful = self._remote  # a stream cannot be read again
+        self._threads = threads
         self._container = self._opened()
         try:
             self._stream = self._video_stream()
             self._codec = self._stream.codec_context.codec.canonical_name
-            self._prepare(threads)
-            self._shown = self._decoded()
+            self._prepare()
+            self._shown = self._steadily()
             self._first_shown = self._first_of_all()
             self._first = self._first_shown[0]
             self.facts = self._facts()
@@ -97,11 +101,7 @@ class ContainerSource:
 
     def finish(self) -> None:
         """Count the frames that the container declared and that never came."""
-        declared = declared_frames(self._container, self._stream) or self.facts.frames_declared
-        if declared is not None:
-            self.decode.missing = max(0, declared - self.decode.decoded)
-        elif self.facts.frame_rate:
-            self.decode.missing = self._missing_at_the_end(float(self.facts.frame_rate))
+        self.decode.missing = self._missing()
         if self.decode.corrupt:
             self.decode.note(f"{self.decode.corrupt} frames are damaged")
         if self.decode.missing:
@@ -112,6 +112,13 @@ class ContainerSource:
     def close(self) -> None:
         """Close the container; may be called twice."""
         self._container.close()
+
+    def _missing(self) -> int:
+        declared = declared_frames(self._container, self._stream) or self.facts.frames_declared
+        if declared is not None:
+            return max(0, declared - self.decode.decoded)
+        rate = self.facts.frame_rate
+        return self._missing_at_the_end(float(rate)) if rate else 0
 
     def _missing_at_the_end(self, rate: float) -> int:
         end = declared_end(self._container, self._stream)
@@ -170,20 +177,55 @@ class ContainerSource:
         check_pixels(self.name, codec.width, codec.height)
         return streams[0]
 
-    def _prepare(self, threads: int) -> None:
-        """Set the decoder up so that damage has the same effect at every run.
-
-        Decoding several frames at once reports an error late, loses what is under way
-        when it comes in the end, and conceals damage by whatever the other threads have
-        done so far. So the threads share one frame, and dav1d has one under way.
-        """
+    def _prepare(self) -> None:
         codec = self._stream.codec_context
-        codec.thread_type = "SLICE"
-        codec.thread_count = threads
-        codec.options = {"max_pixels": str(most_pixels()), "max_frame_delay": "1"}
+        codec.thread_type = "SLICE" if self._careful else "AUTO"
+        codec.thread_count = self._threads
+        codec.options = {"max_pixels": str(most_pixels())}
+        if self._careful:
+            codec.options |= {"max_frame_delay": "1"}  # of dav1d
         # Concealed frames are wanted, and counted as corrupt: leaving them out would
         # shorten the video without a word.
         codec.flags |= Flags.output_corrupt
+
+    def _steadily(self) -> Iterator[Shown]:
+        """Yield the frames so that damage has the same effect at every run.
+
+        Decoding several frames at once is fastest. But it reports an error late, loses
+        what is under way when it comes in the end, and conceals damage by whatever the
+        other threads have done so far. So at its first sign the file is decoded again
+        with all threads on one frame, and what has been yielded is passed over. A few
+        frames are held back: one that refers to a damaged one may come before it.
+        """
+        count = 0
+        if not self._careful:
+            held: deque[Shown] = deque()
+            damaged = False
+            for shown in self._decoded():
+                damaged = self.decode.failures > 0 or shown[0].is_corrupt
+                if damaged:
+                    break
+                held.append(shown)
+                if len(held) > HELD_BACK:
+                    count += 1
+                    yield held.popleft()
+            damaged = damaged or self.decode.failures > 0
+            while held and not damaged:
+                count += 1
+                yield held.popleft()
+            if self.stopping or (count and not damaged and not self._missing()):
+                return
+            self._start_again()
+        yield from islice(self._decoded(), count, None)
+
+    def _start_again(self) -> None:
+        self.decode.failures = 0
+        self.decode.messages.clear()
+        self._careful = True
+        self._container.close()
+        self._container = self._opened()
+        self._stream = self._video_stream()
+        self._prepare()
 
     def _first_of_all(self) -> Shown:
         first = next(self._shown, None)
