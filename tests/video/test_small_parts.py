@@ -195,3 +195,35 @@ def test_stems_are_told_apart() -> None:
     assert stems[0].startswith("a-")
     assert stems[0] != stems[1]
     assert len(stems[0]) == len("a-") + 8
+
+
+@pytest.mark.parametrize(
+    ("source", "working", "bits"),
+    [
+        ((1080, 1920), (240, 427), 8),
+        ((97, 131), (41, 50), 8),
+        ((300, 400), (240, 320), 8),
+        ((270, 480), (90, 160), 10),
+    ],
+)
+def test_shrinking_averages_areas(
+    source: tuple[int, int], working: tuple[int, int], bits: int
+) -> None:
+    rng = np.random.default_rng(3)
+    plane: Any = rng.integers(0, 2**bits, source, np.uint8 if bits == 8 else np.uint16)
+    size = WorkingSize(working[1], working[0], 1.0, 1.0)
+    luma = Luminance(size, 0)(Picture(0, 0.0, plane, bits=bits))
+    down, across = (areas(a, b) for a, b in zip(source, working, strict=True))
+    exact = down @ plane.astype(np.float64) @ across.T
+    error = luma * (2**bits - 1) - exact
+    assert np.abs(error).max() < (0.8 if bits == 8 else 2)
+    assert abs(error.mean()) < 0.1
+
+
+def areas(source: int, working: int) -> np.ndarray:
+    """How much of each source pixel lies in each working pixel, in shares of the latter."""
+    ends = np.arange(working + 1) * source / working
+    pixels = np.arange(source)
+    upper = np.minimum(ends[1:, None], pixels + 1)
+    lower = np.maximum(ends[:-1, None], pixels)
+    return np.asarray(np.clip(upper - lower, 0, None) * working / source)
