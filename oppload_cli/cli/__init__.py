@@ -19,7 +19,7 @@ from oppload_cli.errors import ExitCode, OpploadError, OutputError, printable, s
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from types import FrameType
 
 COMMANDS = {
@@ -115,15 +115,16 @@ def failure(error: BaseException) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if isinstance(error, BrokenPipeError):
         return ExitCode.INTERRUPTED
+    if _received or isinstance(error, KeyboardInterrupt | click.Abort):
+        # Click turns an interruption into an Abort, and an import into any other error.
+        left = next(
+            (str(each) for each in _causes(error) if isinstance(each, KeyboardInterrupt)), ""
+        )
+        say(f"oppload: interrupted{': ' if left else ''}{left}")
+        return ExitCode.INTERRUPTED
     if isinstance(error, click.ClickException):
         error.show()
         return ExitCode.USAGE
-    if isinstance(error, KeyboardInterrupt | click.Abort):
-        # Click turns an interruption into an Abort, which knows nothing of what is left.
-        left = str(error) or str(error.__cause__ or "")
-        left = f": {left}" if left else ""
-        say(f"oppload: interrupted{left}")
-        return ExitCode.INTERRUPTED
     if isinstance(error, OpploadError):
         say(f"oppload: {error}")
         return error.exit_code
@@ -158,6 +159,27 @@ class Signalled(KeyboardInterrupt):
     """
 
 
+_received: list[int] = []  # signals that asked the program to stop
+
+
+def stop_if_asked() -> None:
+    """Raise an interruption that came before and was swallowed, as by a destructor.
+
+    Raises
+    ------
+    Signalled
+        If a signal has come.
+    """
+    if _received:
+        raise Signalled
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__
+
+
 def _answer_signals() -> None:
     for name in SIGNALS:
         number = getattr(signal, name, None)
@@ -173,5 +195,6 @@ def _ignore_signals() -> None:
             signal.signal(number, signal.SIG_IGN)
 
 
-def _interrupt(_signal: int, _frame: FrameType | None) -> NoReturn:
+def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
+    _received.append(number)
     raise Signalled

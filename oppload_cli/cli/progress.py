@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Never
 
 import click
 
+from oppload_cli.cli import stop_if_asked
+
 if TYPE_CHECKING:
     from tqdm import tqdm
 
@@ -62,6 +64,7 @@ class Progress:
         record : FrameRecord
             The frame.
         """
+        stop_if_asked()
         self._frames += 1
         if self._bar is not None:
             self._bar.update()
