@@ -265,7 +265,7 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise ParameterError(f"{path}: cannot be read ({reason}); check --config") from error
-    except ValueError as error:  # of TOML, or of UTF-8
+    except (ValueError, RecursionError) as error:  # of TOML, of UTF-8, or of brackets
         raise ParameterError(f"{path}: is not valid TOML ({error}); correct the file") from error
 
 

@@ -44,7 +44,8 @@ class Result:
     @property
     def title(self) -> str:
         """The input's name, as far as it is known."""
-        name = self.sidecar.get("input", {}).get("name")
+        facts = self.sidecar.get("input")
+        name = facts.get("name") if isinstance(facts, dict) else None
         return Path(name).name if isinstance(name, str) and name else self.stem
 
     @property
@@ -151,6 +152,6 @@ def _sidecar(path: Path) -> dict[str, Any]:
         content = json.loads(beside.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise ResultError(f"{beside}: is not a sidecar that can be read; remove it") from error
     return content if isinstance(content, dict) else {}

@@ -17,7 +17,7 @@ from oppload_cli.errors import SourceError
 from oppload_cli.video.declared import declared_end, declared_frames
 from oppload_cli.video.ending import is_cut_short
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
-from oppload_cli.video.limits import check_pixels, most_pixels
+from oppload_cli.video.limits import VARIABLE, check_pixels, most_pixels
 from oppload_cli.video.luma import is_full_range, luma_plane
 
 if TYPE_CHECKING:
@@ -231,6 +231,11 @@ class ContainerSource:
         first = next(self._shown, None)
         if first is None:
             reasons = "; ".join(self.decode.messages) or "it holds no frame"
+            # So a decoder refuses a picture for its size; often it then forgets that size.
+            if "invalid argument" in reasons or not self._stream.codec_context.width:
+                reasons += (
+                    f", or its pictures have more than {most_pixels()} pixels: see {VARIABLE}"
+                )
             raise SourceError(
                 f"{self.name}: no frame could be decoded ({reasons}); check or convert the file"
             )
