@@ -17,7 +17,7 @@ from oppload_cli.errors import SourceError
 from oppload_cli.video.declared import declared_end, declared_frames
 from oppload_cli.video.ending import is_cut_short
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
-from oppload_cli.video.limits import VARIABLE, check_pixels, most_pixels
+from oppload_cli.video.limits import VARIABLE, check_pixels, decoder_limit, most_pixels
 from oppload_cli.video.luma import is_full_range, luma_plane
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ class ContainerSource:
                 self.name if self._remote else f"file:{self.name}",
                 timeout=(OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
                 metadata_errors="replace",
-                options={"max_pixels": str(most_pixels())},
+                options={"max_pixels": decoder_limit()},
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise SourceError(
@@ -181,9 +181,8 @@ class ContainerSource:
         codec = self._stream.codec_context
         codec.thread_type = "SLICE" if self._careful else "AUTO"
         codec.thread_count = self._threads
-        codec.options = {"max_pixels": str(most_pixels())}
-        if self._careful:
-            codec.options |= {"max_frame_delay": "1"}  # of dav1d
+        one_under_way = {"max_frame_delay": "1"} if self._careful else {}  # of dav1d
+        codec.options = {"max_pixels": decoder_limit(), **one_under_way}
         # Concealed frames are wanted, and counted as corrupt: leaving them out would
         # shorten the video without a word.
         codec.flags |= Flags.output_corrupt
@@ -239,6 +238,7 @@ class ContainerSource:
             raise SourceError(
                 f"{self.name}: no frame could be decoded ({reasons}); check or convert the file"
             )
+        check_pixels(self.name, first[0].width, first[0].height)
         return first
 
     def _decoded(self) -> Iterator[Shown]:

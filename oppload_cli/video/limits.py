@@ -31,6 +31,20 @@ def most_pixels() -> int:
     return int(text)
 
 
+def decoder_limit() -> str:
+    """Return the value of FFmpeg's option ``max_pixels``.
+
+    Decoders round sizes up and add margins before they compare, so they are given
+    more than :func:`most_pixels`; it is the last defence, where a stream is larger
+    than its container says.
+
+    Returns
+    -------
+    str
+    """
+    return str(min(2 * most_pixels() + (1 << 16), (1 << 31) - 1))
+
+
 def check_pixels(name: str, width: int, height: int) -> None:
     """Refuse a picture that is too large.
 

@@ -100,7 +100,9 @@ def test_the_limit_can_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with open_video(path) as video:
         assert len(list(video)) == 12
     monkeypatch.setenv(VARIABLE, str(96 * 64 - 1))
-    with pytest.raises(SourceError, match=f"more than 6143 pixels: see {VARIABLE}"):
+    with pytest.raises(
+        SourceError, match=f"declares 96 x 64 pixels, more than 6143; set {VARIABLE}"
+    ):
         open_video(path)
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((64, 96), np.uint8))
     with pytest.raises(SourceError, match="declares 96 x 64 pixels"):
