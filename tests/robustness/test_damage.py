@@ -20,7 +20,7 @@ from oppload_cli.video.source import open_video
 from tests.cli.process import oppload
 from tests.media import grey_frames, write_video
 from tests.robustness.damage import VICTIMS, intact
-from tests.robustness.inputs import KINDS, Kind, make
+from tests.robustness.inputs import KINDS, Kind, make, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -214,3 +214,38 @@ def test_ends_are_known_of_what_is_whole(tmp_path: Path) -> None:
         path.write_bytes(path.read_bytes()[:-5])
         assert is_cut_short(str(path), container)
     assert not is_cut_short(str(tmp_path / "missing"), "gif")
+
+
+def test_a_capture_that_begins_between_key_frames(tmp_path: Path) -> None:
+    """Its first frames cannot be whole; the others can, and their times begin at the first."""
+    kind = Kind("ts", "libx264", frames=40, options={"preset": "ultrafast", "g": "20"})
+    data = make(tmp_path / "whole.ts", kind).read_bytes()
+    path = tmp_path / "late.ts"
+    path.write_bytes(data[len(data) // 4 // 188 * 188 :])
+    with open_video(path, height=None) as video:
+        frames = list(video)
+        assert not video.decode.complete
+    assert 19 <= len(frames) < 40
+    assert frames[0].time_s == 0
+    last = frames[-1]
+    assert float(last.luma[:, :24].mean()) == pytest.approx(shown(kind, 39), abs=0.01)
+
+
+def test_what_a_server_sends_is_read_to_its_end(tmp_path: Path) -> None:
+    import threading
+    from functools import partial
+    from http.server import HTTPServer, SimpleHTTPRequestHandler
+
+    make(tmp_path / "a.mkv", KINDS["ffv1-mkv"])
+
+    class Quiet(SimpleHTTPRequestHandler):
+        def log_message(self, *_: Any) -> None:
+            """Say nothing."""
+
+    with HTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        with open_video(f"http://127.0.0.1:{server.server_port}/a.mkv") as video:
+            assert len(list(video)) == 12
+            assert video.decode.complete
+            assert video.facts.kind == "stream"
+        server.shutdown()
