@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from tests.cli.process import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
@@ -41,12 +43,30 @@ def table(film: Path) -> bytes:
     return done.stdout.encode()
 
 
-def started(film: Path, folder: Path, *more: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", "oppload_cli", "run", str(film), "-o", str(folder), *more],
+@pytest.fixture(autouse=True)
+def answered() -> Iterator[None]:
+    """A child inherits what is ignored, as under nohup: here nothing is."""
+    numbers = (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in numbers}
+    for number, handler in before.items():
+        if handler is signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@contextmanager
+def started(name: str | Path, folder: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(
+        [sys.executable, "-m", "oppload_cli", "run", str(name), "-o", str(folder), *more],
         stderr=subprocess.PIPE,
         text=True,
-    )
+    ) as run:
+        try:
+            yield run
+        finally:
+            run.kill()  # whatever happened; it has ended if all is well
 
 
 def rows_written(folder: Path, run: subprocess.Popen[str]) -> Path:
@@ -70,11 +90,11 @@ def check_prefix(part: Path, table: bytes) -> int:
 def test_what_was_written_is_a_valid_prefix(
     film: Path, table: bytes, tmp_path: Path, name: str
 ) -> None:
-    run = started(film, tmp_path)
-    part = rows_written(tmp_path, run)
-    time.sleep(0.3)
-    run.send_signal(getattr(signal, name))
-    said = run.communicate(timeout=HANG_S)[1]
+    with started(film, tmp_path) as run:
+        part = rows_written(tmp_path, run)
+        time.sleep(0.3)
+        run.send_signal(getattr(signal, name))
+        said = run.communicate(timeout=HANG_S)[1]
     rows = check_prefix(part, table)
     assert not (tmp_path / "film.frames.csv").exists()
     assert not (tmp_path / "film.oppload.json").exists()
@@ -87,10 +107,8 @@ def test_what_was_written_is_a_valid_prefix(
 
 
 def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) -> None:
-    run = started(film, tmp_path)
-    part = rows_written(tmp_path, run)
-    run.kill()
-    run.communicate(timeout=HANG_S)
+    with started(film, tmp_path) as run:
+        part = rows_written(tmp_path, run)
     assert oppload("plot", part).returncode == 0
     assert (tmp_path / "film.frames.png").exists()
     # Rows that a run has left are not overwritten without being asked.
@@ -111,15 +129,13 @@ def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) 
 
 
 def test_two_runs_do_not_write_one_result(film: Path, tmp_path: Path) -> None:
-    run = started(film, tmp_path, "--if-exists", "overwrite")
-    part = rows_written(tmp_path, run)
-    other = oppload("run", film, "-o", tmp_path, "--if-exists", "overwrite")
-    assert other.returncode == 2
-    assert "another run is writing it" in other.stderr
-    assert part.exists()
-    assert run.poll() is None
-    run.kill()
-    run.communicate(timeout=HANG_S)
+    with started(film, tmp_path, "--if-exists", "overwrite") as run:
+        part = rows_written(tmp_path, run)
+        other = oppload("run", film, "-o", tmp_path, "--if-exists", "overwrite")
+        assert other.returncode == 2
+        assert "another run is writing it" in other.stderr
+        assert part.exists()
+        assert run.poll() is None
 
 
 def test_an_input_that_never_answers_is_interrupted(tmp_path: Path) -> None:
@@ -128,23 +144,19 @@ def test_an_input_that_never_answers_is_interrupted(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"http://127.0.0.1:{server.getsockname()[1]}/a.mp4"
         for name in (str(fifo), address):
-            run = subprocess.Popen(
-                [sys.executable, "-m", "oppload_cli", "run", name, "-o", str(tmp_path)],
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-            time.sleep(1)
-            run.send_signal(signal.SIGINT)
-            said = run.communicate(timeout=5)[1]  # the network alone would take 10 s
+            with started(name, tmp_path) as run:
+                time.sleep(1)
+                run.send_signal(signal.SIGINT)
+                said = run.communicate(timeout=5)[1]  # the network alone would take 10 s
             assert (run.returncode, said.strip()) == (130, "oppload: interrupted")
     assert [path.name for path in tmp_path.iterdir()] == ["never.mkv"]
 
 
 def test_a_long_way_to_the_start_is_interrupted(film: Path, tmp_path: Path) -> None:
-    run = started(film, tmp_path, "--start", "f1000000")
-    time.sleep(1)
-    run.send_signal(signal.SIGINT)
-    run.communicate(timeout=HANG_S)
+    with started(film, tmp_path, "--start", "f1000000") as run:
+        time.sleep(1)
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=HANG_S)
     assert run.returncode in {130, 3, 0}  # it may have come to the end before
 
 
@@ -186,17 +198,15 @@ def test_the_terminal_is_left_as_it_was(film: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"])
 def test_random_moments(film: Path, table: bytes, tmp_path: Path, name: str) -> None:
-    if signal.getsignal(getattr(signal, name, signal.SIGINT)) is signal.SIG_IGN:
-        pytest.skip(f"NOT TESTED: {name} is ignored here, as under nohup")
     random = Random(7)  # noqa: S311
     longest, early, parts = 0.0, 0, 0
     for number in range(30):
         folder = tmp_path / str(number)
-        run = started(film, folder)
-        time.sleep(random.uniform(0, 2.5))
-        run.send_signal(getattr(signal, name))
-        sent = time.monotonic()
-        said = run.communicate(timeout=HANG_S)[1]
+        with started(film, folder) as run:
+            time.sleep(random.uniform(0, 2.5))
+            run.send_signal(getattr(signal, name))
+            sent = time.monotonic()
+            said = run.communicate(timeout=HANG_S)[1]
         longest = max(longest, time.monotonic() - sent)
         part = folder / "film.frames.csv.part"
         if part.exists():
