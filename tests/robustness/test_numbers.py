@@ -20,6 +20,7 @@ from oppload_cli.settings import resolve
 from oppload_cli.task import Task, run_task
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
 from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Span, parse_position
 from oppload_cli.video.working import Luminance, luminance_table, working_size
 from tests.cli.process import oppload
 from tests.media import grey_frames, looming, write_video
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
+
+    from oppload_cli.settings import Settings
 
 
 def table(path: Path, folder: Path, *assignments: str, height: str = "60") -> bytes:
@@ -39,7 +42,7 @@ def table(path: Path, folder: Path, *assignments: str, height: str = "60") -> by
 
 @pytest.fixture(scope="module")
 def loom(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    frames = [(frame * 255).round().astype(np.uint8) for frame in looming(96, 60, 40, 20)]
+    frames = [(frame * 255).round().astype(np.uint8) for frame in looming(96, 60, 40, 12)]
     folder = tmp_path_factory.mktemp("loom")
     return write_video(folder / "loom.mp4", frames, codec="libx264", pixel_format="yuv420p")
 
@@ -157,6 +160,7 @@ class Meter:
 
     def __init__(self, every: int) -> None:
         self._every = every
+        self.memory_after_1000 = 1000 // every - 1
         self._frames = 0
         self.memory: list[int] = []
         self.files: list[int] = []
@@ -178,33 +182,37 @@ def resident() -> int:
     return pages * resource.getpagesize()
 
 
-def long_run(monkeypatch: pytest.MonkeyPatch, folder: Path, count: int) -> Meter:
+def long_run(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, count: int, settings: Settings
+) -> Meter:
     if not Path("/proc/self/statm").exists():
         pytest.skip("NOT MEASURED: no /proc here")
     monkeypatch.setattr("oppload_cli.video.source._source", lambda name, *_: Endless(name, count))
-    meter = Meter(1000)
-    task = Task("endless", resolve(height="24"), folder / "a.csv", folder / "a.json")
+    meter = Meter(500)
+    task = Task("endless", settings, folder / "a.csv", folder / "a.json")
     outcome = run_task(task, meter)
     assert outcome.frames == count
-    growth = max(meter.memory[1:]) - meter.memory[0]
-    sys.stdout.write(f"{count} frames: {growth / 1e6:.2f} MB more than after 1,000 frames\n")
     return meter
 
 
 def check_flat(meter: Meter) -> None:
-    assert max(meter.memory[1:]) - meter.memory[0] < 5_000_000
+    memory = meter.memory[meter.memory_after_1000 :]
+    growth = max(memory) - memory[0]
+    sys.stdout.write(f"{growth / 1e6:.2f} MB more than after 1,000 frames\n")
+    assert growth < 5_000_000
     assert len(set(meter.files)) == 1
 
 
 def test_memory_stays_flat(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    check_flat(long_run(monkeypatch, tmp_path, 2_000))
+    quick = resolve(height="24", models=["dlgmd"], measure_rmo=False)
+    check_flat(long_run(monkeypatch, tmp_path, 2_000, quick))
 
 
 @pytest.mark.slow
 def test_memory_stays_flat_over_a_hundred_thousand_frames(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    check_flat(long_run(monkeypatch, tmp_path, 100_000))
+    check_flat(long_run(monkeypatch, tmp_path, 100_000, resolve(height="24")))
 
 
 @pytest.mark.slow
@@ -214,6 +222,19 @@ def test_memory_stays_flat_over_a_long_file(tmp_path: Path) -> None:
     meter = Meter(1000)
     run_task(Task(str(path), resolve(height="24"), tmp_path / "a.csv"), meter)
     check_flat(meter)
+
+
+def test_closing_on_the_long_way_to_the_start_joins_the_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import threading
+
+    monkeypatch.setattr("oppload_cli.video.source._source", lambda name, *_: Endless(name, 10**12))
+    before = threading.active_count()
+    with open_video("endless", span=Span(start=parse_position("f1000000000"))) as video:
+        iter(video)
+        assert threading.active_count() == before + 1
+    assert threading.active_count() == before
 
 
 def test_many_inputs_leave_nothing_open(loom: Path, tmp_path: Path) -> None:
