@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 COMMANDS = {
     "run": "run both looming detectors on videos",
     "plot": "plot results",
+    "tune": "a stimulus over directions, speeds, sizes or places",
+    "reproduce": "every synthetic figure of the OppLoD paper, with verdicts",
     "demo": "show it at work on a looming disk",
     "stimuli": "the catalogue of looming stimuli",
     "models": "the models, their parameters and presets",

@@ -16,22 +16,41 @@ if TYPE_CHECKING:
 # Okabe and Ito's palette: told apart by the colour-blind, and in grey by their lightness.
 COLOURS = {"opplod": "#D55E00", "dlgmd": "#0072B2"}
 NAMES = {"opplod": "OppLoD", "dlgmd": "D-LGMD"}
-INK, FAINT = "#222222", "#999999"
+UNITS = {"opplod": "arbitrary unit", "dlgmd": "mean of G"}
+CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
+SHADES = "cividis"
+INK, FAINT, LPLC2 = "#222222", "#999999", "#000000"
+# The width of a column of a journal: 8.5 cm. What is drawn wider is not shrunk to it.
+COLUMN = 8.5 / 2.54
 STYLE: Any = {  # Any: the stubs list every key there is
     "font.family": "DejaVu Sans",
-    "font.size": 9,
+    "font.size": 7.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.titlesize": 10,
+    "axes.titlesize": 8,
+    "legend.fontsize": 6.8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
     "axes.titlelocation": "left",
     "axes.edgecolor": INK,
-    "axes.linewidth": 0.8,
-    "lines.linewidth": 1.4,
+    "lines.linewidth": 1.2,
     "legend.frameon": False,
-    "savefig.dpi": 150,
+    "axes.linewidth": 0.7,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "savefig.dpi": 300,
     "svg.hashsalt": "oppload",
     "svg.fonttype": "path",
     "pdf.fonttype": 42,
+}
+PARAMETER_UNITS = {
+    "_deg_s": "deg/s",
+    "_deg": "deg",
+    "_ms": "ms",
+    "_hz": "Hz",
+    "_per_s": "1/s",
+    "_s": "s",
 }
 # Without these a file would carry the time at which it was made.
 METADATA: dict[str, dict[str, Any]] = {
@@ -86,6 +105,30 @@ def check_suffix(path: Path) -> None:
     """
     if path.suffix.lower() not in METADATA:
         raise ParameterError(f"{path}: a figure's name ends in .png, .svg or .pdf; rename it")
+
+
+def described(parameter: str) -> str:
+    """Return the label of an axis over a swept parameter, with its unit.
+
+    Parameters
+    ----------
+    parameter : str
+        A dotted key such as ``disk.growth.speed_deg_s``.
+
+    Returns
+    -------
+    str
+        E.g. ``speed (deg/s)``.
+    """
+    *_, owner, leaf = ("", *parameter.split("."))
+    if leaf in {"right", "up"}:  # of a place, which is in degrees
+        return f"{leaf} (deg)"
+    if leaf == "l_over_v_ms":
+        return "l/v (ms)"
+    for suffix, unit in PARAMETER_UNITS.items():
+        if leaf.endswith(suffix):
+            return f"{leaf.removesuffix(suffix).replace('_', ' ')} ({unit})"
+    return f"{owner} {leaf}".replace("_", " ").strip()
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from oppload_cli.errors import ResultError
@@ -15,6 +17,9 @@ from oppload_cli.results.columns import MODELS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
+WHENCE = "give a frames.csv of 'oppload run'"
 SUFFIXES = (".frames.csv.part", ".frames.csv", ".csv")
 
 
@@ -69,7 +74,7 @@ class Result:
         for name in columns:
             if name not in self.frames.columns:
                 raise ResultError(
-                    f"{self.path}: has no column '{name}'; give a frames.csv of 'oppload run'"
+                    f"{self.path}: has no column '{name}'; {WHENCE}"
                 )
 
 
@@ -91,51 +96,104 @@ def read_result(path: Path) -> Result:
     ResultError
         If it cannot be read, or is not a result of ``oppload run``.
     """
+    result = Result(path, read_table(path, WHENCE), _sidecar(path))
+    result.need(("frame", "time_s"))
+    if not result.models:
+        result.need((f"{MODELS[0]}_response",))
+    _check(result)
+    return result
+
+
+def read_table(path: Path, whence: str) -> pd.DataFrame:
+    """Read a CSV whose last row may be cut.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    whence : str
+        What the user should give instead of a wrong file, for the messages.
+
+    Returns
+    -------
+    DataFrame
+        At least one row; empty cells are NaN.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read, or is not a table.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise ResultError(f"{path}: cannot be read ({reason}); check the path") from error
     except UnicodeDecodeError as error:
-        raise ResultError(
-            f"{path}: is not a text file; give a frames.csv of 'oppload run'"
-        ) from error
-    result = Result(path, _parsed(path, text), _sidecar(path))
-    result.need(("frame", "time_s"))
-    if not result.models:
-        result.need((f"{MODELS[0]}_response",))
-    _check_numbers(result)
-    return result
-
-
-def _parsed(path: Path, text: str) -> pd.DataFrame:
-    from io import StringIO  # noqa: PLC0415 - only here
-
-    whole = text[: text.rfind("\n") + 1]
+        raise ResultError(f"{path}: is not a text file; {whence}") from error
     try:
-        frames = pd.read_csv(StringIO(whole))
+        # Only an empty cell is missing; the word "nan" is a number that went wrong.
+        whole = StringIO(text[: text.rfind("\n") + 1])
+        table = pd.read_csv(whole, keep_default_na=False, na_values=[""])
     except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        raise ResultError(
-            f"{path}: is not a CSV table ({str(error).splitlines()[0].lower()}); "
-            f"give a frames.csv of 'oppload run'"
-        ) from error
-    if frames.empty:
+        reason = str(error).splitlines()[0].lower()
+        raise ResultError(f"{path}: is not a CSV table ({reason}); {whence}") from error
+    if table.empty:
         raise ResultError(f"{path}: holds no row; run the input again")
-    return frames
+    return table
 
 
-def _check_numbers(result: Result) -> None:
-    names = ["frame", "time_s", *(f"{name}_response" for name in result.models)]
-    for name in names:
-        column = result.frames[name]
-        if not pd.api.types.is_numeric_dtype(column):
+def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.float64]:
+    """Check that a column holds numbers only, and return them.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the messages.
+    table : DataFrame
+        As read.
+    name : str
+        The column.
+
+    Returns
+    -------
+    ndarray
+        NaN where the cell is empty.
+
+    Raises
+    ------
+    ResultError
+        If a cell holds anything else than a finite number; its line is named.
+    """
+    cells = table[name]
+    values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
+    bad = cells.notna().to_numpy() & ~np.isfinite(values)
+    if bad.any():
+        row = int(bad.argmax())
+        raise ResultError(
+            f"{path}: column '{name}' holds '{cells.iloc[row]}' in line {row + 2}, which is no "
+            f"finite number; make the file again"
+        )
+    return values
+
+
+def _check(result: Result) -> None:
+    path, frames = result.path, result.frames
+    for name in ("frame", "time_s"):
+        empty = np.isnan(check_numbers(path, frames, name))
+        if empty.any():
+            line = int(empty.argmax()) + 2
+            raise ResultError(f"{path}: column '{name}' is empty in line {line}; run it again")
+    if len(frames) < 2:
+        raise ResultError(
+            f"{path}: column 'frame' holds one row, and a curve needs two; run a longer input"
+        )
+    for model in result.models:
+        name = f"{model}_response"
+        if np.isnan(check_numbers(path, frames, name)).all():
             raise ResultError(
-                f"{result.path}: column '{name}' holds text; give a frames.csv of 'oppload run'"
-            )
-        if name in names[:2] and column.isna().any():
-            row = int(column.isna().to_numpy().argmax()) + 2
-            raise ResultError(
-                f"{result.path}: column '{name}' is empty in line {row}; run it again"
+                f"{path}: column '{name}' is empty in every row, as during warm-up; "
+                f"run an input of more than 3 frames"
             )
 
 

@@ -1,0 +1,1 @@
+"""Published measurements that results are set beside."""

@@ -1,0 +1,1 @@
+"""Tuning: one stimulus over a sweep, through the models, without writing videos."""
