@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Result
 
 ALARM_TOP, ALARM_STEP = 1.16, 0.07
-HEADROOM = 1.34  # over the peak, for alarms and labels
+HEADROOM = 1.42  # over the peak, for alarms and labels
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,9 @@ def _draw_curve(axes: Axes, curve: _Curve, options: CurveOptions, order: int) ->
         return
     over = 1.0 if options.raw else peak
     frame = int(curve.result.frames["frame"].iloc[best])
-    label = f"{curve.name}, peak {peak:.3g} at frame {frame} ({time[best]:.3g} s)"
+    when = f"{time[best]:.3g} s"
+    when = when if len(curve.name) > 12 else f"frame {frame} ({when})"
+    label = f"{curve.name}, peak {peak:.3g} at {when}"
     axes.plot(time, response / over, **look, label=label)  # type: ignore[arg-type]
     # Hollow, so that two peaks in one place are both seen.
     size = 6 - 2 * (order % 2)

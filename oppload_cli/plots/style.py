@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
@@ -88,6 +89,26 @@ def save(figure: Figure, path: Path) -> None:
     except OSError as error:
         part.unlink(missing_ok=True)
         raise cannot_write(path, error) from error
+
+
+def png_bytes(figure: Figure, dpi: int) -> bytes:
+    """Return a figure as PNG; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    dpi : int
+        Pixels per inch.
+
+    Returns
+    -------
+    bytes
+    """
+    buffer = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(buffer, format="png", dpi=dpi, metadata=METADATA[".png"])
+    return buffer.getvalue()
 
 
 def check_suffix(path: Path) -> None:

@@ -1,0 +1,1 @@
+"""Every synthetic figure of the OppLoD paper, made and judged."""

@@ -1,0 +1,223 @@
+"""Figures of motion direction extracting: up and down, and the four diagonals."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import matplotlib as mpl
+import numpy as np
+
+from oppload_cli.models.kernels import direction_mask, inhibition_kernels
+from oppload_cli.models.parameters import OpplodParams
+from oppload_cli.plots.style import COLOURS, SHADES, STYLE, new_figure, png_bytes
+from oppload_cli.reproduction.claims import Built, Claim, Finding, at_least, at_most
+from oppload_cli.reproduction.material import (
+    DPI,
+    PRESET_NAMES,
+    TITLES,
+    WIDE,
+    pathway_maps,
+    settings_of,
+)
+from oppload_cli.stimulus.catalogue import load
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.layers import Map
+    from oppload_cli.settings import Settings
+    from oppload_cli.stimulus.protocol import Protocol
+
+    Shown = dict[str, Any]
+
+BAR, BLOCK = "opplod2023/expanding-bar-vertical", "opplod2023/approaching-block"
+SHOWN_FRAME = {BAR: 24, BLOCK: 34}
+SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
+DIAGONALS = (45, 135, 225, 315)
+
+
+def up_and_down() -> Built:
+    """Extract upward and downward motion of the expanding bar.
+
+    Returns
+    -------
+    Built
+    """
+    findings, shown = {}, {}
+    for preset in PRESET_NAMES:
+        settings = _with_axes(settings_of(preset), 0)
+        leaks, shown[preset] = _wrong_sides(load(BAR), settings, (90, 270), SHOWN_FRAME[BAR])
+        speed, wrong = _speed(load(BAR), settings), float(leaks.mean(axis=0).max())
+        findings[preset] = Finding(
+            f"At its working size an end of the bar moves {speed:.2g} px/frame; the pathway of "
+            f"the other direction keeps {100 * wrong:.1f} % of what the right one passes.",
+            at_most(wrong, 0.01, 0.1),
+            {"speed_px_frame": speed, "wrong_over_right": wrong},
+        )
+    by_speed = {speed: _leak_at(speed) for speed in SPEEDS}
+    claim = Claim(
+        "One pathway extracts the upward end of the bar, the other the downward one; each "
+        "suppresses the opposite motion to zero.",
+        "holds: the wrong direction keeps at most 1 % of the right one; in part: at most 10 %",
+        findings,
+    )
+    return Built(
+        "up-down",
+        "Extracting upward and downward motion",
+        "The expanding bar with S of the upward and the downward pathway, the inhibition kernels "
+        "of both pathways, and how much of the wrong direction is left over speed.",
+        (claim,),
+        png_bytes(_draw_up_down(shown, by_speed), DPI),
+        (
+            "Suppression is complete up to 3 px/frame of the working frame and fades above: at "
+            f"{SPEEDS[-1]} px/frame {100 * by_speed[SPEEDS[-1]]:.0f} % is left. The working size "
+            "and the frame rate therefore decide whether this statement holds.",
+            "The paper's formula for theta = 90 and 270 degrees gives diagonals; here a pathway "
+            "is named by the direction that it passes.",
+        ),
+    )
+
+
+def diagonals() -> Built:
+    """Extract the four diagonal directions of the approaching block.
+
+    Returns
+    -------
+    Built
+    """
+    findings, shown = {}, {}
+    for preset in PRESET_NAMES:
+        settings = settings_of(preset)
+        leaks, shown[preset] = _wrong_sides(load(BLOCK), settings, DIAGONALS, SHOWN_FRAME[BLOCK])
+        shares = 1 / (1 + leaks)
+        share, last = float(shares.mean(axis=0).min()), float(shares[-1].min())
+        findings[preset] = Finding(
+            f"On average over the frames, {100 * share:.1f} % of the worst pathway's S lies on "
+            f"the side of the block that moves its way; {100 * last:.1f} % in the last and "
+            f"fastest frame.",
+            at_least(share, 0.95, 0.75),
+            {"least_mean_share_on_its_side": share, "least_share_in_last_frame": last},
+        )
+    claim = Claim(
+        "Each of the four pathways shows the part of the block's outline that moves along its "
+        "own diagonal.",
+        "holds: at least 95 % of S lies on that side, for every pathway; in part: at least 75 %",
+        findings,
+    )
+    return Built(
+        "diagonals",
+        "Extracting the four diagonal directions",
+        "The approaching block and S of the pathways that pass 45, 135, 225 and 315 degrees.",
+        (claim,),
+        png_bytes(_draw_diagonals(shown), DPI),
+        (
+            "A square has no edge that moves along a diagonal: each pathway passes the two edges "
+            "that move within 45 degrees of it.",
+        ),
+    )
+
+
+def _with_axes(settings: Settings, axes: int) -> Settings:
+    opplod = settings.opplod.replaced(axes=axes)
+    return dataclasses.replace(settings, groups={**settings.groups, "opplod": opplod})
+
+
+def _wrong_sides(
+    protocol: Protocol, settings: Settings, directions: tuple[int, ...], shown_frame: int
+) -> tuple[NDArray[np.float64], Shown]:
+    """Return S on the wrong side over that on the right one, and the maps of one frame.
+
+    The ratios are of shape (frames, directions), for the frames in which S is not 0.
+    """
+    ratios: list[list[float]] = []
+    shown: Shown = {}
+    for index, luma, maps in pathway_maps(protocol, settings):
+        right = [float(maps[phi][_side(luma.shape[:2], phi)].sum()) for phi in directions]
+        wrong = [float(maps[phi][_side(luma.shape[:2], phi + 180)].sum()) for phi in directions]
+        if min(right) > 0:
+            ratios.append([one / other for one, other in zip(wrong, right, strict=True)])
+        if index == shown_frame:
+            shown = {"luma": luma, "maps": {phi: maps[phi].copy() for phi in directions}}
+    return np.array(ratios), shown
+
+
+def _speed(protocol: Protocol, settings: Settings) -> float:
+    """Return how fast an end of the bar moves, in px/frame of the working size."""
+    growth = protocol.objects[0].growth
+    degrees = growth.speed_deg_s if growth and growth.speed_deg_s else 0.0
+    height = settings.height or protocol.display.height
+    scale = protocol.display.scale * height / protocol.display.height
+    return degrees * scale / float(protocol.display.frame_rate)
+
+
+@cache
+def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
+    """Return the pixels that lie from the middle towards phi."""
+    y, x = np.indices(shape)
+    x, y = x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2
+    angle = np.deg2rad(phi)
+    return np.asarray(x * np.cos(angle) - y * np.sin(angle) > 1e-6)
+
+
+def _leak_at(speed: int) -> float:
+    """Return what the wrong direction keeps at a speed in px/frame."""
+    display = {"display.width": 300, "display.height": 300}
+    timing = {"timing.motion_s": 0.6}
+    protocol = load(BAR, {**display, **timing, "bar.growth.speed_deg_s": 3 * speed})
+    settings = _with_axes(settings_of("default", height="native"), 0)
+    return float(_wrong_sides(protocol, settings, (90, 270), -1)[0].mean(axis=0).max())
+
+
+def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure:
+    with mpl.rc_context(STYLE):
+        figure = new_figure(WIDE, 6.2)
+        axes = figure.subplots(3, 3)
+        for row, preset in zip(axes, PRESET_NAMES, strict=False):
+            _picture(row[0], shown[preset]["luma"], f"{TITLES[preset]}: frame {SHOWN_FRAME[BAR]}")
+            for panel, (phi, name) in zip(row[1:], ((90, "upward"), (270, "downward")), strict=True):
+                _map(panel, shown[preset]["maps"][phi], f"S of the {name} pathway")
+        params = OpplodParams()
+        kernels = inhibition_kernels(params)
+        for panel, (phi, name) in zip(axes[2], ((90, "upward"), (270, "downward")), strict=False):
+            kernel = direction_mask(params, phi) * (kernels.one + kernels.two)
+            image = panel.imshow(kernel, cmap=SHADES, extent=(-6.5, 6.5, 6.5, -6.5))
+            panel.set(title=f"inhibition kernel, {name} pathway", xlabel="x (px)", ylabel="y (px)")
+            figure.colorbar(image, ax=panel, shrink=0.8, label="weight")
+        panel = axes[2, 2]
+        panel.plot(list(by_speed), [100 * leak for leak in by_speed.values()], "o-",
+                   color=COLOURS["opplod"], markersize=3)  # fmt: skip
+        panel.axhline(1, color="#999999", lw=0.6, linestyle="--")
+        panel.set(title="wrong direction left over", xlabel="speed (px/frame)",
+                  ylabel="of the right one (%)")  # fmt: skip
+    return figure
+
+
+def _draw_diagonals(shown: dict[str, Shown]) -> Figure:
+    with mpl.rc_context(STYLE):
+        figure = new_figure(WIDE, 3.6)
+        axes = figure.subplots(2, 5)
+        for row, preset in zip(axes, PRESET_NAMES, strict=True):
+            _picture(row[0], shown[preset]["luma"], f"frame {SHOWN_FRAME[BLOCK]}")
+            row[0].set_ylabel(TITLES[preset])
+            for panel, phi in zip(row[1:], DIAGONALS, strict=True):
+                _map(panel, shown[preset]["maps"][phi], f"S, passes {phi}°")
+    return figure
+
+
+def _picture(axes: Axes, luma: Map, title: str) -> None:
+    rows, columns = luma.shape  # the middle, where the object is
+    middle = luma[rows // 5 : -(rows // 5), columns // 5 : -(columns // 5)]
+    axes.imshow(middle, cmap="gray", vmin=0, vmax=1)
+    axes.set_title(title)
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+
+
+def _map(axes: Axes, values: Map, title: str) -> None:
+    _picture(axes, values, title)
+    axes.images[0].set(cmap="gray_r", clim=(0, max(float(values.max()), 1e-9)))
