@@ -151,7 +151,7 @@ def _draw_results(
         return Drawn(plot_map(read[0], still))
     if not isinstance(options, CurveOptions):
         raise TypeError(options)
-    marks = {
+    marks: dict[str, list[float | None]] = {
         label: [_time_of(result, text, label) for result in read]
         for label, text in positions.items()
         if text

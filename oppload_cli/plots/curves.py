@@ -272,9 +272,7 @@ def _shared_truth(
 ) -> Truth | None:
     """Return the ground truth of a panel, if all its inputs have one and the same."""
     paths = {curve.result.path for curve in curves}
-    own = [
-        truth for result, truth in zip(results, truths, strict=True) if result.path in paths
-    ]
+    own = [truth for result, truth in zip(results, truths, strict=True) if result.path in paths]
     return own[0] if all(truth == own[0] for truth in own) else None
 
 

@@ -57,7 +57,7 @@ def plot_heat(tuning: Tuning, models: Sequence[str] = ()) -> Figure:
             image = _draw_map(panel, tuning, model)
             bar = figure.colorbar(image, ax=panel, pad=0.02)
             bar.set_label("peak / largest peak")
-            bar.outline.set_linewidth(0.5)  # type: ignore[operator]
+            bar.outline.set_linewidth(0.5)
     return figure
 
 

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from oppload_cli.results.tuning import Tuning
 
 
-def plot_line(tunings: Sequence[Tuning], models: Sequence[str] = (), *, raw: bool = False) -> Figure:
+def plot_line(
+    tunings: Sequence[Tuning], models: Sequence[str] = (), *, raw: bool = False
+) -> Figure:
     """Draw the peak response over a swept parameter.
 
     Parameters

@@ -103,13 +103,19 @@ def plot_map(result: Result, still: Still | None) -> Figure:
         )  # fmt: skip
         axes.add_patch(
             Rectangle(
-                (x[best], y[best]), width[best], height[best], fill=False, lw=1.2,
+                (x[best], y[best]),
+                width[best],
+                height[best],
+                fill=False,
+                lw=1.2,
                 ec=COLOURS["opplod"],
-            )  # fmt: skip
+            )
         )
         frame = int(result.frames["frame"].iloc[best])
         axes.set_title(f"{result.title}\nbox: winning field at the peak, frame {frame}", fontsize=7)
-        axes.set(xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal")
+        axes.set(
+            xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal"
+        )
         bar = figure.colorbar(dots, ax=axes, orientation="horizontal", pad=0.02, aspect=40)
         bar.set_label("time (s); area of a dot: response", color=INK)
     return figure

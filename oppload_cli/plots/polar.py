@@ -118,9 +118,7 @@ def direction_tunings(
     return made
 
 
-def plot_polar(
-    curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = ""
-) -> Figure:
+def plot_polar(curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = "") -> Figure:
     """Draw tuning over direction.
 
     Parameters
@@ -139,9 +137,9 @@ def plot_polar(
     groups = [[curve] for curve in curves] if raw else [list(curves)]
     with mpl.rc_context(STYLE):
         figure = new_figure(COLUMN, 0.1 + 3.3 * len(groups) + 0.13 * len(curves))
-        axes = figure.subplots(
-            len(groups), 1, squeeze=False, subplot_kw={"projection": "polar"}
-        )[:, 0]
+        axes = figure.subplots(len(groups), 1, squeeze=False, subplot_kw={"projection": "polar"})[
+            :, 0
+        ]
         for panel, group in zip(axes, groups, strict=True):
             draw_polar(panel, group, raw=raw)
         if title:

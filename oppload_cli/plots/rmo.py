@@ -55,7 +55,7 @@ def plot_rmo(results: Sequence[Result]) -> Figure:
             3 * len(results), 1, squeeze=False, height_ratios=[1.2, 1, 0.8] * len(results)
         )[:, 0]
         for number, result in enumerate(results):
-            draw_rmo(panels[3 * number : 3 * number + 3], result)
+            draw_rmo(list(panels[3 * number : 3 * number + 3]), result)
         panels[-1].set_xlabel("time (s)")
     return figure
 

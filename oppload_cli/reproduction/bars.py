@@ -20,6 +20,7 @@ from oppload_cli.reproduction.material import (
     TITLES,
     WIDE,
     peak_of,
+    plain,
     presented,
     settings_of,
 )
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 # 60 degrees across, as LPLC2's: 5 px/deg at a height of 360, so 200 px at 240.
 FIELD = ("opplod.receptive_field=200",)
 BAR, LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
-AXES = [0, 15, 30, 45, 75, 90, 105, 135, 165]
+AXES = [0, 15, 45, 75, 90, 105, 135, 165]
 SPEED_DEG_S, START_DEG, FIELD_DEG = 20.0, 5.0, 30.0
 FIELD_NOTE = (
     "Preset default has its receptive field set to 60 degrees here, that of LPLC2. The stimuli "
@@ -200,7 +201,7 @@ def _evenness(tunings: Tunings) -> Finding:
 def _diagonal(tunings: Tunings) -> Finding:
     ratio = _ratio(tunings.peaks(60))
     return Finding(
-        f"The diagonals' mean peak is {ratio:.3g} times that of the other axes.",
+        f"The diagonals' mean peak is {plain(ratio)} times that of the other axes.",
         at_least(ratio, 1.1, 0.9),
         {"diagonal_over_other": ratio},
     )
@@ -221,9 +222,9 @@ def _likeness(tunings: Tunings) -> Finding:
     model, neurons = np.array(pairs).T
     difference = float(np.sqrt(np.mean((model - neurons) ** 2)))
     return Finding(
-        f"Root mean square difference {difference:.3g}; the bars give {model.min():.2g} to "
-        f"{model.max():.2g} of the looming disk's response (LPLC2: {neurons.min():.2g} to "
-        f"{neurons.max():.2g}).",
+        f"Root mean square difference {plain(difference)}; the bars give {plain(model.min())} to "
+        f"{plain(model.max())} times the looming disk's response (LPLC2: {plain(neurons.min())} "
+        f"to {plain(neurons.max())}).",
         at_most(difference, 0.1, 0.25),
         {
             "rms_difference": difference,
@@ -247,7 +248,7 @@ def _draw_over_time(tunings: dict[str, Tunings]) -> Figure:
                         color=shades(abs(axis % 90 - 45) / 45), lw=0.9,
                     )  # fmt: skip
                 panel.axvline(FIELD_DEG, color=FAINT, lw=0.7, linestyle="--")
-                panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {largest:.2g})")
+                panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {plain(largest)})")
                 panel.set_xlim(START_DEG, 34)
             row[0].set_ylabel("response / largest")
         for panel in axes[1]:
@@ -270,7 +271,7 @@ def _draw_polar(tunings: dict[str, Tunings]) -> Figure:
             ]
             curves.append(_curve("LPLC2", bar_tuning(width), LPLC2, ":"))
             draw_polar(panel, curves)
-            panel.set_title(f"{width} deg bar", pad=12)
+            panel.set_title(f"{width} deg bar", loc="center", pad=8)
     return figure
 
 

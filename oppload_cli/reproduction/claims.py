@@ -116,9 +116,7 @@ class Built:
         presets = dict.fromkeys(preset for claim in self.claims for preset in claim.findings)
         return {
             preset: overall(
-                claim.findings[preset].verdict
-                for claim in self.claims
-                if preset in claim.findings
+                claim.findings[preset].verdict for claim in self.claims if preset in claim.findings
             )
             for preset in presets
         }

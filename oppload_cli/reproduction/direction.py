@@ -157,8 +157,8 @@ def _speed(protocol: Protocol, settings: Settings) -> float:
 @cache
 def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
     """Return the pixels that lie from the middle towards phi."""
-    y, x = np.indices(shape)
-    x, y = x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2
+    rows, columns = np.indices(shape)
+    x, y = columns - (shape[1] - 1) / 2, rows - (shape[0] - 1) / 2
     angle = np.deg2rad(phi)
     return np.asarray(x * np.cos(angle) - y * np.sin(angle) > 1e-6)
 
@@ -178,7 +178,9 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
         axes = figure.subplots(3, 3)
         for row, preset in zip(axes, PRESET_NAMES, strict=False):
             _picture(row[0], shown[preset]["luma"], f"{TITLES[preset]}: frame {SHOWN_FRAME[BAR]}")
-            for panel, (phi, name) in zip(row[1:], ((90, "upward"), (270, "downward")), strict=True):
+            for panel, (phi, name) in zip(
+                row[1:], ((90, "upward"), (270, "downward")), strict=True
+            ):
                 _map(panel, shown[preset]["maps"][phi], f"S of the {name} pathway")
         params = OpplodParams()
         kernels = inhibition_kernels(params)

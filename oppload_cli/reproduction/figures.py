@@ -26,7 +26,7 @@ FIGURES = {
     "looming-centre": ("looming.looming_centre", 4),
     "looming-off-centre": ("looming.looming_off_centre", 4),
     "thresholds": ("thresholds.thresholds", 40),
-    "rmo-definition": ("opponency.definition", 1),
+    "rmo-definition": ("definition.definition", 1),
     "rmo-stimuli": ("opponency.stimuli", 8),
 }
 
@@ -113,9 +113,7 @@ def make(maker: str) -> list[Built]:
     return list(built) if isinstance(built, list) else [built]
 
 
-def _in_processes(
-    makers: Sequence[str], jobs: int, take: Callable[[list[Built]], None]
-) -> None:
+def _in_processes(makers: Sequence[str], jobs: int, take: Callable[[list[Built]], None]) -> None:
     # Fresh processes: a copy of one that runs OpenCV's threads may hang.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=_one_thread) as pool:

@@ -139,7 +139,9 @@ def _draw(shown: dict[str, Shown]) -> Figure:
             row[0].set_ylabel("response / largest")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
-        for panel, (preset, weight) in zip(axes[:, 2], (("default", -1), ("paper", 1)), strict=True):
+        for panel, (preset, weight) in zip(
+            axes[:, 2], (("default", -1), ("paper", 1)), strict=True
+        ):
             x, y = np.meshgrid(np.linspace(-1, 1, 101), np.linspace(1, -1, 101))
             along = x + y
             weights = np.where(np.abs(along) < 1e-9, 0, np.where(along > 0, 1, weight))

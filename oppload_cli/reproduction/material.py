@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.parameters import PRESETS
 from oppload_cli.settings import resolve
@@ -15,6 +13,7 @@ from oppload_cli.tuning.present import StimulusVideo, present
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from oppload_cli.models.layers import Map
@@ -95,6 +94,21 @@ def peak_of(responses: Responses) -> float:
     """
     best = responses.peak
     return 0.0 if best is None else float(responses.response[best])
+
+
+def plain(value: float) -> str:
+    """Return a number in few digits, without an exponent unless it is very small.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+
+    Returns
+    -------
+    str
+    """
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.2g}"
 
 
 def pathway_maps(

@@ -1,24 +1,21 @@
-"""Figures of radial motion opponency: its definition, and what it says of stimuli."""
+"""Figure of the RMO index: what it says of looming and other stimuli."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
 
 from oppload_cli.motion.flow import DenseFlow
-from oppload_cli.motion.rmo import rmo, rmo_metrics
-from oppload_cli.plots.style import CYCLE, FAINT, INK, STYLE, new_figure, png_bytes
-from oppload_cli.reproduction.claims import NO_PRESET, Built, Claim, Finding, Verdict, at_most
+from oppload_cli.plots.style import CYCLE, FAINT, STYLE, new_figure, png_bytes
+from oppload_cli.reproduction.claims import NO_PRESET, Built, Claim, Finding, Verdict
 from oppload_cli.reproduction.material import DPI, NO_PAUSE, WIDE
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.stimulus.renderer import frames
 from oppload_cli.tuning.present import StimulusVideo
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
@@ -26,19 +23,7 @@ if TYPE_CHECKING:
 
     Point = NDArray[np.float64]
 
-PAIRS, SAMPLES, SEED = 300, 20001, 7
 HEIGHT, SLOWEST = 240, 0.5
-# Starts and vectors, x right and y down, of the typical patterns.
-PATTERNS = {
-    "outward, equal": ((-1, 0), (-2, 0), (1, 0), (2, 0)),
-    "outward, unequal": ((-1, 0), (-1, 0), (1, 0), (2.5, 0)),
-    "outward, 20° apart": ((-1, 0), (-2, 0.35), (1, 0), (2, 0.35)),
-    "outward, beside": ((-1, -1), (-2, 0), (1, 1), (2, 0)),
-    "inward": ((-3, 0), (2, 0), (3, 0), (-2, 0)),
-    "translation": ((-1, -0.6), (2, 0), (-1, 0.6), (2, 0)),
-    "rotation": ((-1.2, 0), (0, 2), (1.2, 0), (0, -2)),
-    "across": ((-1, 0), (-2, 0), (0, 1), (0, 2)),
-}
 LOOMING = {
     "opplod2023/looming-disk-centre": {},
     "opplod2023/looming-disk-off-centre": {},
@@ -54,66 +39,6 @@ OTHERS = {
     "controls/texture-rotation": {},
     "controls/texture-pan": {"ground.motion.direction_deg": [0, 45]},
 }
-
-
-@dataclass(frozen=True)
-class _Construction:
-    """The paper's steps for one pair: what is drawn, and the ratio."""
-
-    line: Point
-    meeting: Point
-    middle: Point
-    projections: tuple[Point, Point, Point, Point]
-    ratio: float
-
-
-def definition() -> Built:
-    """Draw the construction, and compare it with the closed form.
-
-    Returns
-    -------
-    Built
-    """
-    largest, literal = _compared()
-    symmetric = float(rmo((-1.0, 0.0), (1.0, 0.0)))
-    one_side = float(rmo((-1.0, 0.0), (1.0, 0.0), sides=1))
-    claims = (
-        Claim(
-            "The degree of opponency follows from projecting both motions on the line that they "
-            "share, and integrating their symmetric part.",
-            "largest difference between the steps and integral done numerically and the closed "
-            "form sides x min(|v1|, |v2|) / (|v1| + |v2|); holds: at most 0.001, in part: 0.05",
-            {
-                NO_PRESET: Finding(
-                    f"Over {PAIRS} random pairs the two differ by at most {largest:.1g}.",
-                    at_most(largest, 1e-3, 0.05),
-                    {"largest_difference": largest},
-                )
-            },
-        ),
-        Claim(
-            "Two motions that mirror each other have a degree of 100 %.",
-            "degree of two equal opposite vectors; holds: at least 99 % as the paper's integral "
-            "has it, in part: only if both sides of the centre are counted",
-            {NO_PRESET: _hundred(one_side, symmetric)},
-        ),
-    )
-    return Built(
-        "rmo-definition",
-        "Definition of radial motion opponency",
-        "Left: the construction for a pair of vectors. Right: typical patterns with their RMO; "
-        "a cross marks a pair that is no outward ROM pair.",
-        claims,
-        png_bytes(_draw_definition(), DPI),
-        (
-            "The paper's integral counts the symmetric part on one side of the centre, while the "
-            "ratio's denominator counts both motions: its largest value is 50 %. We count both "
-            f"sides; the literal half is an option and agrees too (within {literal:.1g}).",
-            "Exactly antiparallel vectors are the perfect case, but their lines never meet, so "
-            "that step 1 fails for them; we take the shared line from the unit vectors.",
-            "The delta of the integral is read as an indicator.",
-        ),
-    )
 
 
 def stimuli() -> Built:
@@ -155,73 +80,11 @@ def stimuli() -> Built:
         (
             "The paper does not say where motion vectors come from; here they are dense optical "
             "flow on a grid.",
-            "An index of 0 while something looms is a disk still smaller than about two cells of the "
-            "grid, in which no two vectors are opposite.",
+            "An index of 0 while something looms is a disk still smaller than about two cells of "
+            "the grid, in which no two vectors are opposite.",
             "A turning bar on a plain ground is the hard case: a straight edge shows only motion "
             "across itself (the aperture problem).",
         ),
-    )
-
-
-def construct(s1: Point, v1: Point, s2: Point, v2: Point, sides: int = 2) -> _Construction:
-    """Carry out the paper's four steps and its integral for one pair of vectors.
-
-    Parameters
-    ----------
-    s1, v1, s2, v2 : ndarray, shape (2,)
-        Starts and vectors; opposite, but not exactly antiparallel.
-    sides : int
-        Sides of the centre that are counted.
-
-    Returns
-    -------
-    _Construction
-    """
-    # (1) extend both vectors until they meet
-    steps = np.linalg.solve(np.column_stack([v1, -v2]), s2 - s1)
-    meeting = s1 + steps[0] * v1
-    # (2) the line through it that divides the angle equally, for vectors pointing apart
-    line = v1 / np.hypot(*v1) - v2 / np.hypot(*v2)
-    line /= np.hypot(*line)
-    # (4) the midpoint of the starts, projected on the line, is its centre
-    middle = meeting + line * float((s1 + s2) / 2 @ line - meeting @ line)
-    # (3) both vectors projected on the line, from there
-    ends = [float((point - middle) @ line) for point in (s1, s1 + v1, s2, s2 + v2)]
-    x = np.linspace(-1.01, 1.01, SAMPLES) * max(map(abs, ends))
-    in_first = (x >= min(ends[:2])) & (x <= max(ends[:2]))
-    in_second = (-x >= min(ends[2:])) & (-x <= max(ends[2:]))
-    symmetric = float(np.sum(in_first & in_second) * (x[1] - x[0]))
-    total = abs(ends[1] - ends[0]) + abs(ends[3] - ends[2])
-    points = tuple(middle + line * end for end in ends)
-    return _Construction(
-        line, meeting, middle, (points[0], points[1], points[2], points[3]),
-        sides * symmetric / total,
-    )  # fmt: skip
-
-
-def _compared() -> tuple[float, float]:
-    """Return the largest differences from the closed form, two-sided and literal."""
-    random = np.random.default_rng(SEED)
-    worst = {1: 0.0, 2: 0.0}
-    for _ in range(PAIRS):
-        angle, apart = random.uniform(0, 2 * np.pi), np.deg2rad(random.uniform(1, 29))
-        turned = angle + np.pi + apart
-        v1 = random.uniform(0.5, 3) * np.array([np.cos(angle), np.sin(angle)])
-        v2 = random.uniform(0.5, 3) * np.array([np.cos(turned), np.sin(turned)])
-        s1, s2 = random.uniform(-5, 5, (2, 2))
-        for sides, difference in worst.items():
-            numeric = construct(s1, v1, s2, v2, sides).ratio
-            worst[sides] = max(difference, abs(numeric - float(rmo(v1, v2, sides))))
-    return worst[2], worst[1]
-
-
-def _hundred(one_side: float, both: float) -> Finding:
-    verdict = Verdict.HOLDS if one_side >= 0.99 else Verdict.IN_PART
-    return Finding(
-        f"The integral as printed gives {100 * one_side:.0f} %; with both sides of the centre it "
-        f"gives {100 * both:.0f} %.",
-        verdict if both >= 0.99 else Verdict.DOES_NOT,
-        {"one_side": one_side, "both_sides": both},
     )
 
 
@@ -248,67 +111,6 @@ def _index(protocol: Protocol) -> NDArray[np.float64]:
         if metrics is not None and (speed > SLOWEST or turning):
             values.append(metrics.rmo_index)
     return np.array(values)
-
-
-def _draw_definition() -> Figure:
-    with mpl.rc_context(STYLE):
-        figure = new_figure(WIDE, 3.6)
-        left, right = figure.subfigures(1, 2, width_ratios=[1.1, 1.2])
-        _draw_construction(left.subplots())
-        panels = right.subplots(2, 4)
-        for panel, (name, values) in zip(panels.flat, PATTERNS.items(), strict=True):
-            _draw_pattern(panel, name, np.array(values, float))
-    return figure
-
-
-def _draw_construction(axes: Axes) -> None:
-    s1, v1 = np.array([-1.4, 0.6]), np.array([-1.9, 1.9])
-    s2, v2 = np.array([1.2, -0.7]), np.array([3.0, -1.4])
-    made = construct(s1, v1, s2, v2)
-    for reach in (-3.6, 4.2):
-        axes.plot(*zip(made.middle, made.middle + reach * made.line, strict=True),
-                  color=FAINT, lw=0.8)  # fmt: skip
-    for number, (start, vector) in enumerate(((s1, v1), (s2, v2)), 1):
-        colour = CYCLE[number - 1]
-        axes.plot(*zip(start, made.meeting, strict=True), color=colour, lw=0.7, linestyle=":")
-        _arrow(axes, start, vector, colour)
-        axes.annotate(f"$v_{number}$", start + 0.6 * vector, (0, 5), textcoords="offset points",
-                      color=colour)  # fmt: skip
-        first, last = made.projections[2 * number - 2 : 2 * number]
-        for point, end in ((start, first), (start + vector, last)):
-            axes.plot(*zip(point, end, strict=True), color=colour, lw=0.5, linestyle="--")
-        axes.plot(*zip(first, last, strict=True), color=colour, lw=3, alpha=0.45)
-        for index, end in enumerate((first, last), 1):
-            axes.annotate(f"$P_{{{number}{index}}}$", end, (-4, -10), textcoords="offset points",
-                          fontsize=6.5, color=colour)  # fmt: skip
-    axes.plot(*zip(s1, s2, strict=True), color=INK, lw=0.5)
-    named = (((s1 + s2) / 2, "M", -9), (made.middle, "$M_e$", 5), (made.meeting, "$P_i$", 5))
-    for point, name, up in named:
-        axes.plot(*point, "o", color=INK, markersize=2.5)
-        axes.annotate(name, point, (0, up), textcoords="offset points")
-    axes.annotate("$l_e$", made.middle + 4.0 * made.line, (-2, 6), textcoords="offset points")
-    axes.set_title(f"construction: RMO = {made.ratio:.2f}")
-    axes.set(aspect="equal", xticks=[], yticks=[])
-    axes.invert_yaxis()
-    axes.axis("off")
-
-
-def _draw_pattern(axes: Axes, name: str, values: NDArray[np.float64]) -> None:
-    s1, v1, s2, v2 = values
-    metrics = rmo_metrics(np.array([s1, s2]), np.array([v1, v2]))
-    for start, vector, colour in ((s1, v1, CYCLE[0]), (s2, v2, CYCLE[1])):
-        _arrow(axes, start, vector, colour)
-        axes.plot(*start, "o", color=colour, markersize=2)
-    value = f"RMO {metrics.rmo_max:.2f}" if metrics.rom_pairs else "\u2715 no ROM pair"
-    axes.set_title(f"{name}\n{value}", fontsize=6.5)
-    axes.set(xlim=(-4, 4), ylim=(3, -3), aspect="equal", xticks=[], yticks=[])
-    for spine in axes.spines.values():
-        spine.set(visible=True, color=FAINT, linewidth=0.5)
-
-
-def _arrow(axes: Axes, start: Point, vector: Point, colour: str) -> None:
-    arrow = {"arrowstyle": "-|>", "color": colour, "shrinkA": 0, "shrinkB": 0, "lw": 1.3}
-    axes.annotate("", xy=start + vector, xytext=start, arrowprops=arrow)
 
 
 def _draw_stimuli(

@@ -21,7 +21,8 @@ figcaption { color: #555; font-size: .9rem; }
 table { border-collapse: collapse; width: 100%; margin: .75rem 0; font-size: .95rem; }
 th, td { text-align: left; vertical-align: top; padding: .35rem .6rem;
   border-bottom: 1px solid #ddd; }
-th { font-weight: 600; } td.preset { white-space: nowrap; }
+th { font-weight: 600; } section table { table-layout: fixed; }
+section th:first-child { width: 6rem; } section th:last-child { width: 8rem; }
 code { background: #f3f3f3; padding: .1rem .35rem; border-radius: 3px; }
 .statement { font-weight: 600; margin: 1rem 0 0; } .rule { color: #555; font-size: .85rem;
   margin: .1rem 0; }
@@ -78,12 +79,12 @@ def introduction(report: Mapping[str, Any]) -> str:
         for claim in figure["claims"]:
             for finding in claim["measured"].values():
                 counts[finding["verdict"]] += 1
-    stated = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    stated = ", ".join(f"{count} '{verdict}'" for verdict, count in counts.items())
     return (
         "Every synthetic figure of the OppLoD paper, made by oppload alone. Each statement of "
         "the paper, in our words, stands beside what was measured; the verdict follows from the "
         "measurement by the rule that is printed with it. Preset 'paper' is the paper to the "
-        "letter, preset 'default' the same model made to work. Of all verdicts: "
+        "letter, preset 'default' the same model made to work. Verdicts: "
         f"{stated}."
     )
 
@@ -119,7 +120,7 @@ def _section(figure: Mapping[str, Any], pictures: Mapping[str, bytes]) -> Iterat
     yield f'<section id="{name}">\n<h2>{title}</h2>'
     for claim in figure["claims"]:
         yield f'<p class="statement">The paper: {escape(claim["statement"])}</p>'
-        yield f'<p class="rule">Rule: {escape(claim["rule"])}.</p>'
+        yield f'<p class="rule">Verdict: {escape(claim["rule"])}.</p>'
         yield "<table><thead><tr><th>preset</th><th>measured</th><th>verdict</th></tr></thead>"
         yield "<tbody>"
         for preset, finding in claim["measured"].items():

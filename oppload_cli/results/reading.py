@@ -73,9 +73,7 @@ class Result:
         """
         for name in columns:
             if name not in self.frames.columns:
-                raise ResultError(
-                    f"{self.path}: has no column '{name}'; {WHENCE}"
-                )
+                raise ResultError(f"{self.path}: has no column '{name}'; {WHENCE}")
 
 
 def read_result(path: Path) -> Result:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from oppload_cli.errors import ResultError
 from oppload_cli.results.columns import MODELS
@@ -16,6 +15,8 @@ from oppload_cli.results.reading import check_numbers, read_table
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import pandas as pd
 
 WHENCE = "give a table of 'oppload tune'"
 NEEDED = ("stimulus", "model", "peak")
