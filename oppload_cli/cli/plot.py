@@ -146,9 +146,10 @@ def _draw_results(
         if len(read) > 1:
             raise ResultError(f"{paths[1]}: a map shows one result; leave out --output")
         still = still_of(read[0], video)
+        figure = plot_map(read[0], still)
         if still is None:
             click.echo(f"{paths[0]}: its video is not there; give --video INPUT", err=True)
-        return Drawn(plot_map(read[0], still))
+        return Drawn(figure)
     if not isinstance(options, CurveOptions):
         raise TypeError(options)
     marks: dict[str, list[float | None]] = {

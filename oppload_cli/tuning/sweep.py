@@ -158,12 +158,13 @@ def values_of(text: str, values: str) -> list[Any]:
     """
     try:
         if values.count(":") == 2:
-            return _range(*(float(end) for end in values.split(":")))
-        stated = values if values.strip().startswith("[") else f"[{values}]"
-        listed = tomllib.loads(f"values = {stated}")["values"]
+            listed = _range(*(float(end) for end in values.split(":")))
+        else:
+            stated = values if values.strip().startswith("[") else f"[{values}]"
+            listed = tomllib.loads(f"values = {stated}")["values"]
     except ValueError:
         listed = []
-    if not isinstance(listed, list) or not listed:
+    if not listed:
         raise ParameterError(
             f"--over {text}: its values cannot be read; "
             f"write 10,20,40 or 0:330:30 (from, to, step) or [[0,0],[10,0]]"

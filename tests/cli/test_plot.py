@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.cli.inside import run
+from tests.results.make import frame_rows, write_result, write_rows, write_tuning
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    Row = dict[str, str]
+
+Capture = pytest.CaptureFixture[str]
+
+
+def without(*names: str) -> list[Row]:
+    return [{k: v for k, v in row.items() if k not in names} for row in frame_rows()]
+
+
+def changed(line: int, name: str, value: str) -> list[Row]:
+    rows = frame_rows()
+    rows[line][name] = value
+    return rows
+
+
+def emptied(name: str) -> list[Row]:
+    return [{**row, name: ""} for row in frame_rows()]
+
+
+WRONG: list[tuple[str, Callable[[], list[Row]], list[str], str]] = [
+    ("another tool", lambda: [{"t": "0", "v": "1"}], [], "has no column 'frame'"),
+    ("no time", lambda: without("time_s"), [], "has no column 'time_s'"),
+    (
+        "no model",
+        lambda: without("opplod_response", "dlgmd_response"),
+        [],
+        "has no column 'opplod_response'",
+    ),
+    (
+        "no such model",
+        lambda: without("dlgmd_response"),
+        ["--model", "dlgmd"],
+        "has no column 'dlgmd_response'",
+    ),
+    ("one row", lambda: frame_rows()[:1], [], "column 'frame' holds one row"),
+    ("warm-up only", lambda: frame_rows()[:3], [], "column 'opplod_response' is empty in every"),
+    (
+        "a NaN",
+        lambda: changed(9, "dlgmd_response", "nan"),
+        [],
+        "column 'dlgmd_response' holds 'nan' in line 11",
+    ),
+    ("infinite", lambda: changed(9, "opplod_response", "inf"), [], "holds 'inf' in line 11"),
+    ("text", lambda: changed(4, "opplod_response", "much"), [], "holds 'much' in line 6"),
+    (
+        "no time in a row",
+        lambda: changed(4, "time_s", ""),
+        [],
+        "column 'time_s' is empty in line 6",
+    ),
+    ("no rmo", lambda: without("rmo_index"), ["--kind", "rmo"], "has no column 'rmo_index'"),
+    ("empty rmo", lambda: emptied("rmo_mean"), ["--kind", "rmo"], "column 'rmo_mean' is empty"),
+    ("no place", lambda: without("opplod_x"), ["--kind", "map"], "has no column 'opplod_x'"),
+    ("no winner", lambda: emptied("opplod_x"), ["--kind", "map"], "column 'opplod_x' is empty"),
+    ("curves as tuning", frame_rows, ["--kind", "polar"], "has no column 'stimulus'"),
+    ("a frame beyond", frame_rows, ["--onset", "f99"], "--onset f99: column 'frame'"),
+    ("a wrong mark", frame_rows, ["--contact", "soon"], "'soon' is no position"),
+]
+
+
+@pytest.mark.parametrize(
+    ("rows", "options", "sentence"), [case[1:] for case in WRONG], ids=[case[0] for case in WRONG]
+)
+def test_a_wrong_result(
+    rows: Callable[[], list[Row]],
+    options: list[str],
+    sentence: str,
+    tmp_path: Path,
+    capsys: Capture,
+) -> None:
+    path = write_rows(tmp_path / "a.frames.csv", rows())
+    done = run(capsys, "plot", path, *options, "-o", tmp_path / "a.png")
+    assert done.returncode == 2
+    assert sentence in done.stderr
+    assert str(path) in done.stderr or options[1:] == ["soon"]
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "a.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("stimulus,bar.axis_deg,model\na,0,opplod\n", "has no column 'peak'"),
+        ("stimulus,model,peak\na,opplod,1\n", "has no column of a swept parameter"),
+        ("stimulus,bar.axis_deg,model,peak\na,0,lgmd,1\n", "column 'model' holds 'lgmd'"),
+        ("stimulus,bar.axis_deg,model,peak\na,0,opplod,\n", "column 'peak' is empty in line 2"),
+        ("stimulus,bar.axis_deg,model,peak\na,0,opplod,x\n", "column 'peak' holds 'x' in line 2"),
+        ("stimulus,bar.axis_deg,model,peak\n", "holds no row"),
+    ],
+)
+def test_a_wrong_tuning_table(text: str, sentence: str, tmp_path: Path, capsys: Capture) -> None:
+    path = tmp_path / "a.tuning.csv"
+    path.write_text(text)
+    done = run(capsys, "plot", path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert sentence in done.stderr
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_results_of_different_lengths(tmp_path: Path, capsys: Capture) -> None:
+    paths = [write_result(tmp_path / f"{n}.frames.csv", n) for n in (40, 30)]
+    figure = tmp_path / "both.png"
+    done = run(capsys, "plot", *paths, "-o", figure)
+    assert done.returncode == 2
+    assert "30.frames.csv: column 'frame' has 30 rows" in done.stderr
+    assert run(capsys, "plot", *paths, "-o", figure, "--any-length").returncode == 0
+    assert figure.exists()
+
+
+def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
+    paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
+    done = run(capsys, "plot", *paths, "--onset", "f10", "--contact", "1.5")
+    made = [tmp_path / f"{name}.frames.png" for name in "ab"]
+    assert done.returncode == 0
+    assert done.stdout.split() == [str(path) for path in made]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)
+
+
+def test_polar_prints_peak_and_selectivity(tmp_path: Path, capsys: Capture) -> None:
+    angles = {"scene.rotation_deg": [0.0, 90, 180, 270]}
+    path = write_tuning(
+        tmp_path / "a.tuning.csv", angles, {"opplod": [3.0, 1, 1, 1]}, stimulus="controls/x"
+    )
+    done = run(capsys, "plot", path, "--kind", "polar")
+    assert done.returncode == 0
+    assert (
+        "OppLoD: peak 3 (arbitrary unit) at 0 deg, direction selectivity index 0.500" in done.stdout
+    )
+    assert "LPLC2" not in done.stdout
+    overlaid = run(capsys, "plot", path, "--lplc2", "60")
+    assert "LPLC2, 60 deg bar: peak 0.23 (of the loom)" in overlaid.stdout
+
+
+def test_show_needs_a_display(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    path = write_result(tmp_path / "a.frames.csv")
+    done = run(capsys, "plot", path, "--show")
+    assert (done.returncode, "--show needs a display" in done.stderr) == (2, True)
+    shown: list[str] = []
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("click.launch", shown.append)  # returns None, as good as 0
+    assert run(capsys, "plot", path, "--show").returncode == 0
+    assert shown == [str(tmp_path / "a.frames.png")]
+
+
+def test_a_wrong_name_of_a_figure_or_model(tmp_path: Path, capsys: Capture) -> None:
+    path = write_result(tmp_path / "a.frames.csv")
+    done = run(capsys, "plot", path, "-o", "a.gif")
+    assert (done.returncode, "ends in .png, .svg or .pdf" in done.stderr) == (2, True)
+    done = run(capsys, "plot", path, "--model", "lgmd")
+    assert (done.returncode, "did you mean 'dlgmd'" in done.stderr) == (2, True)
+
+
+def test_a_flat_video_gives_zeros(tmp_path: Path, capsys: Capture) -> None:
+    import numpy as np
+
+    from tests.media import write_video
+
+    video = write_video(tmp_path / "flat.avi", [np.full((48, 64), 90, np.uint8)] * 12)
+    assert run(capsys, "run", video, "-o", tmp_path, "-q").returncode == 0
+    table = tmp_path / "flat.frames.csv"
+    assert "nan" not in table.read_text()
+    for kind in ("curves", "rmo"):
+        done = run(capsys, "plot", table, "--kind", kind, "-o", tmp_path / f"{kind}.png")
+        assert (done.returncode, done.stderr) == (0, "")
+    done = run(capsys, "plot", table, "--kind", "map", "-o", tmp_path / "map.png")
+    assert (done.returncode, "OppLoD never responded" in done.stderr) == (2, True)

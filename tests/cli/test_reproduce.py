@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli.reproduction.figures import FIGURES
+from oppload_cli.reproduction.page import MARKS
+from tests.cli.inside import run
+from tests.cli.process import oppload
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Capture = pytest.CaptureFixture[str]
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+)
+COUNT = """<script>addEventListener('load', () => {
+  const seen = [...document.images].filter(
+    i => i.complete && i.naturalWidth > 100 && i.width > 100);
+  document.body.setAttribute('data-seen', seen.length); });</script></body>"""
+
+
+class Page(HTMLParser):
+    """What the page holds, by section."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sections: dict[str, dict[str, list[str]]] = {}
+        self.links: list[str] = []
+        self._section = ""
+        self._kind = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {name: value or "" for name, value in attrs}
+        self.links += [values[name] for name in ("src", "href") if name in values]
+        if tag == "section":
+            self._section = values["id"]
+            self.sections[self._section] = {}
+        elif tag == "img":
+            self._add("img", values["src"])
+        self._kind = values.get("class", "").split(" ", maxsplit=1)[0]
+
+    def handle_data(self, data: str) -> None:
+        if data.strip():
+            self._add(self._kind, data.strip())
+
+    def handle_endtag(self, tag: str) -> None:
+        self._section = "" if tag == "section" else self._section
+        self._kind = ""
+
+    def _add(self, kind: str, text: str) -> None:
+        if self._section:
+            self.sections[self._section].setdefault(kind, []).append(text)
+
+
+def check_page(folder: Path, names: list[str]) -> None:
+    """Check that every figure is embedded, decodes, and has all its parts."""
+    page = Page()
+    page.feed((folder / "index.html").read_text())
+    assert list(page.sections) == names
+    for name, parts in page.sections.items():
+        (source,) = parts["img"]
+        data = base64.b64decode(source.removeprefix("data:image/png;base64,"), validate=True)
+        assert data == (folder / f"{name}.png").read_bytes()
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert picture is not None
+        assert picture.shape[1] > 600
+        assert picture.std() > 5
+        assert len(parts["statement"]) >= 1
+        assert len(parts["measured"]) == len(parts["verdict"]) >= len(parts["statement"])
+        assert set(parts["verdict"]) <= set(MARKS)
+        assert parts["command"] == [f"oppload reproduce --only {name}"]
+    # Nothing is fetched: pictures are in the page, and links stay in it.
+    assert all(link.startswith(("data:image/png;base64,", "#")) for link in page.links)
+
+
+def seen_by_a_browser(folder: Path, tmp_path: Path) -> int:
+    """Count the pictures that a real browser shows."""
+    browser = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if browser is None:
+        pytest.skip("NOT SHOWN IN A BROWSER: no chromium is installed")
+    counted = tmp_path / "counted.html"
+    counted.write_text((folder / "index.html").read_text().replace("</body>", COUNT))
+    done = subprocess.run(
+        [browser, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", str(counted)],
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    found = re.search(r'data-seen="(\d+)"', done.stdout)
+    assert found, done.stderr
+    return int(found[1])
+
+
+@pytest.fixture(scope="module")
+def one_figure(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("reproduced")
+    done = oppload("reproduce", "--only", "rmo-definition", "-o", folder)
+    names = ["rmo-definition.png", "report.json", "index.html"]
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.split() == [str(folder / name) for name in names]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(names)
+    return folder
+
+
+def test_the_page_holds_statement_measurement_verdict_and_command(one_figure: Path) -> None:
+    check_page(one_figure, ["rmo-definition"])
+
+
+def test_the_report_says_the_same(one_figure: Path) -> None:
+    report: dict[str, Any] = json.loads((one_figure / "report.json").read_text())
+    assert report["schema"] == "oppload.reproduction/1"
+    (figure,) = report["figures"]
+    page = Page()
+    page.feed((one_figure / "index.html").read_text())
+    parts = page.sections["rmo-definition"]
+    found = [one for claim in figure["claims"] for one in claim["measured"].values()]
+    assert parts["measured"] == [one["text"] for one in found]
+    assert parts["verdict"] == [one["verdict"] for one in found]
+
+
+def test_a_browser_shows_the_figure(one_figure: Path, tmp_path: Path) -> None:
+    assert seen_by_a_browser(one_figure, tmp_path) == 1
+
+
+def test_the_names_of_the_figures(capsys: Capture) -> None:
+    assert run(capsys, "reproduce", "--list").stdout.split() == list(FIGURES)
+
+
+def test_wrong_use(one_figure: Path, tmp_path: Path, capsys: Capture) -> None:
+    done = run(capsys, "reproduce", "--only", "looming-center", "-o", tmp_path / "out")
+    assert (done.returncode, "did you mean 'looming-centre'" in done.stderr) == (2, True)
+    assert not (tmp_path / "out").exists()
+    report = (one_figure / "report.json").read_bytes()
+    done_again = oppload("reproduce", "--only", "rmo-definition", "-o", one_figure)
+    assert (done_again.returncode, "exists already" in done_again.stderr) == (2, True)
+    assert (one_figure / "report.json").read_bytes() == report
+    (tmp_path / "file").write_text("in the way")
+    blocked = oppload("reproduce", "-o", tmp_path / "file" / "inside")
+    assert (blocked.returncode, "cannot write" in blocked.stderr) == (2, True)
+
+
+@pytest.mark.slow
+def test_every_figure_of_the_paper(tmp_path: Path) -> None:
+    folder = tmp_path / "all"
+    done = subprocess.run(
+        [sys.executable, "-m", "oppload_cli", "reproduce", "-o", str(folder)],
+        capture_output=True, text=True, check=False, timeout=900,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    check_page(folder, list(FIGURES))
+    assert seen_by_a_browser(folder, tmp_path) == len(FIGURES)
+    report: dict[str, Any] = json.loads((folder / "report.json").read_text())
+    verdicts = {figure["name"]: figure["verdicts"] for figure in report["figures"]}
+    assert verdicts["up-down"]["default"] == "holds"
+    assert verdicts["inward"]["paper"] == "does not hold"
+    assert {one for each in verdicts.values() for one in each.values()} == set(MARKS)

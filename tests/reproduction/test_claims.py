@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import pytest
+
+from oppload_cli.reproduction.claims import (
+    Built,
+    Claim,
+    Finding,
+    Verdict,
+    at_least,
+    at_most,
+    overall,
+)
+
+HOLDS, IN_PART, DOES_NOT = Verdict.HOLDS, Verdict.IN_PART, Verdict.DOES_NOT
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("value", "verdict"),
+    [
+        (0.0, HOLDS),
+        (0.1, HOLDS),
+        (0.11, IN_PART),
+        (0.5, IN_PART),
+        (0.51, DOES_NOT),
+        (NAN, DOES_NOT),
+    ],
+)
+def test_a_value_that_should_be_small(value: float, verdict: Verdict) -> None:
+    assert at_most(value, 0.1, 0.5) is verdict
+
+
+@pytest.mark.parametrize(
+    ("value", "verdict"),
+    [(2.0, HOLDS), (0.9, HOLDS), (0.89, IN_PART), (0.5, IN_PART), (0.4, DOES_NOT), (NAN, DOES_NOT)],
+)
+def test_a_value_that_should_be_large(value: float, verdict: Verdict) -> None:
+    assert at_least(value, 0.9, 0.5) is verdict
+
+
+def test_verdicts_sum_up() -> None:
+    assert overall([HOLDS, HOLDS]) is HOLDS
+    assert overall([DOES_NOT]) is DOES_NOT
+    assert overall([HOLDS, DOES_NOT]) is IN_PART
+    assert overall([HOLDS, IN_PART]) is IN_PART
+
+
+def test_a_figure_is_judged_per_preset() -> None:
+    def claim(**verdicts: Verdict) -> Claim:
+        found = {name: Finding("x", verdict, {"v": 1.0}) for name, verdict in verdicts.items()}
+        return Claim("s", "r", found)
+
+    claims = (claim(default=HOLDS, paper=DOES_NOT), claim(default=HOLDS))
+    built = Built("name", "title", "shows", claims, b"")
+    assert built.verdicts == {"default": HOLDS, "paper": DOES_NOT}
+    content = built.as_dict()
+    assert content["command"] == "oppload reproduce --only name"
+    assert content["claims"][0]["measured"]["paper"] == {
+        "text": "x",
+        "verdict": "does not hold",
+        "numbers": {"v": 1.0},
+    }
