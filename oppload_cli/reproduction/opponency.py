@@ -12,7 +12,7 @@ from oppload_cli.plots.style import CYCLE, FAINT, STYLE, new_figure, png_bytes
 from oppload_cli.reproduction.claims import NO_PRESET, Built, Claim, Finding, Verdict
 from oppload_cli.reproduction.material import DPI, NO_PAUSE, WIDE
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.stimulus.renderer import frames
+from oppload_cli.stimulus.truth import frame_truth
 from oppload_cli.tuning.present import StimulusVideo
 
 if TYPE_CHECKING:
@@ -103,9 +103,9 @@ def _index(protocol: Protocol) -> NDArray[np.float64]:
     """Return the RMO index of the frames in which something moves fast enough."""
     flow, scale = DenseFlow(), HEIGHT / protocol.display.height
     values = []
-    for frame, shown in zip(StimulusVideo(protocol, HEIGHT), frames(protocol), strict=True):
+    for frame in StimulusVideo(protocol, HEIGHT):
         metrics = flow.step(frame.luma)
-        moving = [thing for thing in shown.truth.objects if thing.visible]
+        moving = [thing for thing in frame_truth(protocol, frame.index).objects if thing.visible]
         speed = max((abs(thing.edge_speed_px_frame) for thing in moving), default=0.0) * scale
         turning = any(thing.motion and thing.motion.rotation_deg_s for thing in protocol.objects)
         if metrics is not None and (speed > SLOWEST or turning):

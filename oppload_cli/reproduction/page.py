@@ -6,10 +6,12 @@ import base64
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from oppload_cli.reproduction.claims import Verdict
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-MARKS = {"holds": "yes", "holds in part": "part", "does not hold": "no"}
+MARKS = {Verdict.HOLDS: "yes", Verdict.IN_PART: "part", Verdict.DOES_NOT: "no"}
 STYLE = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; margin: 0 auto;
@@ -74,7 +76,7 @@ def introduction(report: Mapping[str, Any]) -> str:
     str
         Plain text.
     """
-    counts = dict.fromkeys(MARKS, 0)
+    counts = dict.fromkeys(map(str, MARKS), 0)
     for figure in report["figures"]:
         for claim in figure["claims"]:
             for finding in claim["measured"].values():
@@ -85,8 +87,28 @@ def introduction(report: Mapping[str, Any]) -> str:
         "the paper, in our words, stands beside what was measured; the verdict follows from the "
         "measurement by the rule that is printed with it. Preset 'paper' is the paper to the "
         "letter, preset 'default' the same model made to work. Verdicts: "
-        f"{stated}."
+        f"{stated}. The table gives each figure's verdict, and how many of its statements hold."
     )
+
+
+def tally(figure: Mapping[str, Any], preset: str) -> str:
+    """Return how many statements of a figure hold for a preset.
+
+    Parameters
+    ----------
+    figure : mapping
+        One of the report's.
+    preset : str
+        One of its presets.
+
+    Returns
+    -------
+    str
+        E.g. ``2 of 4``.
+    """
+    judged = [claim["measured"] for claim in figure["claims"] if preset in claim["measured"]]
+    held = sum(measured[preset]["verdict"] == Verdict.HOLDS for measured in judged)
+    return f"{held} of {len(judged)}"
 
 
 def _introduction(report: Mapping[str, Any]) -> Iterator[str]:
@@ -99,7 +121,7 @@ def _introduction(report: Mapping[str, Any]) -> Iterator[str]:
     yield f"<table><thead><tr><th>figure</th>{head}</tr></thead><tbody>"
     for figure in report["figures"]:
         cells = "".join(
-            f"<td>{_verdict(figure['verdicts'][preset])}</td>"
+            f"<td>{_verdict(figure['verdicts'][preset])} {tally(figure, preset)}</td>"
             if preset in figure["verdicts"]
             else "<td></td>"
             for preset in presets
@@ -142,4 +164,4 @@ def _section(figure: Mapping[str, Any], pictures: Mapping[str, bytes]) -> Iterat
 
 
 def _verdict(verdict: str) -> str:
-    return f'<span class="verdict {MARKS[verdict]}">{escape(verdict)}</span>'
+    return f'<span class="verdict {MARKS[Verdict(verdict)]}">{escape(verdict)}</span>'

@@ -48,8 +48,15 @@ LOOMING = {
     "klapoetke2017/loom-speed": {"disk.growth.speed_deg_s": [20, 40, 80]},
     "klapoetke2017/loom-l-over-v": {"disk.growth.l_over_v_ms": [10, 40, 100]},
 }
-# A disk that grows to 60 degrees at 20 degrees/s and more has done so by then.
-SHORT = {"klapoetke2017/loom-speed": {"timing.motion_s": 1.3}}
+# Less of what says nothing new: of a slow beginning, of a crossing, of a full disk.
+SHORT = {
+    "controls/receding-disk": {"timing.motion_s": 1.0},
+    "controls/rotating-bar": {"timing.motion_s": 1.0},
+    "klapoetke2017/bar-sweep": {"timing.motion_s": 1.5},
+    "klapoetke2017/edge": {"timing.motion_s": 1.5},
+    "klapoetke2017/loom-speed": {"timing.motion_s": 1.3},
+    "klapoetke2017/loom-l-over-v": {"timing.motion_s": 1.0},
+}
 MODELS = ("opplod", "dlgmd")
 
 

@@ -17,7 +17,8 @@ from oppload_cli.results.reading import Result
 def test_the_threshold_alarms_when_the_alarm_does(model: str, seed: int) -> None:
     random = np.random.default_rng(seed)
     times = np.cumsum(random.uniform(0.01, 0.08, 300)).astype(np.float64)
-    responses = random.gamma(0.3, 1e-3, 300) * np.where(random.random(300) < 0.1, 30, 1)
+    bursts = np.where(random.random(300) < 0.1, 30.0, 1.0)
+    responses = np.asarray(random.gamma(0.3, 1e-3, 300) * bursts, np.float64)
     params = AlarmParams(background_s=1.0, guard_s=0.25, enough=1, window=1, hold_s=0, factor=2)
     alarm = Alarm(model, params)
     expected = [alarm.step(r, t) for r, t in zip(responses, times, strict=True)]

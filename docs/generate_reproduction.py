@@ -1,0 +1,95 @@
+"""Write docs/reproduction.md and its pictures from the folder of 'oppload reproduce'.
+
+oppload reproduce -o reproduction && python docs/generate_reproduction.py reproduction
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from oppload_cli.reproduction.page import introduction, tally
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+DOCS = Path(__file__).parent
+PICTURES = "reproduction"
+
+
+def page(report: dict[str, Any]) -> str:
+    """Return the page as Markdown."""
+    return "\n".join(
+        [*summary(report), *(line for each in report["figures"] for line in part(each))]
+    )
+
+
+def summary(report: dict[str, Any]) -> Iterator[str]:
+    """Yield the introduction and the table of verdicts."""
+    figures = report["figures"]
+    presets = list(dict.fromkeys(preset for each in figures for preset in each["verdicts"]))
+    yield "# What holds of the OppLoD paper"
+    yield introduction(report)
+    yield ""
+    yield (
+        "Generated from the `report.json` of `oppload reproduce` by "
+        "`docs/generate_reproduction.py`. Real-video figures are not in it: their clips are not public."
+    )
+    yield ""
+    yield f"| figure | {' | '.join(presets)} |"
+    yield f"|---{'|---' * len(presets)}|"
+    for each in figures:
+        verdicts = " | ".join(
+            f"{each['verdicts'][preset]} ({tally(each, preset)})"
+            if preset in each["verdicts"]
+            else ""
+            for preset in presets
+        )
+        yield f"| [{each['title']}](#{anchor(each['title'])}) | {verdicts} |"
+    yield ""
+
+
+def part(figure: dict[str, Any]) -> Iterator[str]:
+    """Yield the section of one figure."""
+    yield f"## {figure['title']}"
+    yield f"`{figure['command']}`"
+    yield ""
+    yield f"![{figure['shows']}]({PICTURES}/{figure['file']})"
+    yield ""
+    yield f"*{figure['shows']}*"
+    for claim in figure["claims"]:
+        yield ""
+        yield f"**The paper:** {claim['statement']}"
+        yield ""
+        yield f"Verdict: {claim['rule']}."
+        yield ""
+        yield "| preset | measured | verdict |"
+        yield "|---|---|---|"
+        for preset, found in claim["measured"].items():
+            yield f"| {preset} | {found['text'].replace('|', chr(92) + '|')} | {found['verdict']} |"
+    yield ""
+    for note in figure["notes"]:
+        yield f"- {note}"
+    yield ""
+
+
+def anchor(title: str) -> str:
+    """Return the anchor that Markdown viewers give a heading."""
+    kept = "".join(letter for letter in title.lower() if letter.isalnum() or letter in " -")
+    return kept.replace(" ", "-")
+
+
+def main(folder: Path) -> None:
+    """Write the page and copy the pictures."""
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    pictures = DOCS / PICTURES
+    pictures.mkdir(exist_ok=True)
+    for figure in report["figures"]:
+        (pictures / figure["file"]).write_bytes((folder / figure["file"]).read_bytes())
+    (DOCS / "reproduction.md").write_text(page(report), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
