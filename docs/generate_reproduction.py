@@ -35,7 +35,8 @@ def summary(report: dict[str, Any]) -> Iterator[str]:
     yield ""
     yield (
         "Generated from the `report.json` of `oppload reproduce` by "
-        "`docs/generate_reproduction.py`. Real-video figures are not in it: their clips are not public."
+        "`docs/generate_reproduction.py`. The paper's figures of real videos are not in it: their "
+        "clips are not public."
     )
     yield ""
     yield f"| figure | {' | '.join(presets)} |"

@@ -16,7 +16,7 @@ from oppload_cli.results.reading import Result
 @pytest.mark.parametrize("model", ["opplod", "dlgmd"])
 def test_the_threshold_alarms_when_the_alarm_does(model: str, seed: int) -> None:
     random = np.random.default_rng(seed)
-    times = np.cumsum(random.uniform(0.01, 0.08, 300)).astype(np.float64)
+    times = np.asarray(np.cumsum(random.uniform(0.01, 0.08, 300)), np.float64)
     bursts = np.where(random.random(300) < 0.1, 30.0, 1.0)
     responses = np.asarray(random.gamma(0.3, 1e-3, 300) * bursts, np.float64)
     params = AlarmParams(background_s=1.0, guard_s=0.25, enough=1, window=1, hold_s=0, factor=2)

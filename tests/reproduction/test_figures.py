@@ -105,6 +105,11 @@ def test_bars_like_those_of_the_neurons_hold() -> None:
     assert bars._evenness(like).verdict is Verdict.HOLDS
     # Real neurons do not prefer diagonals with the wide bar.
     assert bars._diagonal(like).verdict is Verdict.DOES_NOT
+    assert bars._diagonal(like).numbers["diagonal_over_largest"] == pytest.approx(0.06 / 0.23)
+    sixty_diagonal = {axis: 1.0 if axis in {45, 135} else 0.9 for axis in sixty}
+    assert bars._diagonal(tunings(ten, sixty_diagonal, 1.0)).verdict is Verdict.HOLDS
+    one_larger = {**sixty_diagonal, 90: 1.2}
+    assert bars._diagonal(tunings(ten, one_larger, 1.0)).verdict is Verdict.IN_PART
     ninety = tunings({axis: 90 * value for axis, value in ten.items()}, sixty, 1.0)
     assert bars._likeness(ninety).verdict is Verdict.DOES_NOT
 
