@@ -182,9 +182,9 @@ def _polar(tunings: dict[str, Tunings]) -> Built:
             f"diagonals respond {ratio:.2f} times as much as their other axes.",
             "The product of opposite motions is neither compressed nor normalised, so that a "
             "longer edge along a pathway's axis counts with a power of its length: up to "
-            f"{plain(enhanced)} times the looming disk in preset default, {enhanced**0.5:.0f} times "
-            "before enhancing squares it. What is missing is a normalising stage, and suppression "
-            "across axes.",
+            f"{plain(enhanced)} times the looming disk in preset default, {plain(enhanced**0.5)} "
+            "times before enhancing squares it. What is missing is a normalising stage, and "
+            "suppression across axes.",
             FIELD_NOTE,
         ),
     )

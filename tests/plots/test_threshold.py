@@ -29,7 +29,7 @@ def test_the_threshold_alarms_when_the_alarm_does(model: str, seed: int) -> None
 
 
 def test_there_is_none_before_a_background() -> None:
-    times = np.arange(10) * 0.1
+    times = np.asarray(np.arange(10) * 0.1, np.float64)
     responses = np.r_[np.nan, np.nan, np.full(8, 0.5)]
     threshold = alarm_threshold(times, responses, AlarmParams(guard_s=0.35), "opplod")
     assert np.isnan(threshold[:6]).all()

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import StimulusError
+from oppload_cli.plots.truth import contact_of, find_truth
+from oppload_cli.results.reading import read_result
+from oppload_cli.stimulus import ground_truth, load
+from tests.results.make import write_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def with_sidecar(tmp_path: Path, stimulus: object) -> Path:
+    path = write_result(tmp_path / "clip.frames.csv")
+    path.with_name("clip.oppload.json").write_text(json.dumps({"stimulus": stimulus}))
+    return path
+
+
+def test_the_sidecar_names_or_holds_the_ground_truth(tmp_path: Path) -> None:
+    truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
+    (tmp_path / "other.stimulus.json").write_text(json.dumps(truth))
+    for stated in ({"path": "other.stimulus.json"}, "other.stimulus.json", truth):
+        stimulus = stated if isinstance(stated, dict) else {"path": str(tmp_path / stated)}
+        found = find_truth(read_result(with_sidecar(tmp_path, stimulus)))
+        assert found is not None
+        assert len(found["frames"]) == len(truth["frames"])
+        assert contact_of(found) == pytest.approx(2.2)
+
+
+def test_without_one_there_is_none(tmp_path: Path) -> None:
+    assert find_truth(read_result(write_result(tmp_path / "clip.frames.csv"))) is None
+    assert contact_of(None) is None
+
+
+def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
+    path = write_result(tmp_path / "clip.frames.csv")
+    path.with_name("clip.stimulus.json").write_text('{"schema": "x"}')
+    with pytest.raises(StimulusError, match=r"clip\.stimulus\.json: its schema is 'x'"):
+        find_truth(read_result(path))
