@@ -51,17 +51,21 @@ def disk(tmp_path: Path, before: float = 0) -> Entry:
     return read_entry(path)
 
 
+ASSIGNED = ["opplod.receptive_field=24", "opplod.cell=2", "repeats.most=1"]
+
+
 # A pause makes repeats, which run passes over: it must come to the same here.
 @pytest.mark.parametrize("before", [0, 0.12, 0.4])
 @pytest.mark.parametrize("height", ["native", "48", "90"])
 def test_the_numbers_are_those_of_a_run_over_the_video(
     before: float, height: str, tmp_path: Path
 ) -> None:
-    settings = resolve(height=height, assignments=["opplod.receptive_field=24", "opplod.cell=2"])
+    settings = resolve(height=height, assignments=ASSIGNED)
     protocol = disk(tmp_path, before).protocols()[1]
     shown = present(protocol, settings)
     with open_video(write(protocol, tmp_path).video, height=settings.height) as video:
-        records = list(analyse(video, settings.model_params(), rmo=None))
+        params = settings.model_params()
+        records = list(analyse(video, params, repeats=settings.repeats, rmo=None))
     for model, responses in shown.items():
         answers = [record.responses[model] for record in records]
         expected = [np.nan if each is None else each.response for each in answers]
