@@ -15,6 +15,7 @@ from oppload_cli.models.parameters import (
     DEFAULT_PRESET,
     DlgmdParams,
     OpplodParams,
+    Preset,
     preset_named,
 )
 from oppload_cli.motion.parameters import RmoParams
@@ -136,7 +137,7 @@ def resolve(
     """
     content = _read(config) if config else {}
     source = str(config) if config else ""
-    chosen = preset_named(preset or _text(content, "preset", source) or DEFAULT_PRESET)
+    chosen = preset_named(preset) if preset else _preset_of_file(content, source)
     groups: dict[str, Parameters] = {
         "opplod": chosen.opplod,
         "dlgmd": chosen.dlgmd,
@@ -269,11 +270,14 @@ def _read(path: Path) -> dict[str, Any]:
         raise ParameterError(f"{path}: is not valid TOML ({error}); correct the file") from error
 
 
-def _text(content: Mapping[str, Any], key: str, source: str) -> str | None:
-    value = content.get(key)
-    if value is not None and not isinstance(value, str):
-        raise ParameterError(f"{source}: '{key}' must be a word in quotes, not {value!r}")
-    return value
+def _preset_of_file(content: Mapping[str, Any], source: str) -> Preset:
+    name = content.get("preset", DEFAULT_PRESET)
+    if not isinstance(name, str):
+        raise ParameterError(f"{source}: 'preset' must be a word in quotes, not {name!r}")
+    try:
+        return preset_named(name)
+    except ParameterError as error:
+        raise ParameterError(f"{source}: {error}") from error
 
 
 def _of_kind(params: Parameters, kind: type[Kind]) -> Kind:

@@ -17,8 +17,9 @@ from oppload_cli.errors import OpploadError, OutputError
 from oppload_cli.results.columns import columns_for
 from oppload_cli.results.sidecar import write_sidecar
 from oppload_cli.results.summary import ModelSummary
-from oppload_cli.results.table import PartFile, Table, cannot_write, part_of
+from oppload_cli.results.table import PartFile, Table, cannot_write
 from oppload_cli.stimulus.truth import read_ground_truth
+from oppload_cli.video.atomic import part_of
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span
 

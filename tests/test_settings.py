@@ -45,6 +45,7 @@ def test_defaults() -> None:
         ("[opplod]\ngian=1", "no parameter 'gian' of opplod; did you mean 'gain'"),
         ("opplod = 3", "'opplod' is a table"),
         ("preset = 3", "'preset' must be a word"),
+        ('preset = "papr"', "no preset 'papr'; did you mean 'paper'"),
         ('models = "opplod"', "models must be a list"),
         ('models = ["lgmd"]', "no model 'lgmd'; did you mean 'dlgmd'"),
         ("height = 0", "height must be 'native' or 1 to 8192"),

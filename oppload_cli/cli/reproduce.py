@@ -70,7 +70,7 @@ def _make(names: list[str], output: Path, *, jobs: int | None, quiet: bool) -> N
 
     started = time.perf_counter()
     # A folder that cannot be written shall be known before two minutes of work.
-    write_atomic(part_of(output / "report.json"), b"")
+    write_atomic(part_of(output / "report.json"), [])
     remove(part_of(output / "report.json"))
     hidden = quiet or not sys.stderr.isatty()
     with tqdm(total=len(names), unit="figure", disable=hidden, file=sys.stderr) as bar:
@@ -78,12 +78,12 @@ def _make(names: list[str], output: Path, *, jobs: int | None, quiet: bool) -> N
     report = report_of(figures, time.perf_counter() - started)
     pictures = {figure.name: figure.png for figure in figures}
     for name, png in pictures.items():
-        write_atomic(output / f"{name}.png", png)
+        write_atomic(output / f"{name}.png", [png])
         click.echo(output / f"{name}.png")
     page = page_of(report, pictures)
     for path, text in (
         (output / "report.json", report_json(report)),
         (output / "index.html", page),
     ):
-        write_atomic(path, text.encode())
+        write_atomic(path, [text.encode()])
         click.echo(path)

@@ -62,7 +62,8 @@ class Alarm:
     def __init__(self, model: str, params: AlarmParams | None = None) -> None:
         self.params = params or AlarmParams()
         self._floor: float = getattr(self.params, f"{model}_floor")
-        self._guard: deque[tuple[float, float]] = deque()
+        # Bounded, in case times stand still.
+        self._guard: deque[tuple[float, float]] = deque(maxlen=1 << 16)
         # Times and responses of the background that a later one has not outdone:
         # the first is the largest.
         self._largest: deque[tuple[float, float]] = deque()

@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import IO, TYPE_CHECKING
 
 from oppload_cli.errors import OutputError
+from oppload_cli.video.atomic import part_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -126,21 +127,6 @@ class PartFile:
         self.keep()
         with suppress(OSError):
             self.part.unlink()
-
-
-def part_of(path: Path) -> Path:
-    """Return the name under which a file is written.
-
-    Parameters
-    ----------
-    path : Path
-        Its final name.
-
-    Returns
-    -------
-    Path
-    """
-    return path.with_name(path.name + ".part")
 
 
 def _ours_alone(stream: IO[str], path: Path) -> bool:
