@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 from dataclasses import fields
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
 from oppload_cli.results.sidecar import write_sidecar
-from oppload_cli.results.table import PartFile, formatted
+from oppload_cli.results.table import formatted
 from oppload_cli.tuning.measure import Measures
+from oppload_cli.video.atomic import write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,16 +41,15 @@ def write_tuning(path: Path, conditions: Sequence[Condition]) -> None:
         If it cannot be written.
     """
     columns = list(_cells(conditions[0].values))
-    file = PartFile(path)
-    with file.stream:
-        writer = csv.writer(file.stream, lineterminator="\n")
-        writer.writerow(["stimulus", *columns, "model", *MEASURES])
-        for condition in conditions:
-            values = list(_cells(condition.values).values())
-            for model, measures in condition.measures.items():
-                numbers = [formatted(getattr(measures, name)) for name in MEASURES]
-                writer.writerow([condition.stimulus, *values, model, *numbers])
-    file.commit()
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["stimulus", *columns, "model", *MEASURES])
+    for condition in conditions:
+        values = list(_cells(condition.values).values())
+        for model, measures in condition.measures.items():
+            numbers = [formatted(getattr(measures, name)) for name in MEASURES]
+            writer.writerow([condition.stimulus, *values, model, *numbers])
+    write_atomic(path, [text.getvalue().encode()])
 
 
 def write_tuning_sidecar(
