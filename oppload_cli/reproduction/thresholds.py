@@ -16,6 +16,7 @@ from oppload_cli.reproduction.material import (
     TITLES,
     WIDE,
     peak_of,
+    plain,
     presented,
     settings_of,
 )
@@ -97,7 +98,7 @@ def thresholds() -> Built:
             "preset's own working height and without a pause before the motion.",
             *(
                 f"{TITLES[preset].capitalize()}: the threshold of {NAMES[model]} is set by "
-                f"{name} ({value:.3g})."
+                f"{name} ({plain(value)})."
                 for preset, each in worst.items()
                 for model, (name, value) in each.items()
             ),
