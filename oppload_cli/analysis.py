@@ -64,6 +64,10 @@ def analyse(
     try:
         for count, each in enumerate(seen):
             answers = {} if each.passed_over else bank.step(each.frame.luma)
+            if each.still_begins:
+                # What was passed over was no copy: the models stand still as the scene does.
+                for _ in range(MEMORY):
+                    answers = bank.step(each.frame.luma)
             if each.repeat:
                 # Where nothing changed every model answers 0, whatever came before.
                 answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
@@ -91,18 +95,22 @@ class _Seen(NamedTuple):
     frame: Frame
     repeat: bool
     passed_over: bool
+    still_begins: bool
     opponency: RmoMetrics | None
 
 
 def _seen(video: Video, rmo: RmoParams | None, repeats: RepeatParams) -> Iterator[_Seen]:
     flow = DenseFlow(rmo) if rmo else None
     copies = Repeats(repeats)
+    was_passed_over = False
     for frame in video:
         repeat, passed_over = copies.step(frame.luma)
+        still_begins = repeat and was_passed_over and not passed_over
+        was_passed_over = passed_over
         opponency = flow.step(frame.luma) if flow and not passed_over else None
         if flow and repeat:
             opponency = RmoMetrics()
-        yield _Seen(frame, repeat, passed_over, opponency)
+        yield _Seen(frame, repeat, passed_over, still_begins, opponency)
 
 
 def _in_source(answer: Response | None, working: WorkingSize) -> Response | None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import (
+    Dlgmd,
     DlgmdParams,
     FrameRecord,
     OpplodParams,
@@ -53,6 +54,16 @@ def test_a_scene_that_stands_still_is_seen_by_the_models(tmp_path: Path) -> None
     without = records(write_video(tmp_path / "b.mkv", moving))[5].responses["dlgmd"]
     assert without is not None
     assert after.response > 2 * without.response
+
+
+@pytest.mark.parametrize("pause", [6, 7, 12])
+def test_motion_after_a_still_start_is_answered_at_once(tmp_path: Path, pause: int) -> None:
+    moving = eight_bits(looming(120, 60, 60, 6))
+    frames = [*([moving[0]] * (pause + 1)), *moving[1:]]
+    shown = records(write_video(tmp_path / "a.mkv", frames))
+    model = Dlgmd((120, 120))
+    for record, frame in zip(shown, frames, strict=True):
+        assert record.responses["dlgmd"] == model.step(frame.astype(np.float32) / np.float32(255))
 
 
 def test_a_still_video_answers_zero_from_the_fourth_frame(tmp_path: Path) -> None:
