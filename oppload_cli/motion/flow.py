@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 # Shortest side, in px of the reduced frame, that inverse search gets: it refuses
 # below 8 to 12 px, and its patches of 8 px say nothing there.
 _SHORTEST_SIDE = 16
+# Room around what moved, in samples of the reduced frame.
+_MARGIN = 2
 
 
 @dataclass(frozen=True)
@@ -50,8 +52,8 @@ class DenseFlow:
     flow using dense inverse search", as implemented by OpenCV.
     """
 
-    _before: NDArray[np.uint8]
-    _now: NDArray[np.uint8]
+    _frames: list[NDArray[np.uint8]]
+    _reduced: list[NDArray[np.uint8]]
 
     def __init__(self, params: RmoParams | None = None) -> None:
         self.params = params or RmoParams()
@@ -106,8 +108,7 @@ class DenseFlow:
         first = self._shape is None
         if self._shape is None:
             self._prepare(luma.shape[0], luma.shape[1])
-        self._before, self._now = self._now, self._before
-        self._reduce(luma)
+        self._take(luma)
         return None if first else self._sampled()
 
     def _prepare(self, height: int, width: int) -> None:
@@ -117,34 +118,84 @@ class DenseFlow:
         rows, columns = height // reduction, width // reduction
         self._shape = (height, width)
         self._reduction = reduction
-        self._starts = _cell_centres(rows * reduction, columns * reduction, self.params.grid)
-        self._bytes = np.empty((rows * reduction, columns * reduction), dtype=np.uint8)
-        self._before = np.empty((rows, columns), dtype=np.uint8)
-        self._now = np.empty((rows, columns), dtype=np.uint8)
-        self._flow = np.zeros((rows, columns, 2), dtype=np.float32)
+        self._spacing = self.params.grid or max(4, round(height / 17))
+        self._frames = [np.empty((rows * reduction, columns * reduction), np.uint8) for _ in "ab"]
+        self._reduced = [np.empty((rows, columns), np.uint8) for _ in "ab"]
         self._search = _inverse_search()
 
-    def _reduce(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> None:
-        rows, columns = self._bytes.shape
-        grey = luma[:rows, :columns]
-        if luma.dtype != np.uint8:
-            cv2.convertScaleAbs(grey, dst=self._bytes, alpha=255.0)
-            grey = self._bytes
-        size = (columns // self._reduction, rows // self._reduction)
-        cv2.resize(grey, size, dst=self._now, interpolation=cv2.INTER_AREA)
+    def _take(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> None:
+        for pair in (self._frames, self._reduced):
+            pair.reverse()
+        frame, reduced = self._frames[1], self._reduced[1]
+        grey = luma[: frame.shape[0], : frame.shape[1]]
+        if luma.dtype == np.uint8:
+            np.copyto(frame, grey)
+        else:
+            cv2.convertScaleAbs(grey, dst=frame, alpha=255.0)
+        cv2.resize(frame, reduced.shape[::-1], dst=reduced, interpolation=cv2.INTER_AREA)
 
     def _sampled(self) -> MotionVectors:
-        if min(self._now.shape) < _SHORTEST_SIDE:
-            return MotionVectors(np.empty((0, 2)), np.empty((0, 2)))
-        # What the buffer holds is taken as a first guess, so that old flow would linger.
-        self._flow.fill(0.0)
-        self._search.calc(self._before, self._now, self._flow)
-        rows, columns = self._starts.shape[:2]
-        vectors = _cell_means(self._flow, rows, columns) * self._reduction
-        change = cv2.absdiff(self._before, self._now).astype(np.float32)
+        if min(self._reduced[1].shape) < _SHORTEST_SIDE:
+            return _nothing()
+        change = cv2.absdiff(*self._reduced)
+        # A cell may change by the least amount in one of its samples alone.
+        _, moved = cv2.threshold(change, 255.0 * self.params.minimum_change, 255, cv2.THRESH_BINARY)
+        left, top, width, height = cv2.boundingRect(moved)
+        if not width:
+            return _nothing()
+        window = self._window(left, top, width, height)
+        reduction = self._reduction_in(window)
+        if reduction == self._reduction:
+            return self._vectors(self._reduced, reduction, (0, 0))
+        parts = [frame[window] for frame in self._frames]
+        rows, columns = (side // reduction for side in parts[0].shape)
+        reduced = [
+            np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
+            for part in parts
+        ]
+        return self._vectors(reduced, reduction, (window[1].start, window[0].start))
+
+    def _window(self, left: int, top: int, width: int, height: int) -> tuple[slice, slice]:
+        """Return the part of the frame around what moved, with a patch's room on each side."""
+        sides = []
+        for first, extent, whole in (
+            (top, height, self._reduced[1].shape[0]),
+            (left, width, self._reduced[1].shape[1]),
+        ):
+            room = max(_MARGIN, (_SHORTEST_SIDE - extent + 1) // 2)
+            start, stop = max(0, first - room), min(whole, first + extent + room)
+            sides.append(slice(start * self._reduction, stop * self._reduction))
+        return sides[0], sides[1]
+
+    def _reduction_in(self, window: tuple[slice, slice]) -> int:
+        """Return the least reduction at which a part costs no more than the whole frame."""
+        height, width = (side.stop - side.start for side in window)
+        most = self._reduced[1].size
+        reduction = 1
+        while reduction < self._reduction and height * width > most * reduction**2:
+            reduction *= 2
+        return reduction
+
+    def _vectors(
+        self, reduced: list[NDArray[np.uint8]], reduction: int, corner: tuple[int, int]
+    ) -> MotionVectors:
+        """Search the flow between two reduced images and sample it on the grid."""
+        before, now = reduced
+        height, width = (side * reduction for side in now.shape)
+        spacing = self._spacing * reduction / self._reduction
+        starts = _cell_centres(height, width, spacing)
+        flow = np.zeros((*now.shape, 2), np.float32)
+        self._search.calc(before, now, flow)
+        rows, columns = starts.shape[:2]
+        vectors = _cell_means(flow, rows, columns) * reduction
+        change = cv2.absdiff(before, now).astype(np.float32)
         kept = np.hypot(vectors[..., 0], vectors[..., 1]) >= self.params.minimum_speed
         kept &= _cell_means(change, rows, columns) >= 255.0 * self.params.minimum_change
-        return MotionVectors(self._starts[kept], vectors[kept])
+        return MotionVectors(starts[kept] + corner, vectors[kept])
+
+
+def _nothing() -> MotionVectors:
+    return MotionVectors(np.empty((0, 2)), np.empty((0, 2)))
 
 
 def _inverse_search() -> cv2.DISOpticalFlow:
@@ -155,8 +206,7 @@ def _inverse_search() -> cv2.DISOpticalFlow:
     return search
 
 
-def _cell_centres(height: int, width: int, grid: int | None) -> NDArray[np.float64]:
-    spacing = grid or max(4, round(height / 17))
+def _cell_centres(height: int, width: int, spacing: float) -> NDArray[np.float64]:
     rows, columns = max(1, round(height / spacing)), max(1, round(width / spacing))
     x = (np.arange(columns) + 0.5) * width / columns - 0.5
     y = (np.arange(rows) + 0.5) * height / rows - 0.5

@@ -80,8 +80,8 @@ def stimuli() -> Built:
         (
             "The paper does not say where motion vectors come from; here they are dense optical "
             "flow on a grid.",
-            "An index of 0 while something looms is a disk still smaller than about two cells of "
-            "the grid, in which no two vectors are opposite.",
+            "An index of 0 while something looms is a frame without vectors: the very first one "
+            "of the paper's disk, in which its radius grows from 2 to 4 px at a height of 240.",
             "A turning bar on a plain ground is the hard case: a straight edge shows only motion "
             "across itself (the aperture problem).",
         ),
