@@ -13,7 +13,7 @@ from oppload_cli.models.parameters import DlgmdParams, DpcParams, OpplodParams, 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Map
 
     Model = Opplod | Dlgmd
     Response = OpplodResponse | DlgmdResponse

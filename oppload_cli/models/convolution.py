@@ -16,8 +16,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.models.kernels import Inhibition, Kernel
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Inhibition, Kernel, Map
 
 MEMORY = 3  # P(t), P(t-1) and P(t-2)
 EVEN, ODD = 0, 1

@@ -12,7 +12,7 @@ from oppload_cli.models.layers import Dpc, presynaptic_sum
 from oppload_cli.models.parameters import DlgmdParams
 
 if TYPE_CHECKING:
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Map
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.parameters import DpcParams
 
     Kernel = NDArray[np.float64]
+    Map = NDArray[np.float32]  # one value per pixel of the working frame
 
 
 class Inhibition(NamedTuple):

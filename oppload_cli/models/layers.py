@@ -20,12 +20,8 @@ from oppload_cli.models.kernels import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from oppload_cli.models.kernels import Inhibition, Kernel
+    from oppload_cli.models.kernels import Inhibition, Kernel, Map
     from oppload_cli.models.parameters import DpcParams
-
-    Map = NDArray[np.float32]
 
 
 class Dpc:

@@ -13,7 +13,7 @@ from oppload_cli.models.opponency import judge_for
 from oppload_cli.models.parameters import OpplodParams, axes_of
 
 if TYPE_CHECKING:
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Map
 
 
 @dataclass(frozen=True)

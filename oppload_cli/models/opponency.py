@@ -20,7 +20,7 @@ from oppload_cli.models.pooling import Pooling
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Map
     from oppload_cli.models.parameters import OpplodParams
     from oppload_cli.models.pooling import Floats
 

@@ -13,7 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Map
 
     Floats = NDArray[np.float64]
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Map
     from oppload_cli.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from oppload_cli.models.layers import Map
+    from oppload_cli.models.kernels import Map
     from oppload_cli.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
+SILENT_CODECS = {"vp8"}  # with frame threads it predicts from what failed, without a word
 HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
 COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 # Lists of other files: nothing but the file that the user named is ever opened.
@@ -67,6 +68,7 @@ class ContainerSource:
         try:
             self._stream = self._video_stream()
             self._codec = self._stream.codec_context.codec.canonical_name
+            self._careful = self._careful or self._codec in SILENT_CODECS
             self._prepare()
             self._shown = self._steadily()
             self._first_shown = self._first_of_all()
