@@ -55,6 +55,10 @@ class OutputError(OpploadError):
     """A result cannot be written."""
 
 
+class BusyError(OutputError):
+    """Another run is writing the same result."""
+
+
 class StimulusError(OpploadError, ValueError):
     """A stimulus protocol is not valid, or cannot be rendered as asked."""
 

@@ -13,7 +13,7 @@ from typing import IO, TYPE_CHECKING, Any, Protocol
 
 from oppload_cli.analysis import analyse
 from oppload_cli.environment import environment
-from oppload_cli.errors import OpploadError, OutputError
+from oppload_cli.errors import BusyError, OpploadError, OutputError
 from oppload_cli.results.columns import columns_for
 from oppload_cli.results.sidecar import write_sidecar
 from oppload_cli.results.summary import ModelSummary
@@ -59,6 +59,8 @@ class Task:
         What to do where `csv` or `sidecar` exists.
     command : sequence of str
         The command line, for the sidecar.
+    threads : int
+        Decoder threads; 0 leaves the choice to the decoder.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Task:
     image_rate: Fraction = Fraction(30)
     if_exists: IfExists = IfExists.ERROR
     command: Sequence[str] = ()
+    threads: int = 0
 
 
 @dataclass(frozen=True)
@@ -140,7 +143,11 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         return Outcome(skipped=True)
     started = time.perf_counter()
     with open_video(
-        task.name, height=task.settings.height, span=task.span, image_rate=task.image_rate
+        task.name,
+        height=task.settings.height,
+        span=task.span,
+        image_rate=task.image_rate,
+        threads=task.threads,
     ) as video:
         if watcher:
             watcher.opened(video)
@@ -148,7 +155,10 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         if task.csv is None:
             _write_stream(run, sys.stdout)
         else:
-            _write_files(run, task.csv, task.sidecar, started)
+            file = _begun(task, task.csv)
+            if file is None:
+                return Outcome(skipped=True)
+            _write_files(run, file, task.sidecar, started)
         return run.outcome(time.perf_counter() - started)
 
 
@@ -184,9 +194,23 @@ def exists_already(task: Task) -> bool:
     return task.if_exists is IfExists.SKIP and bool(there) and len(there) == len(results)
 
 
-def _write_files(run: _Run, csv: Path, sidecar: Path | None, started: float) -> None:
+def _begun(task: Task, csv: Path) -> PartFile | None:
+    """Open the table for writing; None if what another run does, or has just done, is kept."""
+    try:
+        file = PartFile(csv)
+    except BusyError:
+        if task.if_exists is IfExists.SKIP:
+            return None
+        raise
+    if task.if_exists is IfExists.SKIP and exists_already(task):
+        file.discard()
+        return None
+    return file
+
+
+def _write_files(run: _Run, file: PartFile, sidecar: Path | None, started: float) -> None:
     """Write the rows, the sidecar, and last give the rows their name."""
-    file = PartFile(csv)
+    csv = file.path
     try:
         run.write(file.stream)
         if sidecar is not None:

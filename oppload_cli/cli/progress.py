@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os.path
 import sys
 import time
 from typing import TYPE_CHECKING, Never
 
 import click
 
-from oppload_cli.cli import stop_if_asked
+from oppload_cli.cli import say, stop_if_asked
+from oppload_cli.errors import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from tqdm import tqdm
 
     from oppload_cli.results.record import FrameRecord
@@ -77,6 +81,92 @@ class Progress:
         if self._bar is not None:
             self._bar.total = self._frames
             self._bar.close()
+
+
+class BatchProgress:
+    """Shows how many inputs get on: one bar over the inputs, with those that are running.
+
+    Parameters
+    ----------
+    total : int
+        Number of inputs.
+    verbosity : int
+        -1 shows nothing, 0 the progress.
+    """
+
+    def __init__(self, total: int, verbosity: int) -> None:
+        self._total = total
+        self._verbosity = verbosity
+        self._running: dict[str, None] = {}
+        self._done = self._frames = 0
+        self._started = time.monotonic()
+        self._next_line = self._started + LINE_EVERY_S
+        self._bar: tqdm[Never] | None = None
+        if verbosity >= 0 and sys.stderr.isatty():
+            from tqdm import tqdm  # noqa: PLC0415 - only where a bar is shown
+
+            self._bar = tqdm(total=total, unit="input", leave=False, dynamic_ncols=True)
+
+    @property
+    def on_terminal(self) -> bool:
+        """Whether a bar is shown."""
+        return self._bar is not None
+
+    def started(self, name: str) -> None:
+        """Name an input among those that are running.
+
+        Parameters
+        ----------
+        name : str
+            The input.
+        """
+        self._running[name] = None
+        self.frames(0)
+
+    def frames(self, count: int) -> None:
+        """Count frames.
+
+        Parameters
+        ----------
+        count : int
+            How many more.
+        """
+        self._frames += count
+        if self._bar is not None:
+            self._bar.set_postfix_str(self._now(), refresh=count > 0)
+        elif self._verbosity >= 0 and time.monotonic() >= self._next_line:
+            self._next_line = time.monotonic() + LINE_EVERY_S
+            say(f"{self._done} of {self._total} inputs, {self._now()}")
+
+    def ended(self, name: str, lines: Iterable[str]) -> None:
+        """Count an input, and print what is to be said of it.
+
+        Parameters
+        ----------
+        name : str
+            The input.
+        lines : iterable of str
+            What to print.
+        """
+        self._running.pop(name, None)
+        self._done += 1
+        if self._bar is not None:
+            self._bar.clear()
+        for line in lines:
+            say(line)
+        if self._bar is not None:
+            self._bar.set_postfix_str(self._now(), refresh=False)
+            self._bar.update()
+
+    def close(self) -> None:
+        """Take the bar away."""
+        if self._bar is not None:
+            self._bar.close()
+
+    def _now(self) -> str:
+        seconds = time.monotonic() - self._started
+        running = ", ".join(printable(os.path.basename(name)) for name in self._running)  # noqa: PTH119
+        return f"{self._frames / max(seconds, 1e-3):.0f} frames/s, {running}"
 
 
 def described(video: Video) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,18 +12,28 @@ import click
 
 from oppload_cli.cli import say
 from oppload_cli.cli.options import settings_options
-from oppload_cli.errors import ExitCode, OpploadError, OutputError, ParameterError, printable
+from oppload_cli.cli.several import (
+    Batch,
+    incomplete,
+    plan_of,
+    print_plan,
+    report,
+    several_options,
+)
+from oppload_cli.errors import ExitCode, OutputError, ParameterError, SourceError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from oppload_cli.task import Outcome, Task
+    from oppload_cli.batch.plan import Plan
+    from oppload_cli.cli.several import Selection
+    from oppload_cli.task import Task
 
 STANDARD_OUTPUT = "-"
 
 
 @click.command(short_help="run both looming detectors on videos")
-@click.argument("inputs", nargs=-1, required=True, metavar="INPUT...")
+@click.argument("inputs", nargs=-1, metavar="INPUT...")
 @click.option(
     "-o",
     "--output",
@@ -31,6 +42,7 @@ STANDARD_OUTPUT = "-"
     help="Folder of the results; '-' streams one input's CSV.  [default: this folder]",
 )
 @settings_options
+@several_options
 @click.option("--start", metavar="POSITION", help="First frame: 12.5 (s), f300 or 00:01:02.5.")
 @click.option("--end", metavar="POSITION", help="Stop before this.")
 @click.option("--duration", metavar="POSITION", help="Stop this long after the start.")
@@ -48,6 +60,7 @@ STANDARD_OUTPUT = "-"
 @click.option("-v", "--verbose", is_flag=True, help="Print the sizes that the models see.")
 def run(  # noqa: PLR0917 - click passes them by name
     inputs: tuple[str, ...],
+    selection: Selection,
     output: str,
     models: tuple[str, ...],
     preset: str | None,
@@ -66,9 +79,10 @@ def run(  # noqa: PLR0917 - click passes them by name
     """Run OppLoD and D-LGMD on videos, frame by frame.
 
     INPUT is a video file, a folder of videos or of images, a pattern such as
-    frames_%04d.png, camera:0, or a stream's address. For each, DIR gets
-    {stem}.frames.csv, a row per frame, and {stem}.oppload.json, all that is needed
-    to trust or repeat it.
+    'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each, DIR
+    gets {stem}.frames.csv, a row per frame, and {stem}.oppload.json, all that is
+    needed to trust or repeat it. What fails of many inputs is listed in
+    DIR/failures.csv.
     """
     from oppload_cli.settings import resolve  # noqa: PLC0415 - keeps --help fast
     from oppload_cli.task import IfExists, Task  # noqa: PLC0415
@@ -85,45 +99,25 @@ def run(  # noqa: PLR0917 - click passes them by name
     span = Span(*(parse_position(text) if text else None for text in (start, end, duration)))
     command = ["oppload", *sys.argv[1:]]
     rate, existing = _rate(image_rate), IfExists(if_exists)
+    verbosity = -1 if quiet else int(verbose)
+    task = Task("", settings, None, None, span, rate, existing, command)
     if output == STANDARD_OUTPUT:
-        tasks = [Task(_only(inputs), settings, span=span, image_rate=rate, command=command)]
-        failures: list[tuple[str, OpploadError]] = []
-    else:
-        names, failures = _expanded(inputs)
-        tasks = [
-            Task(name, settings, csv, sidecar, span, rate, existing, command)
-            for name, csv, sidecar in _placed(names, Path(output))
-        ]
-    return _run_all(tasks, failures, verbosity=-1 if quiet else int(verbose))
+        return _run_one(replace(task, name=_only(inputs, selection)), verbosity)
+    folder, plan = Path(output), plan_of(inputs, selection)
+    tasks = _tasks(plan, folder, task)
+    if selection.dry_run:
+        return print_plan(tasks, plan)
+    alone = len(plan) == 1 and not selection.wants_report
+    if alone and plan.failures:
+        raise SourceError(plan.failures[0].message)
+    _make(folder)
+    if alone:
+        return _run_one(next(tasks), verbosity)
+    return Batch(plan, selection, folder, verbosity).run(tasks)
 
 
-def _run_all(tasks: list[Task], failures: list[tuple[str, OpploadError]], *, verbosity: int) -> int:
-    """Run every task; a bad input never stops the others."""
-    count = len(tasks) + len(failures)
-    several = count > 1
-    if failures and not several:
-        raise failures[0][1]
-    incomplete = False
-    for task in tasks:
-        try:
-            outcome = _run_one(task, verbosity)
-        except OpploadError as error:
-            if not several:
-                raise
-            failures.append((task.name, error))
-        else:
-            incomplete |= not outcome.complete
-    for _, failed in failures:
-        say(f"oppload: {failed}")
-    if not failures:
-        return ExitCode.INCOMPLETE if incomplete else ExitCode.DONE
-    if len(failures) == count:
-        return max(failed.exit_code for _, failed in failures)
-    say(f"oppload: {len(failures)} of the inputs failed; the others are done")
-    return ExitCode.INCOMPLETE
-
-
-def _run_one(task: Task, verbosity: int) -> Outcome:
+def _run_one(task: Task, verbosity: int) -> int:
+    """Run one input, showing its frames."""
     from oppload_cli.cli.progress import Progress  # noqa: PLC0415
     from oppload_cli.task import run_task  # noqa: PLC0415
 
@@ -133,59 +127,21 @@ def _run_one(task: Task, verbosity: int) -> Outcome:
     finally:
         progress.close()
     if verbosity >= 0:
-        for line in _report(task, outcome):
+        for line in report(task, outcome):
             say(line)
     elif not outcome.complete:
-        say(_incomplete(task, outcome))
-    return outcome
+        say(incomplete(task, outcome))
+    return ExitCode.DONE if outcome.complete else ExitCode.INCOMPLETE
 
 
-def _report(task: Task, outcome: Outcome) -> Iterator[str]:
-    if outcome.skipped:
-        yield f"{task.name}: skipped, {task.csv} exists"
-        return
-    peaks = []
-    for name, summary in outcome.summaries.items():
-        if summary.peak_frame is None:
-            peaks.append(f"{name} no response")
-        else:
-            alarm = summary.first_alarm_frame
-            peaks.append(
-                f"{name} peak {summary.peak:.3g} at frame {summary.peak_frame}, "
-                + (f"first alarm at frame {alarm}" if alarm is not None else "no alarm")
-            )
-    speed = f"{outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
-    place = f" -> {task.csv}" if task.csv else ""
-    yield f"{task.name}: {outcome.frames} frames, {speed}; {'; '.join(peaks)}{place}"
-    if not outcome.complete:
-        yield _incomplete(task, outcome)
-    elif outcome.notes:
-        yield f"oppload: {task.name}: {'; '.join(outcome.notes)}"
+def _tasks(plan: Plan, folder: Path, task: Task) -> Iterator[Task]:
+    """Yield a task per input, like the one given."""
+    for name, stem in ((each.name, each.stem) for each in plan.inputs):
+        csv, sidecar = folder / f"{stem}.frames.csv", folder / f"{stem}.oppload.json"
+        yield replace(task, name=name, csv=csv, sidecar=sidecar)
 
 
-def _incomplete(task: Task, outcome: Outcome) -> str:
-    return (
-        f"oppload: {task.name}: incomplete ({'; '.join(outcome.notes) or 'damaged frames'}); "
-        f"the rows that are there hold"
-    )
-
-
-def _expanded(inputs: tuple[str, ...]) -> tuple[list[str], list[tuple[str, OpploadError]]]:
-    from oppload_cli.video.inputs import each_once, single_inputs  # noqa: PLC0415
-
-    names: list[str] = []
-    failures: list[tuple[str, OpploadError]] = []
-    for name in dict.fromkeys(inputs):
-        try:
-            names += single_inputs(name)
-        except OpploadError as error:
-            failures.append((name, error))
-    return each_once(names), failures
-
-
-def _placed(names: list[str], folder: Path) -> Iterator[tuple[str, Path, Path]]:
-    from oppload_cli.video.inputs import result_stems  # noqa: PLC0415
-
+def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -193,12 +149,10 @@ def _placed(names: list[str], folder: Path) -> Iterator[tuple[str, Path, Path]]:
         raise OutputError(
             f"{folder}: cannot be made ({reason}); choose another folder with --output"
         ) from error
-    for name, stem in zip(names, result_stems(names), strict=True):
-        yield name, folder / f"{stem}.frames.csv", folder / f"{stem}.oppload.json"
 
 
-def _only(inputs: tuple[str, ...]) -> str:
-    if len(inputs) > 1:
+def _only(inputs: tuple[str, ...], selection: Selection) -> str:
+    if len(inputs) != 1 or selection.wants_report or selection.dry_run:
         raise ParameterError("'-o -' streams one input; give one, or a folder with --output")
     return inputs[0]
 

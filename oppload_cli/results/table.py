@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import platform
 import sys
 import time
 from contextlib import suppress
 from typing import IO, TYPE_CHECKING
 
-from oppload_cli.errors import OutputError
+from oppload_cli.errors import BusyError, OutputError
 from oppload_cli.video.atomic import part_of
 
 if TYPE_CHECKING:
@@ -72,6 +73,8 @@ class PartFile:
 
     It is written as ``NAME.part``; a run that is interrupted leaves that, readable
     as far as it goes; one that fails before its first byte of content leaves nothing.
+    Where the file system has no locks it is ``NAME.HOST-PROCESS.part``, so that two
+    runs never write into one file.
 
     Parameters
     ----------
@@ -81,21 +84,34 @@ class PartFile:
     Raises
     ------
     OutputError
-        If it cannot be written there, or another run is writing it.
+        If it cannot be written there.
+    BusyError
+        If another run is writing it.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.part = part_of(path)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            # Emptied only once it is known to be ours alone.
-            self.stream = self.part.open("a", encoding="utf-8", newline="")
+            self._open(part_of(path))
         except OSError as error:
             raise cannot_write(path, error) from error
+
+    def _open(self, part: Path) -> None:
+        self.part = part
+        # Emptied only once it is known to be ours alone.
+        self.stream = part.open("a", encoding="utf-8", errors="surrogateescape", newline="")
         try:
-            if not _ours_alone(self.stream, self.part):
-                raise OutputError(f"{path}: another run is writing it; wait for that one")
+            alone = _ours_alone(self.stream, part)
+            if alone is False:
+                raise BusyError(f"{self.path}: another run is writing it; wait for that one")
+            own = _part_of_this_process(self.path)
+            if alone is None and part != own:
+                self.stream.close()
+                if not part.stat().st_size:  # made just now
+                    part.unlink()
+                self._open(own)
+                return
             self.stream.truncate(0)
         except BaseException:
             self.stream.close()
@@ -112,8 +128,11 @@ class PartFile:
         try:
             self.stream.flush()
             os.fsync(self.stream.fileno())  # a name without its content helps nobody
-            self.stream.close()
+            if sys.platform == "win32":  # where an open file keeps its name
+                self.stream.close()
+            # Renamed while locked: after the lock another run might begin to write it.
             self.part.replace(self.path)
+            self.stream.close()
         except OSError as error:
             raise cannot_write(self.path, error) from error
 
@@ -123,14 +142,23 @@ class PartFile:
             self.stream.close()
 
     def discard(self) -> None:
-        """Close the file and remove it."""
-        self.keep()
+        """Remove the file and close it."""
+        if sys.platform == "win32":
+            self.keep()
         with suppress(OSError):
             self.part.unlink()
+        self.keep()
 
 
-def _ours_alone(stream: IO[str], path: Path) -> bool:
-    """Lock an open file; tell whether no other process has it, or has just renamed it."""
+def _part_of_this_process(path: Path) -> Path:
+    return path.with_name(f"{path.name}.{platform.node()}-{os.getpid()}.part")
+
+
+def _ours_alone(stream: IO[str], path: Path) -> bool | None:
+    """Lock an open file; tell whether no other process has it, or has just renamed it.
+
+    None where there are no locks.
+    """
     if sys.platform == "win32":
         return True
     import fcntl  # noqa: PLC0415 - there is none on Windows
@@ -141,7 +169,7 @@ def _ours_alone(stream: IO[str], path: Path) -> bool:
     except (BlockingIOError, FileNotFoundError):
         return False
     except OSError:  # a file system without locks
-        return True
+        return None
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import os
 import re
 from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import SourceError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 VIDEO_SUFFIXES = {
     *(".avi", ".flv", ".gif", ".h264", ".hevc", ".ivf", ".m2ts", ".m4v", ".mjpeg", ".mkv"),
@@ -21,7 +22,87 @@ VIDEO_SUFFIXES = {
 }
 IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
 
+NUMBERED = re.compile(r"\d\.[^.]+$")  # frame_0001.png
 LONGEST_STEM = 200  # bytes; a name may have 255 in all
+
+
+class Found(NamedTuple):
+    """A single input, or why there is none.
+
+    Attributes
+    ----------
+    name : str
+        The input; with `error` what was looked at in vain.
+    error : SourceError or None
+        What was wrong with it.
+    """
+
+    name: str
+    error: SourceError | None = None
+
+
+def found_inputs(name: str, *, recursive: bool = False) -> Iterator[Found]:
+    """Yield the single inputs that a name stands for.
+
+    Parameters
+    ----------
+    name : str
+        A file, a folder, a pattern of the shell (``clips/*.mp4``, with ``**`` for
+        folders of any depth), a pattern of images, ``camera:0``, or an address.
+    recursive : bool
+        Whether folders are searched to any depth, for videos and for folders of
+        numbered images. Hidden folders and links to folders are left out.
+
+    Yields
+    ------
+    Found
+        Something that cannot be read does not hide the rest.
+    """
+    matches = _matches(name)
+    if not matches:
+        yield Found(name, SourceError(f"{name}: matches no file; check the pattern"))
+    for match in matches:
+        if recursive and os.path.isdir(match):  # noqa: PTH112 - it says no to any name
+            yield from _below(match)
+            continue
+        try:
+            yield from map(Found, single_inputs(match))
+        except SourceError as error:
+            yield Found(match, error)
+
+
+def _matches(name: str) -> list[str]:
+    if not glob.has_magic(name) or "://" in name or os.path.lexists(name):
+        return [name]
+    return sorted(glob.glob(name, recursive=True))  # noqa: PTH207 - absolute ones too
+
+
+def _below(root: str) -> Iterator[Found]:
+    """Yield the inputs in a folder and in those within."""
+    refused: list[OSError] = []
+    empty = True
+    for folder, within, files in os.walk(root, onerror=refused.append):
+        within[:] = sorted(each for each in within if not each.startswith("."))
+        visible = sorted(each for each in files if not each.startswith("."))
+        videos = [each for each in visible if _suffix(each) in VIDEO_SUFFIXES]
+        # A picture or two among other things, such as plots, are no sequence.
+        numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and NUMBERED.search(e)]
+        if videos:
+            yield from (Found(os.path.join(folder, each)) for each in videos)  # noqa: PTH118
+        elif len(numbered) > 1:
+            yield Found(folder)
+        empty = empty and not videos and len(numbered) < 2
+    for error in refused:
+        reason = (error.strerror or str(error)).lower()
+        refusal = f"{error.filename}: cannot be read ({reason}); check the path"
+        yield Found(str(error.filename), SourceError(refusal))
+    if empty and not refused:
+        reason = "no video and no numbered images in this folder or below"
+        yield Found(root, SourceError(f"{root}: {reason}; check the path"))
+
+
+def _suffix(name: str) -> str:
+    return os.path.splitext(name)[1].lower()  # noqa: PTH122 - many times faster than a Path
 
 
 def single_inputs(name: str) -> list[str]:
@@ -46,7 +127,12 @@ def single_inputs(name: str) -> list[str]:
     try:
         if not path.is_dir():
             return [name]
-        suffixes = {entry: entry.suffix.lower() for entry in path.iterdir() if entry.is_file()}
+        suffixes = {
+            entry: entry.suffix.lower()
+            for entry in path.iterdir()
+            # Some systems put a hidden twin beside each file, which is no video.
+            if entry.is_file() and not entry.name.startswith(".")
+        }
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise SourceError(f"{name}: cannot be read ({reason}); check the path") from error

@@ -1,0 +1,374 @@
+"""Many inputs on the command line: options, the plan in print, the run and its report."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import time
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+from click.core import ParameterSource
+
+from oppload_cli.cli import say
+from oppload_cli.errors import ExitCode, OpploadError, OutputError, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from oppload_cli.batch.plan import Failure, Plan
+    from oppload_cli.task import Outcome, Task
+
+    Command = Callable[..., Any]
+
+
+class Selection(NamedTuple):
+    """What the user names, and how it is done.
+
+    Attributes
+    ----------
+    recursive : bool
+        Whether folders are searched to any depth.
+    files_from : str or None
+        A list of inputs.
+    null : bool
+        Whether the names of the list end in NUL.
+    shard : str or None
+        ``I/N``.
+    jobs : int
+        Processes; 0 means the cores that the affinity mask allows.
+    scheduler : str or None
+        Address or file of a dask scheduler.
+    dry_run : bool
+        Whether the plan is only printed.
+    """
+
+    recursive: bool
+    files_from: str | None
+    null: bool
+    shard: str | None
+    jobs: int
+    scheduler: str | None
+    dry_run: bool
+
+    @property
+    def wants_report(self) -> bool:
+        """Whether a batch is meant, however many inputs it has."""
+        return bool(self.recursive or self.files_from or self.shard or self.scheduler)
+
+
+OPTIONS = (
+    click.option("-r", "--recursive", is_flag=True, help="Search folders to any depth."),
+    click.option(
+        "--files-from",
+        metavar="LIST|-",
+        help="Read inputs from a list, a name per line, or from a failures.csv.",
+    ),
+    click.option("-0", "--null", is_flag=True, help="The names of the list end in NUL."),
+    click.option(
+        "-j",
+        "--jobs",
+        type=click.IntRange(0, 1024),
+        default=1,
+        show_default=True,
+        help="Inputs at a time, a process each; 0: as many as there are cores.",
+    ),
+    click.option("--shard", metavar="I/N", help="Do only the I-th of N parts, for job arrays."),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS|FILE",
+        help="Run on this dask cluster: tcp://host:port or a scheduler file.",
+    ),
+    click.option("--dry-run", is_flag=True, help="Print the plan, and do nothing."),
+)
+NAMES_INPUTS = {"recursive", "files_from", "null", "shard", "dry_run", "if_exists"}
+
+
+def several_options(command: Command) -> Command:
+    """Add the options for many inputs, given to the command as one `selection`.
+
+    Parameters
+    ----------
+    command : callable
+        Takes `inputs` and `selection`.
+
+    Returns
+    -------
+    callable
+    """
+
+    def gathered(**values: Any) -> Any:
+        chosen = {name: values.pop(name) for name in Selection._fields}
+        if not values["inputs"] and not chosen["files_from"]:
+            raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
+        return command(selection=Selection(**chosen), **values)
+
+    gathered.__doc__ = command.__doc__
+    gathered.__click_params__ = getattr(command, "__click_params__", [])  # type: ignore[attr-defined]
+    result: Command = gathered
+    for option in reversed(OPTIONS):
+        result = option(result)
+    return result
+
+
+def plan_of(inputs: tuple[str, ...], selection: Selection) -> Plan:
+    """Return the plan of a command line.
+
+    Parameters
+    ----------
+    inputs : tuple of str
+        What is named.
+    selection : Selection
+        How.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    ParameterError
+        If the list cannot be read, or the shard is none.
+    """
+    from oppload_cli.batch.lists import read_list  # noqa: PLC0415 - keeps --help fast
+    from oppload_cli.batch.plan import parse_shard, planned  # noqa: PLC0415
+
+    shard = parse_shard(selection.shard) if selection.shard else None
+    listed = read_list(selection.files_from, null=selection.null) if selection.files_from else []
+    plan = planned([*inputs, *listed], recursive=selection.recursive)
+    return plan.shard(*shard) if shard else plan
+
+
+def print_plan(tasks: Iterator[Task], plan: Plan) -> int:
+    """Print what would be done, a line per input.
+
+    Parameters
+    ----------
+    tasks : iterator of Task
+        Of the plan's inputs.
+    plan : Plan
+        The plan.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    from oppload_cli.batch.report import Tally  # noqa: PLC0415 - keeps --help fast
+    from oppload_cli.task import exists_already  # noqa: PLC0415
+
+    failures = list(plan.failures)
+    counts = {"run": 0, "skip": 0, "refuse": 0}
+    for task in tasks:
+        try:
+            state = "skip" if exists_already(task) else "run"
+        except OutputError:
+            state = "refuse"
+        counts[state] += 1
+        click.echo(f"{state}\t{printable(task.name)}\t{printable(str(task.csv))}")
+    for failure in failures:
+        say(f"oppload: {failure.message}")
+    refused = ", which have results: see --if-exists" if counts["refuse"] else ""
+    say(
+        f"{len(plan)} inputs: {counts['run']} to run, {counts['skip']} to skip, "
+        f"{len(failures)} not there, {counts['refuse']} to refuse{refused}"
+    )
+    if failures and len(failures) == len(plan):
+        return Tally(failures).exit_code
+    return ExitCode.INCOMPLETE if failures else ExitCode.DONE
+
+
+class Batch:
+    """Runs a plan, and reports.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+    selection : Selection
+        How it is run.
+    folder : Path
+        Of the results.
+    verbosity : int
+        -1 prints errors only, 0 what came of each input.
+    """
+
+    def __init__(self, plan: Plan, selection: Selection, folder: Path, verbosity: int) -> None:
+        from oppload_cli.batch.report import Tally  # noqa: PLC0415 - keeps --help fast
+        from oppload_cli.cli.progress import BatchProgress  # noqa: PLC0415
+
+        self._plan, self._selection, self._verbosity = plan, selection, verbosity
+        part = f"-{selection.shard.replace('/', '-of-')}" if selection.shard else ""
+        self._failures = folder / f"failures{part}.csv"
+        self._tally = Tally(plan.failures)
+        for failure in plan.failures:
+            say(f"oppload: {failure.message}")
+        self._begun = time.monotonic()
+        self._progress = BatchProgress(len(plan.inputs), verbosity)
+        self.started = self._progress.started
+        self.frames = self._progress.frames
+
+    def ended(self, task: Task, result: Outcome | Failure) -> None:
+        """Count what came of a task, and say it.
+
+        Parameters
+        ----------
+        task : Task
+            The task.
+        result : Outcome or Failure
+            What came of it.
+        """
+        self._tally.add(result)
+        self._progress.ended(task.name, self._lines(task, result))
+
+    def run(self, tasks: Iterator[Task]) -> int:
+        """Run the tasks; a bad input never stops the others.
+
+        Parameters
+        ----------
+        tasks : iterator of Task
+            Of the plan's inputs.
+
+        Returns
+        -------
+        int
+            The exit code.
+        """
+        from oppload_cli.task import Interrupted  # noqa: PLC0415 - keeps --help fast
+
+        try:
+            self._run(tasks)
+        except KeyboardInterrupt as error:
+            self._progress.close()
+            finished = self._tally.inputs.total()
+            left = f"{error}; " if str(error) else ""
+            raise Interrupted(
+                f"{left}{finished} of {len(self._plan)} inputs are finished; "
+                f"go on with --if-exists skip"
+            ) from error
+        finally:
+            self._progress.close()
+            self._report()
+        return self._tally.exit_code
+
+    def _run(self, tasks: Iterator[Task]) -> None:
+        from oppload_cli.batch import local  # noqa: PLC0415 - keeps --help fast
+
+        jobs = local.jobs_for(self._selection.jobs, len(self._plan.inputs))
+        if jobs > 1:
+            local.run_in_processes(tasks, jobs, self)
+        else:
+            local.run_here(tasks, self)
+
+    def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
+        from oppload_cli.batch.plan import Failure  # noqa: PLC0415 - keeps --help fast
+
+        if isinstance(result, Failure):
+            yield f"oppload: {result.message}"
+        elif self._verbosity >= 0 and not (self._progress.on_terminal and result.complete):
+            yield from report(task, result)
+        elif not result.complete:
+            yield incomplete(task, result)
+
+    def _report(self) -> None:
+        from oppload_cli.batch.report import write_failures  # noqa: PLC0415 - keeps --help fast
+
+        try:
+            write_failures(self._failures, self._tally.failures)
+        except OpploadError as error:
+            say(f"oppload: {error}")
+        if self._verbosity >= 0:
+            for line in self._tally.table(time.monotonic() - self._begun):
+                say(line)
+        if self._tally.failures and self._failures.exists():
+            say(f"oppload: the failed ones are in {self._failures}; try them again with:")
+            say(f"  {retry_command(click.get_current_context(), self._failures)}")
+
+
+def retry_command(context: click.Context, failures: Path) -> str:
+    """Return the command line that does just the failed inputs again.
+
+    Parameters
+    ----------
+    context : click.Context
+        Of the command that was run.
+    failures : Path
+        Its ``failures.csv``.
+
+    Returns
+    -------
+    str
+        For a shell; with every option that was given.
+    """
+    words = ["oppload", str(context.info_name), "--files-from", str(failures)]
+    for option in context.command.params:
+        name = option.name or ""
+        given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if not given or name in NAMES_INPUTS or not isinstance(option, click.Option):
+            continue
+        value = context.params[name]
+        flag = max(option.opts, key=len)
+        values = value if option.multiple else [value]
+        words += [flag] if option.is_flag else [w for v in values for w in (flag, str(v))]
+    overwrite = context.params["if_exists"] == "overwrite"
+    words += ["--if-exists", "overwrite" if overwrite else "skip"]
+    return shlex.join(words)
+
+
+def report(task: Task, outcome: Outcome) -> Iterator[str]:
+    """Yield what to print of one input.
+
+    Parameters
+    ----------
+    task : Task
+        What was done.
+    outcome : Outcome
+        What came of it.
+
+    Yields
+    ------
+    str
+    """
+    if outcome.skipped:
+        there = task.csv and os.path.lexists(task.csv)
+        reason = f"{task.csv} exists" if there else "another run is writing it"
+        yield f"{task.name}: skipped, {reason}"
+        return
+    peaks = []
+    for name, summary in outcome.summaries.items():
+        if summary.peak_frame is None:
+            peaks.append(f"{name} no response")
+        else:
+            alarm = summary.first_alarm_frame
+            peaks.append(
+                f"{name} peak {summary.peak:.3g} at frame {summary.peak_frame}, "
+                + (f"first alarm at frame {alarm}" if alarm is not None else "no alarm")
+            )
+    speed = f"{outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
+    place = f" -> {task.csv}" if task.csv else ""
+    yield f"{task.name}: {outcome.frames} frames, {speed}; {'; '.join(peaks)}{place}"
+    if not outcome.complete:
+        yield incomplete(task, outcome)
+    elif outcome.notes:
+        yield f"oppload: {task.name}: {'; '.join(outcome.notes)}"
+
+
+def incomplete(task: Task, outcome: Outcome) -> str:
+    """Return the sentence that says why a result is incomplete.
+
+    Parameters
+    ----------
+    task : Task
+        What was done.
+    outcome : Outcome
+        What came of it.
+
+    Returns
+    -------
+    str
+    """
+    return (
+        f"oppload: {task.name}: incomplete ({'; '.join(outcome.notes) or 'damaged frames'}); "
+        f"the rows that are there hold"
+    )

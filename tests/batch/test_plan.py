@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import io
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.batch.lists import Listed, read_list
+from oppload_cli.batch.plan import Failure, parse_shard, planned
+from oppload_cli.batch.report import Tally, write_failures
+from oppload_cli.errors import ParameterError
+from oppload_cli.task import Outcome
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for name in ("b.mp4", "a/x.avi", "a/deep/x.avi", "a/note.txt", ".hidden/h.mp4", "a/._x.avi"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    for name in ("images/f_1.png", "images/f_2.png", "plots/curve.png", "empty/none.txt"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def names(*named: str, recursive: bool = False) -> list[str]:
+    plan = planned(named, recursive=recursive)
+    assert not plan.failures
+    return [each.name for each in plan.inputs]
+
+
+@pytest.mark.usefixtures("tree")
+def test_folders_patterns_and_files_are_sorted_and_each_once() -> None:
+    assert names("b.mp4", "a", "a/x.avi", "./a/../b.mp4") == ["a/x.avi", "b.mp4"]
+    assert names(".", recursive=True) == ["./a/deep/x.avi", "./a/x.avi", "./b.mp4", "./images"]
+    assert names("a/**/*.avi") == ["a/deep/x.avi", "a/x.avi"]
+    assert names("*.mp4", "camera:0", "http://host/a?b=[1].mp4") == [
+        *("b.mp4", "camera:0", "http://host/a?b=[1].mp4"),
+    ]
+
+
+@pytest.mark.usefixtures("tree")
+def test_a_hash_of_the_path_only_where_stems_clash() -> None:
+    plan = planned(["."], recursive=True)
+    deep, shallow, *others = [each.stem for each in plan.inputs]
+    assert others == ["b", "images"]
+    assert deep != shallow
+    assert {deep[:2], shallow[:2]} == {"x-"}
+
+
+@pytest.mark.usefixtures("tree")
+def test_what_matches_nothing_fails_and_does_not_hide_the_rest() -> None:
+    plan = planned(["*.mkv", "empty", "b.mp4"], recursive=True)
+    assert [each.name for each in plan.inputs] == ["b.mp4"]
+    assert [(failure.name, failure.code) for failure in plan.failures] == [
+        ("*.mkv", 3),
+        ("empty", 3),
+    ]
+    assert "matches no file" in plan.failures[0].message
+    assert "no video and no numbered images" in plan.failures[1].message
+
+
+def test_a_name_with_brackets_is_itself_first(tree: Path) -> None:
+    (tree / "c[1].mp4").touch()
+    (tree / "c1.mp4").touch()
+    assert names("c[1].mp4") == ["c[1].mp4"]
+
+
+@pytest.mark.parametrize("of", [1, 3, 8, 40])
+def test_shards_are_the_plan_and_never_overlap(of: int) -> None:
+    plan = planned([*(f"clip{n}.mp4" for n in range(30)), "none*.mp4"])
+    shards = [plan.shard(number, of) for number in range(1, of + 1)]
+    together = [each for shard in shards for each in shard.inputs]
+    assert sorted(together, key=lambda each: each.name) == plan.inputs
+    assert max(map(len, shards)) <= 30 // of + 2
+    assert [failure.name for shard in shards for failure in shard.failures] == ["none*.mp4"]
+
+
+@pytest.mark.parametrize("text", ["0/8", "9/8", "1", "1/0", "a/b", "-1/8", "1/8/2", "²/8", ""])
+def test_a_shard_that_is_none(text: str) -> None:
+    with pytest.raises(ParameterError, match="1/8 to 8/8"):
+        parse_shard(text)
+
+
+def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "list"
+    path.write_bytes(b"a b.mp4\r\n\n#c.mp4\n\xff.mp4")
+    assert read_list(str(path)) == [("a b.mp4", ""), ("#c.mp4", ""), ("\udcff.mp4", "")]
+    path.write_bytes(b"line\nend.mp4\0b.mp4\0")
+    assert read_list(str(path), null=True) == [("line\nend.mp4", ""), ("b.mp4", "")]
+    with pytest.raises(ParameterError, match="add -0"):
+        read_list(str(path))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"c.mp4\n")))
+    assert read_list("-") == [("c.mp4", "")]
+    path.write_bytes(b"\n\n")
+    with pytest.raises(ParameterError, match="names no input"):
+        read_list(str(path))
+    with pytest.raises(ParameterError, match="no such file"):
+        read_list(str(tmp_path / "missing"))
+
+
+def test_failures_are_read_back_with_their_stems(tmp_path: Path) -> None:
+    path = tmp_path / "failures.csv"
+    hostile = Failure('n\ne"w,\udcff.mp4', "new-12345678", 3, "is no video\n; check")
+    write_failures(path, [hostile, Failure("*.mkv", "", 3, "matches no file")])
+    listed = read_list(str(path))
+    assert listed == [("*.mkv", ""), (hostile.name, hostile.stem)]
+    assert [each.stem for each in planned(listed).inputs] == [hostile.stem]
+    assert path.read_bytes().startswith(b"input,stem,exit_code,error\n*.mkv,,3,matches no file\n")
+    write_failures(path, [])
+    assert not path.exists()
+
+
+def test_exit_codes_of_a_batch() -> None:
+    bad = Failure("a", "a", 3, "no")
+    for results, code in (
+        ([Outcome()], 0),
+        ([Outcome(skipped=True), Outcome()], 0),
+        ([Outcome(), Outcome(complete=False)], 4),
+        ([Outcome(), bad], 4),
+        ([bad, bad], 3),
+        ([bad, Failure("b", "b", 2, "full")], 3),
+    ):
+        tally = Tally()
+        for result in results:
+            tally.add(result)  # type: ignore[arg-type]
+        assert tally.exit_code == code
+
+
+def test_the_table_counts_every_state() -> None:
+    tally = Tally([Failure("a", "", 3, "no")])
+    for result in (Outcome(frames=10), Outcome(frames=5, complete=False), Outcome(skipped=True)):
+        tally.add(result)
+    rows = [line.split() for line in tally.table(2.0)]
+    assert rows[0] == ["inputs", "frames"]
+    assert rows[1:5] == [
+        ["done", "1", "10"],
+        ["incomplete", "1", "5"],
+        ["skipped", "1", "0"],
+        ["failed", "1", "0"],
+    ]
+    assert rows[5][:3] == ["all", "4", "15"]
+
+
+def test_ten_thousand_inputs(tmp_path: Path) -> None:
+    for number in range(100):
+        (tmp_path / f"{number:03d}").mkdir()
+        for clip in range(100):
+            (tmp_path / f"{number:03d}" / f"{clip:02d}-{number}.mp4").touch()
+    plan = planned([str(tmp_path)], recursive=True)
+    assert len(plan.inputs) == len({each.stem for each in plan.inputs}) == 10_000
+    assert plan.inputs[0].stem == "00-0"
+
+
+def test_a_listed_entry_is_one_input() -> None:
+    assert [each.stem for each in planned([Listed("x.mp4", "x-1"), "y.mp4"]).inputs] == ["x-1", "y"]

@@ -1,0 +1,271 @@
+"""Many inputs through the real command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.cli.process import oppload
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FAST = ("--height", "48", "--no-rmo")
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve short clips, one of them damaged."""
+    folder = tmp_path_factory.mktemp("many")
+    for number in range(12):
+        frames = grey_frames(8 + number, seed=number)
+        path = folder / f"clip{number}.avi"
+        write_video(path, frames, codec="mpeg4", pixel_format="yuv420p")
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] + bytes(60) + data[len(data) // 2 + 60 :])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def one_by_one(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same clips in one process, one after the other."""
+    folder = tmp_path_factory.mktemp("single")
+    done = oppload("run", clips, "-o", folder, *FAST)
+    assert done.returncode in {0, 4}, done.stderr
+    return folder
+
+
+def failed(folder: Path) -> list[dict[str, str]]:
+    text = (folder / "failures.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+def tables(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.glob("*.frames.csv")}
+
+
+def sidecars(folder: Path) -> dict[str, Any]:
+    """Everything but what the clock and the command line say."""
+    own = ("command", "wall_s", "frames_per_s")
+    content = {path.name: json.loads(path.read_text()) for path in folder.glob("*.oppload.json")}
+    return {
+        name: {key: value for key, value in each.items() if key not in own}
+        for name, each in content.items()
+    }
+
+
+def same_results(folder: Path, other: Path) -> None:
+    assert len(tables(folder)) == 12
+    assert tables(folder) == tables(other)
+    assert sidecars(folder) == sidecars(other)
+    assert not list(folder.glob("*.part"))
+
+
+def test_several_processes_give_the_bytes_of_one(
+    clips: Path, one_by_one: Path, tmp_path: Path
+) -> None:
+    alone = oppload("run", clips / "clip3.avi", "-o", tmp_path / "alone", *FAST)
+    assert alone.returncode == 0
+    assert tables(tmp_path / "alone").items() <= tables(one_by_one).items()
+    done = oppload("run", clips, "-o", tmp_path / "out", "--jobs", "3", *FAST)
+    assert done.returncode in {0, 4}, done.stderr
+    same_results(tmp_path / "out", one_by_one)
+    assert "all                 12" in done.stderr
+
+
+def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Path) -> None:
+    bad, out = tmp_path / "it's bad.mp4", tmp_path / "out"
+    bad.write_text("not a video\n" * 100)
+    two = clips / "clip[01].avi"
+    named = ("run", two, bad, tmp_path / "*.mkv", "-j", "2", "-o", out, *FAST)
+    done = oppload(*named)
+    assert done.returncode == 4
+    assert len(tables(out)) == 2
+    rows = failed(out)
+    assert [(row["input"], row["exit_code"]) for row in rows] == [
+        (str(tmp_path / "*.mkv"), "3"),
+        (str(bad), "3"),
+    ]
+    assert done.stderr.count("not a video that can be read") == 1
+    again = done.stderr.strip().splitlines()[-1]
+    assert "--height 48 --no-rmo" in again
+    assert str(clips) not in again
+    bad.write_bytes((clips / "clip2.avi").read_bytes())
+    (tmp_path / "x.mkv").write_bytes((clips / "clip2.avi").read_bytes())
+    retried = oppload(*shlex.split(again)[1:])
+    assert retried.returncode == 0, retried.stderr
+    assert set(tables(out)) == {
+        *("clip0.frames.csv", "clip1.frames.csv", "it's bad.frames.csv", "x.frames.csv"),
+    }
+    assert not (out / "failures.csv").exists()
+
+
+def test_every_input_failing_is_no_success(tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4"):
+        (tmp_path / name).write_text("no video")
+    done = oppload("run", tmp_path, "-o", tmp_path / "out", "-j", "2", "-q")
+    assert done.returncode == 3
+    assert len((tmp_path / "out" / "failures.csv").read_text().splitlines()) == 3
+
+
+def test_a_dry_run_prints_the_plan_and_makes_nothing(clips: Path, tmp_path: Path) -> None:
+    names = "\0".join(str(clips / f"clip{number}.avi") for number in (2, 1, 2))
+    (tmp_path / "list").write_text(names + "\0")
+    out = tmp_path / "out"
+    words = ("run", "--files-from", tmp_path / "list", "-0", "-o", out, *FAST)
+    plan = oppload(*words, "--dry-run")
+    assert plan.returncode == 0
+    assert plan.stdout.splitlines() == [
+        f"run\t{clips / f'clip{number}.avi'}\t{out / f'clip{number}.frames.csv'}"
+        for number in (1, 2)
+    ]
+    assert not out.exists()
+    assert oppload(*words).returncode == 0
+    for existing, state in (("skip", "skip"), ("overwrite", "run"), ("error", "refuse")):
+        plan = oppload(*words, "--dry-run", "--if-exists", existing)
+        assert [line.split("\t")[0] for line in plan.stdout.splitlines()] == [state] * 2
+
+
+def test_shards_in_parallel_by_plain_shell_then_again(
+    clips: Path, one_by_one: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    run = shlex.join([sys.executable, "-m", "oppload_cli", "run", str(clips), "-o", str(out)])
+    options = shlex.join([*FAST, "--if-exists", "skip"])
+    script = f'for i in 1 2 3 4 5 6 7 8; do {run} {options} --shard "$i/8" & done; wait'
+    subprocess.run(["sh", "-c", script], check=True, capture_output=True, timeout=120)
+    same_results(out, one_by_one)
+    before = {path: path.stat().st_mtime_ns for path in out.iterdir()}
+    again = [oppload("run", clips, "-o", out, *FAST, "--if-exists", "skip", "--shard", "3/8")]
+    again += [oppload("run", clips, "-o", out, *FAST, "--if-exists", "skip", "-j", "2")]
+    assert [done.returncode for done in again] == [0, 0]
+    assert [done.stderr.count(": skipped, ") for done in again] == [2, 12]
+    assert {path: path.stat().st_mtime_ns for path in out.iterdir()} == before
+
+
+def test_many_workers_on_the_same_inputs_do_no_harm(
+    clips: Path, one_by_one: Path, tmp_path: Path
+) -> None:
+    command = [sys.executable, "-m", "oppload_cli", "run", str(clips), "-o", str(tmp_path / "out")]
+    runs = [
+        subprocess.Popen(
+            [*command, *FAST, "--if-exists", "skip"], stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(3)
+    ]
+    said = [run.communicate(timeout=120)[1] for run in runs]
+    assert [run.returncode in {0, 4} for run in runs] == [True] * 3, said
+    same_results(tmp_path / "out", one_by_one)
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two long ones that no test sees the end of, after a short one."""
+    folder = tmp_path_factory.mktemp("films")
+    short = grey_frames(5)
+    write_video(folder / "a.avi", short, codec="mpeg4", pixel_format="yuv420p")
+    long = grey_frames(60) * 60
+    write_video(folder / "b.avi", long, codec="mpeg4", pixel_format="yuv420p")
+    (folder / "c.avi").write_bytes((folder / "b.avi").read_bytes())
+    return folder
+
+
+def started(films: Path, out: Path) -> subprocess.Popen[str]:
+    """Start a batch, and wait until both of its processes write rows."""
+    run = subprocess.Popen(
+        [sys.executable, "-m", "oppload_cli", "run", str(films), "-o", str(out), "-j", "2"],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    parts = [out / f"{stem}.frames.csv.part" for stem in "bc"]
+    for _ in range(1200):
+        if all(part.exists() and part.stat().st_size > 400 for part in parts):
+            break
+        time.sleep(0.05)
+    assert run.poll() is None, run.communicate()[1]
+    return run
+
+
+def children(run: subprocess.Popen[str]) -> list[int]:
+    """The processes that a run has started and that do tasks."""
+    listed = subprocess.run(
+        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(run.pid)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    rows = [line.split(None, 1) for line in listed.stdout.splitlines()]
+    return [int(pid) for pid, arguments in rows if "spawn_main" in arguments]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="lists processes as Linux does")
+@pytest.mark.parametrize("whole_group", [True, False])
+def test_an_interrupt_ends_every_process_and_keeps_what_is_done(
+    films: Path, tmp_path: Path, whole_group: bool
+) -> None:
+    run = started(films, tmp_path)
+    workers = children(run)
+    # Ctrl-C reaches every process of the terminal; an end from outside only the first.
+    (os.killpg if whole_group else os.kill)(run.pid, signal.SIGINT)
+    said = run.communicate(timeout=30)[1]
+    assert run.returncode == 130
+    assert "oppload: interrupted: 1 of 3 inputs are finished; go on with --if-exists skip" in said
+    assert "Traceback" not in said
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("a.frames.csv", "a.oppload.json", "b.frames.csv.part", "c.frames.csv.part"),
+    ]
+    assert len(workers) == 2
+    for pid in workers:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="lists processes as Linux does")
+def test_a_process_that_dies_takes_one_input_along(films: Path, tmp_path: Path) -> None:
+    run = started(films, tmp_path)
+    for pid in children(run):
+        os.kill(pid, signal.SIGKILL)
+    said = run.communicate(timeout=60)[1]
+    assert run.returncode == 4
+    assert said.count("was ended from outside (SIGKILL); check the memory") == 2
+    assert "done                 1" in said
+    rows = failed(tmp_path)
+    assert [row["stem"] for row in rows] == ["b", "c"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_the_bar_names_what_runs(clips: Path, tmp_path: Path) -> None:
+    import pty
+    import termios
+
+    child, terminal = pty.fork()
+    if child == 0:
+        words = ["run", str(clips), "-o", str(tmp_path), "-j", "2", *FAST]
+        os.execv(sys.executable, [sys.executable, "-m", "oppload_cli", *words])  # noqa: S606
+    termios.tcsetwinsize(terminal, (24, 120))
+    shown = b""
+    while True:
+        try:
+            chunk = os.read(terminal, 4096)
+        except OSError:
+            break
+        if not chunk:
+            break
+        shown += chunk
+    os.waitpid(child, 0)
+    os.close(terminal)
+    text = shown.decode()
+    assert "/12 [" in text
+    assert " frames/s, clip" in text
+    assert "all                 12" in text
