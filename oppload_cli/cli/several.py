@@ -240,23 +240,30 @@ class Batch:
         try:
             self._run(tasks)
         except KeyboardInterrupt as error:
-            self._progress.close()
+            self._report()
             finished = self._tally.inputs.total()
             left = f"{error}; " if str(error) else ""
             raise Interrupted(
                 f"{left}{finished} of {len(self._plan)} inputs are finished; "
                 f"go on with --if-exists skip"
             ) from error
-        finally:
+        except OpploadError:
             self._progress.close()
-            self._report()
+            if self._tally.inputs.total():
+                self._report()
+            raise
+        self._report()
         return self._tally.exit_code
 
     def _run(self, tasks: Iterator[Task]) -> None:
         from oppload_cli.batch import local  # noqa: PLC0415 - keeps --help fast
 
         jobs = local.jobs_for(self._selection.jobs, len(self._plan.inputs))
-        if jobs > 1:
+        if self._selection.scheduler:
+            from oppload_cli.batch.cluster import run_on_cluster  # noqa: PLC0415
+
+            run_on_cluster(tasks, self._selection.scheduler, self)
+        elif jobs > 1:
             local.run_in_processes(tasks, jobs, self)
         else:
             local.run_here(tasks, self)
@@ -274,6 +281,7 @@ class Batch:
     def _report(self) -> None:
         from oppload_cli.batch.report import write_failures  # noqa: PLC0415 - keeps --help fast
 
+        self._progress.close()
         try:
             write_failures(self._failures, self._tally.failures)
         except OpploadError as error:

@@ -1,0 +1,166 @@
+"""A real scheduler and real workers, on loopback only."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from oppload_cli.batch import cluster
+from tests.cli.process import oppload
+from tests.cli.test_batch import FAST, sidecars, tables
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+if importlib.util.find_spec("distributed") is None:
+    pytest.skip(
+        "NOT TESTED: dask.distributed is missing; pip install 'oppload[distributed]'",
+        allow_module_level=True,
+    )
+
+LOOPBACK = ("--host", "127.0.0.1", "--no-dashboard")
+
+
+@contextmanager
+def process(module: str, *words: str | Path, path: Path | None = None) -> Iterator[Any]:
+    """Run a part of dask; `path` comes first where it looks for modules."""
+    places = [str(path)] if path else []
+    places += [os.environ.get("PYTHONPATH", ""), str(Path(__file__).parents[2])]
+    run = subprocess.Popen(
+        [sys.executable, "-m", f"distributed.cli.{module}", *map(str, words)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
+        cwd=path,  # where Python looks first of all
+    )
+    try:
+        yield run
+    finally:
+        run.kill()
+        run.wait()
+
+
+@contextmanager
+def scheduler(folder: Path) -> Iterator[Path]:
+    """Start a scheduler; give its file."""
+    file = folder / "scheduler.json"
+    with process("dask_scheduler", *LOOPBACK, "--port", "0", "--scheduler-file", file):
+        for _ in range(600):
+            if file.exists() and file.stat().st_size:
+                break
+            time.sleep(0.05)
+        yield file
+
+
+def worker(file: Path, folder: Path, path: Path | None = None) -> Any:
+    words = ("--scheduler-file", file, *LOOPBACK, "--nthreads", "1", "--no-nanny")
+    return process("dask_worker", *words, "--local-directory", folder, path=path)
+
+
+@pytest.fixture(scope="module")
+def fifty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fifty")
+    for number in range(50):
+        write_video(folder / f"clip{number:02d}.avi", grey_frames(10, seed=number))
+    return folder
+
+
+def test_a_worker_that_is_killed_costs_no_result(fifty: Path, tmp_path: Path) -> None:
+    alone, out = tmp_path / "alone", tmp_path / "out"
+    (fifty / "clip50.avi").write_text("not a video")
+    named = ("run", fifty, *FAST, "-o")
+    assert oppload(*named, alone).returncode == 4
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        workers = [stack.enter_context(worker(file, tmp_path)) for _ in range(2)]
+        words = [str(word) for word in (*named, out, "--scheduler", file)]
+        run = subprocess.Popen(
+            [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
+        )
+        while run.poll() is None and len(list(out.glob("*.oppload.json"))) < 10:
+            time.sleep(0.01)
+        workers[0].kill()
+        said = run.communicate(timeout=100)[1]
+    assert run.returncode == 4, said
+    assert said.count("clip50.avi: not a video that can be read") == 1
+    assert "failed               1" in said
+    assert len(tables(out)) == 50
+    assert tables(out) == tables(alone)
+    assert sidecars(out) == sidecars(alone)
+    assert not list(out.glob("*.part"))
+
+
+@pytest.mark.slow
+def test_an_interrupt_stops_what_runs_on_the_workers(tmp_path: Path) -> None:
+    film, out = tmp_path / "film.avi", tmp_path / "out"
+    frames = grey_frames(60) * 60
+    write_video(film, frames, codec="mpeg4", pixel_format="yuv420p")
+    part = out / "film.frames.csv.part"
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        stack.enter_context(worker(file, tmp_path))
+        words = ["run", str(film), "-o", str(out), "--scheduler", str(file)]
+        run = subprocess.Popen(
+            [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
+        )
+        while run.poll() is None and not (part.exists() and part.stat().st_size > 400):
+            time.sleep(0.01)
+        run.send_signal(signal.SIGINT)
+        said = run.communicate(timeout=30)[1]
+        rows = part.stat().st_size
+        time.sleep(1.5)
+        assert part.stat().st_size == rows
+    assert run.returncode == 130
+    assert said.count("Traceback") == 0
+    assert "interrupted: 0 of 1 inputs are finished; go on with --if-exists skip" in said
+    assert rows > 400
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("__version__ = '9.9.9'", "has oppload 9.9.9, not "),
+        ("raise ModuleNotFoundError(__name__)", "has no oppload; install oppload "),
+    ],
+)
+def test_a_worker_with_another_version_or_none(
+    fifty: Path, tmp_path: Path, content: str, sentence: str
+) -> None:
+    package = tmp_path / "other" / "oppload_cli"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "version.py").write_text(content)
+    with ExitStack() as stack:
+        file = stack.enter_context(scheduler(tmp_path))
+        stack.enter_context(worker(file, tmp_path, path=package.parent))
+        done = oppload("run", fifty, "-o", tmp_path / "out", "--scheduler", file)
+    assert done.returncode == 2
+    assert done.stderr.startswith("oppload: worker tcp://127.0.0.1:")
+    assert sentence in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not list((tmp_path / "out").glob("*"))
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_does_not_answer(fifty: Path, tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        done = oppload("run", fifty, "-o", tmp_path, "--scheduler", address)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert f"--scheduler {address}: does not answer" in done.stderr
+    done = oppload("run", fifty, "-o", tmp_path, "--scheduler", tmp_path / "none.json")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "none.json: no such file; give tcp://host:port or a scheduler file" in done.stderr
+    assert not list(tmp_path.iterdir())
+    assert cluster.ANSWER_WITHIN_S <= 10
