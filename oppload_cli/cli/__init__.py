@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "run": "run both looming detectors on videos",
+    "collect": "many results into one table",
     "plot": "plot results",
     "tune": "a stimulus over directions, speeds, sizes or places",
     "reproduce": "every synthetic figure of the OppLoD paper, with verdicts",

@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from tests.cli.process import oppload
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture(scope="module")
+def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One result with everything, and one of a single model, deeper."""
+    folder = tmp_path_factory.mktemp("results")
+    assert oppload("run", clip, "-o", folder, "--height", "60").returncode == 0
+    words = ("--height", "60", "--model", "dlgmd", "--no-rmo", "--end", "f10")
+    assert oppload("run", clip, "-o", folder / "deep", *words).returncode == 0
+    return folder
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
+
+
+def test_a_row_per_input_and_model(results: Path, clip: Path, tmp_path: Path) -> None:
+    done = oppload("collect", results, "-o", tmp_path / "all.csv")
+    assert (done.returncode, done.stdout) == (0, "")
+    table = rows(tmp_path / "all.csv")
+    assert [(row["model"], row["analysed"]) for row in table] == [
+        *(("opplod", "24"), ("dlgmd", "24"), ("dlgmd", "10")),
+    ]
+    assert {row["input"] for row in table} == {str(clip)}
+    assert table[0]["frame_rate"] == "30"
+    assert table[0]["complete"] == "true"
+    sidecar: dict[str, Any] = json.loads((results / "loom.oppload.json").read_text())
+    for row in table[:2]:
+        summary = sidecar["summary"][row["model"]]
+        assert float(row["peak"]) == pytest.approx(summary["peak"], rel=1e-8)
+        alarm = summary["first_alarm_frame"]
+        assert row["first_alarm_frame"] == ("" if alarm is None else str(alarm))
+
+
+def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
+    assert oppload("collect", results, "-o", tmp_path / "f.csv", "--frames").returncode == 0
+    table = rows(tmp_path / "f.csv")
+    assert len(table) == 34
+    for row, own in zip(table[:24], rows(results / "loom.frames.csv"), strict=True):
+        assert {**row, **own} == row
+    assert table[30]["opplod_response"] == table[30]["rmo_index"] == ""
+    assert table[30]["dlgmd_response"] != ""
+
+
+def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip(
+        "pyarrow.parquet", reason="NOT TESTED: pip install 'oppload[parquet]'"
+    )
+    for name, words in (("all", ()), ("frames", ("--frames",))):
+        for suffix in ("csv", "parquet"):
+            target = tmp_path / f"{name}.{suffix}"
+            assert oppload("collect", results, "-o", target, *words).returncode == 0
+        text = rows(tmp_path / f"{name}.csv")
+        table = parquet.read_table(tmp_path / f"{name}.parquet").to_pylist()
+        assert len(table) == len(text)
+        for typed, written in zip(table, text, strict=True):
+            assert typed.keys() == written.keys()
+            for key, value in typed.items():
+                if isinstance(value, bool):
+                    assert written[key] == str(value).lower()
+                elif isinstance(value, int | float):
+                    assert float(written[key]) == pytest.approx(value, rel=1e-8)
+                else:
+                    assert written[key] == (value or "")
+
+
+def test_what_is_bad_is_named_and_spares_the_rest(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "r"
+    shutil.copytree(results, folder)
+    good = json.loads((folder / "loom.oppload.json").read_text())
+    bad = {
+        "cut": json.dumps(good)[:500],
+        "other": '{"schema": "mine/1"}',
+        "list": "[]",
+        "lacking": json.dumps({**good, "summary": {}}),
+        "wrong": json.dumps({**good, "preset": 5}),
+        "rate": json.dumps({**good, "input": {**good["input"], "frame_rate": "1/0"}}),
+    }
+    for name, text in bad.items():
+        (folder / f"{name}.oppload.json").write_text(text)
+    (folder / "alone.frames.csv").write_text("frame,time_s\n")
+    done = oppload("collect", folder, "-o", tmp_path / "all.csv")
+    assert done.returncode == 4
+    for name in bad:
+        assert f"{folder / name}.oppload.json: " in done.stderr
+    assert "alone.frames.csv: has no sidecar" in done.stderr
+    assert done.stderr.count("\n") == len(bad) + 3
+    assert len(rows(tmp_path / "all.csv")) == 3
+
+
+def test_wrong_use(results: Path, tmp_path: Path) -> None:
+    (tmp_path / "there.csv").write_text("mine")
+    (tmp_path / "empty").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    for folder, name, sentence in (
+        (results, "there.csv", "exists already; choose --if-exists overwrite"),
+        (results, "all.xlsx", "is neither .csv nor .parquet"),
+        (tmp_path / "empty", "all.csv", "no result of 'oppload run' in there"),
+        (tmp_path / "missing", "all.csv", "cannot be read (no such file or directory)"),
+    ):
+        done = oppload("collect", folder, "-o", tmp_path / name)
+        assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+        assert sentence in done.stderr
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_without_pyarrow(results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from oppload_cli.errors import OutputError
+    from oppload_cli.results.collecting import SUMMARY_COLUMNS
+    from oppload_cli.results.sinks import sink
+
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with (
+        pytest.raises(OutputError, match=r"pip install 'oppload\[parquet\]', or choose a \.csv"),
+        sink(tmp_path / "a.parquet", SUMMARY_COLUMNS),
+    ):
+        raise AssertionError
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_with_text_where_numbers_are(results: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "r"
+    shutil.copytree(results, folder)
+    table = folder / "loom.frames.csv"
+    table.write_text(table.read_text() + "text" + "," * 17 + "\n")
+    done = oppload("collect", folder, "-o", tmp_path / "f.csv", "--frames")
+    assert done.returncode == 4
+    assert f"{table}: cannot be read (invalid literal for int" in done.stderr
+
+
+@pytest.mark.slow
+def test_ten_thousand_sidecars(results: Path, tmp_path: Path) -> None:
+    text = (results / "loom.oppload.json").read_text()
+    for number in range(10_000):
+        (tmp_path / f"clip{number:05d}.oppload.json").write_text(text)
+    assert oppload("collect", tmp_path, "-o", tmp_path / "all.csv").returncode == 0
+    table = rows(tmp_path / "all.csv")
+    assert len(table) == 20_000
+    assert table[-1]["result"] == "clip09999"
