@@ -1,0 +1,79 @@
+"""Two workers on one result: whatever the order, it is whole."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from oppload_cli.errors import BusyError
+from oppload_cli.results.table import PartFile
+from oppload_cli.settings import resolve
+from oppload_cli.task import IfExists, Task, run_task
+from oppload_cli.video.span import Span
+from tests.media import grey_frames, write_video
+
+fcntl = pytest.importorskip("fcntl", reason="NOT TESTED: no such locks on this system")
+
+
+def test_a_result_is_renamed_before_its_lock_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = PartFile(tmp_path / "a.csv")
+    first.stream.write("one\n")
+    rename = Path.replace
+
+    def racing(path: Path, target: Path) -> Path:
+        with pytest.raises(BusyError, match="another run is writing it"):
+            PartFile(tmp_path / "a.csv")
+        return rename(path, target)
+
+    monkeypatch.setattr(Path, "replace", racing)
+    first.commit()
+    assert (tmp_path / "a.csv").read_text() == "one\n"
+
+
+def test_without_locks_each_process_has_a_file_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError("no locks here")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    file = PartFile(tmp_path / "a.csv")
+    assert [path.name for path in tmp_path.iterdir()] == [file.part.name]
+    assert file.part.name not in {"a.csv", "a.csv.part"}
+    file.stream.write("mine\n")
+    file.commit()
+    assert [path.read_text() for path in tmp_path.iterdir()] == ["mine\n"]
+
+
+def test_what_another_run_writes_or_has_just_written_is_skipped(tmp_path: Path) -> None:
+    clip = write_video(tmp_path / "a.avi", grey_frames(5))
+    task = Task(
+        str(clip),
+        resolve(height="48", measure_rmo=False),
+        tmp_path / "a.frames.csv",
+        tmp_path / "a.oppload.json",
+        Span(),
+        Fraction(30),
+        IfExists.SKIP,
+    )
+    other = PartFile(tmp_path / "a.frames.csv")
+    assert run_task(task).skipped
+
+    class Finishing:
+        """The other run finishes while this one opens its input."""
+
+        def opened(self, _: object) -> None:
+            other.stream.write("theirs\n")
+            other.commit()
+            (tmp_path / "a.oppload.json").write_text("{}")
+
+        def frame(self, _: object) -> None:
+            raise AssertionError("no frame is analysed twice")
+
+    assert run_task(task, Finishing()).skipped
+    assert (tmp_path / "a.frames.csv").read_text() == "theirs\n"
+    assert not list(tmp_path.glob("*.part"))
