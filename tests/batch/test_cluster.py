@@ -131,7 +131,11 @@ def test_an_interrupt_stops_what_runs_on_the_workers(tmp_path: Path) -> None:
     ("content", "sentence"),
     [
         ("__version__ = '9.9.9'", "has oppload 9.9.9, not "),
-        ("raise ModuleNotFoundError(__name__)", "has no oppload; install oppload "),
+        pytest.param(
+            "raise ModuleNotFoundError(__name__)",
+            "has no oppload; install oppload ",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_worker_with_another_version_or_none(

@@ -147,6 +147,7 @@ def test_the_table_counts_every_state() -> None:
     assert rows[5][:3] == ["all", "4", "15"]
 
 
+@pytest.mark.slow
 def test_ten_thousand_inputs(tmp_path: Path) -> None:
     for number in range(100):
         (tmp_path / f"{number:03d}").mkdir()

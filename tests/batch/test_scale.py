@@ -72,6 +72,7 @@ def test_the_shards_by_plain_shell(project: Path) -> None:
     check(project)
 
 
+@pytest.mark.slow
 def test_the_array_script(project: Path) -> None:
     (project / "array.sh").write_text(example("bash", "SBATCH"))
     for number in ("2", "1"):

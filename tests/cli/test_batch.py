@@ -136,6 +136,7 @@ def test_a_dry_run_prints_the_plan_and_makes_nothing(clips: Path, tmp_path: Path
         assert [line.split("\t")[0] for line in plan.stdout.splitlines()] == [state] * 2
 
 
+@pytest.mark.slow
 def test_shards_in_parallel_by_plain_shell_then_again(
     clips: Path, one_by_one: Path, tmp_path: Path
 ) -> None:
@@ -210,7 +211,7 @@ def children(run: subprocess.Popen[str]) -> list[int]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="lists processes as Linux does")
-@pytest.mark.parametrize("whole_group", [True, False])
+@pytest.mark.parametrize("whole_group", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_an_interrupt_ends_every_process_and_keeps_what_is_done(
     films: Path, tmp_path: Path, whole_group: bool
 ) -> None:
