@@ -7,7 +7,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 from oppload_cli.errors import OutputError
-from oppload_cli.results.table import PartFile, cannot_write, formatted, part_of
+from oppload_cli.results.table import PartFile, cannot_write, formatted
+from oppload_cli.video.atomic import part_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
