@@ -101,6 +101,11 @@ class Outcome:
     notes: tuple[str, ...] = ()
     summaries: dict[str, ModelSummary] = field(default_factory=dict)
 
+    @property
+    def alarmed(self) -> bool:
+        """Whether the alarm of any model went on."""
+        return any(each.first_alarm_frame is not None for each in self.summaries.values())
+
 
 class Watcher(Protocol):
     """Whoever wants to know how a task gets on."""

@@ -34,6 +34,7 @@ class Tally:
         self.failures = list(failures)
         self.inputs: Counter[str] = Counter(failed=len(self.failures))
         self.frames: Counter[str] = Counter()
+        self.alarmed = self.silent = 0
 
     def add(self, result: Outcome | Failure) -> None:
         """Count one input.
@@ -50,6 +51,26 @@ class Tally:
         state = "skipped" if result.skipped else "done" if result.complete else "incomplete"
         self.inputs[state] += 1
         self.frames[state] += result.frames
+        self.alarmed += result.alarmed
+        # Of an input that is incomplete, or was done before, it is not known.
+        self.silent += state == "done" and not result.alarmed
+
+    def exit_code_unless(self, fail_on: str | None) -> int:
+        """Return the exit code of the whole, or that of a condition that is met.
+
+        Parameters
+        ----------
+        fail_on : str or None
+            ``alarm``: an input had one; ``no-alarm``: one that is done had none.
+
+        Returns
+        -------
+        int
+        """
+        quiet = self.silent > 0 and self.exit_code == ExitCode.DONE
+        if (fail_on == "alarm" and self.alarmed) or (fail_on == "no-alarm" and quiet):
+            return ExitCode.CONDITION_MET
+        return self.exit_code
 
     @property
     def exit_code(self) -> int:

@@ -20,7 +20,7 @@ from oppload_cli.cli.several import (
     report,
     several_options,
 )
-from oppload_cli.errors import ExitCode, OutputError, ParameterError, SourceError, printable
+from oppload_cli.errors import OutputError, ParameterError, SourceError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,6 +56,11 @@ STANDARD_OUTPUT = "-"
     show_default=True,
     help="What to do where a result is there already.",
 )
+@click.option(
+    "--fail-on",
+    type=click.Choice(["alarm", "no-alarm"]),
+    help="Exit with 5 if an input had an alarm of any model, or if one had none.",
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 @click.option("-v", "--verbose", is_flag=True, help="Print the sizes that the models see.")
 def run(  # noqa: PLR0917 - click passes them by name
@@ -73,6 +78,7 @@ def run(  # noqa: PLR0917 - click passes them by name
     duration: str | None,
     image_rate: str,
     if_exists: str,
+    fail_on: str | None,
     quiet: bool,
     verbose: bool,
 ) -> int:
@@ -102,7 +108,7 @@ def run(  # noqa: PLR0917 - click passes them by name
     verbosity = -1 if quiet else int(verbose)
     task = Task("", settings, None, None, span, rate, existing, command)
     if output == STANDARD_OUTPUT:
-        return _run_one(replace(task, name=_only(inputs, selection)), verbosity)
+        return _run_one(replace(task, name=_only(inputs, selection)), verbosity, fail_on)
     folder, plan = Path(output), plan_of(inputs, selection)
     tasks = _tasks(plan, folder, task)
     if selection.dry_run:
@@ -112,12 +118,13 @@ def run(  # noqa: PLR0917 - click passes them by name
         raise SourceError(plan.failures[0].message)
     _make(folder)
     if alone:
-        return _run_one(next(tasks), verbosity)
-    return Batch(plan, selection, folder, verbosity).run(tasks)
+        return _run_one(next(tasks), verbosity, fail_on)
+    return Batch(plan, selection, folder, verbosity, fail_on).run(tasks)
 
 
-def _run_one(task: Task, verbosity: int) -> int:
+def _run_one(task: Task, verbosity: int, fail_on: str | None) -> int:
     """Run one input, showing its frames."""
+    from oppload_cli.batch.report import Tally  # noqa: PLC0415
     from oppload_cli.cli.progress import Progress  # noqa: PLC0415
     from oppload_cli.task import run_task  # noqa: PLC0415
 
@@ -131,7 +138,9 @@ def _run_one(task: Task, verbosity: int) -> int:
             say(line)
     elif not outcome.complete:
         say(incomplete(task, outcome))
-    return ExitCode.DONE if outcome.complete else ExitCode.INCOMPLETE
+    tally = Tally()
+    tally.add(outcome)
+    return tally.exit_code_unless(fail_on)
 
 
 def _tasks(plan: Plan, folder: Path, task: Task) -> Iterator[Task]:

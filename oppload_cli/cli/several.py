@@ -192,13 +192,23 @@ class Batch:
         Of the results.
     verbosity : int
         -1 prints errors only, 0 what came of each input.
+    fail_on : str or None
+        The condition of ``--fail-on``.
     """
 
-    def __init__(self, plan: Plan, selection: Selection, folder: Path, verbosity: int) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        selection: Selection,
+        folder: Path,
+        verbosity: int,
+        fail_on: str | None = None,
+    ) -> None:
         from oppload_cli.batch.report import Tally  # noqa: PLC0415 - keeps --help fast
         from oppload_cli.cli.progress import BatchProgress  # noqa: PLC0415
 
         self._plan, self._selection, self._verbosity = plan, selection, verbosity
+        self._fail_on = fail_on
         part = f"-{selection.shard.replace('/', '-of-')}" if selection.shard else ""
         self._failures = folder / f"failures{part}.csv"
         self._tally = Tally(plan.failures)
@@ -253,7 +263,7 @@ class Batch:
                 self._report()
             raise
         self._report()
-        return self._tally.exit_code
+        return self._tally.exit_code_unless(self._fail_on)
 
     def _run(self, tasks: Iterator[Task]) -> None:
         from oppload_cli.batch import local  # noqa: PLC0415 - keeps --help fast

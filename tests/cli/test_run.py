@@ -148,3 +148,26 @@ def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
     assert sidecar["decode"]["complete"] is False
     analysed = len(rows((tmp_path / "cut.frames.csv").read_text()))
     assert sidecar["decode"]["missing"] == 40 - analysed
+
+
+@pytest.mark.parametrize(
+    "case", [("alarm", "1", 5), ("no-alarm", "1", 0), ("alarm", "1e6", 0), ("no-alarm", "1e6", 5)]
+)
+@pytest.mark.parametrize("several", [False, True])
+def test_a_condition_on_the_alarm(
+    clip: Path, tmp_path: Path, case: tuple[str, str, int], several: bool
+) -> None:
+    """The disk alarms where the factor is 1, and with a huge one it does not."""
+    condition, factor, code = case
+    options = ["--fail-on", condition, "--set", f"alarm.factor={factor}", "--no-rmo"]
+    copy = tmp_path / "copy.avi"
+    copy.write_bytes(clip.read_bytes())
+    inputs = [clip, copy] if several else [clip]
+    assert oppload("run", *inputs, "-o", tmp_path, *options).returncode == code
+
+
+def test_what_is_incomplete_does_not_pass_for_silent(tmp_path: Path) -> None:
+    images = grey_frames(40, width=320, height=240)
+    whole = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
+    whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    assert oppload("run", whole, "-o", tmp_path, "--fail-on", "no-alarm").returncode == 4
