@@ -168,9 +168,9 @@ class DenseFlow:
         return sides[0], sides[1]
 
     def _reduction_in(self, window: tuple[slice, slice]) -> int:
-        """Return the least reduction at which a part costs no more than the whole frame."""
+        """Return the least reduction at which a part costs at most half of the whole frame."""
         height, width = (side.stop - side.start for side in window)
-        most = self._reduced[1].size
+        most = self._reduced[1].size // 2
         reduction = 1
         while reduction < self._reduction and height * width > most * reduction**2:
             reduction *= 2
