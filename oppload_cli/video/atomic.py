@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from abc import ABC, abstractmethod
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Self
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     Grey = NDArray[np.uint8]
 
 
-class Writer:
+class Writer(ABC):
     """Base of the writers: a context that renames its ``.part`` at the end, or removes it.
 
     Parameters
@@ -99,14 +100,17 @@ class Writer:
             self._write(np.ascontiguousarray(grey))
         self.frames += 1
 
+    @abstractmethod
     def _open(self) -> None:
-        raise NotImplementedError
+        """Begin the part."""
 
+    @abstractmethod
     def _write(self, grey: Grey) -> None:
-        raise NotImplementedError
+        """Write a frame to the part."""
 
+    @abstractmethod
     def _close(self) -> None:
-        raise NotImplementedError
+        """Finish the part."""
 
     def _abandon(self) -> None:
         remove(self.part)
