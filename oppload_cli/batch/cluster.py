@@ -9,8 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import queue
-import threading
-import time
 import uuid
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -23,9 +21,10 @@ from oppload_cli.batch.counting import Counting
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.task import IfExists, exists_already
 from oppload_cli.version import __version__
+from oppload_cli.video.prefetch import interruptible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable, Iterator
 
     from oppload_cli.batch.attempt import Observer
     from oppload_cli.batch.plan import Failure
@@ -100,7 +99,8 @@ def connected(scheduler: str) -> Iterator[Any]:
         )
     connect = partial(distributed.Client, **where, timeout=ANSWER_WITHIN_S, set_as_default=False)
     try:
-        client = _within(ANSWER_WITHIN_S, connect)
+        # Dask waits for ever where nobody says a word.
+        client = interruptible(connect, ANSWER_WITHIN_S)
     except Exception as error:
         raise ParameterError(
             f"--scheduler {scheduler}: does not answer ({_first_line(error)}); "
@@ -111,29 +111,6 @@ def connected(scheduler: str) -> Iterator[Any]:
     finally:
         with suppress(Exception):  # a scheduler that has gone shall not hide what was wrong
             client.close(timeout=STOP_WITHIN_S)
-
-
-def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Run a call that may never return: dask waits for ever where nobody says a word."""
-    values: list[Any] = []
-    errors: list[BaseException] = []
-
-    def run() -> None:
-        try:
-            values.append(call())
-        except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=run, name="oppload-connect", daemon=True)
-    thread.start()
-    deadline = time.monotonic() + seconds
-    while thread.is_alive() and time.monotonic() < deadline:
-        thread.join(0.1)  # so that Ctrl-C is answered
-    if errors:
-        raise errors[0]
-    if not values:
-        raise TimeoutError(f"no word within {seconds:.0f} s")
-    return values[0]
 
 
 def check_workers(client: Any, scheduler: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -90,18 +91,25 @@ class _End:
         self.error = error
 
 
-def interruptible(call: Callable[[], Value]) -> Value:
+def interruptible(call: Callable[[], Value], within_s: float = math.inf) -> Value:
     """Run a call that may block in a library, so that Ctrl-C is answered meanwhile.
 
     Parameters
     ----------
     call : callable
         Takes nothing; it runs in a thread, which an interruption leaves behind.
+    within_s : float
+        Seconds after which it is left behind too.
 
     Returns
     -------
     object
         What the call returns; what it raises is raised.
+
+    Raises
+    ------
+    TimeoutError
+        If it has not ended in time.
     """
     values: list[Value] = []
     errors: list[BaseException] = []
@@ -114,8 +122,11 @@ def interruptible(call: Callable[[], Value]) -> Value:
 
     thread = threading.Thread(target=run, name="oppload-open", daemon=True)
     thread.start()
-    while thread.is_alive():
+    deadline = time.monotonic() + within_s
+    while thread.is_alive() and time.monotonic() < deadline:
         thread.join(0.1)  # without a limit it could not be interrupted on every system
     if errors:
         raise errors[0]
+    if not values:
+        raise TimeoutError(f"no word within {within_s:.0f} s")
     return values[0]
