@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
     from oppload_cli.motion.parameters import RmoParams
     from oppload_cli.motion.rmo import RmoMetrics
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.record import Detection, FrameRecord
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video, open_video
     from oppload_cli.video.span import Position, Span
@@ -30,6 +30,7 @@ _HOME = {
     "Alarm": "detection.alarm",
     "AlarmParams": "detection.alarm",
     "Box": "models.opplod",
+    "Detection": "results.record",
     "Dlgmd": "models.dlgmd",
     "DlgmdParams": "models.parameters",
     "DlgmdResponse": "models.dlgmd",
@@ -54,6 +55,7 @@ __all__ = [
     "Alarm",
     "AlarmParams",
     "Box",
+    "Detection",
     "Dlgmd",
     "DlgmdParams",
     "DlgmdResponse",

@@ -84,6 +84,7 @@ def analyse(
                 },
                 each.opponency,
                 each.repeat,
+                {name: alarms[name].threshold for name in answers},
             )
     finally:
         seen.close()

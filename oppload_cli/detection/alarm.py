@@ -57,6 +57,11 @@ class Alarm:
         Whose responses these are: ``opplod`` or ``dlgmd``.
     params : AlarmParams, optional
         Its parameters.
+
+    Attributes
+    ----------
+    threshold : float or None
+        What the latest response was held against; None without a background.
     """
 
     def __init__(self, model: str, params: AlarmParams | None = None) -> None:
@@ -69,6 +74,7 @@ class Alarm:
         self._largest: deque[tuple[float, float]] = deque()
         self._above: deque[bool] = deque(maxlen=self.params.window)
         self._until = -math.inf
+        self.threshold: float | None = None
 
     def step(self, response: float, time_s: float) -> bool:
         """Take the response to the next frame.
@@ -86,6 +92,7 @@ class Alarm:
             Whether the alarm is on.
         """
         threshold = self._threshold(time_s)
+        self.threshold = None if threshold == math.inf else threshold
         self._above.append(response > threshold)
         self._guard.append((time_s, response))
         if sum(self._above) >= self.params.enough:

@@ -8,9 +8,38 @@ from typing import TYPE_CHECKING
 from oppload_cli.models.dlgmd import DlgmdResponse
 
 if TYPE_CHECKING:
-    from oppload_cli.models.opplod import OpplodResponse
+    from oppload_cli.models.opplod import Box, OpplodResponse
     from oppload_cli.motion.rmo import RmoMetrics
     from oppload_cli.results.table import Value
+
+
+@dataclass(frozen=True)
+class Detection:
+    """One looming object in one frame: a line of ``detections.jsonl``.
+
+    Attributes
+    ----------
+    identity : int
+        The same object has the same number in all its frames; from 1.
+    box : Box
+        Where it is, in source pixels, within the frame.
+    centre_x, centre_y : float
+        Focus of its expansion in source pixels.
+    response : float
+        OppLoD's enhanced response there, at least 0.
+    alarm : bool
+        Whether the alarm is on, and because of this object.
+    time_to_contact_s : float or None
+        Estimate in seconds, above 0; None where it is not determined.
+    """
+
+    identity: int
+    box: Box
+    centre_x: float
+    centre_y: float
+    response: float
+    alarm: bool
+    time_to_contact_s: float | None
 
 
 @dataclass(frozen=True)
@@ -33,6 +62,11 @@ class FrameRecord:
         Radial motion opponency; None for the first frame, or if not measured.
     repeat : bool
         Whether the frame is an exact repeat of the one before.
+    thresholds : dict of str to float or None
+        By model, the response above which this frame counts for the alarm; None
+        while there is no background to compare with.
+    detections : tuple of Detection
+        OppLoD's looming objects, the largest response first.
     """
 
     frame: int
@@ -42,6 +76,8 @@ class FrameRecord:
     alarms: dict[str, bool] = field(default_factory=dict)
     rmo: RmoMetrics | None = None
     repeat: bool = False
+    thresholds: dict[str, float | None] = field(default_factory=dict)
+    detections: tuple[Detection, ...] = ()
 
     def values(self) -> dict[str, Value]:
         """Return the values by column; what is not there is an empty cell.
