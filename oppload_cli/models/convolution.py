@@ -22,19 +22,22 @@ MEMORY = 3  # P(t), P(t-1) and P(t-2)
 EVEN, ODD = 0, 1
 
 
-class Factors(NamedTuple):
-    """What the spectra of P(t-1) and P(t-2) are multiplied by, and their kernels' parity."""
+class Filter(NamedTuple):
+    """What the spectra of P(t-1) and P(t-2) are multiplied by, and where the result goes."""
 
     one: Map
     two: Map
-    parity: int
+    parity: int  # of the kernels
+    padded: Map
+    result: Map  # the frame's part of it
 
 
 class Convolution:
     """Convolutions, zero outside the frame, of the maps pushed one and two frames ago.
 
     They are circular over a frame padded by the kernel radius, which is the linear
-    convolution inside the frame.
+    convolution inside the frame. Maps are handed over and out as parts of padded
+    buffers, so that nothing is copied.
 
     Parameters
     ----------
@@ -42,39 +45,35 @@ class Convolution:
         Height and width of the maps.
     radius : int
         Kernel radius in pixels.
+
+    Attributes
+    ----------
+    values : ndarray of float32, shape (height, width)
+        P(t): where the caller writes it before `push`.
     """
 
     def __init__(self, shape: tuple[int, int], radius: int) -> None:
         self._shape = shape
         padded = _padded_shape(shape, radius)
         self._padded = np.zeros(padded, np.float32)
+        self.values: Map = self._inside(self._padded)
         # By age modulo MEMORY, and by parity: the spectrum, and i times it.
         self._spectra = np.zeros((MEMORY, 2, *padded), np.float32)
-        self._i = _packed(np.full(padded, 1j))
         self._sum = np.zeros(padded, np.float32)
-        self._product = np.zeros(padded, np.float32)
         self._latest = 0
 
     def reset(self) -> None:
         """Forget all maps."""
         self._spectra[:] = 0
 
-    def push(self, values: Map) -> None:
-        """Take the next map.
-
-        Parameters
-        ----------
-        values : ndarray of float32, shape (height, width)
-            P(t).
-        """
-        height, width = self._shape
+    def push(self) -> None:
+        """Take the map in `values` as the latest one."""
         self._latest = (self._latest + 1) % MEMORY
-        self._padded[:height, :width] = values
         even, odd = self._spectra[self._latest]
-        cv2.dft(self._padded, dst=even, nonzeroRows=height)
-        cv2.mulSpectrums(even, self._i, 0, c=odd)
+        cv2.dft(self._padded, dst=even, nonzeroRows=self._shape[0])
+        _times_i(even, odd)
 
-    def prepared(self, kernels: Inhibition, parity: int) -> Factors:
+    def prepared(self, kernels: Inhibition, parity: int) -> Filter:
         """Transform a pair of kernels.
 
         Parameters
@@ -86,28 +85,29 @@ class Convolution:
 
         Returns
         -------
-        Factors
+        Filter
         """
-        return Factors(self._factor(kernels.one), self._factor(kernels.two), parity)
+        padded = np.zeros_like(self._padded)
+        one, two = self._factor(kernels.one), self._factor(kernels.two)
+        return Filter(one, two, parity, padded, self._inside(padded))
 
-    def apply(self, factors: Factors, out: Map) -> None:
+    def apply(self, kernels: Filter) -> None:
         """Convolve: ``W_1 * P(t-1) + W_2 * P(t-2)``.
 
         Parameters
         ----------
-        factors : Factors
-            Of the two kernels.
-        out : ndarray of float32, shape (height, width)
-            Takes the result.
+        kernels : Filter
+            The two kernels; its `result` takes the result.
         """
-        height, width = self._shape
-        one, two = (self._spectra[(self._latest - age) % MEMORY, factors.parity] for age in (1, 2))
-        cv2.multiply(one, factors.one, dst=self._sum)
-        cv2.multiply(two, factors.two, dst=self._product)
-        cv2.add(self._sum, self._product, dst=self._sum)
+        one, two = (self._spectra[(self._latest - age) % MEMORY, kernels.parity] for age in (1, 2))
+        cv2.multiply(one, kernels.one, dst=self._sum)
+        cv2.accumulateProduct(two, kernels.two, self._sum)
         inverse = cv2.DFT_INVERSE | cv2.DFT_REAL_OUTPUT
-        cv2.dft(self._sum, dst=self._product, flags=inverse, nonzeroRows=height)
-        np.copyto(out, self._product[:height, :width])
+        cv2.dft(self._sum, dst=kernels.padded, flags=inverse, nonzeroRows=self._shape[0])
+
+    def _inside(self, padded: Map) -> Map:
+        height, width = self._shape
+        return padded[:height, :width]
 
     def _factor(self, kernel: Kernel) -> Map:
         """Return the spectrum of a kernel, less its i if it is odd, packed as factors."""
@@ -145,3 +145,12 @@ def _packed(spectrum: NDArray[np.complex128]) -> Map:
         out[0, column] = line[0].real
         out[-1, column] = line[-1].real
     return np.ascontiguousarray(out, np.float32)
+
+
+def _times_i(spectrum: Map, out: Map) -> None:
+    """Multiply a packed spectrum by i; its four real entries have no place, and become 0."""
+    pairs = (values[:, 1:-1].view(np.complex64) for values in (spectrum, out))
+    np.multiply(next(pairs), np.complex64(1j), out=next(pairs))
+    first_and_last = slice(None, None, spectrum.shape[1] - 1)
+    out[1:-1:2, first_and_last] = -spectrum[2::2, first_and_last]
+    out[2::2, first_and_last] = spectrum[1:-1:2, first_and_last]

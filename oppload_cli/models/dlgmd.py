@@ -124,4 +124,5 @@ class Dlgmd:
         # THRESH_TOZERO keeps what is strictly above; the model keeps T itself too.
         below = float(np.nextafter(np.float32(threshold), np.float32(-np.inf)))
         cv2.threshold(self.grouped, below, 0, cv2.THRESH_TOZERO, dst=self.grouped)
-        np.minimum(self.grouped, np.float32(self.params.grouped_limit), out=self.grouped)
+        limit = self.params.grouped_limit
+        cv2.threshold(self.grouped, limit, limit, cv2.THRESH_TRUNC, dst=self.grouped)

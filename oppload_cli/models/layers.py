@@ -57,10 +57,9 @@ class Dpc:
             phi: self._convolution.prepared(_directional(kernels, params, phi), ODD) for phi in axes
         }
         self._luma = np.zeros(shape, np.float32)
-        self._photoreceptors = np.zeros((MEMORY, *shape), np.float32)
         self.excitation = np.zeros(shape, np.float32)
-        self.inhibition = np.zeros(shape, np.float32)
-        self.directional = {phi: np.zeros(shape, np.float32) for phi in axes}
+        self.inhibition = self._inhibition.result
+        self.directional = {phi: each.result for phi, each in self._directional.items()}
         self.reset()
 
     def reset(self) -> None:
@@ -87,8 +86,7 @@ class Dpc:
     @property
     def photoreceptors(self) -> Map:
         """P(t), shape (height, width), 0 to 1 (``docs/model.md``, section 1)."""
-        latest: Map = self._photoreceptors[self._frames % MEMORY]
-        return latest
+        return self._convolution.values
 
     def step(self, luma: Map) -> bool:
         """Take the next frame and compute E, I and the J_phi.
@@ -149,7 +147,7 @@ class Dpc:
             self._frames -= 1
             raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
         self._means = [mean, *self._means[:-1]]
-        self._convolution.push(self.photoreceptors)
+        self._convolution.push()
 
     def _connect(self) -> None:
         cv2.filter2D(
@@ -159,9 +157,8 @@ class Dpc:
             dst=self.excitation,
             borderType=cv2.BORDER_CONSTANT,
         )
-        self._convolution.apply(self._inhibition, self.inhibition)
-        for phi, prepared in self._directional.items():
-            self._convolution.apply(prepared, self.directional[phi])
+        for kernels in (self._inhibition, *self._directional.values()):
+            self._convolution.apply(kernels)
 
 
 def presynaptic_sum(excitation: Map, inhibition: Map, out: Map) -> Map:
