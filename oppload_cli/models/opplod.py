@@ -73,7 +73,7 @@ class Opplod:
         self.dpc = dpc or Dpc(shape, self.params, axes_of(self.params))
         self.judge = judge_for(shape, self.params)
         self.pathways = {
-            (axis + turn) % 360: np.zeros(shape, np.float32)
+            (axis + turn) % 360: self.judge.map()
             for axis in axes_of(self.params)
             for turn in (0, 180)
         }

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+from numpy.lib.stride_tricks import as_strided
 
 from oppload_cli.models.parameters import axes_of
 from oppload_cli.models.pooling import Pooling
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.parameters import OpplodParams
     from oppload_cli.models.pooling import Floats
 
-MOST_PRODUCTS = 1 << 18  # held at once, so that they stay in the cache
+MOST_PRODUCTS = 1 << 19  # held at once, so that they stay in the cache
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,9 @@ class Verdict:
 
 class Judge(Protocol):
     """The opposing motion judgement of one preset."""
+
+    def map(self) -> Map:
+        """Return a new map of zeros, of the kind that is judged fastest."""
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways, by direction in degrees."""
@@ -81,13 +84,24 @@ class PooledJudge:
             np.zeros((rows + 2 * margin, columns + 2 * margin), np.float32) for _ in range(2)
         )
         self._inside = np.s_[margin : margin + rows, margin : margin + columns]
-        # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u.
-        self._ahead = sliding_window_view(self._one, (rows, columns))
-        self._behind = sliding_window_view(self._other, (rows, columns))[::-1, ::-1]
-        side = 2 * margin + 1
-        most = max(1, MOST_PRODUCTS // (side * rows * columns))
-        self._products = np.zeros((min(side, most), side, rows, columns), np.float32)
+        # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u. The units of all rows
+        # stand in one line, with what lies between them: long lines are added fastest.
+        self._ahead, self._behind = _by_offset(self._one, margin), _by_offset(self._other, margin)
+        self._behind = self._behind[::-1, ::-1]
+        side, line = self._ahead.shape[1:]
+        most = max(1, MOST_PRODUCTS // (side * line))
+        self._products = np.zeros((min(side, most), side, line), np.float32)
+        self._difference = np.zeros((rows, columns + 2 * margin), np.float32)
         self._selected = _selected_units(shape, self.centres_y, self.centres_x, params)
+
+    def map(self) -> Map:
+        """Return a new map of zeros, which is pooled without being copied.
+
+        Returns
+        -------
+        ndarray of float32, shape (height, width)
+        """
+        return self._pool.map()
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways.
@@ -137,14 +151,15 @@ class PooledJudge:
 
     def _outward_minus_inward(self, weights: Map) -> Map:
         """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted by 1 or -w_p."""
-        difference = np.zeros(self._pool.shape, np.float32)
+        difference = self._difference.ravel()[: self._products.shape[2]]
+        difference[:] = 0
         step = len(self._products)
         for first in range(0, len(weights), step):
             rows = slice(first, first + step)
             products = self._products[: len(weights[rows])]
             np.multiply(self._ahead[rows], self._behind[rows], out=products)
-            difference += np.einsum("yx,yxrc->rc", weights[rows], products)
-        return difference
+            difference += np.einsum("yx,yxi->i", weights[rows], products)
+        return self._difference[:, : self._pool.shape[1]]
 
 
 class PixelwiseJudge:
@@ -160,10 +175,20 @@ class PixelwiseJudge:
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
         self._params = params
+        self._shape = shape
         self._field = min(params.receptive_field or 0, *shape)
         columns, rows = params.grid() or (1, 1)
         self.lefts = _evenly(shape[1] - self._field, columns)
         self.tops = _evenly(shape[0] - self._field, rows)
+
+    def map(self) -> Map:
+        """Return a new map of zeros.
+
+        Returns
+        -------
+        ndarray of float32, shape (height, width)
+        """
+        return np.zeros(self._shape, np.float32)
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways.
@@ -229,6 +254,14 @@ def _offset_weights(reach: int, phi: int, periphery: float) -> Map:
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     along = x * across - y * up
     return np.asarray((along > 0) - periphery * (along < 0), np.float32)
+
+
+def _by_offset(padded: Map, margin: int) -> Map:
+    """View a padded map by the rows and columns of offsets, and all units in one line."""
+    side = 2 * margin + 1
+    line = padded.size - 2 * margin * (padded.shape[1] + 1)
+    strides = (*padded.strides, padded.itemsize)
+    return as_strided(padded, (side, side, line), strides, writeable=False)
 
 
 def _evenly(room: int, count: int) -> list[int]:

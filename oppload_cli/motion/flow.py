@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
@@ -206,6 +207,7 @@ def _inverse_search() -> cv2.DISOpticalFlow:
     return search
 
 
+@lru_cache(maxsize=16)
 def _cell_centres(height: int, width: int, spacing: float) -> NDArray[np.float64]:
     rows, columns = max(1, round(height / spacing)), max(1, round(width / spacing))
     x = (np.arange(columns) + 0.5) * width / columns - 0.5

@@ -172,6 +172,26 @@ def test_pooling_agrees_with_the_literal_reference(
     np.testing.assert_allclose(pooled(values, cell, sigma), expected, atol=2e-6)
 
 
+def test_pooling_errs_most_on_stripes_of_four_pixels() -> None:
+    x = np.arange(200)
+    for frequency in np.arange(0.2, 0.3, 0.01):
+        row = (0.5 + 0.5 * np.cos(2 * np.pi * frequency * x + 0.8)).astype(np.float32)
+        values = np.repeat(row[None], 120, axis=0)
+        np.testing.assert_allclose(
+            pooled(values, 8, 12.0), reference.pooled(values, 8, 1.5), atol=3e-5
+        )
+
+
+def test_a_map_of_the_pooling_is_pooled_as_any_other() -> None:
+    values = np.random.default_rng(3).random((64, 90), dtype=np.float32)
+    for cell, sigma in ((8, 12.0), (7, 3.0)):
+        pooling = Pooling(values.shape, cell, sigma)
+        own, out = pooling.map(), np.zeros(pooling.shape, np.float32)
+        own[:] = values
+        pooling(own, out)
+        np.testing.assert_array_equal(out, pooled(values, cell, sigma))
+
+
 def test_pooling_keeps_a_constant_inside_and_loses_what_lies_outside() -> None:
     means = pooled(np.ones((400, 400), np.float32), 8, 12.0)
     np.testing.assert_allclose(means[10:-10, 10:-10], 1, atol=1e-6)
