@@ -49,7 +49,7 @@ class Convolution:
     Attributes
     ----------
     values : ndarray of float32, shape (height, width)
-        P(t): where the caller writes it before `push`.
+        P(t): where the caller writes it before `advance` and `transform`.
     """
 
     def __init__(self, shape: tuple[int, int], radius: int) -> None:
@@ -59,16 +59,18 @@ class Convolution:
         self.values: Map = self._inside(self._padded)
         # By age modulo MEMORY, and by parity: the spectrum, and i times it.
         self._spectra = np.zeros((MEMORY, 2, *padded), np.float32)
-        self._sum = np.zeros(padded, np.float32)
         self._latest = 0
 
     def reset(self) -> None:
         """Forget all maps."""
         self._spectra[:] = 0
 
-    def push(self) -> None:
-        """Take the map in `values` as the latest one."""
+    def advance(self) -> None:
+        """Count the maps on: the one in `values` is the latest now."""
         self._latest = (self._latest + 1) % MEMORY
+
+    def transform(self) -> None:
+        """Transform the latest map; `apply` needs it from the next one on."""
         even, odd = self._spectra[self._latest]
         cv2.dft(self._padded, dst=even, nonzeroRows=self._shape[0])
         _times_i(even, odd)
@@ -100,10 +102,10 @@ class Convolution:
             The two kernels; its `result` takes the result.
         """
         one, two = (self._spectra[(self._latest - age) % MEMORY, kernels.parity] for age in (1, 2))
-        cv2.multiply(one, kernels.one, dst=self._sum)
-        cv2.accumulateProduct(two, kernels.two, self._sum)
+        cv2.multiply(one, kernels.one, dst=kernels.padded)
+        cv2.accumulateProduct(two, kernels.two, kernels.padded)
         inverse = cv2.DFT_INVERSE | cv2.DFT_REAL_OUTPUT
-        cv2.dft(self._sum, dst=kernels.padded, flags=inverse, nonzeroRows=self._shape[0])
+        cv2.dft(kernels.padded, dst=kernels.padded, flags=inverse, nonzeroRows=self._shape[0])
 
     def _inside(self, padded: Map) -> Map:
         height, width = self._shape

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import cv2
@@ -13,6 +14,7 @@ import numpy as np
 
 from oppload_cli.errors import FrameError
 from oppload_cli.models.convolution import EVEN, MEMORY, ODD, Convolution
+from oppload_cli.models.crew import Crew
 from oppload_cli.models.kernels import (
     direction_mask,
     excitation_kernel,
@@ -20,6 +22,8 @@ from oppload_cli.models.kernels import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from oppload_cli.models.kernels import Inhibition, Kernel, Map
     from oppload_cli.models.parameters import DpcParams
 
@@ -52,14 +56,18 @@ class Dpc:
         self._convolution = Convolution(shape, params.kernel_radius)
         self._excitation_kernel = _cropped(excitation_kernel(params))
         kernels = inhibition_kernels(params)
-        self._inhibition = self._convolution.prepared(kernels, EVEN)
-        self._directional = {
+        whole = self._convolution.prepared(kernels, EVEN)
+        directional = {
             phi: self._convolution.prepared(_directional(kernels, params, phi), ODD) for phi in axes
         }
+        self._crew = Crew(shape)
+        self._inhibit: list[Callable[[], None]] = [
+            partial(self._convolution.apply, each) for each in (whole, *directional.values())
+        ]
         self._luma = np.zeros(shape, np.float32)
         self.excitation = np.zeros(shape, np.float32)
-        self.inhibition = self._inhibition.result
-        self.directional = {phi: each.result for phi, each in self._directional.items()}
+        self.inhibition = whole.result
+        self.directional = {phi: each.result for phi, each in directional.items()}
         self.reset()
 
     def reset(self) -> None:
@@ -112,8 +120,10 @@ class Dpc:
         if self._frames > 1:
             self._see(luma)
         np.copyto(self._luma, luma)
-        if self.ready:
-            self._connect()
+        if self._frames > 1:
+            # I needs the maps before this one: its transform is not waited for.
+            connections = [self._excite, *self._inhibit] if self.ready else []
+            self._crew(self._convolution.transform, *connections)
         return self.ready
 
     def inhibition_of(self, direction: int) -> Map:
@@ -147,9 +157,9 @@ class Dpc:
             self._frames -= 1
             raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
         self._means = [mean, *self._means[:-1]]
-        self._convolution.push()
+        self._convolution.advance()
 
-    def _connect(self) -> None:
+    def _excite(self) -> None:
         cv2.filter2D(
             self.photoreceptors,
             cv2.CV_32F,
@@ -157,8 +167,6 @@ class Dpc:
             dst=self.excitation,
             borderType=cv2.BORDER_CONSTANT,
         )
-        for kernels in (self._inhibition, *self._directional.values()):
-            self._convolution.apply(kernels)
 
 
 def presynaptic_sum(excitation: Map, inhibition: Map, out: Map) -> Map:

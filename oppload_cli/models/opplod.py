@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
+from oppload_cli.models.crew import Crew
 from oppload_cli.models.layers import Dpc, rectified
 from oppload_cli.models.opponency import judge_for
 from oppload_cli.models.parameters import OpplodParams, axes_of
@@ -73,11 +75,13 @@ class Opplod:
         self.dpc = dpc or Dpc(shape, self.params, axes_of(self.params))
         self.judge = judge_for(shape, self.params)
         self.pathways = {
-            (axis + turn) % 360: self.judge.map()
+            direction: self.judge.map(direction)
             for axis in axes_of(self.params)
-            for turn in (0, 180)
+            for direction in (axis, axis + 180)
         }
         self._balance = np.zeros(shape, np.float32)
+        self._crew = Crew(shape)
+        self._extract = [partial(self._extract_pair, axis) for axis in axes_of(self.params)]
 
     def reset(self) -> None:
         """Start over: the next frame is frame 0."""
@@ -131,9 +135,12 @@ class Opplod:
     def _extract_directions(self) -> None:
         """S_phi = max(0, E - I / 2 - J_phi), and with + J_phi for the opposite one."""
         cv2.scaleAdd(self.dpc.inhibition, -0.5, self.dpc.excitation, dst=self._balance)
-        for axis, directional in self.dpc.directional.items():
-            passing, opposite = self.pathways[axis], self.pathways[(axis + 180) % 360]
-            cv2.subtract(self._balance, directional, dst=passing)
-            cv2.add(self._balance, directional, dst=opposite)
-            rectified(passing, self.dpc.excitation)
-            rectified(opposite, self.dpc.excitation)
+        self._crew(*self._extract)
+
+    def _extract_pair(self, axis: int) -> None:
+        directional = self.dpc.directional[axis]
+        passing, opposite = self.pathways[axis], self.pathways[axis + 180]
+        cv2.subtract(self._balance, directional, dst=passing)
+        cv2.add(self._balance, directional, dst=opposite)
+        rectified(passing, self.dpc.excitation)
+        rectified(opposite, self.dpc.excitation)

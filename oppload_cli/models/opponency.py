@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
+from oppload_cli.models.crew import Crew
 from oppload_cli.models.parameters import axes_of
 from oppload_cli.models.pooling import Pooling
 
@@ -50,8 +52,8 @@ class Verdict:
 class Judge(Protocol):
     """The opposing motion judgement of one preset."""
 
-    def map(self) -> Map:
-        """Return a new map of zeros, of the kind that is judged fastest."""
+    def map(self, direction: int) -> Map:
+        """Return a new map of zeros for a pathway, of the kind that is judged fastest."""
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways, by direction in degrees."""
@@ -71,37 +73,32 @@ class PooledJudge:
     def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
         self._params = params
         cell = params.cell or 1
-        self._pool = Pooling(shape, cell, params.pool_sigma * cell)
-        self.centres_y, self.centres_x = self._pool.centres_y, self._pool.centres_x
-        self._reach = int((params.receptive_field or 0) / 2 // cell)
-        self._weights = {
-            phi: _offset_weights(self._reach, phi, params.periphery) for phi in axes_of(params)
+        reach = int((params.receptive_field or 0) / 2 // cell)
+        self._pairs = {
+            phi: _Pair(
+                Pooling(shape, cell, params.pool_sigma * cell),
+                _offset_weights(reach, phi, params.periphery),
+            )
+            for phi in axes_of(params)
         }
-        rows, columns = self._pool.shape
-        margin = self._reach
-        # Zeros around the maps: beyond the frame there is no motion.
-        self._one, self._other = (
-            np.zeros((rows + 2 * margin, columns + 2 * margin), np.float32) for _ in range(2)
-        )
-        self._inside = np.s_[margin : margin + rows, margin : margin + columns]
-        # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u. The units of all rows
-        # stand in one line, with what lies between them: long lines are added fastest.
-        self._ahead, self._behind = _by_offset(self._one, margin), _by_offset(self._other, margin)
-        self._behind = self._behind[::-1, ::-1]
-        side, line = self._ahead.shape[1:]
-        most = max(1, MOST_PRODUCTS // (side * line))
-        self._products = np.zeros((min(side, most), side, line), np.float32)
-        self._difference = np.zeros((rows, columns + 2 * margin), np.float32)
+        pool = self._pairs[params.axes].pool
+        self.centres_y, self.centres_x = pool.centres_y, pool.centres_x
+        self._crew = Crew(shape)
         self._selected = _selected_units(shape, self.centres_y, self.centres_x, params)
 
-    def map(self) -> Map:
-        """Return a new map of zeros, which is pooled without being copied.
+    def map(self, direction: int) -> Map:
+        """Return a new map of zeros for a pathway, which is pooled without being copied.
+
+        Parameters
+        ----------
+        direction : int
+            phi in degrees.
 
         Returns
         -------
         ndarray of float32, shape (height, width)
         """
-        return self._pool.map()
+        return self._pairs[direction % 180].pool.map()
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways.
@@ -142,24 +139,59 @@ class PooledJudge:
         ndarray of float32, shape (rows, columns)
             Sum over both axis pairs of ``max(0, out - w_p in)``.
         """
-        total = np.zeros(self._pool.shape, np.float32)
-        for phi in axes_of(self._params):
-            self._pool(pathways[phi], self._one[self._inside])
-            self._pool(pathways[phi + 180], self._other[self._inside])
-            total += np.maximum(self._outward_minus_inward(self._weights[phi]), 0)
-        return total
+        self._crew(
+            *(
+                partial(pair, pathways[phi], pathways[phi + 180])
+                for phi, pair in self._pairs.items()
+            )
+        )
+        one, other = self._pairs.values()
+        return np.maximum(one.difference, 0) + np.maximum(other.difference, 0)
 
-    def _outward_minus_inward(self, weights: Map) -> Map:
-        """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted by 1 or -w_p."""
-        difference = self._difference.ravel()[: self._products.shape[2]]
-        difference[:] = 0
+
+class _Pair:
+    """Outward minus inward opponency of one pair of opposite pathways, at every unit.
+
+    Parameters
+    ----------
+    pool : Pooling
+        Pools their S maps.
+    weights : ndarray of float32, shape (side, side)
+        By offset: 1 outward, -w_p inward.
+    """
+
+    def __init__(self, pool: Pooling, weights: Map) -> None:
+        self.pool = pool
+        self._weights = weights
+        rows, columns = pool.shape
+        margin = len(weights) // 2
+        # Zeros around the maps: beyond the frame there is no motion.
+        self._one, self._other = (
+            np.zeros((rows + 2 * margin, columns + 2 * margin), np.float32) for _ in range(2)
+        )
+        self._inside = np.s_[margin : margin + rows, margin : margin + columns]
+        # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u. The units of all rows
+        # stand in one line, with what lies between them: long lines are added fastest.
+        self._ahead = _by_offset(self._one, margin)
+        self._behind = _by_offset(self._other, margin)[::-1, ::-1]
+        side, line = self._ahead.shape[1:]
+        most = max(1, MOST_PRODUCTS // (side * line))
+        self._products = np.zeros((min(side, most), side, line), np.float32)
+        lines = np.zeros((rows, columns + 2 * margin), np.float32)
+        self._sum = lines.ravel()[:line]
+        self.difference: Map = lines[:, :columns]
+
+    def __call__(self, passing: Map, opposite: Map) -> None:
+        """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted, into `difference`."""
+        self.pool(passing, self._one[self._inside])
+        self.pool(opposite, self._other[self._inside])
+        self._sum[:] = 0
         step = len(self._products)
-        for first in range(0, len(weights), step):
+        for first in range(0, len(self._weights), step):
             rows = slice(first, first + step)
-            products = self._products[: len(weights[rows])]
+            products = self._products[: len(self._weights[rows])]
             np.multiply(self._ahead[rows], self._behind[rows], out=products)
-            difference += np.einsum("yx,yxi->i", weights[rows], products)
-        return self._difference[:, : self._pool.shape[1]]
+            self._sum += np.einsum("yx,yxi->i", self._weights[rows], products)
 
 
 class PixelwiseJudge:
@@ -181,8 +213,13 @@ class PixelwiseJudge:
         self.lefts = _evenly(shape[1] - self._field, columns)
         self.tops = _evenly(shape[0] - self._field, rows)
 
-    def map(self) -> Map:
-        """Return a new map of zeros.
+    def map(self, direction: int) -> Map:  # noqa: ARG002 - all are alike
+        """Return a new map of zeros for a pathway.
+
+        Parameters
+        ----------
+        direction : int
+            phi in degrees.
 
         Returns
         -------

@@ -1,0 +1,53 @@
+"""Parts of the work on one frame, side by side on the cores that there are."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+import cv2
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from concurrent.futures import ThreadPoolExecutor
+
+LARGE = 1 << 18  # pixels: below, handing work over costs more than it saves
+
+
+class Crew:
+    """Runs parts that do not depend on each other at once, where frames are large.
+
+    It has as many threads as OpenCV, which takes its number from the affinity mask
+    or from ``cv2.setNumThreads``. Each part is done by one thread, whatever their
+    number: the results are the same bytes.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the frames.
+    """
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._threads = cv2.getNumThreads() if shape[0] * shape[1] >= LARGE else 1
+
+    def __call__(self, *parts: Callable[[], object]) -> None:
+        """Run the parts, and return when all are done.
+
+        Parameters
+        ----------
+        *parts : callable
+            Each takes nothing.
+        """
+        if self._threads == 1:
+            for part in parts:
+                part()
+            return
+        for done in [_pool(self._threads).submit(part) for part in parts]:
+            done.result()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415 - for large frames alone
+
+    return ThreadPoolExecutor(threads, "oppload-models")
