@@ -11,9 +11,12 @@ from fractions import Fraction
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
+import cv2
+
 from oppload_cli.analysis import analyse
-from oppload_cli.environment import environment
+from oppload_cli.environment import cores, environment
 from oppload_cli.errors import BusyError, OpploadError, OutputError
+from oppload_cli.models.crew import is_large
 from oppload_cli.results.columns import columns_for
 from oppload_cli.results.sidecar import write_sidecar
 from oppload_cli.results.summary import ModelSummary
@@ -60,7 +63,7 @@ class Task:
     command : sequence of str
         The command line, for the sidecar.
     threads : int
-        Decoder threads; 0 leaves the choice to the decoder.
+        Of the decoder, and of the models on large frames; 0 leaves the choice to them.
     """
 
     name: str
@@ -154,6 +157,8 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         image_rate=task.image_rate,
         threads=task.threads,
     ) as video:
+        # On small frames OpenCV's threads wait for each other longer than they work.
+        cv2.setNumThreads((task.threads or cores()) if is_large(video.working.shape) else 1)
         if watcher:
             watcher.opened(video)
         run = _Run(task, video, watcher)
@@ -340,6 +345,7 @@ class _Run:
                 "complete": decode.complete,
                 "messages": decode.messages,
             },
+            "threads": {"decoder": decode.threads, "models": cv2.getNumThreads()},
             "stimulus": _ground_truth(Path(self._task.name)),
             "wall_s": round(outcome.wall_s, 3),
             "frames_per_s": round(self.frames / outcome.wall_s, 1) if outcome.wall_s else None,

@@ -14,6 +14,21 @@ if TYPE_CHECKING:
 LARGE = 1 << 18  # pixels: below, handing work over costs more than it saves
 
 
+def is_large(shape: tuple[int, int]) -> bool:
+    """Tell whether more than one thread is of use.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the frames.
+
+    Returns
+    -------
+    bool
+    """
+    return shape[0] * shape[1] >= LARGE
+
+
 class Crew:
     """Runs parts that do not depend on each other at once, where frames are large.
 
@@ -28,7 +43,7 @@ class Crew:
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        self._threads = cv2.getNumThreads() if shape[0] * shape[1] >= LARGE else 1
+        self._threads = cv2.getNumThreads() if is_large(shape) else 1
 
     def __call__(self, *parts: Callable[[], object]) -> None:
         """Run the parts, and return when all are done.

@@ -73,6 +73,7 @@ class ContainerSource:
             self._shown = self._steadily()
             self._first_shown = self._first_of_all()
             self._first = self._first_shown[0]
+            self.decode.threads = self._stream.codec_context.thread_count
             self.facts = self._facts()
         except BaseException:
             self.close()

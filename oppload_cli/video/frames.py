@@ -124,6 +124,8 @@ class DecodeFacts:
         Frames declared that never came, where this can be told.
     messages : list of str
         The first few reasons.
+    threads : int
+        Of the decoder.
     """
 
     decoded: int = 0
@@ -131,6 +133,7 @@ class DecodeFacts:
     corrupt: int = 0
     missing: int = 0
     messages: list[str] = field(default_factory=list)
+    threads: int = 1
 
     @property
     def complete(self) -> bool:

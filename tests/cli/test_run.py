@@ -62,6 +62,8 @@ def test_the_sidecar(result: Path, clip: Path) -> None:
     assert sidecar["parameters"]["opplod"]["receptive_field"] == 100
     assert sidecar["parameters"]["dlgmd"]["threshold_limit"] == 0.3
     assert sidecar["decode"]["decoded"] == sidecar["decode"]["analysed"] == 24
+    assert sidecar["threads"]["models"] == 1
+    assert sidecar["threads"]["decoder"] >= 1
     assert sidecar["decode"]["complete"] is True
     table = rows((result / "loom.frames.csv").read_text())
     for model in ("opplod", "dlgmd"):
