@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 import cv2
@@ -22,8 +21,6 @@ from oppload_cli.models.kernels import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from oppload_cli.models.kernels import Inhibition, Kernel, Map
     from oppload_cli.models.parameters import DpcParams
 
@@ -53,21 +50,17 @@ class Dpc:
         self.shape = shape
         self.params = params
         self.axes = axes
-        self._convolution = Convolution(shape, params.kernel_radius)
+        self._crew = Crew(shape)
         self._excitation_kernel = _cropped(excitation_kernel(params))
         kernels = inhibition_kernels(params)
-        whole = self._convolution.prepared(kernels, EVEN)
-        directional = {
-            phi: self._convolution.prepared(_directional(kernels, params, phi), ODD) for phi in axes
-        }
-        self._crew = Crew(shape)
-        self._inhibit: list[Callable[[], None]] = [
-            partial(self._convolution.apply, each) for each in (whole, *directional.values())
-        ]
+        directional = [(_directional(kernels, params, phi), ODD) for phi in axes]
+        self._convolution = Convolution(
+            shape, params.kernel_radius, [(kernels, EVEN), *directional]
+        )
         self._luma = np.zeros(shape, np.float32)
         self.excitation = np.zeros(shape, np.float32)
-        self.inhibition = whole.result
-        self.directional = {phi: each.result for phi, each in directional.items()}
+        self.inhibition, *parts = self._convolution.results
+        self.directional = dict(zip(axes, parts, strict=True))
         self.reset()
 
     def reset(self) -> None:
@@ -121,9 +114,7 @@ class Dpc:
             self._see(luma)
         np.copyto(self._luma, luma)
         if self._frames > 1:
-            # I needs the maps before this one: its transform is not waited for.
-            connections = [self._excite, *self._inhibit] if self.ready else []
-            self._crew(self._convolution.transform, *connections)
+            self._crew(self._excite, *self._convolution.parts)
         return self.ready
 
     def inhibition_of(self, direction: int) -> Map:
