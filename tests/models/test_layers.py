@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import FrameError
+from oppload_cli.models import convolution
 from oppload_cli.models.layers import Dpc, presynaptic_sum
 from oppload_cli.models.parameters import DpcParams
 from tests import reference
@@ -35,6 +36,20 @@ def test_layers_agree_with_the_literal_reference(shape: tuple[int, int]) -> None
         np.testing.assert_allclose(
             dpc.inhibition_of(phi), reference.directional_inhibition(p, phi), atol=1e-5
         )
+
+
+@pytest.mark.parametrize("shape", [(40, 61), (41, 20), (9, 62), (19, 21)])
+def test_frames_of_several_tiles_agree_too(
+    shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(convolution, "LARGEST_TILE", (30, 32))  # 18 x 20 without their padding
+    test_layers_agree_with_the_literal_reference(shape)
+    dpc = stepped(random_frames(shape))
+    dpc.reset()
+    for frame in random_frames(shape)[1:]:
+        dpc.step(frame)
+    p = reference.photoreceptors(random_frames(shape)[1:])
+    np.testing.assert_allclose(dpc.inhibition, reference.inhibition(p), atol=1e-5)
 
 
 @pytest.mark.parametrize("phi", [0, 90])
