@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import typing
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Self
 
@@ -68,6 +69,7 @@ class Parameters:
         return tuple(declared.name for declared in fields(cls))
 
     @classmethod
+    @cache
     def kinds(cls) -> dict[str, tuple[type, ...]]:
         """Return the Python types that each parameter takes.
 

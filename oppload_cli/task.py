@@ -21,7 +21,6 @@ from oppload_cli.results.columns import columns_for
 from oppload_cli.results.sidecar import write_sidecar
 from oppload_cli.results.summary import ModelSummary
 from oppload_cli.results.table import PartFile, Table, cannot_write
-from oppload_cli.stimulus.truth import read_ground_truth
 from oppload_cli.video.atomic import part_of
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span
@@ -358,6 +357,8 @@ def _ground_truth(video: Path) -> dict[str, Any] | None:
     path = video.with_name(f"{video.stem}.stimulus.json")
     if not os.path.lexists(path):  # which says no to a name too long to look up
         return None
+    from oppload_cli.stimulus.truth import read_ground_truth  # noqa: PLC0415 - few inputs have it
+
     try:
         truth = read_ground_truth(path)
     except OpploadError as error:
