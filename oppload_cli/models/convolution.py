@@ -127,12 +127,13 @@ class _Tile:
             )
             for parts in (place, self.reach)
         )
-        self._padded = np.zeros(padded, np.float32)
+        # In one piece: the system backs it with large pages then.
+        buffers = np.zeros((1 + 2 * MEMORY + len(factors), *padded), np.float32)
+        self._padded, *self._products = buffers[0], *buffers[1 + 2 * MEMORY :]
         self.source: Map = self._padded[around]
         # By age modulo MEMORY, and by parity: the spectrum, and i times it.
-        self.spectra = np.zeros((MEMORY, 2, *padded), np.float32)
+        self.spectra = buffers[1 : 1 + 2 * MEMORY].reshape(MEMORY, 2, *padded)
         self._factors = factors
-        self._products = [np.zeros(padded, np.float32) for _ in factors]
         self.results: list[Map] = [each[inside] for each in self._products]
         self._rows_in, self._rows_out = around[0].stop, inside[0].stop
 
