@@ -55,8 +55,8 @@ def tables(folder: Path) -> dict[str, bytes]:
 
 
 def sidecars(folder: Path) -> dict[str, Any]:
-    """Everything but what the clock and the command line say."""
-    own = ("command", "wall_s", "frames_per_s")
+    """Everything but what the clock, the command line and the cores say."""
+    own = ("command", "threads", "wall_s", "frames_per_s")
     content = {path.name: json.loads(path.read_text()) for path in folder.glob("*.oppload.json")}
     return {
         name: {key: value for key, value in each.items() if key not in own}
