@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from oppload_cli import stimulus
     from oppload_cli.analysis import analyse
     from oppload_cli.detection.alarm import Alarm, AlarmParams
+    from oppload_cli.detection.parameters import PlaceParams
     from oppload_cli.errors import OpploadError
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdResponse
     from oppload_cli.models.opplod import Box, Opplod, OpplodResponse
@@ -41,6 +42,7 @@ _HOME = {
     "OpplodParams": "models.parameters",
     "OpplodResponse": "models.opplod",
     "PRESETS": "models.parameters",
+    "PlaceParams": "detection.parameters",
     "Position": "video.span",
     "RmoMetrics": "motion.rmo",
     "RmoParams": "motion.parameters",
@@ -65,6 +67,7 @@ __all__ = [
     "Opplod",
     "OpplodParams",
     "OpplodResponse",
+    "PlaceParams",
     "Position",
     "RmoMetrics",
     "RmoParams",

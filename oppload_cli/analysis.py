@@ -6,14 +6,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams
+from oppload_cli.detection.detections import Detections
+from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.bank import ModelBank
 from oppload_cli.models.convolution import MEMORY
-from oppload_cli.models.opplod import Box, OpplodResponse
+from oppload_cli.models.opplod import Box, Opplod, OpplodResponse
 from oppload_cli.models.parameters import DlgmdParams, OpplodParams
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.motion.rmo import RmoMetrics
-from oppload_cli.results.record import FrameRecord
+from oppload_cli.results.record import Detection, FrameRecord
 from oppload_cli.video.parameters import RepeatParams
 from oppload_cli.video.prefetch import Prefetch
 from oppload_cli.video.repeats import Repeats
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.working import WorkingSize
 
 DEFAULT_RMO = RmoParams()
+DEFAULT_PLACES = PlaceParams()
 
 
 def analyse(
@@ -34,6 +37,7 @@ def analyse(
     params: Sequence[OpplodParams | DlgmdParams] | None = None,
     *,
     alarm: AlarmParams | None = None,
+    places: PlaceParams | None = DEFAULT_PLACES,
     rmo: RmoParams | None = DEFAULT_RMO,
     repeats: RepeatParams | None = None,
 ) -> Iterator[FrameRecord]:
@@ -47,6 +51,8 @@ def analyse(
         One set per model; both models with the defaults if left out.
     alarm : AlarmParams, optional
         Of every model's alarm.
+    places : PlaceParams, optional
+        Of OppLoD's looming objects; None does not look for them.
     rmo : RmoParams, optional
         Of radial motion opponency; None does not measure it.
     repeats : RepeatParams, optional
@@ -59,6 +65,7 @@ def analyse(
     """
     bank = ModelBank(video.working.shape, params or [OpplodParams(), DlgmdParams()])
     alarms = {name: Alarm(name, alarm) for name in bank.models}
+    objects = _objects(bank, video.working, places)
     # A thread of its own for the motion: it costs about as much as a model.
     seen = Prefetch(_seen(video, rmo, repeats or RepeatParams()), ahead=2)
     try:
@@ -72,19 +79,25 @@ def analyse(
                 # Where nothing changed every model answers 0, whatever came before.
                 answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
             time_s = each.frame.time_s
+            states = {
+                name: alarms[name].step(answer.response, time_s)
+                for name, answer in answers.items()
+                if answer is not None
+            }
+            found: tuple[Detection, ...] = ()
+            if objects and Opplod.name in states and not each.repeat:
+                threshold = alarms[Opplod.name].threshold
+                found = objects.step(time_s, states[Opplod.name], threshold)
             yield FrameRecord(
                 each.frame.index,
                 time_s,
                 0.0 if each.repeat else bank.luma_change,
                 {name: _in_source(answer, video.working) for name, answer in answers.items()},
-                {
-                    name: alarms[name].step(answer.response, time_s)
-                    for name, answer in answers.items()
-                    if answer is not None
-                },
+                states,
                 each.opponency,
                 each.repeat,
                 {name: alarms[name].threshold for name in answers},
+                found,
             )
     finally:
         seen.close()
@@ -112,6 +125,15 @@ def _seen(video: Video, rmo: RmoParams | None, repeats: RepeatParams) -> Iterato
         if flow and repeat:
             opponency = RmoMetrics()
         yield _Seen(frame, repeat, passed_over, still_begins, opponency)
+
+
+def _objects(
+    bank: ModelBank, working: WorkingSize, places: PlaceParams | None
+) -> Detections | None:
+    model = bank.models.get(Opplod.name)
+    if places is None or not isinstance(model, Opplod):
+        return None
+    return Detections(model.judge.maps, working, places)
 
 
 def _in_source(answer: Response | None, working: WorkingSize) -> Response | None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from oppload_cli.detection.alarm import AlarmParams
+from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.parameters import (
     DEFAULT_PRESET,
@@ -50,8 +51,8 @@ class Settings:
     measure_rmo : bool
         Whether radial motion opponency is measured.
     groups : dict of str to Parameters
-        Parameter sets by name: ``opplod``, ``dlgmd``, ``alarm``, ``rmo``,
-        ``repeats``.
+        Parameter sets by name: ``opplod``, ``dlgmd``, ``alarm``, ``places``,
+        ``rmo``, ``repeats``.
     origins : dict of str to str
         Where each setting came from, by its dotted name: ``preset default``,
         a file's path, or ``command line``.
@@ -78,6 +79,11 @@ class Settings:
     def alarm(self) -> AlarmParams:
         """The parameters of the alarms."""
         return _of_kind(self.groups["alarm"], AlarmParams)
+
+    @property
+    def places(self) -> PlaceParams:
+        """The parameters of the looming objects."""
+        return _of_kind(self.groups["places"], PlaceParams)
 
     @property
     def rmo(self) -> RmoParams | None:
@@ -142,6 +148,7 @@ def resolve(
         "opplod": chosen.opplod,
         "dlgmd": chosen.dlgmd,
         "alarm": AlarmParams(),
+        "places": PlaceParams(),
         "rmo": RmoParams(),
         "repeats": RepeatParams(),
     }

@@ -283,6 +283,7 @@ class _Run:
             self._video,
             settings.model_params(),
             alarm=settings.alarm,
+            places=settings.places,
             rmo=settings.rmo,
             repeats=settings.repeats,
         )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from oppload_cli.detection.alarm import AlarmParams
+from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
 from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.video.parameters import RepeatParams
@@ -22,6 +23,7 @@ SETS: dict[str, tuple[str, type[Parameters]]] = {
     "opplod": ("OppLoD: DPC, directional inhibition, opponency, enhancing", OpplodParams),
     "dlgmd": ("D-LGMD: DPC and grouping", DlgmdParams),
     "alarm": ("the alarm of each model", AlarmParams),
+    "places": ("looming objects: which, where, and when they touch", PlaceParams),
     "rmo": ("radial motion opponency of motion vectors", RmoParams),
     "repeats": ("exact repeats of a frame", RepeatParams),
 }

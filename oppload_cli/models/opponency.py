@@ -18,6 +18,7 @@ from numpy.lib.stride_tricks import as_strided
 from oppload_cli.models.crew import Crew
 from oppload_cli.models.parameters import axes_of
 from oppload_cli.models.pooling import Pooling
+from oppload_cli.models.units import UnitMaps
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,7 +51,15 @@ class Verdict:
 
 
 class Judge(Protocol):
-    """The opposing motion judgement of one preset."""
+    """The opposing motion judgement of one preset.
+
+    Attributes
+    ----------
+    maps : UnitMaps
+        What it saw in the latest frame.
+    """
+
+    maps: UnitMaps
 
     def map(self, direction: int) -> Map:
         """Return a new map of zeros for a pathway, of the kind that is judged fastest."""
@@ -83,6 +92,18 @@ class PooledJudge:
         }
         pool = self._pairs[params.axes].pool
         self.centres_y, self.centres_x = pool.centres_y, pool.centres_x
+        self.maps = UnitMaps(
+            np.zeros(pool.shape, np.float32),
+            {
+                direction: pooled
+                for phi, pair in self._pairs.items()
+                for direction, pooled in ((phi, pair.passing), (phi + 180, pair.opposite))
+            },
+            self.centres_y,
+            self.centres_x,
+            float(params.receptive_field or 0),
+            params.pool_sigma * cell,
+        )
         self._crew = Crew(shape)
         self._selected = _selected_units(shape, self.centres_y, self.centres_x, params)
 
@@ -118,6 +139,9 @@ class PooledJudge:
         best = int(opponency.argmax())
         row, column = divmod(best, opponency.shape[1])
         value = float(opponency[row, column])
+        responses = self.maps.responses
+        np.multiply(opponency, self._params.gain * opponency, out=responses)
+        responses[opponency <= self._params.threshold] = 0
         above = value > self._params.threshold
         return Verdict(
             response=self._params.gain * value**2 if above else 0.0,
@@ -169,7 +193,8 @@ class _Pair:
         self._one, self._other = (
             np.zeros((rows + 2 * margin, columns + 2 * margin), np.float32) for _ in range(2)
         )
-        self._inside = np.s_[margin : margin + rows, margin : margin + columns]
+        inside = np.s_[margin : margin + rows, margin : margin + columns]
+        self.passing, self.opposite = self._one[inside], self._other[inside]
         # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u. The units of all rows
         # stand in one line, with what lies between them: long lines are added fastest.
         self._ahead = _by_offset(self._one, margin)
@@ -183,8 +208,8 @@ class _Pair:
 
     def __call__(self, passing: Map, opposite: Map) -> None:
         """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted, into `difference`."""
-        self.pool(passing, self._one[self._inside])
-        self.pool(opposite, self._other[self._inside])
+        self.pool(passing, self.passing)
+        self.pool(opposite, self.opposite)
         self._sum[:] = 0
         step = len(self._products)
         for first in range(0, len(self._weights), step):
@@ -212,6 +237,14 @@ class PixelwiseJudge:
         columns, rows = params.grid() or (1, 1)
         self.lefts = _evenly(shape[1] - self._field, columns)
         self.tops = _evenly(shape[0] - self._field, rows)
+        self.maps = UnitMaps(
+            np.zeros((rows, columns), np.float32),
+            {},
+            np.asarray(self.tops, np.float64) + self._field / 2,
+            np.asarray(self.lefts, np.float64) + self._field / 2,
+            float(self._field),
+            0.0,
+        )
 
     def map(self, direction: int) -> Map:  # noqa: ARG002 - all are alike
         """Return a new map of zeros for a pathway.
@@ -245,6 +278,7 @@ class PixelwiseJudge:
             [[self._unit(pathways, top, left) for left in self.lefts] for top in self.tops]
         )
         row, column = divmod(int(values[..., 0].argmax()), values.shape[1])
+        self.maps.responses[:] = values[..., 0]
         return Verdict(
             response=float(values[..., 0].sum()),
             opponency=float(values[row, column, 1]),

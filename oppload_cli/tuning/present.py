@@ -105,7 +105,9 @@ def present(protocol: Protocol, settings: Settings) -> dict[str, Responses]:
     """
     # analyse asks of a video no more than its frames and its working size.
     video = cast("Video", StimulusVideo(protocol, settings.height))
-    records = list(analyse(video, settings.model_params(), repeats=settings.repeats, rmo=None))
+    records = list(
+        analyse(video, settings.model_params(), places=None, repeats=settings.repeats, rmo=None)
+    )
     frame = np.array([record.frame for record in records], float)
     time = np.array([record.time_s for record in records])
     made = {}
