@@ -98,7 +98,11 @@ class Products:
             square_x, square_y, opponency = moments
             before = x, y
             x, y = self._half(square_x * self._cell_x**2), self._half(square_y * self._cell_y**2)
-            limited = cut and (x > reach_x * self._cell_x / 1.5 or y > reach_y * self._cell_y / 1.5)
+            # The blurred edge must lie within the products, or its size is cut short.
+            blur = self._maps.spread
+            limited = cut and (
+                x + blur > reach_x * self._cell_x or y + blur > reach_y * self._cell_y
+            )
             found = Extent(x, y, opponency, limited)
             if abs(x - before[0]) < self._cell_x / 4 and abs(y - before[1]) < self._cell_y / 4:
                 break

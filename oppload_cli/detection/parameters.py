@@ -28,7 +28,7 @@ class PlaceParams(Parameters):
         0.4, "how far back the growth of an object is followed", unit="s", low=0.01, high=60
     )
     least_frames: int = parameter(
-        5, "frames that the time to contact needs", unit="frames", low=3, high=1000
+        4, "frames that the time to contact needs", unit="frames", low=3, high=1000
     )
     least_growth: float = parameter(
         1.15, "growth of the size over them that it needs", low=1, high=100

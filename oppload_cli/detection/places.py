@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from oppload_cli.models.units import UnitMaps
 
 NEAR = 0.25  # receptive fields: a focus that near to an object's is always its own
+GROWTH = 1.25  # from one frame to the next, shortly before contact
 
 
-@dataclass
+@dataclass(eq=False)
 class Track:
     """One object over time, in working pixels.
 
@@ -52,9 +53,8 @@ class Track:
 
     def holds(self, x: float, y: float, near: float) -> float | None:
         """Return how far off its focus a point of it is, 0 to 1; None for one outside."""
-        away = max(
-            abs(x - self.x) / max(near, self.extent.x), abs(y - self.y) / max(near, self.extent.y)
-        )
+        reach_x, reach_y = (max(near, GROWTH * half) for half in (self.extent.x, self.extent.y))
+        away = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
         return away if away <= 1 else None
 
 
@@ -105,7 +105,7 @@ class Places:
                 track = self._new(peak, time_s)
             elif track not in shown:
                 self._follow(track, peak, time_s)
-            if track is not None and track not in shown:
+            if track and track not in shown:
                 shown.append(track)
         self._before_s = time_s
         return shown

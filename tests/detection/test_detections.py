@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli import AlarmParams, Detection, FrameRecord, OpplodResponse, analyse, open_video
+from oppload_cli.detection.detections import Detections
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.video.working import WorkingSize
+from tests.detection.showing import RATE, SIZE, approaching, remaining, together
+from tests.media import write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from tests.media import Luma
+
+TWICE = WorkingSize(SIZE, SIZE, 3.0, 2.0)
+
+
+def two_disks(frames: int) -> list[Luma]:
+    return together(approaching(65, 70, 26, frames), approaching(178, 165, 28, frames))
+
+
+def detected(
+    frames: Iterable[Luma], alarm: bool = False, threshold: float | None = None
+) -> list[Detection]:
+    """The detections of the last frame; the alarm goes on with it."""
+    model = Opplod((SIZE, SIZE))
+    detections = Detections(model.judge.maps, TWICE)
+    *before, last = frames
+    for t, frame in enumerate(before):
+        if model.step(frame):
+            detections.step(t / RATE, alarm=False, threshold=None)
+    model.step(last)
+    return list(detections.step(len(before) / RATE, alarm, threshold))
+
+
+def test_detections_are_in_source_pixels() -> None:
+    [found] = detected(approaching(131, 103, 24, 18))
+    assert (found.centre_x, found.centre_y) == pytest.approx((3 * 131, 2 * 103), abs=3)
+    assert (found.box.width / 3, found.box.height / 2) == pytest.approx((96, 96), rel=0.1)
+    middle = found.box.x + found.box.width / 2, found.box.y + found.box.height / 2
+    assert middle == pytest.approx((found.centre_x, found.centre_y))
+    assert found.time_to_contact_s == pytest.approx(remaining(17, 24), rel=0.1)
+
+
+def test_boxes_end_at_the_frame() -> None:
+    [found] = detected(approaching(90, 90, 24, 22))
+    assert (found.box.x, found.box.y) == (0, 0)
+    assert (found.box.width / 3, found.box.height / 2) == pytest.approx((200, 200), rel=0.05)
+
+
+def test_the_alarm_is_that_of_what_set_it_off_and_of_what_is_above_the_threshold() -> None:
+    frames = two_disks(20)
+    first, second = detected(frames)
+    assert [each.alarm for each in (first, second)] == [False, False]
+    between = (first.response + second.response) / 2
+    assert [each.alarm for each in detected(frames, alarm=True)] == [True, False]
+    assert [each.alarm for each in detected(frames, True, between)] == [True, False]
+    assert [each.alarm for each in detected(frames, True, second.response / 2)] == [True, True]
+    assert [each.alarm for each in detected(frames, False, second.response / 2)] == [False, False]
+
+
+def records(path: Path, frames: Iterable[Luma]) -> list[FrameRecord]:
+    images = [(frame * 255).round().astype(np.uint8) for frame in frames]
+    with open_video(write_video(path, images)) as video:
+        return list(analyse(video, alarm=AlarmParams(guard_s=0, enough=1, window=1)))
+
+
+def test_a_pass_over_a_video_gives_detections(tmp_path: Path) -> None:
+    found = records(tmp_path / "a.mkv", [*two_disks(21), *[two_disks(21)[-1]] * 8])
+    for record in found[:21]:
+        response = record.responses["opplod"]
+        if record.detections:
+            assert isinstance(response, OpplodResponse)
+            assert record.detections[0].response == pytest.approx(response.response, rel=1e-5)
+    assert [len(record.detections) for record in found[15:21]] == [2] * 6
+    assert found[20].alarms["opplod"]
+    assert found[20].detections[0].alarm
+    # It stands still.
+    assert not any(record.detections for record in found[21:])
+
+
+def test_a_still_video_has_no_detections(tmp_path: Path) -> None:
+    found = records(tmp_path / "a.mkv", [two_disks(16)[-1]] * 14)
+    assert not any(record.detections for record in found)
+
+
+def test_no_objects_are_looked_for_without_opplod_or_places(tmp_path: Path) -> None:
+    images = [(frame * 255).round().astype(np.uint8) for frame in two_disks(20)]
+    path = write_video(tmp_path / "a.mkv", images)
+    with open_video(path) as video:
+        assert not any(record.detections for record in analyse(video, places=None))
+    from oppload_cli import DlgmdParams
+
+    with open_video(path) as video:
+        assert not any(record.detections for record in analyse(video, [DlgmdParams()]))

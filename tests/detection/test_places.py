@@ -1,0 +1,133 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli.detection.parameters import PlaceParams
+from oppload_cli.detection.places import Places
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.parameters import OpplodParams
+from tests.detection.showing import LENGTH, RATE, SIZE, approaching, remaining, shown, together
+from tests.media import disk, texture
+
+
+def test_a_disk_is_one_object_with_its_focus_and_its_box() -> None:
+    """The moving edge of a frame lies between this frame's outline and the last one's."""
+    found = shown(approaching(131, 103, 24, 20))
+    assert [len(tracks) for tracks in found[12:]] == [1] * 8
+    for t, [track] in enumerate(found[12:], 12):
+        assert track.identity == 1
+        assert (track.x, track.y) == pytest.approx((131, 103), abs=1.5)
+        last, now = (LENGTH / remaining(at, 24) for at in (t - 1, t))
+        for half in (track.extent.x, track.extent.y):
+            assert last - 1 < half < now + 1
+
+
+@pytest.mark.parametrize(("width", "height"), [(1.0, 0.6), (0.6, 1.0)])
+def test_a_box_has_the_width_and_the_height_of_an_ellipse(width: float, height: float) -> None:
+    across = np.arange(SIZE) + 0.5 - 120
+    found = []
+    for t in range(16):
+        radius = LENGTH / remaining(t, 22)
+        distance = np.hypot(across[None, :] / width, across[:, None] / height)
+        found.append((1 - np.clip(radius - distance + 0.5, 0, 1)).astype(np.float32))
+    [track] = shown(found)[-1]
+    radius = LENGTH / (remaining(15, 22) + 0.5 / RATE)
+    assert track.extent.size == pytest.approx(radius * (width * height) ** 0.5, rel=0.05)
+    # The far ends move faster and answer more: long objects look a little longer.
+    assert track.extent.x == pytest.approx(width * radius, rel=0.17)
+    assert track.extent.y == pytest.approx(height * radius, rel=0.17)
+
+
+def test_an_object_larger_than_the_field_keeps_its_focus_and_number() -> None:
+    """From frame 20 on its edge is out of the field of the unit at its focus."""
+    found = shown(approaching(120, 120, 26, 23))
+    for t in (20, 21, 22):
+        first = found[t][0]
+        assert first.identity == 1
+        assert (first.x, first.y) == pytest.approx((120, 120), abs=6)
+        assert first.extent.size == pytest.approx(LENGTH / (remaining(t, 26) + 0.5 / RATE), rel=0.1)
+
+
+def test_two_disks_are_two_objects_that_keep_their_numbers() -> None:
+    found = shown(together(approaching(65, 70, 26, 21), approaching(178, 165, 28, 21)))
+    both = [{track.identity: track for track in tracks} for tracks in found[15:]]
+    assert [sorted(tracks) for tracks in both] == [[1, 2]] * 6
+    for tracks in both:
+        assert (tracks[1].x, tracks[1].y) == pytest.approx((65, 70), abs=3)
+        assert (tracks[2].x, tracks[2].y) == pytest.approx((178, 165), abs=3)
+    assert all(tracks[0].response >= tracks[1].response for tracks in found[15:])
+
+
+def test_a_moving_object_keeps_its_number() -> None:
+    frames = [disk(SIZE, 60 + 4 * t, 120, LENGTH / remaining(t, 24)) for t in range(19)]
+    found = shown(frames)
+    assert {track.identity for tracks in found for track in tracks} == {1}
+    assert found[-1][0].x == pytest.approx(60 + 4 * 17.5, abs=5)
+
+
+def test_an_object_keeps_its_number_over_a_short_gap() -> None:
+    frames = approaching(120, 120, 28, 24)
+    short = shown(frames, hidden=range(16, 20))
+    assert [len(tracks) for tracks in short[15:21]] == [1, 0, 0, 0, 0, 1]
+    assert short[20][0].identity == 1
+    long = shown(frames, PlaceParams(gap_s=0.1), hidden=range(16, 20))
+    assert long[20][0].identity == 2
+
+
+def test_an_object_of_a_slow_video_keeps_its_number() -> None:
+    """At 2 frames/s the last frame is longer ago than any gap allowed."""
+    found = shown(approaching(120, 120, 24, 20), rate=2)
+    assert {track.identity for tracks in found for track in tracks} == {1}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_first_object_is_the_winning_unit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = Opplod((SIZE, 300))
+    for scale in (0.0, 0.0, 0.05, 0.1, 1.0):
+        answer = model.step(rng.random((SIZE, 300), dtype=np.float32) * np.float32(scale))
+    assert answer is not None
+    assert answer.box is not None
+    first, *others = Places(model.judge.maps, PlaceParams(share=0, most=20)).step(0)
+    assert first.response == pytest.approx(answer.response, rel=1e-5)
+    field = answer.box.width
+    middle = answer.box.x + field / 2, answer.box.y + field / 2
+    assert (first.x, first.y) == pytest.approx(middle, abs=4)
+    assert others
+    for other in others:
+        assert max(abs(other.x - first.x), abs(other.y - first.y)) > field / 2 - 8
+
+
+def test_the_floor_the_share_and_the_number_leave_objects_out() -> None:
+    frames = together(approaching(65, 70, 24, 19), approaching(178, 165, 28, 19))
+    first, second = shown(frames)[-1]
+    ratio = second.response / first.response
+    assert len(shown(frames, PlaceParams(share=1.1 * ratio))[-1]) == 1
+    assert len(shown(frames, PlaceParams(share=0.9 * ratio))[-1]) == 2
+    assert len(shown(frames, PlaceParams(most=1))[-1]) == 1
+    assert len(shown(frames, PlaceParams(floor=1.1 * second.response))[-1]) == 1
+    assert shown(frames, PlaceParams(floor=1.1 * first.response))[-1] == []
+
+
+def test_nothing_is_found_where_nothing_looms() -> None:
+    image = texture(SIZE, 320, 4)
+    still = [image[:, :SIZE].copy()] * 10
+    drift = [np.ascontiguousarray(image[:, 2 * t : 2 * t + SIZE]) for t in range(14)]
+    moving = [disk(SIZE, 60 + 4 * t, 120, 30) for t in range(16)]
+    # Once the first frames are over: before, nothing moves, and there is no inhibition.
+    receding = approaching(120, 120, 26, 20)[::-1]
+    for frames in (still, drift, moving, receding):
+        assert not any(shown(frames)[5:])
+
+
+def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
+    params = OpplodParams(
+        judgement="pixelwise", receptive_field=100, cell=1, pool_sigma=0, periphery=0, units="3x3"
+    )
+    model = Opplod((SIZE, SIZE), params)
+    for frame in approaching(120, 120, 24, 18):
+        model.step(frame)
+    first = Places(model.judge.maps).step(0)[0]
+    assert (first.x, first.y, first.extent.x, first.extent.y) == (120, 120, 50, 50)
+    assert first.time_to_contact_s is None
