@@ -164,8 +164,8 @@ class Products:
         return float(along_x) / total, float(along_y) / total, difference
 
     def _half(self, square: float) -> float:
-        """Return the half size of an ellipse, at least a quarter of the blur."""
-        return math.sqrt(max(2 * square - self._maps.spread**2, (self._maps.spread / 4) ** 2))
+        """Return the half size of an ellipse, at least half of the blur."""
+        return math.sqrt(max(2 * square - self._maps.spread**2, (self._maps.spread / 2) ** 2))
 
     def _signs(self, phi: int) -> Map:
         """Return 1 at the offsets u with u . u_phi > 0, -1 where it is below 0."""

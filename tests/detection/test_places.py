@@ -49,6 +49,14 @@ def test_an_object_larger_than_the_field_keeps_its_focus_and_number() -> None:
         assert first.extent.size == pytest.approx(LENGTH / (remaining(t, 26) + 0.5 / RATE), rel=0.1)
 
 
+def test_an_object_larger_than_the_field_is_followed() -> None:
+    """Its edge is out of the field from frame 5 on."""
+    found = shown([disk(SIZE, 90 + 1.5 * t, 120, 40 + 2.5 * t) for t in range(24)])
+    for t, tracks in enumerate(found[10:], 10):
+        assert [track.identity for track in tracks] == [1]
+        assert (tracks[0].x, tracks[0].y) == pytest.approx((90 + 1.5 * (t - 0.5), 120), abs=8)
+
+
 def test_two_disks_are_two_objects_that_keep_their_numbers() -> None:
     found = shown(together(approaching(65, 70, 26, 21), approaching(178, 165, 28, 21)))
     both = [{track.identity: track for track in tracks} for tracks in found[15:]]

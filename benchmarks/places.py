@@ -1,0 +1,199 @@
+"""Measure the places of looming objects: the figures of ``docs/places.md``.
+
+    python -m benchmarks.places                  # on stimuli: focus, box, time to contact
+    python -m benchmarks.places --clips FOLDER   # on labelled clips: the winning unit
+
+FOLDER holds ``manifest.csv`` (file, contact_frame, ...) and ``boxes.json`` (file, frame,
+[x, y, width, height] in source pixels).
+"""  # fmt: skip
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import statistics
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+
+from oppload_cli import OpplodParams, OpplodResponse, analyse, open_video, stimulus
+from oppload_cli.stimulus.truth import frame_truth
+from oppload_cli.tuning.present import StimulusVideo
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from oppload_cli.results.record import Detection
+    from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.stimulus.truth import ObjectTruth
+    from oppload_cli.video.source import Video
+
+LAST_S = 0.5
+NEAR_CONTACT = 15  # frames
+LOOM = "klapoetke2017/loom-l-over-v"
+L_OVER_V = "disk.growth.l_over_v_ms"
+ASIDE = {"disk.centre_deg": [12, -9], "disk.growth.most_deg": 40}
+CONDITIONS: list[tuple[str, str, dict[str, Any]]] = [
+    *((f"disk, l/v {ms} ms", LOOM, {L_OVER_V: ms}) for ms in (20, 30, 40, 60, 80, 100)),
+    *((f"aside, l/v {ms} ms", LOOM, {L_OVER_V: ms, **ASIDE}) for ms in (20, 40, 60, 100)),
+    *((f"bright, l/v {ms} ms", "klapoetke2017/loom-bright", {L_OVER_V: ms}) for ms in (40, 100)),
+    *(
+        (f"texture at rest, l/v {ms} ms", "controls/looming-on-static-texture", {L_OVER_V: ms})
+        for ms in (30, 60, 100)
+    ),
+    ("texture that zooms, l/v 60 ms", "controls/looming-on-zooming-texture", {}),
+    ("texture that moves, l/v 60 ms", "controls/looming-on-moving-texture", {}),
+    ("perspective, 60 frames/s", "controls/looming-perspective", {}),
+    ("motion blur", "controls/looming-motion-blur", {"effects.shutter": 0.5}),
+    ("contrast 0.15", "controls/looming-contrast", {"disk.luminance": 0.35}),
+    ("noise 0.05", "controls/looming-noise", {"effects.noise": 0.05}),
+    ("camera shake", "controls/looming-with-shake", {}),
+    ("near miss", "controls/near-miss", {}),
+    ("two disks", "controls/two-looming-disks", {}),
+    ("square, upright", "controls/looming-square", {"square.axis_deg": 0}),
+    ("square, on its corner", "controls/looming-square", {"square.axis_deg": 45}),
+]
+
+
+@dataclass
+class Measured:
+    """What was found of one stimulus; sizes relative, focus in stimulus pixels."""
+
+    frames: int = 0
+    errors: list[float] = field(default_factory=list)
+    focus: list[float] = field(default_factory=list)
+    size: list[float] = field(default_factory=list)
+    identities: set[int] = field(default_factory=set)
+
+    def row(self, name: str) -> str:
+        """Return a line of the table."""
+        errors = [abs(error) for error in self.errors]
+        cells = [
+            name,
+            f"{len(errors)} of {self.frames}",
+            _percent(errors, statistics.median),
+            _percent(errors, max),
+            f"{statistics.median(self.focus):.1f}" if self.focus else "",
+            _percent(self.size, statistics.median, "+"),
+            str(len(self.identities)) if self.identities else "",
+        ]
+        return f"| {' | '.join(cells)} |"
+
+
+def measured(protocol: Protocol) -> Measured:
+    """Show a stimulus, and hold every detection against the truth."""
+    result = Measured()
+    video = cast("Video", StimulusVideo(protocol, 240))
+    for record in analyse(video, [OpplodParams()], rmo=None):
+        truth = frame_truth(protocol, record.frame)
+        result.identities |= {each.identity for each in record.detections}
+        for thing in truth.objects:
+            if thing.time_to_contact_s and thing.looming:  # until it has its largest size
+                _compare(result, protocol, thing, record.detections)
+    return result
+
+
+def _compare(
+    result: Measured, protocol: Protocol, thing: ObjectTruth, found: tuple[Detection, ...]
+) -> None:
+    """Add the detection whose focus lies within the object, the nearest one."""
+    radius = _radius(protocol, thing)
+    away = [
+        (math.hypot(each.centre_x - thing.centre_x_px, each.centre_y - thing.centre_y_px), each)
+        for each in found
+    ]
+    distance, nearest = min(away, key=lambda pair: pair[0], default=(math.inf, None))
+    time_s = thing.time_to_contact_s or math.inf
+    last = time_s <= LAST_S + 1e-9
+    result.frames += last
+    if nearest is None or distance > radius:
+        return
+    result.focus.append(distance)
+    result.size.append(math.sqrt(nearest.box.width * nearest.box.height) / 2 / radius - 1)
+    if last and nearest.time_to_contact_s is not None:
+        result.errors.append(nearest.time_to_contact_s / time_s - 1)
+
+
+def _radius(protocol: Protocol, thing: ObjectTruth) -> float:
+    """Return half the size of an object in stimulus pixels."""
+    half, scale = (thing.angular_size_deg or 0) / 2, protocol.display.scale
+    if protocol.display.projection == "perspective":
+        return scale * 180 / math.pi * math.tan(math.radians(half))
+    return scale * half
+
+
+def _percent(values: list[float], of: Any, sign: str = "") -> str:
+    return f"{100 * of(values):{sign}.0f} %" if values else ""
+
+
+def contact_table() -> Iterator[str]:
+    """Yield the table of the stimuli, and the median over all of them."""
+    yield "| stimulus | given | median error | largest | focus, px | size | numbers |"
+    yield "|---|---|---|---|---|---|---|"
+    everything = Measured()
+    for name, protocol, settings in CONDITIONS:
+        result = measured(stimulus.load_all(protocol, settings)[0])
+        yield result.row(name)
+        everything.frames += result.frames
+        everything.errors += result.errors
+        everything.focus += result.focus
+        everything.size += result.size
+    yield everything.row("**all**")
+
+
+def localisation(folder: Path) -> Iterator[str]:
+    """Yield how often the winning unit lies in the labelled box, grown by half its size."""
+    boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
+    hits: dict[str, list[bool]] = {}
+    with (folder / "manifest.csv").open(encoding="utf-8") as file:
+        clips = [row for row in csv.DictReader(file) if row["file"] in boxes]
+    for clip in clips:
+        name, contact = clip["file"], int(clip["contact_frame"])
+        near = {int(frame): box for frame, box in boxes[name].items()}
+        with open_video(folder / name, height=240) as video:
+            records = {each.frame: each for each in analyse(video, [OpplodParams()], rmo=None)}
+        hits[name] = [
+            _hit(records[frame].responses["opplod"], box)
+            for frame, box in near.items()
+            if abs(frame - contact) <= NEAR_CONTACT
+        ]
+        yield f"| {name} | {sum(hits[name])} of {len(hits[name])} |"
+    every = [hit for each in hits.values() for hit in each]
+    low, high = _interval(list(hits.values()))
+    share = f"{100 * statistics.mean(every):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
+    yield f"| **all** | {sum(every)} of {len(every)}: {share} |"
+
+
+def _hit(answer: object, box: list[float]) -> bool:
+    if not isinstance(answer, OpplodResponse) or answer.box is None:
+        return False
+    x, y = answer.box.x + answer.box.width / 2, answer.box.y + answer.box.height / 2
+    left, top, width, height = box
+    away_x, away_y = abs(x - left - width / 2), abs(y - top - height / 2)
+    return away_x <= 0.75 * width and away_y <= 0.75 * height
+
+
+def _interval(clips: list[list[bool]]) -> tuple[float, float]:
+    """Return the 95 % interval of the share by a bootstrap over clips."""
+    rng = np.random.default_rng(0)
+    counts = np.array([[sum(hits), len(hits)] for hits in clips])
+    drawn = counts[rng.integers(0, len(counts), (2000, len(counts)))].sum(axis=1)
+    low, high = np.quantile(drawn[:, 0] / drawn[:, 1], [0.025, 0.975])
+    return float(low), float(high)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--clips", type=Path)
+    folder = parser.parse_args().clips
+    for line in localisation(folder) if folder else contact_table():
+        print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Peaks and extents on maps made by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from oppload_cli.detection.extent import Products
+from oppload_cli.detection.parameters import PlaceParams
+from oppload_cli.detection.peaks import focus, peaks
+from oppload_cli.models.units import UnitMaps
+
+CELLS, CELL = 41, 8.0
+MIDDLE = CELLS // 2
+
+
+def blank() -> UnitMaps:
+    centres = np.asarray((np.arange(CELLS) + 0.5) * CELL, np.float64)
+    maps = {phi: np.zeros((CELLS, CELLS), np.float32) for phi in (45, 225, 135, 315)}
+    field, spread = 100.0, 4.0
+    return UnitMaps(
+        np.zeros((CELLS, CELLS), np.float32), maps, centres, centres.copy(), field, spread
+    )
+
+
+def apart(maps: UnitMaps, right: int, up: int, energy: float) -> None:
+    """Let two points move away from the middle, along 45 degrees."""
+    maps.pathways[45][MIDDLE - up, MIDDLE + right] += energy
+    maps.pathways[225][MIDDLE + up, MIDDLE - right] += energy
+
+
+def test_the_extent_of_two_points_that_move_apart() -> None:
+    maps = blank()
+    apart(maps, 5, 3, 1.0)
+    extent = Products(maps).extent(MIDDLE, MIDDLE, 50, 50)
+    assert extent is not None
+    assert extent.x == pytest.approx(math.sqrt(2 * 40**2 - 4**2))
+    assert extent.y == pytest.approx(math.sqrt(2 * 24**2 - 4**2))
+    assert extent.opponency == 1
+    assert not extent.limited
+
+
+def test_what_moves_far_outside_an_object_does_not_count() -> None:
+    maps = blank()
+    apart(maps, 2, 2, 1.0)
+    apart(maps, 8, 8, 0.1)
+    extent = Products(maps).extent(MIDDLE, MIDDLE, 100, 100)
+    assert extent is not None
+    assert extent.size == pytest.approx(math.sqrt(2 * 16**2 - 4**2))
+
+
+def test_what_moves_together_counts_against_the_opponency_only() -> None:
+    maps = blank()
+    apart(maps, 3, 3, 2.0)
+    apart(maps, -2, -2, 1.0)
+    extent = Products(maps).extent(MIDDLE, MIDDLE, 50, 50)
+    assert extent is not None
+    assert extent.x == pytest.approx(math.sqrt(2 * 24**2 - 4**2))
+    assert extent.opponency == 4 - 1
+    assert Products(blank()).extent(MIDDLE, MIDDLE, 50, 50) is None
+
+
+def test_an_object_at_the_frames_edge_is_limited() -> None:
+    maps = blank()
+    maps.pathways[45][MIDDLE - 3, 6] = maps.pathways[225][MIDDLE + 3, 0] = 1
+    extent = Products(maps).extent(MIDDLE, 3, 50, 50)
+    assert extent is not None
+    assert extent.limited
+
+
+def test_peaks_have_a_receptive_field_to_themselves() -> None:
+    maps = blank()
+    for row, column, response in ((20, 20, 9.0), (20, 26, 8.0), (20, 27, 0.0), (27, 20, 5.0)):
+        maps.responses[row, column] = response
+    found = peaks(maps, PlaceParams(share=0))
+    # 48 px away is within half a field of 100 px, 56 px is not.
+    assert found == [(20, 20, 9.0), (27, 20, 5.0)]
+
+
+def test_nothing_answers_in_empty_maps() -> None:
+    assert peaks(blank(), PlaceParams(floor=0)) == []
+
+
+def test_the_focus_is_the_top_of_a_bell() -> None:
+    maps = blank()
+    y, x = np.mgrid[:CELLS, :CELLS]
+    maps.responses[:] = np.exp(-((x - 20.3) ** 2 + (y - 11.8) ** 2) / 6)
+    [peak] = peaks(maps, PlaceParams())
+    assert (peak.row, peak.column) == (12, 20)
+    assert focus(maps, 12, 20) == pytest.approx((20.8 * CELL, 12.3 * CELL), abs=0.01)
+    assert focus(maps, 0, 40) == (maps.centres_x[40], maps.centres_y[0])
