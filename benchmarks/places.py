@@ -1,7 +1,8 @@
 """Measure the places of looming objects: the figures of ``docs/places.md``.
 
     python -m benchmarks.places                  # on stimuli: focus, box, time to contact
-    python -m benchmarks.places --clips FOLDER   # on labelled clips: the winning unit
+    python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
+    python -m benchmarks.places --cost FOLDER    # processor time
 
 FOLDER holds ``manifest.csv`` (file, contact_frame, ...) and ``boxes.json`` (file, frame,
 [x, y, width, height] in source pixels).
@@ -14,19 +15,23 @@ import csv
 import json
 import math
 import statistics
+import time
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from oppload_cli import OpplodParams, OpplodResponse, analyse, open_video, stimulus
+from oppload_cli import Opplod, OpplodParams, OpplodResponse, analyse, open_video, stimulus
+from oppload_cli.detection.places import Places
 from oppload_cli.stimulus.truth import frame_truth
 from oppload_cli.tuning.present import StimulusVideo
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
+    from oppload_cli.models.opplod import Box
     from oppload_cli.results.record import Detection
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.stimulus.truth import ObjectTruth
@@ -126,7 +131,7 @@ def _radius(protocol: Protocol, thing: ObjectTruth) -> float:
     return scale * half
 
 
-def _percent(values: list[float], of: Any, sign: str = "") -> str:
+def _percent(values: Sequence[float], of: Any, sign: str = "") -> str:
     return f"{100 * of(values):{sign}.0f} %" if values else ""
 
 
@@ -148,24 +153,92 @@ def contact_table() -> Iterator[str]:
 def localisation(folder: Path) -> Iterator[str]:
     """Yield how often the winning unit lies in the labelled box, grown by half its size."""
     boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
-    hits: dict[str, list[bool]] = {}
-    with (folder / "manifest.csv").open(encoding="utf-8") as file:
-        clips = [row for row in csv.DictReader(file) if row["file"] in boxes]
-    for clip in clips:
-        name, contact = clip["file"], int(clip["contact_frame"])
-        near = {int(frame): box for frame, box in boxes[name].items()}
+    yield "| clip | labelled frames | every frame between | overlap of the box |"
+    yield "|---|---|---|---|"
+    labelled: list[list[bool]] = []
+    every: list[list[bool]] = []
+    overlaps: list[float] = []
+    for clip in _clips(folder):
+        name, contact = clip["file"], clip["contact_frame"]
+        if name not in boxes:
+            continue
+        near = _between({int(frame): box for frame, box in boxes[name].items()}, int(contact))
         with open_video(folder / name, height=240) as video:
-            records = {each.frame: each for each in analyse(video, [OpplodParams()], rmo=None)}
-        hits[name] = [
-            _hit(records[frame].responses["opplod"], box)
+            records = list(analyse(video, [OpplodParams()], rmo=None))
+        hits = {frame: _hit(records[frame].responses["opplod"], box) for frame, box in near.items()}
+        labelled.append([hits[int(frame)] for frame in boxes[name] if int(frame) in hits])
+        every.append(list(hits.values()))
+        own = [
+            _overlap(records[frame].detections[0].box, box)
             for frame, box in near.items()
-            if abs(frame - contact) <= NEAR_CONTACT
+            if records[frame].detections
         ]
-        yield f"| {name} | {sum(hits[name])} of {len(hits[name])} |"
-    every = [hit for each in hits.values() for hit in each]
-    low, high = _interval(list(hits.values()))
-    share = f"{100 * statistics.mean(every):.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
-    yield f"| **all** | {sum(every)} of {len(every)}: {share} |"
+        overlaps += own
+        yield _clip_row(name, labelled[-1], every[-1], own)
+    yield _clip_row("**all**", list(chain(*labelled)), list(chain(*every)), overlaps)
+    low, high = _interval(labelled)
+    yield f"95 % interval of the labelled frames: {100 * low:.0f} to {100 * high:.0f} %"
+
+
+def cost(folder: Path) -> Iterator[str]:
+    """Yield the processor time of the search for objects per frame, in microseconds."""
+    yield "| clip | mean per frame, us | over decoding and OppLoD |"
+    yield "|---|---|---|"
+    every: list[tuple[float, float, int]] = []
+    for clip in _clips(folder):
+        with open_video(folder / clip["file"], height=240) as video:
+            model = Opplod(video.working.shape)
+            places = Places(model.judge.maps)
+            frames, searched, started = 0, 0.0, time.process_time()
+            for frame in video:
+                if model.step(frame.luma):
+                    before = time.thread_time()  # without the decoder's threads
+                    places.step(frame.time_s)
+                    searched += time.thread_time() - before
+                    frames += 1
+            every.append((searched, time.process_time() - started, frames))
+        yield _cost_row(clip["file"], every[-1:])
+    yield _cost_row("**all**", every)
+
+
+def _cost_row(name: str, times: list[tuple[float, float, int]]) -> str:
+    searched, whole, frames = (sum(column) for column in zip(*times, strict=True))
+    share = 100 * searched / (whole - searched)
+    return f"| {name} | {1e6 * searched / frames:.0f} | {share:.1f} % |"
+
+
+def _clips(folder: Path) -> list[dict[str, str]]:
+    with (folder / "manifest.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _between(labels: dict[int, list[float]], contact: int) -> dict[int, list[float]]:
+    """Interpolate the boxes of the frames near contact from the labelled ones."""
+    known = sorted(labels)
+    sides = list(zip(*(labels[frame] for frame in known), strict=True))
+    return {
+        frame: [float(np.interp(frame, known, side)) for side in sides]
+        for frame in range(known[0], known[-1] + 1)
+        if abs(frame - contact) <= NEAR_CONTACT
+    }
+
+
+def _clip_row(name: str, labelled: list[bool], every: list[bool], overlaps: list[float]) -> str:
+    shares = [
+        f"{sum(hits)} of {len(hits)} ({_percent(hits, statistics.mean)})"
+        for hits in (labelled, every)
+    ]
+    overlap = f"{statistics.median(overlaps):.2f} ({len(overlaps)})" if overlaps else ""
+    return f"| {name} | {shares[0]} | {shares[1]} | {overlap} |"
+
+
+def _overlap(found: Box, box: list[float]) -> float:
+    """Return the intersection over union."""
+    left, top, width, height = box
+    across = min(found.x + found.width, left + width) - max(found.x, left)
+    down = min(found.y + found.height, top + height) - max(found.y, top)
+    shared = max(0.0, across) * max(0.0, down)
+    return shared / (found.width * found.height + width * height - shared)
 
 
 def _hit(answer: object, box: list[float]) -> bool:
@@ -189,9 +262,14 @@ def _interval(clips: list[list[bool]]) -> tuple[float, float]:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--clips", type=Path)
-    folder = parser.parse_args().clips
-    for line in localisation(folder) if folder else contact_table():
+    parser.add_argument("--clips", type=Path, metavar="FOLDER")
+    parser.add_argument("--cost", type=Path, metavar="FOLDER")
+    given = parser.parse_args()
+    if given.clips:
+        table = localisation(given.clips)
+    else:
+        table = cost(given.cost) if given.cost else contact_table()
+    for line in table:
         print(line, flush=True)
 
 
