@@ -94,7 +94,7 @@ class Products:
             reach_y, reach_x, cut = self._reach(row, column, x, y)
             moments = self._moments(row, column, reach_y, reach_x)
             if moments is None:
-                return None
+                break
             square_x, square_y, opponency = moments
             before = x, y
             x, y = self._half(square_x * self._cell_x**2), self._half(square_y * self._cell_y**2)

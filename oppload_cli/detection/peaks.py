@@ -41,10 +41,11 @@ def peaks(maps: UnitMaps, params: PlaceParams) -> list[Peak]:
         the floor. None lies in the receptive field of one before it.
     """
     responses = maps.responses
-    least = max(params.floor, params.share * float(responses.max()))
-    if not responses.max() >= least > 0:
+    largest = float(responses.max())
+    least = max(params.floor, params.share * largest)
+    if largest == 0 or largest < least:
         return []
-    tops = (responses >= cv2.dilate(responses, NEIGHBOURS)) & (responses >= least)
+    tops = (responses >= cv2.dilate(responses, NEIGHBOURS)) & (responses >= least) & (responses > 0)
     rows, columns = np.nonzero(tops)
     order = np.argsort(-responses[rows, columns], kind="stable")
     found: list[Peak] = []

@@ -79,8 +79,15 @@ def test_peaks_have_a_receptive_field_to_themselves() -> None:
     assert found == [(20, 20, 9.0), (27, 20, 5.0)]
 
 
+def test_without_a_floor_every_answer_counts() -> None:
+    maps = blank()
+    maps.responses[5, 5], maps.responses[30, 30] = 1.0, 1e-30
+    everything = PlaceParams(floor=0, share=0)
+    assert [(peak.row, peak.column) for peak in peaks(maps, everything)] == [(5, 5), (30, 30)]
+
+
 def test_nothing_answers_in_empty_maps() -> None:
-    assert peaks(blank(), PlaceParams(floor=0)) == []
+    assert peaks(blank(), PlaceParams(floor=0, share=0)) == []
 
 
 def test_the_focus_is_the_top_of_a_bell() -> None:
