@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from oppload_cli.models.bank import Response
-    from oppload_cli.video.frames import Frame
-    from oppload_cli.video.source import Video
+    from oppload_cli.video.frames import Frame, FrameSource
     from oppload_cli.video.working import WorkingSize
 
 DEFAULT_RMO = RmoParams()
@@ -33,7 +32,7 @@ DEFAULT_PLACES = PlaceParams()
 
 
 def analyse(
-    video: Video,
+    video: FrameSource,
     params: Sequence[OpplodParams | DlgmdParams] | None = None,
     *,
     alarm: AlarmParams | None = None,
@@ -45,8 +44,8 @@ def analyse(
 
     Parameters
     ----------
-    video : Video
-        From :func:`oppload_cli.open_video`; it is iterated, not closed.
+    video : FrameSource
+        Such as from :func:`oppload_cli.open_video`; it is iterated, not closed.
     params : sequence of OpplodParams or DlgmdParams, optional
         One set per model; both models with the defaults if left out.
     alarm : AlarmParams, optional
@@ -113,7 +112,7 @@ class _Seen(NamedTuple):
     opponency: RmoMetrics | None
 
 
-def _seen(video: Video, rmo: RmoParams | None, repeats: RepeatParams) -> Iterator[_Seen]:
+def _seen(video: FrameSource, rmo: RmoParams | None, repeats: RepeatParams) -> Iterator[_Seen]:
     flow = DenseFlow(rmo) if rmo else None
     copies = Repeats(repeats)
     was_passed_over = False

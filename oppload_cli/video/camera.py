@@ -45,7 +45,7 @@ class CameraSource:
             raise SourceError(
                 f"{name}: this camera gives no picture; check that it is there and not in use"
             )
-        height, width = first.shape
+        height, width = first.shape[:2]
         rate = self._capture.get(cv2.CAP_PROP_FPS)
         self.facts = InputFacts(
             name=name,
@@ -67,12 +67,14 @@ class CameraSource:
         Picture
         """
         start = time.monotonic()
-        plane = self._first
-        while plane is not None and not self.stopping:
+        colour = self._first
+        while colour is not None and not self.stopping:
             index = self.decode.decoded
             self.decode.decoded += 1
-            yield Picture(index, time.monotonic() - start if index else 0.0, plane)
-            plane = self._read()
+            time_s = time.monotonic() - start if index else 0.0
+            plane = np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
+            yield Picture(index, time_s, plane, original=colour)
+            colour = self._read()
 
     def finish(self) -> None:
         """Count a failure: a camera that stops by itself has failed."""
@@ -84,4 +86,4 @@ class CameraSource:
 
     def _read(self) -> NDArray[np.uint8] | None:
         read, colour = self._capture.read()
-        return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8) if read else None
+        return np.asarray(colour, np.uint8) if read else None

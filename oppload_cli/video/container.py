@@ -100,7 +100,7 @@ class ContainerSource:
             if (frame.width, frame.height) != size:
                 size = (frame.width, frame.height)
                 self.decode.note(f"the size becomes {size[0]} x {size[1]} at frame {index}")
-            yield Picture(index, time, plane, bits, is_full_range(frame, self._codec))
+            yield Picture(index, time, plane, bits, is_full_range(frame, self._codec), frame)
 
     def finish(self) -> None:
         """Count the frames that the container declared and that never came."""

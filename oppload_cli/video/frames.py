@@ -10,7 +10,10 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     import numpy as np
+    from av.video.frame import VideoFrame
     from numpy.typing import NDArray
+
+    from oppload_cli.video.working import WorkingSize
 
 
 @dataclass(frozen=True)
@@ -25,11 +28,25 @@ class Frame:
         Presentation time minus that of frame 0, in seconds.
     luma : ndarray of float32, shape (height, width)
         Luminance, 0 to 1, at the working size.
+    colour : ndarray of uint8, shape (rows, columns, 3), or None
+        The picture as displayed, blue, green and red, where it was asked for.
     """
 
     index: int
     time_s: float
     luma: NDArray[np.float32]
+    colour: NDArray[np.uint8] | None = None
+
+
+class FrameSource(Protocol):
+    """What a pass takes its frames from, such as an open video."""
+
+    @property
+    def working(self) -> WorkingSize:
+        """Size of the frames, and what a pixel of them is in the source."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames in order, once."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +63,8 @@ class Picture:
         Bits that a sample uses, 8 to 16.
     full_range : bool
         Whether samples use all of their range, or 16 to 235 (of 8 bits).
+    original : av.VideoFrame or ndarray of uint8, shape (rows, columns, 3)
+        What `plane` was taken from, in colour (an array is blue, green and red).
     """
 
     index: int
@@ -53,6 +72,7 @@ class Picture:
     plane: NDArray[np.uint8] | NDArray[np.uint16]
     bits: int = 8
     full_range: bool = True
+    original: VideoFrame | NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ class ImageSource:
         self._rate = frame_rate
         self._paths = image_paths(name)
         first = self._first_readable()
-        height, width = first.shape
+        height, width = first.shape[:2]
         self.facts = InputFacts(
             name=name,
             kind="images",
@@ -71,14 +71,16 @@ class ImageSource:
         for index, path in enumerate(self._paths):
             if self.stopping:
                 return
-            plane = self._plane(path)
-            if plane is None:
+            colour = self._image(path)
+            if colour is None:
                 continue
             self.decode.decoded += 1
-            if plane.shape != size:
-                size = (plane.shape[0], plane.shape[1])
+            if colour.shape[:2] != size:
+                size = (colour.shape[0], colour.shape[1])
                 self.decode.note(f"the size becomes {size[1]} x {size[0]} at {path.name}")
-            yield Picture(index, float(index / self._rate), plane)
+            # Grey by the Rec. 601 weights.
+            plane = np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
+            yield Picture(index, float(index / self._rate), plane, original=colour)
 
     def finish(self) -> None:
         """Nothing is missing that has not failed."""
@@ -88,16 +90,16 @@ class ImageSource:
 
     def _first_readable(self) -> NDArray[np.uint8]:
         for path in self._paths:
-            plane = self._plane(path)
-            if plane is not None:
+            colour = self._image(path)
+            if colour is not None:
                 self.decode = DecodeFacts()  # they are read, and counted, once more
-                return plane
+                return colour
         raise SourceError(
             f"{self._paths[0]}: none of these images can be read ({self.decode.messages[0]}); "
             f"check or convert them"
         )
 
-    def _plane(self, path: Path) -> NDArray[np.uint8] | None:
+    def _image(self, path: Path) -> NDArray[np.uint8] | None:
         """Return an image, or None, counted, if it cannot be read."""
         try:
             return _read(path)
@@ -169,7 +171,7 @@ def _pattern(name: str, number: re.Match[str]) -> re.Pattern[str]:
 
 
 def _read(path: Path) -> NDArray[np.uint8]:
-    """Return an image as 8-bit grey by the Rec. 601 weights."""
+    """Return an image, 8 bits of blue, green and red."""
     data = path.read_bytes()
     size = declared_size(data)
     if size is None:
@@ -178,7 +180,7 @@ def _read(path: Path) -> NDArray[np.uint8]:
     colour = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     if colour is None:
         raise SourceError("damaged")
-    return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
+    return np.asarray(colour, np.uint8)
 
 
 def _bytes(path: Path) -> int:

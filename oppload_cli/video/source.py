@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from oppload_cli.errors import SourceError
+from oppload_cli.video.colour import Colour
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import Frame
 from oppload_cli.video.images import NUMBER, ImageSource
@@ -40,9 +41,13 @@ class Video:
         Working height in pixels; None keeps the native size.
     span : Span
         The part of the input to yield.
+    colour : bool
+        Whether the frames carry their picture in colour.
     """
 
-    def __init__(self, source: PictureSource, height: int | None, span: Span) -> None:
+    def __init__(
+        self, source: PictureSource, height: int | None, span: Span, *, colour: bool = False
+    ) -> None:
         self._source = source
         self._span = span
         self._prefetch: Prefetch[Frame] | None = None
@@ -52,6 +57,7 @@ class Video:
             source.close()
             raise
         self._luminance = Luminance(self.working, source.facts.rotation)
+        self._colour = Colour(source.facts) if colour else None
 
     @property
     def facts(self) -> InputFacts:
@@ -101,7 +107,8 @@ class Video:
                 end = self._span.duration.after(*place)
             if end is not None and end.reached(*place):
                 return
-            yield Frame(*place, self._luminance(picture))
+            colour = self._colour(picture) if self._colour else None
+            yield Frame(*place, self._luminance(picture), colour)
         self._source.finish()
 
 
@@ -112,6 +119,7 @@ def open_video(
     span: Span | None = None,
     image_rate: Fraction = DEFAULT_IMAGE_RATE,
     threads: int = 0,
+    colour: bool = False,
 ) -> Video:
     """Open an input of any kind.
 
@@ -129,6 +137,8 @@ def open_video(
         Frames per second of images, which carry no times.
     threads : int
         Decoder threads; 0 leaves the choice to the decoder.
+    colour : bool
+        Whether the frames carry their picture in colour too.
 
     Returns
     -------
@@ -142,7 +152,7 @@ def open_video(
         If the working size is too large.
     """
     source = interruptible(partial(_source, str(name), image_rate, threads))
-    return Video(source, height, span or Span())
+    return Video(source, height, span or Span(), colour=colour)
 
 
 def _source(name: str, image_rate: Fraction, threads: int) -> PictureSource:

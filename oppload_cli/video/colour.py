@@ -1,0 +1,106 @@
+"""The picture of a frame in colour, as it is displayed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import av
+import cv2
+import numpy as np
+from av.video.reformatter import VideoReformatter
+
+from oppload_cli.video.working import TURNS, luminance_table
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.video.frames import InputFacts, Picture
+
+    Bgr = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
+
+LONGEST_SIDE = 1920  # px; what is larger is made smaller
+EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
+BT709, UNSPECIFIED = 1, 2  # AVCOL_SPC_BT709, AVCOL_SPC_UNSPECIFIED
+STANDARD_LINES = 576  # larger pictures that state no colour space are of BT.709
+
+
+def colour_size(facts: InputFacts) -> tuple[int, int]:
+    """Return the size of an input's pictures in colour.
+
+    Parameters
+    ----------
+    facts : InputFacts
+        Gives the displayed size.
+
+    Returns
+    -------
+    width, height : int
+        That of the source, or less: no side is longer than 1920 px.
+    """
+    scale = min(1.0, LONGEST_SIDE / max(facts.width, facts.height))
+    return max(1, round(facts.width * scale)), max(1, round(facts.height * scale))
+
+
+class Colour:
+    """Makes the pictures of one input, all of one size.
+
+    Parameters
+    ----------
+    facts : InputFacts
+        Gives the displayed size and the rotation.
+    """
+
+    def __init__(self, facts: InputFacts) -> None:
+        width, height = colour_size(facts)
+        self._turn = TURNS.get(facts.rotation)
+        self._coded = (height, width) if facts.rotation in (90, 270) else (width, height)
+        self._converter = VideoReformatter()
+
+    def __call__(self, picture: Picture) -> Bgr:
+        """Return a picture in colour.
+
+        Parameters
+        ----------
+        picture : Picture
+            A decoded picture of any size.
+
+        Returns
+        -------
+        ndarray of uint8, shape (height, width, 3)
+            Blue, green and red of the displayed picture; grey where the source is, or
+            where damage has left a colour space that cannot be converted.
+        """
+        colour = self._converted(picture)
+        if self._turn is None:
+            return colour
+        return np.asarray(cv2.rotate(colour, self._turn), np.uint8)
+
+    def _converted(self, picture: Picture) -> Bgr:
+        original = picture.original
+        if isinstance(original, np.ndarray):
+            return self._resized(original)
+        if original is None or original.format.name.startswith("gray"):
+            return self._grey(picture)
+        try:
+            return self._from_frame(original)
+        except (av.error.FFmpegError, ValueError):
+            return self._grey(picture)
+
+    def _from_frame(self, frame: av.VideoFrame) -> Bgr:
+        large = min(frame.width, frame.height) > STANDARD_LINES
+        assumed = BT709 if large and frame.colorspace == UNSPECIFIED else None
+        converted = self._converter.reformat(
+            frame, *self._coded, "bgr24", assumed, interpolation=EXACTLY, threads=1
+        )
+        return np.asarray(converted.to_ndarray(), np.uint8)
+
+    def _grey(self, picture: Picture) -> Bgr:
+        table = np.rint(luminance_table(picture.bits, picture.full_range) * 255).astype(np.uint8)
+        return self._resized(np.asarray(cv2.cvtColor(table[picture.plane], cv2.COLOR_GRAY2BGR)))
+
+    def _resized(self, colour: Bgr) -> Bgr:
+        if (colour.shape[1], colour.shape[0]) == self._coded:
+            return colour
+        shrinks = self._coded[0] <= colour.shape[1] and self._coded[1] <= colour.shape[0]
+        method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(colour, self._coded, interpolation=method), np.uint8)
