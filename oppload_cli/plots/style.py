@@ -8,20 +8,19 @@ from typing import TYPE_CHECKING, Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from oppload_cli import palette
 from oppload_cli.errors import ParameterError
 from oppload_cli.results.table import cannot_write
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Okabe and Ito's palette: told apart by the colour-blind, and in grey by their lightness.
-COLOURS = {"opplod": "#D55E00", "dlgmd": "#0072B2"}
-NAMES = {"opplod": "OppLoD", "dlgmd": "D-LGMD"}
+COLOURS, NAMES, INK, FAINT = palette.COLOURS, palette.NAMES, palette.INK, palette.FAINT
 UNITS = {"opplod": "arbitrary unit", "dlgmd": "mean of G"}
 CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
 SHADES = "cividis"
-INK, FAINT, LPLC2 = "#222222", "#999999", "#000000"
+LPLC2 = "#000000"
 # The width of a column of a journal: 8.5 cm. What is drawn wider is not shrunk to it.
 COLUMN = 8.5 / 2.54
 STYLE: Any = {  # Any: the stubs list every key there is

@@ -7,7 +7,6 @@ nothing half-written carries the target's name.
 from __future__ import annotations
 
 import contextlib
-import io
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ import numpy as np
 from oppload_cli.errors import OutputError, suggestion
 from oppload_cli.video.archive import NpzWriter, PngWriter
 from oppload_cli.video.atomic import Writer, remove
+from oppload_cli.video.sink import Sink
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -85,7 +85,7 @@ class VideoWriter(Writer):
 
         container, codec, pixels, options = _CODECS[self.path.suffix.lower()]
         # bitexact: no dates and no random identifiers, the same frames give the same bytes
-        self._sink = _Sink(self.part)
+        self._sink = Sink(self.part)
         self._container: Any = av.open(
             self._sink, "w", format=container, options={"fflags": "+bitexact"}
         )
@@ -130,53 +130,6 @@ class VideoWriter(Writer):
             with contextlib.suppress(OSError):
                 self._sink.close()
         remove(self.part)
-
-
-class _Sink:
-    """A file that keeps what goes wrong to itself until it is asked.
-
-    The encoder's library calls it from C, where an exception cannot pass; a full disk
-    would be printed as a stack of tracebacks, and the next call would fail again.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._file = io.FileIO(path, "w+")
-        self._problem: OSError | None = None
-
-    def write(self, data: bytes) -> int:
-        if self._problem is None:
-            try:
-                left = memoryview(data)
-                while left:
-                    left = left[self._file.write(left) :]
-            except OSError as problem:
-                self._problem = problem
-        return len(data)
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        if self._problem is None:
-            try:
-                return self._file.seek(offset, whence)
-            except OSError as problem:
-                self._problem = problem
-        return 0
-
-    def tell(self) -> int:
-        return self._file.tell() if self._problem is None else 0
-
-    def fail(self, problem: OSError) -> None:
-        """Write nothing more."""
-        self._problem = self._problem or problem
-
-    def check(self) -> None:
-        """Raise what went wrong."""
-        if self._problem is not None:
-            raise self._problem
-
-    def close(self) -> None:
-        """Close the file, and raise what went wrong."""
-        self._file.close()
-        self.check()
 
 
 def open_writer(
