@@ -1,0 +1,1 @@
+"""Annotated videos: the frames with boxes, and below them how the models respond."""

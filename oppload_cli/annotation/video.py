@@ -1,0 +1,198 @@
+"""The annotated video of one run, drawn and encoded beside it."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from oppload_cli.annotation.boxes import draw_detections
+from oppload_cli.annotation.history import History
+from oppload_cli.annotation.layout import layout_of
+from oppload_cli.annotation.strip import draw_strip
+from oppload_cli.palette import INK, bgr
+from oppload_cli.video.recording import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.video.colour import Bgr
+    from oppload_cli.video.frames import Frame, InputFacts
+    from oppload_cli.video.source import Video
+    from oppload_cli.video.working import WorkingSize
+
+AHEAD = 4  # frames that wait to be drawn
+
+
+class Painter:
+    """Draws annotated frames.
+
+    Parameters
+    ----------
+    facts : InputFacts
+        Of the input.
+    models : sequence of str
+        Whose responses are shown.
+    """
+
+    def __init__(self, facts: InputFacts, models: Sequence[str]) -> None:
+        self.layout = layout_of(facts)
+        rate, count = facts.frame_rate, facts.frames_declared
+        self._history = History(models, float(count / rate) if rate and count else None)
+
+    def draw(self, picture: Bgr, record: FrameRecord) -> Bgr:
+        """Return the next frame, annotated.
+
+        Parameters
+        ----------
+        picture : ndarray of uint8, shape (rows, columns, 3)
+            The frame in colour, of the size of :func:`oppload_cli.video.colour.colour_size`.
+        record : FrameRecord
+            What is known of it.
+
+        Returns
+        -------
+        ndarray of uint8, shape (height, width, 3)
+            Of the layout's size.
+        """
+        layout = self.layout
+        canvas = np.full((layout.height, layout.width, 3), bgr(INK), np.uint8)
+        size = (layout.picture.width, layout.picture.height)
+        # Enlarged by a whole number, if at all.
+        canvas[layout.picture.slices] = (
+            picture
+            if picture.shape[1::-1] == size
+            else cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
+        )
+        draw_detections(canvas, layout, record.detections)
+        self._history.add(record)
+        draw_strip(canvas, layout, self._history, record)
+        return canvas
+
+
+class Shown:
+    """Frames on their way to the models; their pictures are kept until they are asked for.
+
+    Parameters
+    ----------
+    video : Video
+        Opened with ``colour=True``.
+    """
+
+    def __init__(self, video: Video) -> None:
+        self._video = video
+        self._waiting: deque[Frame] = deque()
+
+    @property
+    def working(self) -> WorkingSize:
+        """Size at which the models see them."""
+        return self._video.working
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in self._video:
+            self._waiting.append(frame)
+            yield frame
+
+    def picture(self, index: int) -> Bgr | None:
+        """Return a frame's picture; those before it are forgotten.
+
+        Parameters
+        ----------
+        index : int
+            Of a frame that has been yielded and not asked for.
+
+        Returns
+        -------
+        ndarray of uint8, shape (rows, columns, 3), or None
+        """
+        frame = self._waiting.popleft()
+        while frame.index < index:
+            frame = self._waiting.popleft()
+        return frame.colour
+
+
+class AnnotatedVideo:
+    """Draws and encodes in a thread of its own, a few frames behind the models.
+
+    Parameters
+    ----------
+    part : Path
+        What to write.
+    video : Video
+        Opened with ``colour=True``.
+    models : sequence of str
+        Whose responses are shown.
+
+    Attributes
+    ----------
+    frames : Shown
+        What the models shall take their frames from.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; also by `write` and `finish`.
+    OutputError
+        If there is no encoder.
+    """
+
+    def __init__(self, part: Path, video: Video, models: Sequence[str]) -> None:
+        self.frames = Shown(video)
+        self._painter = Painter(video.facts, models)
+        size = (self._painter.layout.width, self._painter.layout.height)
+        self._recording = Recording(part, *size, video.facts.frame_rate)
+        self._queue: queue.Queue[tuple[Bgr, FrameRecord] | None] = queue.Queue(AHEAD)
+        self._error: BaseException | None = None
+        self._thread = threading.Thread(target=self._run, name="oppload-annotate", daemon=True)
+        self._thread.start()
+
+    def write(self, record: FrameRecord) -> None:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        record : FrameRecord
+            What is known of it.
+        """
+        self._check()
+        picture = self.frames.picture(record.frame)
+        if picture is not None:
+            self._queue.put((picture, record))
+
+    def finish(self) -> None:
+        """Wait until every frame is encoded, and finish the file."""
+        self._queue.put(None)
+        self._join()
+        self._check()
+        self._recording.finish()
+
+    def abandon(self) -> None:
+        """Stop, and leave the file as it is."""
+        self._error = self._error or InterruptedError("abandoned")
+        self._queue.put(None)
+        self._join()
+        self._recording.abandon()
+
+    def _join(self) -> None:
+        while self._thread.is_alive():
+            self._thread.join(0.1)  # without a limit it could not be interrupted everywhere
+
+    def _check(self) -> None:
+        if self._error is not None:
+            raise self._error
+
+    def _run(self) -> None:
+        # After an error the queue is still emptied: nobody shall wait for a place in it.
+        while (item := self._queue.get()) is not None:
+            if self._error is None:
+                try:
+                    picture, record = item
+                    self._recording.write(self._painter.draw(picture, record), record.time_s)
+                except BaseException as error:
+                    self._error = error

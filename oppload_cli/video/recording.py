@@ -1,0 +1,151 @@
+"""H.264 in colour, with any presentation times: what a browser plays."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import av
+from av.video.reformatter import VideoReformatter
+
+from oppload_cli.errors import OutputError
+from oppload_cli.video.sink import Sink
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
+MOST_TICKS_HZ = 1_000_000  # MP4 has 32 bits for the time between two frames
+USUAL_RATE = Fraction(30)  # frames/s where the source states none
+BT709, LIMITED = 1, 1  # AVCOL_*_BT709, AVCOL_RANGE_MPEG
+EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
+# Two threads whatever the machine: another number gives other bytes.
+THREADS = 2
+CODEC = {"preset": "veryfast", "crf": "20"}
+# No dates and no random identifiers; the index first, so that it plays while it loads.
+CONTAINER = {"fflags": "+bitexact", "movflags": "+faststart"}
+
+
+def ticks_hz(rate: Fraction | None) -> int:
+    """Return the ticks per second in which frame times are written.
+
+    Parameters
+    ----------
+    rate : Fraction or None
+        Frames per second of the source.
+
+    Returns
+    -------
+    int
+        A multiple of 90000 that holds the times of this rate exactly, up to 10^6;
+        else 90000.
+    """
+    exact = math.lcm(TICKS_HZ, rate.numerator) if rate else TICKS_HZ
+    return exact if exact <= MOST_TICKS_HZ else TICKS_HZ
+
+
+class Recording:
+    """Writes an MP4 of 8-bit H.264 (yuv420p, BT.709, limited range).
+
+    Parameters
+    ----------
+    part : Path
+        What to write.
+    width, height : int
+        Of every frame, in pixels; both even.
+    rate : Fraction or None
+        Frames per second of the source, as far as it is known.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; also by the other methods.
+    OutputError
+        If this installation has no H.264 encoder.
+    """
+
+    def __init__(self, part: Path, width: int, height: int, rate: Fraction | None) -> None:
+        self._hz = ticks_hz(rate)
+        self._tick = Fraction(1, self._hz)
+        self._gap = max(1, round(self._hz / (rate or USUAL_RATE)))
+        self._first_s = 0.0
+        self._last: int | None = None
+        self._converter = VideoReformatter()
+        self._sink = Sink(part)
+        try:
+            self._container: Any = av.open(self._sink, "w", format="mp4", options=CONTAINER)
+            self._stream = self._added(width, height, rate or USUAL_RATE)
+        except BaseException as error:
+            self._sink.fail(OSError("abandoned"))
+            if isinstance(error, av.codec.codec.UnknownCodecError):
+                raise OutputError(
+                    f"{part}: this PyAV has no H.264 encoder; install the wheel of PyPI"
+                ) from error
+            raise
+
+    def write(self, picture: NDArray[np.uint8], time_s: float) -> None:
+        """Write the next frame.
+
+        Parameters
+        ----------
+        picture : ndarray of uint8, shape (height, width, 3)
+            Blue, green and red.
+        time_s : float
+            Its presentation time in seconds; the first one's becomes 0, and one that
+            is not later than the one before is put right after it.
+        """
+        frame = self._converter.reformat(
+            av.VideoFrame.from_ndarray(picture, "bgr24"),
+            format="yuv420p",
+            dst_colorspace=BT709,
+            dst_color_range=LIMITED,
+            interpolation=EXACTLY,
+            threads=1,
+        )
+        frame.pts, frame.time_base = self._ticks(time_s), self._tick
+        frame.duration = self._gap  # only the last frame's is used
+        self._container.mux(self._stream.encode(frame))
+        self._sink.check()
+
+    def finish(self) -> None:
+        """Write what the encoder still holds, and the index."""
+        try:
+            if self._last is not None:
+                self._container.mux(self._stream.encode())
+            self._container.close()
+        except av.error.FFmpegError:
+            self._sink.check()  # what the disk said explains more
+            raise
+        self._sink.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is; it cannot be played."""
+        self._sink.fail(OSError("abandoned"))
+        try:
+            self._container.close()
+            self._sink.close()
+        except OSError:  # as it is told by the sink, and passed on by the library
+            return
+
+    def _ticks(self, time_s: float) -> int:
+        if self._last is None:
+            self._first_s, self._last = time_s, 0
+            return 0
+        now = max(self._last + 1, round((time_s - self._first_s) * self._hz))
+        self._gap, self._last = now - self._last, now
+        return now
+
+    def _added(self, width: int, height: int, rate: Fraction) -> Any:
+        stream: Any = self._container.add_stream("libx264", rate=rate, options=CODEC)
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        context = stream.codec_context
+        stream.time_base = context.time_base = self._tick
+        context.thread_count = THREADS
+        context.bit_rate = 0
+        context.color_range = LIMITED
+        context.colorspace = context.color_primaries = context.color_trc = BT709
+        return stream
