@@ -2,43 +2,36 @@
 
 from __future__ import annotations
 
-import os.path
 import sys
 import time
-from dataclasses import asdict, dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass, field
 from fractions import Fraction
-from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
 import cv2
 
 from oppload_cli.analysis import analyse
-from oppload_cli.environment import cores, environment
-from oppload_cli.errors import BusyError, OpploadError, OutputError
+from oppload_cli.environment import cores
+from oppload_cli.errors import OpploadError, OutputError
 from oppload_cli.models.crew import is_large
+from oppload_cli.outputs import IfExists
 from oppload_cli.results.columns import columns_for
-from oppload_cli.results.sidecar import write_sidecar
 from oppload_cli.results.summary import ModelSummary
-from oppload_cli.results.table import PartFile, Table, cannot_write
-from oppload_cli.video.atomic import part_of
+from oppload_cli.results.table import Table, cannot_write
+from oppload_cli.sidecar_content import sidecar_content
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span
+from oppload_cli.writing import Writing, begun
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
+    from oppload_cli.outputs import Outputs
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.settings import Settings
+    from oppload_cli.video.frames import FrameSource
     from oppload_cli.video.source import Video
-
-
-class IfExists(StrEnum):
-    """What to do where a result is there already."""
-
-    ERROR = "error"
-    SKIP = "skip"
-    OVERWRITE = "overwrite"
 
 
 @dataclass(frozen=True)
@@ -51,14 +44,14 @@ class Task:
         The input.
     settings : Settings
         How to analyse it.
-    csv, sidecar : Path or None
-        The files to write; None for both streams the CSV to standard output.
+    outputs : Outputs or None
+        The files to write; None streams the CSV to standard output.
     span : Span
         The part of the input.
     image_rate : Fraction
         Frames per second of images.
     if_exists : IfExists
-        What to do where `csv` or `sidecar` exists.
+        What to do where one of them exists.
     command : sequence of str
         The command line, for the sidecar.
     threads : int
@@ -67,8 +60,7 @@ class Task:
 
     name: str
     settings: Settings
-    csv: Path | None = None
-    sidecar: Path | None = None
+    outputs: Outputs | None = None
     span: Span = field(default_factory=Span)
     image_rate: Fraction = Fraction(30)
     if_exists: IfExists = IfExists.ERROR
@@ -155,26 +147,27 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         span=task.span,
         image_rate=task.image_rate,
         threads=task.threads,
+        colour=task.outputs is not None and task.outputs.annotated is not None,
     ) as video:
         # On small frames OpenCV's threads wait for each other longer than they work.
         cv2.setNumThreads((task.threads or cores()) if is_large(video.working.shape) else 1)
         if watcher:
             watcher.opened(video)
         run = _Run(task, video, watcher)
-        if task.csv is None:
+        if task.outputs is None:
             _write_stream(run, sys.stdout)
         else:
-            file = _begun(task, task.csv)
-            if file is None:
+            table = begun(task.outputs, task.if_exists)
+            if table is None:
                 return Outcome(skipped=True)
-            _write_files(run, file, task.sidecar, started)
+            models = task.settings.models
+            writing = Writing(task.outputs, table, video, run.columns, models)
+            _write_files(run, writing, task.outputs.csv, started)
         return run.outcome(time.perf_counter() - started)
 
 
 def exists_already(task: Task) -> bool:
     """Tell whether the results of a task are there and shall be kept.
-
-    A result is whole when both files are there; one alone is what a killed run left.
 
     Parameters
     ----------
@@ -190,50 +183,21 @@ def exists_already(task: Task) -> bool:
     OutputError
         If a result is there and nothing was said of it.
     """
-    results = [path for path in (task.csv, task.sidecar) if path is not None]
-    # These say no to a name that may not be looked up; writing it will tell the reason.
-    there = [path for path in results if os.path.lexists(path)]
-    if task.if_exists is IfExists.ERROR:
-        there += [part_of(path) for path in results if os.path.lexists(part_of(path))]
-        if there:
-            raise OutputError(
-                f"{there[0]}: exists already; "
-                f"choose --if-exists overwrite or skip, or another --output"
-            )
-    return task.if_exists is IfExists.SKIP and bool(there) and len(there) == len(results)
+    return task.outputs is not None and task.outputs.kept(task.if_exists)
 
 
-def _begun(task: Task, csv: Path) -> PartFile | None:
-    """Open the table for writing; None if what another run does, or has just done, is kept."""
+def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None:
+    """Write the files as frames come, and give them their names in the end."""
     try:
-        file = PartFile(csv)
-    except BusyError:
-        if task.if_exists is IfExists.SKIP:
-            return None
-        raise
-    if task.if_exists is IfExists.SKIP and exists_already(task):
-        file.discard()
-        return None
-    return file
-
-
-def _write_files(run: _Run, file: PartFile, sidecar: Path | None, started: float) -> None:
-    """Write the rows, the sidecar, and last give the rows their name."""
-    csv = file.path
-    try:
-        run.write(file.stream)
-        if sidecar is not None:
-            # An old table must never stand beside a new sidecar, however this ends.
-            csv.unlink(missing_ok=True)
-            write_sidecar(sidecar, run.sidecar(run.outcome(time.perf_counter() - started)))
-        file.commit()
+        run.write(writing.frames, writing)
+        writing.commit(lambda: run.sidecar(time.perf_counter() - started))
     except BaseException as error:
         if run.frames == 0:
-            file.discard()
+            writing.discard()
             left = ""
         else:
-            file.keep()
-            left = f"; the first {run.frames} rows are in {file.part}"
+            writing.keep()
+            left = f"; the first {run.frames} rows are in {writing.part}"
         explained = _explained(error, csv, left)
         if explained is None:
             raise
@@ -255,7 +219,8 @@ def _write_stream(run: _Run, stream: IO[str] | None) -> None:
     if stream is None:  # as Python has it after "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
     try:
-        run.write(stream)
+        run.write(run.video, _Rows(stream, run.columns))
+        stream.flush()
     except BrokenPipeError:
         raise  # the reader has gone: not an error of ours
     except OSError as error:
@@ -263,24 +228,39 @@ def _write_stream(run: _Run, stream: IO[str] | None) -> None:
         raise OutputError(f"standard output: cannot be written ({reason}); free it") from error
 
 
+class _Rows:
+    """The rows alone, on standard output."""
+
+    def __init__(self, stream: IO[str], columns: Sequence[str]) -> None:
+        self._table = Table(stream, columns)
+
+    def write(self, record: FrameRecord) -> None:
+        self._table.write(record.values())
+
+
 class _Run:
     """The state of one pass over a video."""
 
     def __init__(self, task: Task, video: Video, watcher: Watcher | None) -> None:
         self._task = task
-        self._video = video
+        self.video = video
         self._watcher = watcher
         self._summaries = {name: ModelSummary() for name in task.settings.models}
         self._repeats = 0
         self.frames = 0
 
-    def write(self, stream: IO[str]) -> None:
-        """Analyse every frame and write its row."""
+    @property
+    def columns(self) -> list[str]:
+        """Names of the table's columns."""
         settings = self._task.settings
         columns = columns_for(settings.models, rmo=settings.rmo is not None)
-        table = Table(stream, [column.name for column in columns])
+        return [column.name for column in columns]
+
+    def write(self, frames: FrameSource, writing: Writing | _Rows) -> None:
+        """Analyse every frame and write what is known of it."""
+        settings = self._task.settings
         records = analyse(
-            self._video,
+            frames,
             settings.model_params(),
             alarm=settings.alarm,
             places=settings.places,
@@ -288,18 +268,17 @@ class _Run:
             repeats=settings.repeats,
         )
         for record in records:
-            table.write(record.values())
+            writing.write(record)
             self.frames += 1
             self._repeats += record.repeat
             for name, summary in self._summaries.items():
                 summary.add(record, name)
             if self._watcher:
                 self._watcher.frame(record)
-        stream.flush()
 
     def outcome(self, wall_s: float) -> Outcome:
         """Return what became of the pass."""
-        decode = self._video.decode
+        decode = self.video.decode
         return Outcome(
             complete=decode.complete,
             frames=self.frames,
@@ -308,61 +287,6 @@ class _Run:
             summaries=self._summaries,
         )
 
-    def sidecar(self, outcome: Outcome) -> dict[str, Any]:
+    def sidecar(self, wall_s: float) -> dict[str, Any]:
         """Return the content of the sidecar."""
-        settings, facts, decode = self._task.settings, self._video.facts, self._video.decode
-        working = self._video.working
-        rate = facts.frame_rate
-        groups = {
-            **settings.groups,
-            "opplod": settings.opplod.resolved(working.height),
-        }
-        return {
-            "tool": environment(),
-            "command": list(self._task.command),
-            "preset": settings.preset,
-            "models": list(settings.models),
-            "parameters": {name: params.as_dict() for name, params in groups.items()},
-            "input": facts.as_dict(),
-            "span": asdict(self._task.span),
-            "working": {
-                "width": working.width,
-                "height": working.height,
-                "source_px_per_px_x": working.scale_x,
-                "source_px_per_px_y": working.scale_y,
-                "source_px_per_s_at_1_px_per_frame": (
-                    working.scale_x * float(rate) if rate else None
-                ),
-            },
-            "decode": {
-                "declared": facts.frames_declared,
-                "decoded": decode.decoded,
-                "analysed": self.frames,
-                "failures": decode.failures,
-                "corrupt": decode.corrupt,
-                "missing": decode.missing,
-                "repeats": self._repeats,
-                "complete": decode.complete,
-                "messages": decode.messages,
-            },
-            "threads": {"decoder": decode.threads, "models": cv2.getNumThreads()},
-            "stimulus": _ground_truth(Path(self._task.name)),
-            "wall_s": round(outcome.wall_s, 3),
-            "frames_per_s": round(self.frames / outcome.wall_s, 1) if outcome.wall_s else None,
-            "summary": {name: summary.as_dict() for name, summary in self._summaries.items()},
-        }
-
-
-def _ground_truth(video: Path) -> dict[str, Any] | None:
-    """Return what the ground truth beside a stimulus's video says; None if there is none."""
-    path = video.with_name(f"{video.stem}.stimulus.json")
-    if not os.path.lexists(path):  # which says no to a name too long to look up
-        return None
-    from oppload_cli.stimulus.truth import read_ground_truth  # noqa: PLC0415 - few inputs have it
-
-    try:
-        truth = read_ground_truth(path)
-    except OpploadError as error:
-        return {"path": str(path), "error": str(error)}
-    kept = ("name", "looming", "contact_time_s", "display")
-    return {"path": str(path), **{key: truth[key] for key in kept}}
+        return sidecar_content(self._task, self.video, self.outcome(wall_s), self._repeats)

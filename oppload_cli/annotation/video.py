@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import cv2
@@ -14,7 +15,9 @@ from oppload_cli.annotation.boxes import draw_detections
 from oppload_cli.annotation.history import History
 from oppload_cli.annotation.layout import layout_of
 from oppload_cli.annotation.strip import draw_strip
+from oppload_cli.errors import OpploadError
 from oppload_cli.palette import INK, bgr
+from oppload_cli.results.table import naming
 from oppload_cli.video.recording import Recording
 
 if TYPE_CHECKING:
@@ -122,8 +125,8 @@ class AnnotatedVideo:
 
     Parameters
     ----------
-    part : Path
-        What to write.
+    path, part : Path
+        Its final name, and the one that it has while it is written.
     video : Video
         Opened with ``colour=True``.
     models : sequence of str
@@ -136,19 +139,21 @@ class AnnotatedVideo:
 
     Raises
     ------
-    OSError
-        If the file cannot be written; also by `write` and `finish`.
     OutputError
-        If there is no encoder.
+        If the file cannot be written, or there is no encoder; also by `write`,
+        `finish` and `commit`.
     """
 
-    def __init__(self, part: Path, video: Video, models: Sequence[str]) -> None:
+    def __init__(self, path: Path, part: Path, video: Video, models: Sequence[str]) -> None:
         self.frames = Shown(video)
+        self._path, self._part = path, part
         self._painter = Painter(video.facts, models)
         size = (self._painter.layout.width, self._painter.layout.height)
-        self._recording = Recording(part, *size, video.facts.frame_rate)
+        with naming(path):
+            self._recording = Recording(part, *size, video.facts.frame_rate)
         self._queue: queue.Queue[tuple[Bgr, FrameRecord] | None] = queue.Queue(AHEAD)
         self._error: BaseException | None = None
+        self._finished = False
         self._thread = threading.Thread(target=self._run, name="oppload-annotate", daemon=True)
         self._thread.start()
 
@@ -166,26 +171,49 @@ class AnnotatedVideo:
             self._queue.put((picture, record))
 
     def finish(self) -> None:
-        """Wait until every frame is encoded, and finish the file."""
-        self._queue.put(None)
-        self._join()
+        """Wait until every frame is encoded, and finish the file; may be called twice."""
+        self._end()
         self._check()
-        self._recording.finish()
+        if not self._finished:
+            with naming(self._path):
+                self._recording.finish()
+        self._finished = True
 
-    def abandon(self) -> None:
-        """Stop, and leave the file as it is."""
-        self._error = self._error or InterruptedError("abandoned")
-        self._queue.put(None)
-        self._join()
+    def commit(self) -> None:
+        """Give the finished file its name; a video without a frame is none."""
+        with naming(self._path):
+            if self._recording.frames:
+                self._part.replace(self._path)
+            else:
+                self._part.unlink()
+                self._path.unlink(missing_ok=True)
+
+    def keep(self) -> None:
+        """Leave the file as its ``.part``, finished, so that it can be played; else remove it."""
+        try:
+            self.finish()
+        except OpploadError:
+            self.discard()
+
+    def discard(self) -> None:
+        """Stop, and remove the file."""
+        self._error = self._error or InterruptedError("given up")
+        self._end()
         self._recording.abandon()
+        with suppress(OSError):
+            self._part.unlink()
 
-    def _join(self) -> None:
+    def _end(self) -> None:
+        """Wait until the thread has done what waits; may be called twice."""
+        if self._thread.is_alive():
+            self._queue.put(None)
         while self._thread.is_alive():
             self._thread.join(0.1)  # without a limit it could not be interrupted everywhere
 
     def _check(self) -> None:
         if self._error is not None:
-            raise self._error
+            with naming(self._path):
+                raise self._error
 
     def _run(self) -> None:
         # After an error the queue is still emptied: nobody shall wait for a place in it.

@@ -9,8 +9,6 @@ from oppload_cli.errors import ExitCode, OpploadError
 from oppload_cli.task import run_task
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from oppload_cli.task import Outcome, Task, Watcher
 
 
@@ -70,20 +68,20 @@ def failed(task: Task, message: str, code: int = ExitCode.USAGE) -> Failure:
     -------
     Failure
     """
-    return Failure(task.name, stem_of(task.csv), code, message)
+    return Failure(task.name, stem_of(task), code, message)
 
 
-def stem_of(csv: Path | None) -> str:
+def stem_of(task: Task) -> str:
     """Return the stem of a task's results.
 
     Parameters
     ----------
-    csv : Path or None
-        Its table.
+    task : Task
+        What was to be done.
 
     Returns
     -------
     str
         Empty where there is no table.
     """
-    return csv.name.removesuffix(".frames.csv") if csv else ""
+    return task.outputs.csv.name.removesuffix(".frames.csv") if task.outputs else ""

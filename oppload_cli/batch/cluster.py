@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.batch.attempt import attempt, failed
 from oppload_cli.batch.counting import Counting
 from oppload_cli.errors import OpploadError, ParameterError
-from oppload_cli.task import IfExists, exists_already
+from oppload_cli.outputs import IfExists
+from oppload_cli.task import exists_already
 from oppload_cli.version import __version__
 from oppload_cli.video.prefetch import interruptible
 
@@ -289,8 +290,7 @@ def _for_a_worker(task: Task) -> Task:
     name = task.name
     if "://" not in name and not name.startswith("camera:"):
         name = os.path.abspath(name)  # noqa: PTH100 - without following links
-    csv, sidecar = (path and path.absolute() for path in (task.csv, task.sidecar))
-    return replace(task, name=name, csv=csv, sidecar=sidecar)
+    return replace(task, name=name, outputs=task.outputs and task.outputs.absolute())
 
 
 def _result(task: Task, future: Any) -> Outcome | Failure:

@@ -31,19 +31,21 @@ FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
 def demo(output: Path, if_exists: str) -> None:
     """Render a looming disk, run both detectors on it and plot their responses."""
     from oppload_cli import stimulus  # noqa: PLC0415 - keeps --help fast
+    from oppload_cli.outputs import IfExists, Outputs  # noqa: PLC0415
     from oppload_cli.plots.curves import plot_curves  # noqa: PLC0415
     from oppload_cli.plots.style import save  # noqa: PLC0415
     from oppload_cli.results.reading import read_result  # noqa: PLC0415
     from oppload_cli.settings import resolve  # noqa: PLC0415
-    from oppload_cli.task import IfExists, Task, exists_already, run_task  # noqa: PLC0415
+    from oppload_cli.task import Task, exists_already, run_task  # noqa: PLC0415
 
     stem = stimulus.file_stem(STIMULUS)
-    csv, sidecar = output / f"{stem}.frames.csv", output / f"{stem}.oppload.json"
+    settings = resolve(height="native", assignments=FIELD)
+    outputs = Outputs.of(output, stem, settings.models)
+    csv = outputs.csv
     task = Task(
         name=str(output / f"{stem}.avi"),
-        settings=resolve(height="native", assignments=FIELD),
-        csv=csv,
-        sidecar=sidecar,
+        settings=settings,
+        outputs=outputs,
         if_exists=IfExists(if_exists),
         command=("oppload", "demo"),
     )
@@ -60,5 +62,5 @@ def demo(output: Path, if_exists: str) -> None:
         frames = (each.first_response_frame, tenth["frame"].iloc[0], each.peak_frame)
         click.echo("{:<10}{:>16}{:>16}{:>12}".format(name, *(f"frame {at}" for at in frames)))
     click.echo(f"\n{outcome.frames} frames at {outcome.frames / outcome.wall_s:.0f} frames/s")
-    for path in (video, csv, sidecar, figure):
+    for path in (video, *outputs.paths(), figure):
         click.echo(path)

@@ -50,6 +50,9 @@ STANDARD_OUTPUT = "-"
     "--image-rate", default="30", metavar="HZ", show_default=True, help="Frames/s of images."
 )
 @click.option(
+    "--annotate", is_flag=True, help="Write {stem}.annotated.mp4 too: boxes, responses and alarms."
+)
+@click.option(
     "--if-exists",
     type=click.Choice(["error", "skip", "overwrite"]),
     default="error",
@@ -77,6 +80,7 @@ def run(  # noqa: PLR0917 - click passes them by name
     end: str | None,
     duration: str | None,
     image_rate: str,
+    annotate: bool,
     if_exists: str,
     fail_on: str | None,
     quiet: bool,
@@ -86,12 +90,13 @@ def run(  # noqa: PLR0917 - click passes them by name
 
     INPUT is a video file, a folder of videos or of images, a pattern such as
     'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each, DIR
-    gets {stem}.frames.csv, a row per frame, and {stem}.oppload.json, all that is
-    needed to trust or repeat it. What fails of many inputs is listed in
-    DIR/failures.csv.
+    gets {stem}.frames.csv, a row per frame, {stem}.detections.jsonl, a line per
+    looming object and frame, and {stem}.oppload.json, all that is needed to trust or
+    repeat it. What fails of many inputs is listed in DIR/failures.csv.
     """
-    from oppload_cli.settings import resolve  # noqa: PLC0415 - keeps --help fast
-    from oppload_cli.task import IfExists, Task  # noqa: PLC0415
+    from oppload_cli.outputs import IfExists  # noqa: PLC0415 - keeps --help fast
+    from oppload_cli.settings import resolve  # noqa: PLC0415
+    from oppload_cli.task import Task  # noqa: PLC0415
     from oppload_cli.video.span import Span, parse_position  # noqa: PLC0415
 
     settings = resolve(
@@ -106,11 +111,12 @@ def run(  # noqa: PLR0917 - click passes them by name
     command = ["oppload", *sys.argv[1:]]
     rate, existing = _rate(image_rate), IfExists(if_exists)
     verbosity = -1 if quiet else int(verbose)
-    task = Task("", settings, None, None, span, rate, existing, command)
+    task = Task("", settings, None, span, rate, existing, command)
     if output == STANDARD_OUTPUT:
-        return _run_one(replace(task, name=_only(inputs, selection)), verbosity, fail_on)
+        name = _only(inputs, selection, annotate=annotate)
+        return _run_one(replace(task, name=name), verbosity, fail_on)
     folder, plan = Path(output), plan_of(inputs, selection)
-    tasks = _tasks(plan, folder, task)
+    tasks = _tasks(plan, folder, task, annotate=annotate)
     if selection.dry_run:
         return print_plan(tasks, plan)
     alone = len(plan) == 1 and not selection.wants_report
@@ -143,11 +149,14 @@ def _run_one(task: Task, verbosity: int, fail_on: str | None) -> int:
     return tally.exit_code_unless(fail_on)
 
 
-def _tasks(plan: Plan, folder: Path, task: Task) -> Iterator[Task]:
+def _tasks(plan: Plan, folder: Path, task: Task, *, annotate: bool) -> Iterator[Task]:
     """Yield a task per input, like the one given."""
-    for name, stem in ((each.name, each.stem) for each in plan.inputs):
-        csv, sidecar = folder / f"{stem}.frames.csv", folder / f"{stem}.oppload.json"
-        yield replace(task, name=name, csv=csv, sidecar=sidecar)
+    from oppload_cli.outputs import Outputs  # noqa: PLC0415
+
+    models = task.settings.models
+    for each in plan.inputs:
+        outputs = Outputs.of(folder, each.stem, models, annotate=annotate)
+        yield replace(task, name=each.name, outputs=outputs)
 
 
 def _make(folder: Path) -> None:
@@ -160,7 +169,9 @@ def _make(folder: Path) -> None:
         ) from error
 
 
-def _only(inputs: tuple[str, ...], selection: Selection) -> str:
+def _only(inputs: tuple[str, ...], selection: Selection, *, annotate: bool) -> str:
+    if annotate:
+        raise ParameterError("--annotate writes a file; give a folder with --output, not '-'")
     if len(inputs) != 1 or selection.wants_report or selection.dry_run:
         raise ParameterError("'-o -' streams one input; give one, or a folder with --output")
     return inputs[0]

@@ -166,7 +166,8 @@ def print_plan(tasks: Iterator[Task], plan: Plan) -> int:
         except OutputError:
             state = "refuse"
         counts[state] += 1
-        click.echo(f"{state}\t{printable(task.name)}\t{printable(str(task.csv))}")
+        table = task.outputs and task.outputs.csv
+        click.echo(f"{state}\t{printable(task.name)}\t{printable(str(table))}")
     for failure in failures:
         say(f"oppload: {failure.message}")
     refused = ", which have results: see --if-exists" if counts["refuse"] else ""
@@ -348,9 +349,10 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
     ------
     str
     """
+    table = task.outputs and task.outputs.csv
     if outcome.skipped:
-        there = task.csv and os.path.lexists(task.csv)
-        reason = f"{task.csv} exists" if there else "another run is writing it"
+        there = table and os.path.lexists(table)
+        reason = f"{table} exists" if there else "another run is writing it"
         yield f"{task.name}: skipped, {reason}"
         return
     peaks = []
@@ -364,7 +366,7 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
                 + (f"first alarm at frame {alarm}" if alarm is not None else "no alarm")
             )
     speed = f"{outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
-    place = f" -> {task.csv}" if task.csv else ""
+    place = f" -> {table}" if table else ""
     yield f"{task.name}: {outcome.frames} frames, {speed}; {'; '.join(peaks)}{place}"
     if not outcome.complete:
         yield incomplete(task, outcome)

@@ -6,14 +6,14 @@ import os
 import platform
 import sys
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from typing import IO, TYPE_CHECKING
 
 from oppload_cli.errors import BusyError, OutputError
 from oppload_cli.video.atomic import part_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
 Value = float | int | None
@@ -170,6 +170,30 @@ def _ours_alone(stream: IO[str], path: Path) -> bool | None:
         return False
     except OSError:  # a file system without locks
         return None
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Turn what the system says of a file into an error that names it.
+
+    Parameters
+    ----------
+    path : Path
+        The file's final name.
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    OutputError
+        Instead of an OSError within.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise cannot_write(path, error) from error
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:

@@ -22,6 +22,7 @@ VIDEO_SUFFIXES = {
 }
 IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
 
+ANNOTATED = ".annotated.mp4"  # a result: in a folder it is no input
 NUMBERED = re.compile(r"\d\.[^.]+$")  # frame_0001.png
 LONGEST_STEM = 200  # bytes; a name may have 255 in all
 
@@ -84,7 +85,7 @@ def _below(root: str) -> Iterator[Found]:
     for folder, within, files in os.walk(root, onerror=refused.append):
         within[:] = sorted(each for each in within if not each.startswith("."))
         visible = sorted(each for each in files if not each.startswith("."))
-        videos = [each for each in visible if _suffix(each) in VIDEO_SUFFIXES]
+        videos = [each for each in visible if _is_video(each)]
         # A picture or two among other things, such as plots, are no sequence.
         numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and NUMBERED.search(e)]
         if videos:
@@ -99,6 +100,10 @@ def _below(root: str) -> Iterator[Found]:
     if empty and not refused:
         reason = "no video and no numbered images in this folder or below"
         yield Found(root, SourceError(f"{root}: {reason}; check the path"))
+
+
+def _is_video(name: str) -> bool:
+    return _suffix(name) in VIDEO_SUFFIXES and not name.endswith(ANNOTATED)
 
 
 def _suffix(name: str) -> str:
@@ -116,7 +121,8 @@ def single_inputs(name: str) -> list[str]:
     Returns
     -------
     list of str
-        The videos of a folder of videos, in the order of their names; else `name`.
+        The videos of a folder of videos, in the order of their names and without
+        annotated ones; else `name`.
 
     Raises
     ------
@@ -136,7 +142,7 @@ def single_inputs(name: str) -> list[str]:
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise SourceError(f"{name}: cannot be read ({reason}); check the path") from error
-    videos = sorted(entry for entry, suffix in suffixes.items() if suffix in VIDEO_SUFFIXES)
+    videos = sorted(entry for entry in suffixes if _is_video(entry.name))
     if videos:
         return [str(video) for video in videos]
     if not IMAGE_SUFFIXES.intersection(suffixes.values()):

@@ -66,12 +66,18 @@ class Recording:
         If the file cannot be written; also by the other methods.
     OutputError
         If this installation has no H.264 encoder.
+
+    Attributes
+    ----------
+    frames : int
+        How many are written.
     """
 
     def __init__(self, part: Path, width: int, height: int, rate: Fraction | None) -> None:
         self._hz = ticks_hz(rate)
         self._tick = Fraction(1, self._hz)
         self._gap = max(1, round(self._hz / (rate or USUAL_RATE)))
+        self.frames = 0
         self._first_s = 0.0
         self._last: int | None = None
         self._converter = VideoReformatter()
@@ -110,11 +116,12 @@ class Recording:
         frame.duration = self._gap  # only the last frame's is used
         self._container.mux(self._stream.encode(frame))
         self._sink.check()
+        self.frames += 1
 
     def finish(self) -> None:
         """Write what the encoder still holds, and the index."""
         try:
-            if self._last is not None:
+            if self.frames:
                 self._container.mux(self._stream.encode())
             self._container.close()
         except av.error.FFmpegError:

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from oppload_cli.errors import BusyError
+from oppload_cli.outputs import IfExists, Outputs
 from oppload_cli.results.table import PartFile
 from oppload_cli.settings import resolve
-from oppload_cli.task import IfExists, Task, run_task
+from oppload_cli.task import Task, run_task
 from oppload_cli.video.span import Span
 from tests.media import grey_frames, write_video
 
@@ -54,8 +55,7 @@ def test_what_another_run_writes_or_has_just_written_is_skipped(tmp_path: Path) 
     task = Task(
         str(clip),
         resolve(height="48", measure_rmo=False),
-        tmp_path / "a.frames.csv",
-        tmp_path / "a.oppload.json",
+        Outputs(tmp_path / "a.frames.csv", tmp_path / "a.oppload.json"),
         Span(),
         Fraction(30),
         IfExists.SKIP,

@@ -225,7 +225,9 @@ def test_an_interrupt_ends_every_process_and_keeps_what_is_done(
     assert "oppload: interrupted: 1 of 4 inputs are finished; go on with --if-exists skip" in said
     assert "Traceback" not in said
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        *("a.frames.csv", "a.oppload.json", "b.frames.csv.part", "c.frames.csv.part"),
+        *("a.detections.jsonl", "a.frames.csv", "a.oppload.json"),
+        *("b.detections.jsonl.part", "b.frames.csv.part"),
+        *("c.detections.jsonl.part", "c.frames.csv.part"),
     ]
     assert len(workers) == 2
     for pid in workers:

@@ -57,7 +57,8 @@ def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
         assert "Traceback" not in done.stderr
         assert "bug" not in done.stderr
         assert part.read_text().startswith("frame,time_s,")
-        assert [path.name for path in folder.iterdir()] == [part.name]
+        names = ["film.detections.jsonl.part", part.name]
+        assert sorted(path.name for path in folder.iterdir()) == names
 
 
 def test_a_disk_that_is_full_from_the_start_or_for_the_sidecar(clip: Path, tmp_path: Path) -> None:
@@ -73,7 +74,8 @@ def test_a_disk_that_is_full_from_the_start_or_for_the_sidecar(clip: Path, tmp_p
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert "clip.oppload.json: cannot be written (no space left" in done.stderr
         assert "the first 12 rows are in" in done.stderr
-        assert sorted(path.name for path in folder.iterdir()) == ["clip.frames.csv.part", "filler"]
+        names = ["clip.detections.jsonl.part", "clip.frames.csv.part", "filler"]
+        assert sorted(path.name for path in folder.iterdir()) == names
 
 
 def test_a_read_only_disk(clip: Path, tmp_path: Path) -> None:
@@ -154,13 +156,13 @@ def test_a_name_that_is_no_utf_8(clip: Path, tmp_path: Path) -> None:
     except OSError:
         pytest.skip("NOT TESTED: this file system takes no such name")
     done = subprocess.run(
-        [sys.executable, "-m", "oppload_cli", "run", name, "-o", str(tmp_path / "out")],
+        [sys.executable, "-m", "oppload_cli", "run", name, "-o", str(tmp_path / "out"), "--annotate"],
         capture_output=True,
         check=False,
     )
     assert done.returncode == 0, done.stderr
     assert rb"\xff\xfe" in done.stderr or rb"\udcff" in done.stderr
-    assert len(list((tmp_path / "out").iterdir())) == 2
+    assert len(list((tmp_path / "out").iterdir())) == 4
 
 
 def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path) -> None:
@@ -174,7 +176,7 @@ def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path
     names = [path.name for path in (tmp_path / "out").iterdir()]
     assert len([name for name in names if name.endswith(".frames.csv")]) == 3
     # Also where "A" and "a" are one name.
-    assert len({name.lower() for name in names}) == 6
+    assert len({name.lower() for name in names}) == 9
 
 
 def test_an_output_is_never_an_input(clip: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.outputs import Outputs
 from oppload_cli.settings import resolve
 from oppload_cli.task import Task, run_task
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 def table(path: Path, folder: Path, *assignments: str, height: str = "60") -> bytes:
     folder.mkdir(exist_ok=True)
     csv_path = folder / f"{len(list(folder.iterdir()))}.csv"
-    run_task(Task(str(path), resolve(height=height, assignments=assignments), csv_path))
+    run_task(Task(str(path), resolve(height=height, assignments=assignments), Outputs(csv_path)))
     return csv_path.read_bytes()
 
 
@@ -189,7 +190,7 @@ def long_run(
         pytest.skip("NOT MEASURED: no /proc here")
     monkeypatch.setattr("oppload_cli.video.source._source", lambda name, *_: Endless(name, count))
     meter = Meter(500)
-    task = Task("endless", settings, folder / "a.csv", folder / "a.json")
+    task = Task("endless", settings, Outputs(folder / "a.csv", folder / "a.json"))
     outcome = run_task(task, meter)
     assert outcome.frames == count
     return meter
@@ -220,7 +221,7 @@ def test_memory_stays_flat_over_a_long_file(tmp_path: Path) -> None:
     frames = grey_frames(50, width=32, height=24) * 400
     path = write_video(tmp_path / "a.mp4", frames, codec="libx264", pixel_format="yuv420p")
     meter = Meter(1000)
-    run_task(Task(str(path), resolve(height="24"), tmp_path / "a.csv"), meter)
+    run_task(Task(str(path), resolve(height="24"), Outputs(tmp_path / "a.csv")), meter)
     check_flat(meter)
 
 
