@@ -28,8 +28,25 @@ SHADE = 0.25  # opacity of the ground where an alarm is on
 FINE = 4  # binary digits of a fraction of a pixel
 
 
+def draw_ground(canvas: Bgr, layout: Layout) -> None:
+    """Draw what is the same in every frame: the strip's paper and the names of its levels.
+
+    Parameters
+    ----------
+    canvas : ndarray of uint8, shape (height, width, 3)
+        An empty frame; drawn on.
+    layout : Layout
+        Where the strip is in it.
+    """
+    canvas[layout.header.y :] = PAPER
+    for level, name in LEVELS.items():
+        row = layout.plot.y + round(level_row(10.0**level, layout))
+        x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
+        write(canvas, name, (x, row), layout.text, DARK if level == 0 else DIM)
+
+
 def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecord) -> None:
-    """Draw the strip of one frame.
+    """Draw the strip of one frame on its ground.
 
     The curves are logarithmic, 1/30 to 300 times the alarm's threshold. The ground is
     shaded in a model's colour where its alarm is on, in OppLoD's where both are.
@@ -45,9 +62,7 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
     record : FrameRecord
         The frame.
     """
-    canvas[layout.header.y :] = PAPER
     _header(canvas, layout, record)
-    _levels(canvas, layout)
     plot = canvas[layout.plot.slices]
     for name, points in reversed(history.points.items()):
         _shade(plot, layout, history, list(points), bgr(COLOURS[name]))
@@ -134,13 +149,6 @@ def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) 
     wide = width_of(word, text, bold=True) + text
     canvas[middle - half : middle + half, x : x + wide] = paint
     write(canvas, word, (x + text // 2, middle), text, WHITE, bold=True)
-
-
-def _levels(canvas: Bgr, layout: Layout) -> None:
-    for level, name in LEVELS.items():
-        row = layout.plot.y + round(level_row(10.0**level, layout))
-        x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
-        write(canvas, name, (x, row), layout.text, DARK if level == 0 else DIM)
 
 
 def _grid(plot: Bgr, layout: Layout, history: History) -> None:

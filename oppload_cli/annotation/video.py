@@ -14,7 +14,7 @@ import numpy as np
 from oppload_cli.annotation.boxes import draw_detections
 from oppload_cli.annotation.history import History
 from oppload_cli.annotation.layout import layout_of
-from oppload_cli.annotation.strip import draw_strip
+from oppload_cli.annotation.strip import draw_ground, draw_strip
 from oppload_cli.errors import OpploadError
 from oppload_cli.palette import INK, bgr
 from oppload_cli.results.table import naming
@@ -46,6 +46,9 @@ class Painter:
 
     def __init__(self, facts: InputFacts, models: Sequence[str]) -> None:
         self.layout = layout_of(facts)
+        self._blank = np.empty((self.layout.height, self.layout.width, 3), np.uint8)
+        self._blank[:] = bgr(INK)
+        draw_ground(self._blank, self.layout)
         rate, count = facts.frame_rate, facts.frames_declared
         self._history = History(models, float(count / rate) if rate and count else None)
 
@@ -65,7 +68,7 @@ class Painter:
             Of the layout's size.
         """
         layout = self.layout
-        canvas = np.full((layout.height, layout.width, 3), bgr(INK), np.uint8)
+        canvas = self._blank.copy()
         size = (layout.picture.width, layout.picture.height)
         # Enlarged by a whole number, if at all.
         canvas[layout.picture.slices] = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +20,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
-MOST_TICKS_HZ = 1_000_000  # MP4 has 32 bits for the time between two frames
+MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
+CLOCK_BACK_S, CLOCK_ON_S = 1.0, 900.0  # from here on a source's clock was set anew
 USUAL_RATE = Fraction(30)  # frames/s where the source states none
 BT709, LIMITED = 1, 1  # AVCOL_*_BT709, AVCOL_RANGE_MPEG
 EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
 # Two threads whatever the machine: another number gives other bytes.
 THREADS = 2
-CODEC = {"preset": "veryfast", "crf": "20"}
+# No frame is predicted from a later one: then decoding order is that of the times.
+CODEC = {"preset": "superfast", "crf": "22", "bf": "0"}
 # No dates and no random identifiers; the index first, so that it plays while it loads.
 CONTAINER = {"fflags": "+bitexact", "movflags": "+faststart"}
 
@@ -76,10 +79,10 @@ class Recording:
     def __init__(self, part: Path, width: int, height: int, rate: Fraction | None) -> None:
         self._hz = ticks_hz(rate)
         self._tick = Fraction(1, self._hz)
-        self._gap = max(1, round(self._hz / (rate or USUAL_RATE)))
+        self._frame_s = float(1 / (rate or USUAL_RATE))
         self.frames = 0
-        self._first_s = 0.0
-        self._last: int | None = None
+        self._origin_s = 0.0
+        self._last = -1
         self._converter = VideoReformatter()
         self._sink = Sink(part)
         try:
@@ -101,8 +104,9 @@ class Recording:
         picture : ndarray of uint8, shape (height, width, 3)
             Blue, green and red.
         time_s : float
-            Its presentation time in seconds; the first one's becomes 0, and one that
-            is not later than the one before is put right after it.
+            Its presentation time in seconds; the first one's becomes 0. One that is
+            not later than the one before is put right after it; where the clock jumps
+            (back by a second, or on by a quarter of an hour) it goes on a frame later.
         """
         frame = self._converter.reformat(
             av.VideoFrame.from_ndarray(picture, "bgr24"),
@@ -113,7 +117,6 @@ class Recording:
             threads=1,
         )
         frame.pts, frame.time_base = self._ticks(time_s), self._tick
-        frame.duration = self._gap  # only the last frame's is used
         self._container.mux(self._stream.encode(frame))
         self._sink.check()
         self.frames += 1
@@ -132,19 +135,20 @@ class Recording:
     def abandon(self) -> None:
         """Close the file as it is; it cannot be played."""
         self._sink.fail(OSError("abandoned"))
-        try:
+        # The sink tells that once more, and the library passes it on.
+        with suppress(OSError, av.error.FFmpegError):
             self._container.close()
+        with suppress(OSError):
             self._sink.close()
-        except OSError:  # as it is told by the sink, and passed on by the library
-            return
 
     def _ticks(self, time_s: float) -> int:
-        if self._last is None:
-            self._first_s, self._last = time_s, 0
-            return 0
-        now = max(self._last + 1, round((time_s - self._first_s) * self._hz))
-        self._gap, self._last = now - self._last, now
-        return now
+        last_s = self._last / self._hz
+        if self.frames == 0:
+            self._origin_s = time_s
+        elif not -CLOCK_BACK_S < time_s - self._origin_s - last_s < CLOCK_ON_S:
+            self._origin_s = time_s - last_s - self._frame_s
+        self._last = max(self._last + 1, round((time_s - self._origin_s) * self._hz))
+        return self._last
 
     def _added(self, width: int, height: int, rate: Fraction) -> Any:
         stream: Any = self._container.add_stream("libx264", rate=rate, options=CODEC)

@@ -61,6 +61,18 @@ def test_a_disk_that_fills_up(clip: Path, tmp_path: Path) -> None:
         assert sorted(path.name for path in folder.iterdir()) == names
 
 
+def test_a_disk_that_an_annotated_video_fills(clip: Path, tmp_path: Path) -> None:
+    frames = grey_frames(60) * 4
+    film = write_video(tmp_path / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+    for size in ("100k", "400k"):  # while it is written, and while it may be finished
+        with mounted(tmp_path / size, f"size={size}") as folder:
+            done = oppload("run", film, "-o", folder, "--height", "60", "--annotate", "--no-rmo")
+            assert (done.returncode, done.stderr.strip().count("\n")) == (2, 0), done.stderr
+            assert "film.annotated.mp4: cannot be written (no space left" in done.stderr
+            names = ["film.detections.jsonl.part", "film.frames.csv.part"]
+            assert sorted(path.name for path in folder.iterdir()) == names
+
+
 def test_a_disk_that_is_full_from_the_start_or_for_the_sidecar(clip: Path, tmp_path: Path) -> None:
     with mounted(tmp_path / "small", "size=8k") as folder:
         filler = folder / "filler"
@@ -156,7 +168,16 @@ def test_a_name_that_is_no_utf_8(clip: Path, tmp_path: Path) -> None:
     except OSError:
         pytest.skip("NOT TESTED: this file system takes no such name")
     done = subprocess.run(
-        [sys.executable, "-m", "oppload_cli", "run", name, "-o", str(tmp_path / "out"), "--annotate"],
+        [
+            sys.executable,
+            "-m",
+            "oppload_cli",
+            "run",
+            name,
+            "-o",
+            str(tmp_path / "out"),
+            "--annotate",
+        ],
         capture_output=True,
         check=False,
     )

@@ -1,0 +1,57 @@
+"""Records of frames made by hand."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+from oppload_cli.models.dlgmd import DlgmdResponse
+from oppload_cli.models.opplod import Box, OpplodResponse
+from oppload_cli.results.record import Detection, FrameRecord
+from oppload_cli.video.frames import InputFacts
+
+
+def record(
+    frame: int,
+    ratios: dict[str, float | None] | None = None,
+    alarms: dict[str, bool] | None = None,
+    detections: tuple[Detection, ...] = (),
+    *,
+    rate: float = 30,
+    repeat: bool = False,
+) -> FrameRecord:
+    """A frame whose responses are `ratios` times their thresholds."""
+    ratios = {"opplod": 0.1, "dlgmd": 0.1} if ratios is None else ratios
+    thresholds = {"opplod": 4.0, "dlgmd": 0.5}
+    responses: dict[str, Any] = {}
+    for name, ratio in ratios.items():
+        value = None if ratio is None else ratio * thresholds[name]
+        if value is None:
+            responses[name] = None
+        elif name == "opplod":
+            responses[name] = OpplodResponse(response=value, opponency=value, box=None)
+        else:
+            responses[name] = DlgmdResponse(value, 0.1)
+    return FrameRecord(
+        frame,
+        frame / rate,
+        0.1,
+        responses,
+        dict.fromkeys(ratios, False) | (alarms or {}),
+        repeat=repeat,
+        thresholds={name: thresholds[name] for name in ratios},
+        detections=detections,
+    )
+
+
+def detection(
+    box: tuple[float, float, float, float], *, alarm: bool = False, left: float | None = None
+) -> Detection:
+    """An object whose expansion is in the middle of its box."""
+    x, y, width, height = box
+    return Detection(3, Box(*box), x + width / 2, y + height / 2, 0.25, alarm, left)
+
+
+def facts(width: int, height: int, frames: int | None = None) -> InputFacts:
+    """An input of 30 frames/s."""
+    return InputFacts("a.avi", "container", width, height, Fraction(30), frames)

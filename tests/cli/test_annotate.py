@@ -1,0 +1,145 @@
+"""``oppload run --annotate`` and ``detections.jsonl`` through the real command."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import av
+import pytest
+
+from tests.cli.process import oppload
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FAST = ("--height", "48", "--no-rmo")
+
+
+def frames_of(path: Path) -> int:
+    with av.open(str(path)) as container:
+        return sum(1 for _ in container.decode(video=0))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three clips of different lengths."""
+    folder = tmp_path_factory.mktemp("clips")
+    for number in range(3):
+        write_video(folder / f"clip{number}.avi", grey_frames(6 + number, seed=number))
+    return folder
+
+
+def test_the_files_of_a_run(clip: Path, tmp_path: Path) -> None:
+    done = oppload("run", clip, "-o", tmp_path, "--annotate")
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "loom.annotated.mp4",
+        "loom.detections.jsonl",
+        "loom.frames.csv",
+        "loom.oppload.json",
+    ]
+    assert frames_of(tmp_path / "loom.annotated.mp4") == 24
+    lines = (tmp_path / "loom.detections.jsonl").read_text().splitlines()
+    assert all({"frame", "time_s", "id", "time_to_contact_s"} <= set(json.loads(x)) for x in lines)
+    # The table is the same with and without, and so is the video each time.
+    again = tmp_path / "again"
+    assert oppload("run", clip, "-o", again, "--annotate").returncode == 0
+    assert oppload("run", clip, "-o", tmp_path / "plain").returncode == 0
+    for name in ("loom.annotated.mp4", "loom.detections.jsonl", "loom.frames.csv"):
+        assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
+    plain = {path.name: path.read_bytes() for path in (tmp_path / "plain").iterdir()}
+    assert plain["loom.frames.csv"] == (tmp_path / "loom.frames.csv").read_bytes()
+    assert sorted(plain) == ["loom.detections.jsonl", "loom.frames.csv", "loom.oppload.json"]
+
+
+def test_without_opplod_there_are_no_detections(clip: Path, tmp_path: Path) -> None:
+    done = oppload("run", clip, "-o", tmp_path, "--model", "dlgmd", "--annotate", *FAST)
+    assert done.returncode == 0, done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        *("loom.annotated.mp4", "loom.frames.csv", "loom.oppload.json")
+    ]
+
+
+def test_standard_output_holds_no_video(clip: Path) -> None:
+    done = oppload("run", clip, "-o", "-", "--annotate")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "oppload: --annotate writes a file; give a folder with --output, not '-'\n"
+    )
+
+
+def test_a_result_is_whole_with_every_file_that_is_asked_for(clip: Path, tmp_path: Path) -> None:
+    arguments = ("run", clip, "-o", tmp_path, *FAST)
+    assert oppload(*arguments).returncode == 0
+    # Without a video there is none to be had yet.
+    done = oppload(*arguments, "--annotate", "--if-exists", "skip")
+    assert "skipped" not in done.stderr
+    assert (tmp_path / "loom.annotated.mp4").exists()
+    for more in ((), ("--annotate",)):
+        assert "skipped" in oppload(*arguments, *more, "--if-exists", "skip").stderr
+    (tmp_path / "loom.detections.jsonl").unlink()
+    assert "skipped" not in oppload(*arguments, "--if-exists", "skip").stderr
+    for name in ("loom.frames.csv", "loom.oppload.json", "loom.detections.jsonl"):
+        (tmp_path / name).unlink()
+    refused = oppload(*arguments, "--annotate")
+    assert refused.returncode == 2
+    assert "loom.annotated.mp4: exists already" in refused.stderr
+
+
+def test_a_span_without_a_frame_gives_no_video(clip: Path, tmp_path: Path) -> None:
+    done = oppload("run", clip, "-o", tmp_path, "--annotate", "--start", "f900", *FAST)
+    assert done.returncode == 0, done.stderr
+    assert not list(tmp_path.glob("*.mp4*"))
+
+
+def test_a_batch_gives_the_same_and_takes_no_result_for_an_input(
+    folder: Path, tmp_path: Path
+) -> None:
+    for jobs in ("1", "2"):
+        out = tmp_path / jobs
+        done = oppload("run", folder, "-o", out, "--annotate", "--jobs", jobs, *FAST)
+        assert done.returncode == 0, done.stderr
+        videos = sorted(out.glob("*.annotated.mp4"))
+        assert [frames_of(path) for path in videos] == [6, 7, 8]
+    for path in (tmp_path / "1").glob("*.mp4"):
+        assert path.read_bytes() == (tmp_path / "2" / path.name).read_bytes()
+    for more in ((), ("-r",)):
+        done = oppload("run", tmp_path / "1", "-o", tmp_path / "3", *more)
+        assert done.returncode == 3
+        assert "annotated" not in done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_an_interrupted_run_leaves_a_video_that_plays(tmp_path: Path) -> None:
+    film = write_video(tmp_path / "film.avi", grey_frames(60) * 20)
+    out = tmp_path / "out"
+    part = out / "film.frames.csv.part"
+    with subprocess.Popen(
+        [
+            *(sys.executable, "-m", "oppload_cli", "run", str(film), "-o", str(out)),
+            *("--annotate", *FAST),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
+        while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
+            time.sleep(0.01)
+        time.sleep(0.2)
+        run.send_signal(signal.SIGINT)
+        said = run.communicate(timeout=30)[1]
+    assert run.returncode == 130, said
+    assert said.strip().count("\n") == 0
+    rows = part.read_text().count("\n") - 1
+    assert sorted(path.name for path in out.iterdir()) == [
+        "film.annotated.mp4.part",
+        "film.detections.jsonl.part",
+        "film.frames.csv.part",
+    ]
+    # What was under way may be missing.
+    assert rows - 8 <= frames_of(out / "film.annotated.mp4.part") <= rows

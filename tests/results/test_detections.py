@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from oppload_cli.results.detections import DetectionsFile, line_of
+from tests.annotation.records import detection, record
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_a_line_is_json_with_the_keys_in_their_order() -> None:
+    found = detection((10, 20.5, 1 / 3, 40), alarm=True, left=0.12345678912)
+    assert line_of(record(7), found) == (
+        '{"frame": 7, "time_s": 0.233333333, "id": 3, "x": 10, "y": 20.5, "width": 0.333333333, '
+        '"height": 40, "centre_x": 10.1666667, "centre_y": 40.5, "response": 0.25, '
+        '"alarm": true, "time_to_contact_s": 0.123456789}\n'
+    )
+
+
+def test_what_is_not_known_is_null() -> None:
+    found = replace(detection((1, 2, 3, 4)), response=1e-12, time_to_contact_s=math.inf)
+    read = json.loads(line_of(record(0), found))
+    assert read["time_to_contact_s"] is None
+    assert json.loads(line_of(record(0), detection((1, 2, 3, 4))))["time_to_contact_s"] is None
+    assert read["alarm"] is False
+    assert read["response"] == 1e-12
+
+
+def test_lines_are_on_the_disk_at_once(tmp_path: Path) -> None:
+    file = DetectionsFile(tmp_path / "a.detections.jsonl")
+    part = tmp_path / "a.detections.jsonl.part"
+    file.write(record(0))
+    assert part.read_bytes() == b""
+    two = (detection((1, 2, 3, 4)), detection((5, 6, 7, 8)))
+    file.write(record(1, detections=two))
+    lines = [json.loads(line) for line in part.read_text().splitlines()]
+    assert [(line["frame"], line["x"]) for line in lines] == [(1, 1), (1, 5)]
+    file.commit()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.detections.jsonl"]
+    assert (tmp_path / "a.detections.jsonl").read_bytes().count(b"\r") == 0

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import av
+import numpy as np
+import pytest
+
+from oppload_cli.video.recording import Recording, ticks_hz
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+
+def pictures(count: int, width: int = 64, height: int = 48) -> list[NDArray[np.uint8]]:
+    values = np.random.default_rng(3).integers(0, 256, (3, 3, 3)).astype(np.float64)
+    across = np.linspace(0, 1, width)[None, :, None]
+    down = np.linspace(0, 1, height)[:, None, None]
+    base = values[0, 0] * (1 - across) + values[1, 1] * across * down
+    return [np.clip(base + 2 * t, 0, 255).astype(np.uint8) for t in range(count)]
+
+
+def record(path: Path, times: list[float], rate: Fraction | None = None) -> Path:
+    recording = Recording(path, 64, 48, rate)
+    for picture, time_s in zip(pictures(len(times)), times, strict=True):
+        recording.write(picture, time_s)
+    recording.finish()
+    assert recording.frames == len(times)
+    return path
+
+
+def times_of(path: Path) -> list[Fraction]:
+    with av.open(str(path)) as container:
+        return [
+            frame.pts * frame.time_base
+            for frame in container.decode(video=0)
+            if frame.pts is not None and frame.time_base is not None
+        ]
+
+
+def test_it_is_what_browsers_play(tmp_path: Path) -> None:
+    path = record(tmp_path / "a.mp4", [t / 30 for t in range(40)], Fraction(30))
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        context = stream.codec_context
+        assert (context.name, context.pix_fmt, context.profile) == ("h264", "yuv420p", "High")
+        assert (context.colorspace, context.color_range) == (1, 1)
+        assert container.duration == pytest.approx(40 / 30 * 1e6, abs=2)
+        assert len(container.streams) == 1
+    data = path.read_bytes()
+    assert 0 < data.index(b"moov") < data.index(b"mdat")
+
+
+@pytest.mark.parametrize(
+    "rate", [Fraction(24000, 1001), Fraction(30000, 1001), Fraction(25), Fraction(1000)]
+)
+def test_times_of_usual_rates_are_exact(tmp_path: Path, rate: Fraction) -> None:
+    times = [t / rate for t in range(50)]
+    assert times_of(record(tmp_path / "a.mp4", [float(t) for t in times], rate)) == times
+
+
+def test_variable_times_are_kept_from_the_first_on(tmp_path: Path) -> None:
+    milliseconds = [5000, 5040, 5050, 5400, 5410, 5415, 6000, 6001, 6100, 14000]
+    path = record(tmp_path / "a.mp4", [t / 1000 for t in milliseconds])
+    assert times_of(path) == [Fraction(t - 5000, 1000) for t in milliseconds]
+    with av.open(str(path)) as container:
+        assert container.duration == pytest.approx(9e6 + 1e6 / 30, abs=20)
+
+
+def test_times_that_stand_still_or_jump(tmp_path: Path) -> None:
+    tick = Fraction(1, 90_000)
+    assert times_of(record(tmp_path / "a.mp4", [0, 0.1, 0.1, 0.05, 0.2])) == [
+        0,
+        Fraction(1, 10),
+        Fraction(1, 10) + tick,
+        Fraction(1, 10) + 2 * tick,
+        Fraction(1, 5),
+    ]
+    # The clock is set on by a day, and back to its beginning.
+    jumps = times_of(record(tmp_path / "b.mp4", [0, 1, 86401, 86402, 0, 1]))
+    frame = 1 / 30
+    expected = [0, 1, 1 + frame, 2 + frame, 2 + 2 * frame, 3 + 2 * frame]
+    assert [float(t) for t in jumps] == pytest.approx(expected, abs=2e-5)
+
+
+def test_one_frame_and_none(tmp_path: Path) -> None:
+    assert times_of(record(tmp_path / "a.mp4", [7.0])) == [0]
+    record(tmp_path / "b.mp4", [])
+
+
+def test_colours_survive_within_a_few_levels(tmp_path: Path) -> None:
+    path = record(tmp_path / "a.mp4", [t / 30 for t in range(10)])
+    with av.open(str(path)) as container:
+        decoded = [f.to_ndarray(format="bgr24") for f in container.decode(video=0)]
+    for seen, picture in zip(decoded, pictures(10), strict=True):
+        assert np.abs(seen.astype(int) - picture).mean() < 3
+
+
+def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
+    times = [t / 30 for t in range(60)]
+    one, other = (record(tmp_path / name, times) for name in ("a.mp4", "b.mp4"))
+    assert one.read_bytes() == other.read_bytes()
+
+
+def test_ticks() -> None:
+    assert ticks_hz(None) == ticks_hz(Fraction(25)) == ticks_hz(Fraction(30000, 1001)) == 90_000
+    assert ticks_hz(Fraction(24000, 1001)) == 360_000
+    assert ticks_hz(Fraction(2997, 100)) == 90_000  # exact would be 30 million
+
+
+def test_what_is_abandoned_is_closed(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "a.mp4", 64, 48, None)
+    recording.write(pictures(1)[0], 0.0)
+    recording.abandon()
+    (tmp_path / "a.mp4").unlink()
+    with pytest.raises(FileNotFoundError):
+        Recording(tmp_path / "no" / "a.mp4", 64, 48, None)
