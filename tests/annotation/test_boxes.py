@@ -82,7 +82,7 @@ def test_the_label_stands_above_or_inside_and_never_beyond() -> None:
     assert above[138, 200:230].all()
     assert not above[134, 200:230].any()
     inside = painted(drawn((100, 5, 120, 60)), CALM_PAINT)
-    assert inside[11, 200:230].all()
+    assert inside[32, 205:225].all()
     right = painted(drawn((425, 80, 60, 60)), CALM_PAINT)
     assert right[138, -30:].all()
 

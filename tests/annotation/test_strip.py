@@ -70,7 +70,9 @@ def test_a_response_without_threshold_is_a_gap() -> None:
     canvas, history = drawn(records)
     plot, row = canvas[LAYOUT.plot.slices], round(level_row(5, LAYOUT))
     assert near(plot[row, round(column_of(10 / 30, LAYOUT, history))], OPPLOD, 12)
-    assert near(plot[row, round(column_of(30 / 30, LAYOUT, history))], WHITE)
+    gap = round(column_of(33 / 30, LAYOUT, history))
+    assert near(plot[row, gap], WHITE)
+    assert near(plot[round(level_row(0, LAYOUT)), gap], WHITE)
     assert near(plot[row, round(column_of(50 / 30, LAYOUT, history))], OPPLOD, 12)
 
 

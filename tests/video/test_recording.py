@@ -52,6 +52,7 @@ def test_it_is_what_browsers_play(tmp_path: Path) -> None:
         assert len(container.streams) == 1
     data = path.read_bytes()
     assert 0 < data.index(b"moov") < data.index(b"mdat")
+    assert b"Lavf" not in data  # another version of the library shall not show
 
 
 @pytest.mark.parametrize(
