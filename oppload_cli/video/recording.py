@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from oppload_cli.errors import OutputError
 from oppload_cli.video.sink import Sink
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     import numpy as np
@@ -117,19 +118,16 @@ class Recording:
             threads=1,
         )
         frame.pts, frame.time_base = self._ticks(time_s), self._tick
-        self._container.mux(self._stream.encode(frame))
-        self._sink.check()
+        with self._errors():
+            self._container.mux(self._stream.encode(frame))
         self.frames += 1
 
     def finish(self) -> None:
         """Write what the encoder still holds, and the index."""
-        try:
+        with self._errors():
             if self.frames:
                 self._container.mux(self._stream.encode())
             self._container.close()
-        except av.error.FFmpegError:
-            self._sink.check()  # what the disk said explains more
-            raise
         self._sink.close()
 
     def abandon(self) -> None:
@@ -140,6 +138,16 @@ class Recording:
             self._container.close()
         with suppress(OSError):
             self._sink.close()
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Raise what the disk said, or else what the library says, as an OSError."""
+        try:
+            yield
+        except av.error.FFmpegError as error:
+            self._sink.check()
+            raise OSError(error.errno, error.strerror) from error
+        self._sink.check()
 
     def _ticks(self, time_s: float) -> int:
         last_s = self._last / self._hz

@@ -112,6 +112,14 @@ def test_ticks() -> None:
     assert ticks_hz(Fraction(2997, 100)) == 90_000  # exact would be 30 million
 
 
+def test_what_the_library_refuses_is_an_error_of_the_file(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "a.mp4", 64, 48, None)
+    recording.write(pictures(1)[0], 0.0)
+    recording.finish()
+    with pytest.raises(OSError, match="End of file"):
+        recording.finish()
+
+
 def test_what_is_abandoned_is_closed(tmp_path: Path) -> None:
     recording = Recording(tmp_path / "a.mp4", 64, 48, None)
     recording.write(pictures(1)[0], 0.0)
