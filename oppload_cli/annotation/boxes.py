@@ -58,7 +58,10 @@ def label_of(detection: Detection) -> str:
         ``#3`` or ``#3  contact in 0.84 s``.
     """
     left = detection.time_to_contact_s
-    return f"#{detection.identity}" + ("" if left is None else f"  contact in {left:.2f} s")
+    if left is None:
+        return f"#{detection.identity}"
+    # As many digits as may mean something.
+    return f"#{detection.identity}  contact in {left:.{1 if left >= 1 else 2}f} s"
 
 
 def _draw(picture: Bgr, layout: Layout, detection: Detection) -> None:

@@ -90,3 +90,4 @@ def test_the_label_stands_above_or_inside_and_never_beyond() -> None:
 def test_the_label_tells_the_time_to_contact_where_it_is_known() -> None:
     assert label_of(detection((0, 0, 1, 1))) == "#3"
     assert label_of(detection((0, 0, 1, 1), left=0.8449)) == "#3  contact in 0.84 s"
+    assert label_of(detection((0, 0, 1, 1), left=4.46)) == "#3  contact in 4.5 s"
