@@ -51,6 +51,10 @@ class ResultError(OpploadError):
     """A result file cannot be read back, or does not hold what is asked of it."""
 
 
+class ManifestError(OpploadError):
+    """A manifest of labelled clips, or their boxes, cannot be used."""
+
+
 class OutputError(OpploadError):
     """A result cannot be written."""
 

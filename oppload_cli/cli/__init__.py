@@ -27,6 +27,7 @@ COMMANDS = {
     "collect": "many results into one table",
     "plot": "plot results",
     "tune": "a stimulus over directions, speeds, sizes or places",
+    "evaluate": "labelled clips: detection, lead time, false alarms",
     "reproduce": "every synthetic figure of the OppLoD paper, with verdicts",
     "demo": "show it at work on a looming disk",
     "stimuli": "the catalogue of looming stimuli",

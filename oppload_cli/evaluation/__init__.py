@@ -1,0 +1,1 @@
+"""``oppload evaluate``: detectors and plain baselines over labelled clips."""
