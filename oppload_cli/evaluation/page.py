@@ -22,7 +22,7 @@ Figures = dict[tuple[str, str], dict[str, dict[str, Any]]]  # measure, condition
 HEADLINE = (
     ("detected", "detection_rate", "at 1 per minute"),
     ("lead (s)", "lead_time_s", "at 1 per minute"),
-    ("detected, held out", "detection_rate", "at 1 per minute, held out"),
+    ("detected, held out", "detection_rate", "held out at 1 per minute"),
     ("alarm as shipped: detected", "detection_rate", "alarm as shipped"),
     ("its false alarms per minute", "false_alarms_per_minute", "alarm as shipped"),
     ("ROC area", "roc_auc", "last second before contact"),

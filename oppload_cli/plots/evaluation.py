@@ -210,12 +210,11 @@ def plot_false_alarms(contenders: Sequence[Drawn]) -> Figure:
         axes = figure.subplots()
         kinds: dict[str, float] = {}
         for index, (each, look) in enumerate(_looks(contenders)):
-            found = {
+            kinds = {
                 f.condition.removeprefix(prefix): f.value
                 for f in each.measured.figures
                 if f.measure == "false_alarms_per_minute" and f.condition.startswith(prefix)
             }
-            kinds = {kind: value for kind, value in found.items() if kind != "held out"}
             y, height = _beside(len(kinds), index, len(contenders))
             values = list(kinds.values())
             axes.barh(y, values, height * 0.9, color=look["color"], label=each.title)

@@ -154,7 +154,7 @@ def held_out(
         for seen, threshold in zip(clips, thresholds, strict=True)
     ]
     outcomes = _outcomes(clips, above)
-    condition = f"{condition_of(rate)}, held out"
+    condition = f"held out {condition_of(rate)}"
     estimates = list(_estimates(clips, condition, outcomes, draws, by_kind=False))
     return Decision(condition, thresholds, outcomes, estimates)
 

@@ -1,0 +1,225 @@
+from __future__ import annotations
+
+import base64
+import csv
+import json
+import shutil
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli.evaluation.definitions import MEASURES
+from oppload_cli.evaluation.output import FILES
+from oppload_cli.evaluation.page import number
+from tests.cli.inside import run
+from tests.cli.process import oppload
+from tests.cli.test_reproduce import seen_by_a_browser
+from tests.evaluation.conftest import CONTACT, ONSET
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Capture = pytest.CaptureFixture[str]
+CONTENDERS = ["opplod:default", "dlgmd", "flow_divergence", "mean_p"]
+
+
+class Page(HTMLParser):
+    """Sources and links of a page, and the cells of its table of figures."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sources: list[str] = []
+        self.values: dict[str, list[str]] = {}
+        self._section = ""
+        self._is_value = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {name: value or "" for name, value in attrs}
+        self.sources += [values[name] for name in ("src", "href") if name in values]
+        if tag == "section":
+            self._section = values["id"]
+        self._is_value = values.get("class") in {"value", "spread"}
+
+    def handle_data(self, data: str) -> None:
+        if self._is_value:
+            self.values.setdefault(self._section, []).append(data)
+        self._is_value = False
+
+
+@pytest.fixture(scope="module")
+def evaluated(labelled: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("evaluated")
+    done = oppload(
+        "evaluate", labelled / "manifest.csv", "-o", folder, "--models", "opplod:default",
+        "--draws", "100", "-j", "1",
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert sorted(done.stdout.split()) == sorted(str(folder / name) for name in FILES)
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    return folder
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+
+
+def figures_of(folder: Path) -> dict[tuple[str, str, str], dict[str, str]]:
+    return {
+        (row["contender"], row["measure"], row["condition"]): row
+        for row in rows_of(folder / "evaluation.csv")
+    }
+
+
+def test_the_figures_of_looming_and_moving_disks(evaluated: Path) -> None:
+    found = figures_of(evaluated)
+    one, last = "at 1 per minute", "last second before contact"
+    for measure, condition, value in (
+        ("detection_rate", one, 1),
+        ("detection_rate", "held out at 1 per minute", 1),
+        ("false_alarms_per_minute", one, 0),
+        ("roc_auc", last, 1),
+        ("average_precision", last, 1),
+        ("ordered_pairs", "0 frames before contact", 1),
+        ("place_inside", "within 15 frames of contact", 1),
+    ):
+        assert float(found["opplod:default", measure, condition]["value"]) == value
+    assert 0.3 < float(found["opplod:default", "lead_time_s", one]["value"]) < 1.5
+    near = found["opplod:default", "place_distance_px", "within 15 frames of contact"]
+    assert float(near["value"]) < 8
+    assert near["n"] == "8"  # frames 75, 80, 85 and 88 of two clips
+    # The middle is right for the one disk, and 26 px to the side and 14 up for the other.
+    middle = found["frame_centre", "place_distance_px", "all boxed frames"]
+    assert float(middle["value"]) == pytest.approx(np.hypot(26, 14) / 2, abs=1)
+    assert float(found["mean_p", "roc_auc", last]["value"]) < 1
+    assert {contender for contender, _, _ in found} == {*CONTENDERS, "frame_centre"}
+    assert {measure for _, measure, _ in found} == set(MEASURES)
+    assert ("dlgmd", "detection_rate", "alarm as shipped") in found
+    assert ("mean_p", "detection_rate", "alarm as shipped") not in found
+    assert ("mean_p", "place_inside", "all boxed frames") not in found
+
+
+def test_responses_and_windows_give_the_figures_again(evaluated: Path) -> None:
+    found = figures_of(evaluated)
+    responses = rows_of(evaluated / "responses.csv")
+    assert len(responses) == (90 + 90 + 60 + 36) * len(CONTENDERS)
+    own = [
+        row
+        for row in responses
+        if (row["clip"], row["contender"]) == ("centre.avi", "opplod:default")
+    ]
+    threshold = float(found["opplod:default", "threshold", "at 1 per minute"]["value"])
+    first = next(
+        int(row["frame"])
+        for row in own
+        if int(row["frame"]) >= ONSET and float(row["response"] or 0) > threshold
+    )
+    report: dict[str, Any] = json.loads((evaluated / "report.json").read_text())
+    outcome = report["clips"][0]["outcomes"]["opplod:default"]["at 1 per minute"]
+    assert outcome["lead_s"] == pytest.approx((CONTACT - first) / 30)
+    windows = [row for row in rows_of(evaluated / "windows.csv") if row["contender"] == "mean_p"]
+    above = [
+        float(w["score"])
+        for w in windows
+        if w["frames_before_contact"] == "0" and w["use"] == "approach"
+    ]
+    below = [float(w["score"]) for w in windows if w["use"] == "without approach"]
+    pairs = np.array([[(a > b) + 0.5 * (a == b) for b in below] for a in above])
+    area = found["mean_p", "roc_auc", "last second before contact"]
+    assert float(area["value"]) == pytest.approx(pairs.mean())
+    assert int(area["n"]) == len(above) + len(below)
+
+
+def test_the_page_holds_every_figure_and_needs_no_other_file(evaluated: Path) -> None:
+    page = Page()
+    page.feed((evaluated / "evaluation.html").read_text(encoding="utf-8"))
+    assert all(source.startswith("data:image/") for source in page.sources)
+    shown = page.values["figures"]
+    rows = rows_of(evaluated / "evaluation.csv")
+    assert len(shown) == 2 * len(rows)
+    for row in rows:
+        value, low, high = (float(row[key] or "nan") for key in ("value", "low", "high"))
+        assert number(value) in shown
+        assert any(
+            text == f"{number(low)} to {number(high)}, n {row['n']}" or text == f"n {row['n']}"
+            for text in shown
+        )
+    embedded = [base64.b64decode(source.partition(",")[2]) for source in page.sources]
+    plots = [name for name in FILES if name.endswith(".png")]
+    for name in plots:
+        assert (evaluated / name).read_bytes() in embedded
+    # No approach is missed: the stills are those of the other two clips, and before onset.
+    assert 1 <= len(embedded) - len(plots) <= 4
+    for data in embedded:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert picture is not None
+        assert picture.std() > 1
+
+
+def test_a_browser_shows_every_picture(evaluated: Path, tmp_path: Path) -> None:
+    page = evaluated / "evaluation.html"
+    shutil.copy(page, tmp_path / "index.html")
+    assert seen_by_a_browser(tmp_path, tmp_path) == page.read_text().count("<img ")
+
+
+def test_the_same_clips_give_the_same_bytes(
+    evaluated: Path, labelled: Path, tmp_path: Path
+) -> None:
+    done = oppload(
+        "evaluate", labelled / "manifest.csv", "-o", tmp_path, "--models", "opplod:default",
+        "--draws", "100", "-j", "2", "-q",
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    for name in FILES:
+        if name != "report.json":
+            assert (tmp_path / name).read_bytes() == (evaluated / name).read_bytes(), name
+    reports = [json.loads((each / "report.json").read_text()) for each in (tmp_path, evaluated)]
+    for report in reports:
+        assert report.pop("timing")["wall_s"] > 0
+    assert reports[0] == reports[1]
+
+
+def test_what_is_wrong_is_said_and_the_rest_runs(
+    labelled: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    for name in ("centre.avi", "moving.avi"):
+        shutil.copy(labelled / name, tmp_path / name)
+    (tmp_path / "text.avi").write_text("no video")
+    manifest = tmp_path / "clips.csv"
+    manifest.write_text(
+        "file,label,onset_frame,contact_frame,wheather\n"
+        "centre.avi,looming,45,89,\n"
+        "moving.avi,none,,,\n"
+        "moving.avi,none,,,\n"
+        "gone.avi,none,,,\n"
+        "text.avi,none,,,\n"
+    )
+    done = run(capsys, "evaluate", manifest, "-o", tmp_path / "out", "--draws", "100", "-j", "1")
+    assert done.returncode == 4
+    lines = done.stderr.splitlines()
+    assert [line.split(": ")[2] for line in lines] == ["row 1", "row 4", "row 5", "row 6"]
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [clip["row"] for clip in report["clips"]] == [2, 3]
+    assert [f"oppload: {fault}" for fault in report["faults"]] == lines
+    page = (tmp_path / "out" / "evaluation.html").read_text()
+    assert "gone.avi: there is no such file" in page
+
+
+def test_wrong_use(evaluated: Path, labelled: Path, tmp_path: Path, capsys: Capture) -> None:
+    manifest = labelled / "manifest.csv"
+    for code, reason, arguments in (
+        (2, "cannot be read", (tmp_path / "no.csv",)),
+        (2, "did you mean 'opplod:default'", (manifest, "--models", "opplod:defualt")),
+        (2, "check --boxes", (manifest, "--boxes", tmp_path / "no.json")),
+    ):
+        done = run(capsys, "evaluate", *arguments)
+        assert (done.returncode, reason in done.stderr) == (code, True), done.stderr
+    again = oppload("evaluate", manifest, "-o", evaluated)
+    assert (again.returncode, "exists already" in again.stderr) == (2, True)
+    empty = tmp_path / "empty.csv"
+    empty.write_text("file,label,onset_frame,contact_frame\nno.avi,none,,\n")
+    done = run(capsys, "evaluate", empty, "-o", tmp_path / "out")
+    assert (done.returncode, "names no clip that can be used" in done.stderr) == (3, True)
+    assert not list((tmp_path / "out").glob("*"))

@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import ManifestError, ParameterError
+from oppload_cli.evaluation.boxes import with_boxes
+from oppload_cli.evaluation.contenders import contenders
+from oppload_cli.evaluation.manifest import read_manifest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEADER = "file,label,onset_frame,contact_frame"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("a.avi", "b.avi", "c.avi"):
+        (tmp_path / name).touch()
+    return tmp_path
+
+
+def written(folder: Path, *rows: str, header: str = HEADER) -> Path:
+    path = folder / "clips.csv"
+    path.write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
+    return path
+
+
+def test_what_a_manifest_says(folder: Path) -> None:
+    path = written(
+        folder,
+        "a.avi, looming ,12,40,,30,100,8,6,somebody,MIT",
+        "",
+        '"b.avi",none,,,"translating, fast",,,,,,',
+        header=f"\ufeff{HEADER},motion,fps,frames,width,height,source,licence",
+    )
+    found = read_manifest(path)
+    assert found.faults == []
+    assert found.rows == 2
+    first, second = found.entries
+    assert (first.row, second.row) == (2, 4)
+    assert first.path == folder / "a.avi"
+    assert (first.label.name, first.label.onset, first.label.contact) == ("a.avi", 12, 40)
+    assert (first.label.looming, first.label.kind) == (True, "before an approach")
+    assert (second.label.looming, second.label.kind) == (False, "translating, fast")
+
+
+@pytest.mark.parametrize(
+    ("row", "reason"),
+    [
+        ("no.avi,looming,1,2", "no.avi: there is no such file"),
+        (",looming,1,2", "names no file"),
+        ("a.avi,loming,1,2", "unknown label 'loming'; did you mean 'looming'?"),
+        ("a.avi,,1,2", "unknown label ''"),
+        ("a.avi,looming,20,10", "its contact, frame 10, is before its onset, frame 20"),
+        ("a.avi,looming,,10", "has no onset_frame; fill it in"),
+        ("a.avi,looming,1,", "has no contact_frame; fill it in"),
+        ("a.avi,looming,1.5,2", "onset_frame must be a whole number from 0, not '1.5'"),
+        ("a.avi,looming,-1,2", "onset_frame must be a whole number from 0, not '-1'"),
+        ("a.avi,looming,1,soon", "contact_frame must be a whole number from 0, not 'soon'"),
+        ("a.avi,looming,1,\u0663", "contact_frame must be a whole number from 0"),
+        ("a.avi,none,,7", "has the contact_frame 7, but is labelled none"),
+        ("a.avi,looming,1", "has 3 cells, not 4"),
+        ("a.avi,looming,1,2,3", "has 5 cells, not 4"),
+        ("b.avi,none,,", "b.avi is in row 2 already"),
+        ("./b.avi,none,,", "./b.avi is in row 2 already"),
+    ],
+)
+def test_a_wrong_row_is_named_and_the_rest_stands(folder: Path, row: str, reason: str) -> None:
+    found = read_manifest(written(folder, "b.avi,none,,", row, "c.avi,looming,3,3"))
+    assert [entry.label.name for entry in found.entries] == ["b.avi", "c.avi"]
+    (fault,) = found.faults
+    assert fault.startswith(f"{folder / 'clips.csv'}: row 3: ")
+    assert reason in fault
+    assert found.rows == 3
+
+
+def test_a_row_that_was_wrong_does_not_make_a_right_one_a_duplicate(folder: Path) -> None:
+    found = read_manifest(written(folder, "a.avi,looming,9,3", "a.avi,looming,3,9"))
+    assert [entry.row for entry in found.entries] == [3]
+
+
+def test_an_unknown_column_is_reported_and_the_rest_stands(folder: Path) -> None:
+    found = read_manifest(
+        written(folder, "a.avi,none,,,still,x", header=f"{HEADER},motions,weather")
+    )
+    assert len(found.entries) == 1
+    assert "row 1: unknown column 'motions'; did you mean 'motion'?" in found.faults[0]
+    assert "row 1: unknown column 'weather'; there is" in found.faults[1]
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"", "lacks file, label, onset_frame, contact_frame"),
+        (b"file,label,onset_frame\n", "its first row lacks contact_frame"),
+        (b"file;label;onset_frame;contact_frame\n", "lacks file, label"),
+        (HEADER.encode() + b",file\n", "has file twice"),
+        (b"\xff\xfe\x00", "is no CSV in UTF-8"),
+        (b'file,"label', "is no CSV"),
+    ],
+)
+def test_what_is_no_manifest(folder: Path, content: bytes, reason: str) -> None:
+    path = folder / "clips.csv"
+    path.write_bytes(content)
+    with pytest.raises(ManifestError, match=reason):
+        read_manifest(path)
+    with pytest.raises(ManifestError, match=r"cannot be read .*check the path"):
+        read_manifest(folder / "none.csv")
+
+
+def test_boxes_are_those_beside_the_manifest_or_the_named_ones(folder: Path) -> None:
+    manifest = read_manifest(written(folder, "a.avi,looming,1,9", "b.avi,none,,"))
+    assert with_boxes(manifest) is manifest
+    (folder / "boxes.json").write_text('{"a.avi": {"7": [1, 2, 3.5, 4]}, "z.avi": {"x": 0}}')
+    found = with_boxes(manifest)
+    assert found.entries[0].label.boxes == {7: (1, 2, 3.5, 4)}
+    assert found.entries[1].label.boxes == {}
+    assert found.faults == []  # z.avi is another manifest's
+    other = folder / "other.json"
+    other.write_text('{"a.avi": {"8": [0, 0, 1, 1]}}')
+    assert with_boxes(manifest, other).entries[0].label.boxes == {8: (0, 0, 1, 1)}
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        {"1.5": [0, 0, 1, 1]},
+        {"4": [0, 0, 1]},
+        {"4": [0, 0, 0, 1]},
+        {"4": [0, 0, 1, -1]},
+        {"4": [0, 0, True, 1]},
+        {"4": ["0", 0, 1, 1]},
+        {"4": [0, 0, float("nan"), 1]},
+        {"4": None},
+        [],
+    ],
+)
+def test_a_wrong_box_is_named_and_the_rest_stands(folder: Path, entry: object) -> None:
+    manifest = read_manifest(written(folder, "a.avi,looming,1,9", "b.avi,none,,"))
+    content = {"a.avi": entry, "b.avi": {"3": [0, 0, 1, 1]}}
+    (folder / "boxes.json").write_text(json.dumps(content))
+    found = with_boxes(manifest)
+    assert [entry.label.boxes for entry in found.entries] == [{}, {3: (0, 0, 1, 1)}]
+    (fault,) = found.faults
+    assert fault.startswith(f"{folder / 'boxes.json'}: a.avi: ")
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "{", "[" * 100_000])
+def test_what_are_no_boxes(folder: Path, content: str) -> None:
+    manifest = read_manifest(written(folder, "a.avi,looming,1,9"))
+    (folder / "boxes.json").write_text(content)
+    with pytest.raises(ManifestError, match=r"boxes\.json: (is not valid JSON|must be an object)"):
+        with_boxes(manifest)
+    with pytest.raises(ManifestError, match="check --boxes"):
+        with_boxes(manifest, folder / "none.json")
+
+
+def test_contenders_and_the_baselines_beside_them() -> None:
+    baselines = ["dlgmd", "flow_divergence", "mean_p"]
+    assert [each.name for each in contenders(["opplod:paper", "mean_p"])] == [
+        "opplod:paper", *baselines,
+    ]  # fmt: skip
+    usual = [each.name for each in contenders()]
+    assert usual[0] == "opplod:default"
+    assert usual[-3:] == baselines
+    paper = contenders(["opplod:paper"])[0]
+    assert (paper.height, paper.model) == (600, "opplod")
+    assert paper.as_dict()["parameters"]["receptive_field"] == 200
+    with pytest.raises(ParameterError, match="no model 'opplod:papr'; did you mean 'opplod:paper'"):
+        contenders(["opplod:papr"])
