@@ -19,7 +19,7 @@ from oppload_cli.plots.evaluation import (
     plot_roc,
 )
 from oppload_cli.plots.style import png_bytes
-from oppload_cli.video.atomic import write_atomic
+from oppload_cli.video.atomic import disk_errors, remove, write_atomic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -59,6 +59,10 @@ def write_evaluation(
     """
     report, plots, moments = report_of(evaluation), drawn(evaluation), worst(evaluation)
     page = page_of(evaluation, report, plots, moments, pictures(evaluation, moments))
+    # Old files must never stand beside new ones, however this ends; the page comes last.
+    for name in FILES:
+        with disk_errors(folder / name):
+            remove(folder / name)
     yield from write_tables(evaluation, folder)
     for name, png in plots.items():
         write_atomic(folder / name, [png])

@@ -116,3 +116,19 @@ def test_every_figure_of_a_perfect_contender() -> None:
         assert found["ordered_pairs", f"{frames} frames before contact"].value == share
     assert found["distinct_ratio", "median over clips"].value == np.inf
     assert ("detection_rate", "alarm as shipped") not in found
+
+
+def test_the_interval_of_an_area_is_that_of_drawn_clips() -> None:
+    clips = [
+        clip(peaks(60, {55: 2.0}), 54, 56),  # above all others
+        clip([0.0] * 60, 54, 56),  # below all others
+        clip([0.0] * 3 + [1.0] * 100),
+    ]
+    # The earlier windows of the approaches tie with the second one: it is not all below.
+    found = {
+        f.measure: f for f in measured(clips, NAME, draws_of([True, True, False], 400)).figures
+    }
+    area = found["roc_auc"]
+    others, ties = 10 + 2 * 4, 2 * 4
+    assert area.value == pytest.approx((1 + 0.5 * ties / others) / 2)
+    assert (area.low, area.high) == pytest.approx((0.5 * ties / others, 1))

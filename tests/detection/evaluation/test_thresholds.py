@@ -139,3 +139,17 @@ def test_without_footage_or_approaches_nothing_is_claimed() -> None:
     assert np.isnan(alarms.threshold(np.array([1]), 1.0))
     found = at_rate([at_once], alarms, Approaches([at_once], NAME), 1.0, draws_of([True], 100))
     assert all(np.isnan(each.value) for _, _, each, _ in found.estimates)
+
+
+def test_each_draw_chooses_its_own_threshold() -> None:
+    # Only draws without the busy clip have a threshold that the approach is above.
+    clips = [clip(peaks(603, {100: 5.0})), clip([0.0] * 603), clip(peaks(60, {40: 3.0}), 3, 50)]
+    draws = draws_of([False, False, True], 400)
+    alarms, approaches = FalseAlarms(clips, NAME), Approaches(clips, NAME)
+    found = at_rate(clips, alarms, approaches, 0.4, draws)
+    values = {measure: each for measure, _, each, _ in found.estimates}
+    assert values["detection_rate"] == (0, 0, 1)
+    assert values["threshold"] == (5, 0, 5)
+    # The outcomes held out are not chosen again.
+    fixed = held_out(clips, NAME, alarms, 0.4, draws)
+    assert {measure: each for measure, _, each, _ in fixed.estimates}["detection_rate"] == (0, 0, 0)
