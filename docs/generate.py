@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.cli.models import SETS
 from oppload_cli.errors import ExitCode
+from oppload_cli.evaluation.definitions import CONDITIONS, INTERVALS, MEASURES
 from oppload_cli.results.columns import COMMON, OF_MODEL, RMO
 
 if TYPE_CHECKING:
@@ -57,6 +58,16 @@ def parameters() -> str:
     return "\n".join(parts) + "\n"
 
 
+def evaluation() -> str:
+    """Return the page of the evaluation on labelled clips."""
+    parts = [(DOCS / "evaluation.in.md").read_text(encoding="utf-8")]
+    parts += ["## Ways to decide on an alarm", table(("condition", "meaning"), CONDITIONS.items())]
+    measures = ((f"`{name}`", each.title, each.unit, each.text) for name, each in MEASURES.items())
+    parts += ["## Measures", table(("measure", "title", "unit", "definition"), measures)]
+    parts += ["## Intervals", INTERVALS]
+    return "\n".join(parts) + "\n"
+
+
 def rows(kind: type[Parameters]) -> Iterable[tuple[str, ...]]:
     """Yield a row per parameter of a set."""
     for each in fields(kind):
@@ -81,7 +92,7 @@ def table(header: tuple[str, ...], body: Iterable[tuple[str, ...]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-PAGES = {"formats.md": formats, "parameters.md": parameters}
+PAGES = {"evaluation.md": evaluation, "formats.md": formats, "parameters.md": parameters}
 
 
 def main() -> None:

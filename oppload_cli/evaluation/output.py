@@ -74,7 +74,7 @@ def write_evaluation(
         ("report.json", report_json({**report, "timing": timing})),
         ("evaluation.html", page),
     ):
-        write_atomic(folder / name, [text.encode("utf-8", "replace")])
+        write_atomic(folder / name, [text.encode("utf-8", "backslashreplace")])
         yield folder / name
 
 

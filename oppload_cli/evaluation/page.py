@@ -7,7 +7,7 @@ import math
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.evaluation.definitions import CONDITIONS, MEASURES, displayed
+from oppload_cli.evaluation.definitions import CONDITIONS, INTERVALS, MEASURES, displayed
 from oppload_cli.evaluation.look import STYLE
 from oppload_cli.evaluation.stills import RATE
 from oppload_cli.evaluation.strip import overlay, strip
@@ -303,11 +303,7 @@ def _definitions() -> Iterator[str]:
     for each in MEASURES.values():
         unit = f" ({each.unit})" if each.unit else ""
         yield f"<dt>{escape(each.title + unit)}</dt><dd>{_text(each.text)}</dd>"
-    yield (
-        "<dt>intervals</dt><dd>The clips are drawn with replacement, as many with and without an "
-        "approach as there are; 95 % of the draws give a value in the interval. Its ends are "
-        "those of clips like these, not of other kinds of clips.</dd></dl></section>"
-    )
+    yield f"<dt>intervals</dt><dd>{_text(INTERVALS)}</dd></dl></section>"
 
 
 def _parameters(report: Mapping[str, Any]) -> Iterator[str]:

@@ -143,7 +143,7 @@ def detection_curve(measured: Measured) -> tuple[NDArray[np.float64], NDArray[np
     rates = np.maximum.accumulate(alarms.rates(np.ones(len(alarms.minutes), np.int64)))
     peaks = measured.approaches.peaks
     peaks = peaks[~np.isnan(peaks)]
-    if not len(peaks) or np.isnan(rates).any():
+    if not len(peaks) or not len(rates) or np.isnan(rates).any():
         return np.empty(0), np.empty(0)
     detected = (peaks[:, None] > alarms.thresholds).mean(axis=0)
     # Of the thresholds with as many false alarms the lowest counts.

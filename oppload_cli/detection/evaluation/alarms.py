@@ -242,7 +242,7 @@ def _estimates(
                     outcomes.false_alarms[members], minutes[members], weights[members]
                 )
             ),
-            int((members & (minutes > 0)).sum()),
+            int((members & (minutes > 0) & ~np.isnan(whole.false_alarms)).sum()),
         )
 
 

@@ -147,9 +147,10 @@ def test_each_draw_chooses_its_own_threshold() -> None:
     draws = draws_of([False, False, True], 400)
     alarms, approaches = FalseAlarms(clips, NAME), Approaches(clips, NAME)
     found = at_rate(clips, alarms, approaches, 0.4, draws)
-    values = {measure: each for measure, _, each, _ in found.estimates}
-    assert values["detection_rate"] == (0, 0, 1)
-    assert values["threshold"] == (5, 0, 5)
+    values = {measure: [*each] for measure, _, each, _ in found.estimates}
+    assert values["detection_rate"] == [0, 0, 1]
+    assert values["threshold"] == [5, 0, 5]
     # The outcomes held out are not chosen again.
     fixed = held_out(clips, NAME, alarms, 0.4, draws)
-    assert {measure: each for measure, _, each, _ in fixed.estimates}["detection_rate"] == (0, 0, 0)
+    kept = {measure: [*each] for measure, _, each, _ in fixed.estimates}
+    assert kept["detection_rate"] == [0, 0, 0]

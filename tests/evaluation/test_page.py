@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.detection.evaluation.intervals import draws_of
+from oppload_cli.detection.evaluation.measures import measured
+from oppload_cli.evaluation.contenders import Contender
+from oppload_cli.evaluation.evaluate import Evaluation
+from oppload_cli.evaluation.manifest import Entry, Manifest
+from oppload_cli.evaluation.page import PLOTS, number, page_of
+from oppload_cli.evaluation.report import report_json, report_of
+from oppload_cli.evaluation.stills import worst
+from oppload_cli.evaluation.strip import HEIGHT, WIDTH, overlay, strip
+from tests.detection.evaluation.make import NAME, clip, peaks
+
+if TYPE_CHECKING:
+    from oppload_cli.detection.evaluation.series import Seen
+
+OPPLOD = "opplod:default"
+
+
+def renamed(seen: Seen, name: str) -> Seen:
+    return replace(seen, label=replace(seen.label, name=name), answers={OPPLOD: seen.answers[NAME]})
+
+
+FIELDS = np.full((100, 4), np.nan)
+FIELDS[84] = 50, 60, 100, 80
+BOXES = {84: (1.0, 2.0, 3.0, 4.0)}
+CLIPS = [
+    renamed(clip(peaks(100, {85: 9.0}), 80, 90), "found.avi"),
+    renamed(
+        clip(peaks(100, {84: 1.0}), 80, 90, boxes=BOXES, place=FIELDS.tolist()),
+        "<missed>.avi",
+    ),
+    renamed(clip(peaks(603, {100: 5.0, 130: 3.0, 160: 2.0}), motion="still"), "false.avi"),
+    renamed(clip(peaks(603, {200: 1.0})), "quiet.avi"),
+    renamed(clip([0.0] * 603), "silent.avi"),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def evaluation() -> Evaluation:
+    found = measured(CLIPS, OPPLOD, draws_of([seen.label.looming for seen in CLIPS], 100))
+    entries = [Entry(at, Path(seen.label.name), seen.label) for at, seen in enumerate(CLIPS, 2)]
+    manifest = Manifest(Path("clips.csv"), entries, ["row 9: <gone>"], 6)
+    contender = Contender(OPPLOD, "made by hand", 240)
+    return Evaluation(
+        manifest, [contender], entries, CLIPS, {OPPLOD: found}, found.figures, manifest.faults, 100
+    )
+
+
+def test_the_worst_moments(evaluation: Evaluation) -> None:
+    moments = worst(evaluation)
+    # In 3.3 minutes three alarms are allowed: above 1 there are three, above 0 four.
+    assert [(each.clip, each.frame, each.missed) for each in moments] == [
+        (1, 84, True), (2, 100, False), (3, 200, False),
+    ]  # fmt: skip
+    assert {each.threshold for each in moments} == {1.0}
+
+
+def test_the_page_says_it_and_escapes_names(evaluation: Evaluation) -> None:
+    moments = worst(evaluation)
+    page = page_of(evaluation, report_of(evaluation), dict.fromkeys(PLOTS, b"png"), moments, {})
+    assert "&lt;missed&gt;.avi" in page
+    assert "<missed>" not in page
+    assert "row 9: &lt;gone&gt;" in page
+    assert "frame 84 (0.6 s before contact): 1 times the threshold" in page
+    assert "frame 100 (still): 5 times the threshold" in page
+    assert page.count('<span class="no">missed</span>') == 1
+    assert '<span class="no">3 false</span>' in page
+    assert '<span class="yes">0.5 s</span>' in page
+
+
+def test_a_strip_shows_the_approach_the_threshold_and_the_frame(evaluation: Evaluation) -> None:
+    missed, false, _ = worst(evaluation)
+    drawn = strip(CLIPS[1], missed)
+    assert f'class="approach" x="{80 * WIDTH / 100:.1f}"' in drawn
+    points = re.findall(r"([\d.]+),([\d.]+)", drawn)
+    assert len(points) == 100
+    assert points[84] == (f"{84.5 * WIDTH / 100:.1f}", f"{HEIGHT - 2 - (HEIGHT - 6) / 1.2:.1f}")
+    # Above three times the threshold it is cut.
+    heights = [float(y) for _, y in re.findall(r"([\d.]+),([\d.]+)", strip(CLIPS[2], false))]
+    assert min(heights) == 4
+    assert "approach" not in strip(CLIPS[2], false)
+
+
+def test_boxes_stand_over_the_frame(evaluation: Evaluation) -> None:
+    missed, false, _ = worst(evaluation)
+    drawn = overlay(CLIPS[1], missed)
+    assert 'viewBox="0 0 400 200"' in drawn
+    assert 'class="label" x="1.0" y="2.0" width="3.0" height="4.0"' in drawn
+    assert 'class="winner" x="50.0" y="60.0" width="100.0" height="80.0"' in drawn
+    assert "rect" not in overlay(CLIPS[2], false)
+
+
+def test_what_is_no_number_is_null_in_the_report(evaluation: Evaluation) -> None:
+    text = report_json({"a": [float("nan"), 1.5], "b": {"c": float("inf")}})
+    assert text.split() == [
+        "{",
+        '"a":',
+        "[",
+        "null,",
+        "1.5",
+        "],",
+        '"b":',
+        "{",
+        '"c":',
+        "null",
+        "}",
+        "}",
+    ]
+    outcome = report_of(evaluation)["clips"][2]["outcomes"][OPPLOD]["at 1 per minute"]
+    assert outcome["detected"] is None
+    assert outcome["false_alarms"] == 3
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (0.41666, "0.42"), (1 / 30, "0.033"), (0.9999, "1"), (1.7284, "1.73"), (12.0, "12"),
+        (361.2, "361"), (11642.0, "11642"), (0.00060776, "0.00061"), (float("inf"), "\u221e"),
+        (float("nan"), "\u2013"), (None, "\u2013"),
+    ],
+)  # fmt: skip
+def test_numbers_of_the_page(value: float | None, shown: str) -> None:
+    assert number(value) == shown
