@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 TABLES = ("evaluation.csv", "responses.csv", "windows.csv")
 FILES = (*TABLES, *PLOTS, "report.json", "evaluation.html")
-DPI = 200
+DPI = 160
 
 
 def write_evaluation(

@@ -196,7 +196,10 @@ def test_what_is_wrong_is_said_and_the_rest_runs(
         "gone.avi,none,,,\n"
         "text.avi,none,,,\n"
     )
-    done = run(capsys, "evaluate", manifest, "-o", tmp_path / "out", "--draws", "100", "-j", "1")
+    done = run(
+        capsys, "evaluate", manifest, "-o", tmp_path / "out", "--models", "opplod:default",
+        "--draws", "100", "-j", "1",
+    )  # fmt: skip
     assert done.returncode == 4
     lines = done.stderr.splitlines()
     assert [line.split(": ")[2] for line in lines] == ["row 1", "row 4", "row 5", "row 6"]

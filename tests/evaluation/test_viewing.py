@@ -17,6 +17,9 @@ from tests.media import grey_frames, write_video
 if TYPE_CHECKING:
     from pathlib import Path
 
+# What does not depend on the size is quick at a small one.
+SMALL = [replace(each, height=60) for each in contenders(["opplod:default"])]
+
 
 def test_contenders_answer_as_they_do_alone(labelled: Path) -> None:
     path = labelled / "beside.avi"
@@ -59,12 +62,12 @@ def test_contenders_answer_as_they_do_alone(labelled: Path) -> None:
 def test_the_flow_is_that_of_the_frames_that_are_no_copies(tmp_path: Path) -> None:
     frames = [frame for frame in grey_frames(8, 128, 96) for _ in range(2)]
     path = write_video(tmp_path / "twice.mkv", frames)
-    viewed = view(Entry(2, path, Label("twice.mkv")), contenders())
+    viewed = view(Entry(2, path, Label("twice.mkv")), SMALL)
     assert viewed.seen is not None
     found = viewed.seen.answers["flow_divergence"].response
     assert found[1::2].tolist() == [0.0] * 8
     flow = FlowDivergence()
-    with open_video(path, height=240) as video:
+    with open_video(path, height=60) as video:
         alone = [flow.step(frame.luma) for frame in video if frame.index % 2 == 0]
     assert found[2::2].tolist() == alone[1:]
     assert np.isnan(found[0])
@@ -78,18 +81,18 @@ def test_the_flow_is_that_of_the_frames_that_are_no_copies(tmp_path: Path) -> No
     ],
 )
 def test_a_contact_where_nothing_can_answer(labelled: Path, label: Label, reason: str) -> None:
-    viewed = view(Entry(2, labelled / "centre.avi", label), contenders())
+    viewed = view(Entry(2, labelled / "centre.avi", label), SMALL)
     assert viewed.seen is None
     assert reason in viewed.faults[0]
 
 
 def test_what_cannot_be_decoded_or_is_too_short(tmp_path: Path) -> None:
     (tmp_path / "text.avi").write_text("no video")
-    viewed = view(Entry(2, tmp_path / "text.avi", Label("text.avi")), contenders())
+    viewed = view(Entry(2, tmp_path / "text.avi", Label("text.avi")), SMALL)
     assert viewed.seen is None
     assert "text.avi" in viewed.faults[0]
     short = write_video(tmp_path / "short.mkv", grey_frames(3))
-    viewed = view(Entry(2, short, Label("short.mkv")), contenders())
+    viewed = view(Entry(2, short, Label("short.mkv")), SMALL)
     assert viewed.faults == ["short.mkv: has 3 frames, too few for any response; leave it out"]
 
 
@@ -97,7 +100,7 @@ def test_a_cut_clip_is_used_and_said_to_be_cut(tmp_path: Path) -> None:
     whole = write_video(tmp_path / "whole.mkv", grey_frames(60, 320, 240)).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) * 2 // 3])
     boxes = {50: (0.0, 0.0, 1.0, 1.0)}
-    viewed = view(Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes)), contenders())
+    viewed = view(Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes)), SMALL)
     assert viewed.seen is not None
     assert 30 < len(viewed.seen) < 50
     assert viewed.faults[0] == "cut.mkv: is damaged or cut; what could be decoded is used"

@@ -56,10 +56,8 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
 @pytest.mark.parametrize(
     "clips",
     [
-        [clip([0.0] * 100, 80, 90)],
         [clip([0.0] * 100)],
         [clip([0.0] * 100, 0, 90)],
-        [clip([0.0] * 6, 3, 4)],
     ],
 )
 def test_little_is_drawn_of_little(clips: list[Seen]) -> None:
