@@ -83,7 +83,7 @@ def _boxes(of_clip: object) -> Iterator[tuple[int, Box] | RowError]:
         return
     for frame, box in of_clip.items():
         if not re.fullmatch(r"[0-9]{1,9}", frame):
-            yield RowError(f"frame '{frame}' must be a whole number from 0")
+            yield RowError(f"frame '{frame}' must be a whole number from 0; correct it")
         elif not _is_box(box):
             yield RowError(
                 f"frame {frame}: a box must be [left, top, width, height] in pixels with a width "

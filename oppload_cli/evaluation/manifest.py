@@ -170,7 +170,10 @@ def _label(row: dict[str, str]) -> Label:
         return Label(name, motion=motion)
     onset, contact = (_frame(name, row, column) for column in ("onset_frame", "contact_frame"))
     if contact < onset:
-        raise RowError(f"{name}: its contact, frame {contact}, is before its onset, frame {onset}")
+        raise RowError(
+            f"{name}: its contact, frame {contact}, is before its onset, frame {onset}; "
+            "correct them"
+        )
     return Label(name, onset, contact, motion)
 
 

@@ -7,10 +7,11 @@ import math
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.evaluation.definitions import CONDITIONS, INTERVALS, MEASURES, displayed
+from oppload_cli.evaluation.definitions import CONDITIONS, INTERVALS, MEASURES
 from oppload_cli.evaluation.look import STYLE
 from oppload_cli.evaluation.stills import RATE
 from oppload_cli.evaluation.strip import overlay, strip
+from oppload_cli.evaluation.text import NOTHING, cell, duration, marked_up, named, number
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -29,7 +30,6 @@ HEADLINE = (
     ("ordered pairs, 4 frames ahead", "ordered_pairs", "4 frames before contact"),
     ("inside the box", "place_inside", "within 15 frames of contact"),
 )
-NOTHING = "\N{EN DASH}"
 PLOTS = {
     "detection.png": "Detection rate over false alarms per minute, for every fixed threshold.",
     "roc.png": "ROC over one-second windows; area in brackets.",
@@ -91,59 +91,15 @@ def page_of(
     )
 
 
-def number(value: float | None) -> str:
-    """Return a figure as the page shows it.
-
-    Parameters
-    ----------
-    value : float or None
-        None, and what is not a number, is a dash.
-
-    Returns
-    -------
-    str
-        Two significant digits below 1, three above.
-    """
-    if value is None or math.isnan(value):
-        return NOTHING
-    if math.isinf(value):
-        return "∞"
-    if abs(value) >= 99.95:
-        return f"{value:.0f}"
-    return f"{value:.3g}" if abs(value) >= 0.995 else f"{value:.2g}"
-
-
-def cell(figure: Mapping[str, Any], *, counted: bool = False) -> str:
-    """Return a figure with its interval, as HTML.
-
-    Parameters
-    ----------
-    figure : mapping
-        One of the report's.
-    counted : bool
-        Whether n is shown.
-
-    Returns
-    -------
-    str
-        A table's cell.
-    """
-    value = f'<span class="value">{number(figure["value"])}</span>'
-    low, high = number(figure["low"]), number(figure["high"])
-    parts = [] if low == high == NOTHING else [f"{low} to {high}"]
-    parts += [f"n {figure['n']}"] if counted else []
-    return f'<td>{value} <span class="spread">{", ".join(parts)}</span></td>'
-
-
 def _introduction(report: Mapping[str, Any]) -> Iterator[str]:
     facts = report["manifest"]
     yield f"<h1>Looming detectors on {facts['clips']} labelled clips</h1>"
     yield (
-        f"<p>{facts['looming']} clips with an approach and {facts['none']} without, "
-        f"{facts['frames']} frames, {facts['minutes_without_approach']:.3g} minutes of footage "
-        f"without an approach: <code>{escape(facts['path'])}</code>. The clips are few, so read "
-        "each figure with its 95 % interval, which says how far it depends on which clips these "
-        "happen to be.</p>"
+        f"<p>Clips with an approach: {facts['looming']}; without: {facts['none']}; in all "
+        f"{facts['frames']} frames, with {duration(facts['minutes_without_approach'])} of footage "
+        f"without an approach. From <code>{escape(facts['path'])}</code>. Read each figure "
+        "with its 95 % interval, which says how far it depends on which clips these happen to "
+        "be.</p>"
     )
     if report["faults"]:
         items = "".join(f"<li>{escape(fault)}</li>" for fault in report["faults"])
@@ -164,8 +120,8 @@ def _headline(report: Mapping[str, Any]) -> Iterator[str]:
     minutes = report["manifest"]["minutes_without_approach"]
     yield '<section id="summary">\n<h2>At one false alarm per minute</h2>'
     yield (
-        f'<p class="note">In these {number(minutes)} minutes that is at most {int(RATE * minutes)} '
-        "in all, by one threshold for each model, chosen on these clips; 'held out' chooses it for "
+        f'<p class="note">In these {duration(minutes)} that is at most {int(RATE * minutes)} in '
+        "all, by one threshold for each model, chosen on these clips; 'held out' chooses it for "
         "each clip on the others.</p>"
     )
     yield f'<div class="wide"><table><thead><tr><th>model</th>{head}</tr></thead><tbody>'
@@ -176,7 +132,7 @@ def _headline(report: Mapping[str, Any]) -> Iterator[str]:
             else f"<td>{NOTHING}</td>"
             for _, measure, condition in HEADLINE
         )
-        title = f'<th scope="row" title="{escape(contender["meaning"])}">{_name(name)}</th>'
+        title = f'<th scope="row" title="{escape(contender["meaning"])}">{named(name)}</th>'
         yield f"<tr>{title}{cells}</tr>"
     yield "</tbody></table></div></section>"
 
@@ -209,7 +165,7 @@ def _stills(
             part = [e for e in moments if e.contender == name and e.missed == missed]
             if not part:
                 continue
-            yield f'<h3>{title}: {_name(name)}</h3><div class="stills">'
+            yield f'<h3>{title}: {named(name)}</h3><div class="stills">'
             for moment in part:
                 yield _still(evaluation, moment, pictures.get((moment.clip, moment.frame)))
             yield "</div>"
@@ -242,7 +198,7 @@ def _still(evaluation: Evaluation, moment: Moment, picture: bytes | None) -> str
 
 def _clips(report: Mapping[str, Any]) -> Iterator[str]:
     names = list(report["contenders"])
-    head = "".join(f"<th>{_name(name)}</th>" for name in names)
+    head = "".join(f"<th>{named(name)}</th>" for name in names)
     yield '<section id="clips">\n<h2>Clip by clip</h2>'
     yield (
         f'<p class="note">At {RATE:g} false alarm per minute: the lead in seconds where the '
@@ -276,7 +232,7 @@ def _outcome(outcome: Mapping[str, Any]) -> str:
 
 def _figures(report: Mapping[str, Any]) -> Iterator[str]:
     names = list(dict.fromkeys(figure["contender"] for figure in report["figures"]))
-    head = "".join(f"<th>{_name(name)}</th>" for name in names)
+    head = "".join(f"<th>{named(name)}</th>" for name in names)
     yield '<section id="figures">\n<h2>All figures</h2>'
     yield (
         '<p class="note">With 95 % intervals, and n: how many clips, windows, pairs or frames each '
@@ -299,17 +255,17 @@ def _figures(report: Mapping[str, Any]) -> Iterator[str]:
 def _definitions() -> Iterator[str]:
     yield '<section id="definitions">\n<h2>How each measure is defined</h2><dl>'
     for name, text in CONDITIONS.items():
-        yield f"<dt>{escape(name)}</dt><dd>{_text(text)}</dd>"
+        yield f"<dt>{escape(name)}</dt><dd>{marked_up(text)}</dd>"
     for each in MEASURES.values():
         unit = f" ({each.unit})" if each.unit else ""
-        yield f"<dt>{escape(each.title + unit)}</dt><dd>{_text(each.text)}</dd>"
-    yield f"<dt>intervals</dt><dd>{_text(INTERVALS)}</dd></dl></section>"
+        yield f"<dt>{escape(each.title + unit)}</dt><dd>{marked_up(each.text)}</dd>"
+    yield f"<dt>intervals</dt><dd>{marked_up(INTERVALS)}</dd></dl></section>"
 
 
 def _parameters(report: Mapping[str, Any]) -> Iterator[str]:
     yield '<section id="parameters">\n<h2>Parameters</h2>'
     for name, contender in report["contenders"].items():
-        yield f"<details><summary>{_name(name)}: {escape(contender['meaning'])}</summary><p>"
+        yield f"<details><summary>{named(name)}: {escape(contender['meaning'])}</summary><p>"
         sets = {"working height": contender["height"], "": contender["parameters"] or {}}
         sets["alarm"] = contender["alarm"] or {}
         pairs = [
@@ -332,13 +288,3 @@ def _by_measure(figures: Sequence[Mapping[str, Any]]) -> Figures:
         key = (figure["measure"], figure["condition"])
         table.setdefault(key, {})[figure["contender"]] = dict(figure)
     return table
-
-
-def _name(contender: str) -> str:
-    return escape(displayed(contender))
-
-
-def _text(text: str) -> str:
-    """Return a text with what stands in back quotes as code."""
-    parts = escape(text).split("`")
-    return "".join(f"<code>{part}</code>" if at % 2 else part for at, part in enumerate(parts))

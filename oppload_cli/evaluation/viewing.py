@@ -96,7 +96,8 @@ def _check(seen: Seen) -> None:
         raise RowError(f"{name}: has {len(seen)} frames, too few for any response; leave it out")
     if contact is not None and contact >= len(seen):
         raise RowError(
-            f"{name}: its contact, frame {contact}, is beyond its last frame, {len(seen) - 1}"
+            f"{name}: its contact, frame {contact}, is beyond its last frame, {len(seen) - 1}; "
+            "correct it"
         )
     if contact is not None and contact < seen.first:
         raise RowError(
@@ -107,7 +108,7 @@ def _check(seen: Seen) -> None:
 
 def _boxes_beyond(label: Label, frames: int) -> list[str]:
     return [
-        f"{label.name}: the box of frame {frame} is beyond its last frame, {frames - 1}"
+        f"{label.name}: the box of frame {frame} is beyond its last frame, {frames - 1}; correct it"
         for frame in sorted(label.boxes)
         if frame >= frames
     ]

@@ -220,6 +220,7 @@ def plot_false_alarms(contenders: Sequence[Drawn]) -> Figure:
             axes.barh(y, values, height * 0.9, color=look["color"], label=each.title)
         axes.set_yticks(range(len(kinds)), list(kinds))
         axes.invert_yaxis()
+        axes.set_xlim(0, max(RATE, axes.get_xlim()[1]))
         axes.set_title("false alarms by kind of motion, at 1 per minute in all")
         axes.set_xlabel("false alarms per minute")
         axes.legend(loc="best")

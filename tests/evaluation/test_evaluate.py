@@ -13,7 +13,7 @@ import pytest
 
 from oppload_cli.evaluation.definitions import MEASURES
 from oppload_cli.evaluation.output import FILES
-from oppload_cli.evaluation.page import number
+from oppload_cli.evaluation.text import number
 from tests.cli.inside import run
 from tests.cli.process import oppload
 from tests.cli.test_reproduce import seen_by_a_browser

@@ -13,10 +13,11 @@ from oppload_cli.detection.evaluation.measures import measured
 from oppload_cli.evaluation.contenders import Contender
 from oppload_cli.evaluation.evaluate import Evaluation
 from oppload_cli.evaluation.manifest import Entry, Manifest
-from oppload_cli.evaluation.page import PLOTS, number, page_of
+from oppload_cli.evaluation.page import PLOTS, page_of
 from oppload_cli.evaluation.report import report_json, report_of
 from oppload_cli.evaluation.stills import worst
 from oppload_cli.evaluation.strip import HEIGHT, WIDTH, overlay, strip
+from oppload_cli.evaluation.text import duration, number
 from tests.detection.evaluation.make import NAME, clip, peaks
 
 if TYPE_CHECKING:
@@ -70,6 +71,8 @@ def test_the_page_says_it_and_escapes_names(evaluation: Evaluation) -> None:
     assert "&lt;missed&gt;.avi" in page
     assert "<missed>" not in page
     assert "row 9: &lt;gone&gt;" in page
+    assert "with 3.26 minutes of footage" in page
+    assert duration(0.0733) == "4.4 s"
     assert "frame 84 (0.6 s before contact): 1 times the threshold" in page
     assert "frame 100 (still): 5 times the threshold" in page
     assert page.count('<span class="no">missed</span>') == 1
