@@ -14,15 +14,12 @@ class Definition(NamedTuple):
     ----------
     title, unit : str
         What the reader sees; the unit is empty for a share.
-    higher : bool or None
-        Whether a larger value is better; None where neither is.
     text : str
         How it is measured, in plain words.
     """
 
     title: str
     unit: str
-    higher: bool | None
     text: str
 
 
@@ -40,14 +37,12 @@ MEASURES = {
     "detection_rate": Definition(
         "detection rate",
         "",
-        True,
         "Share of the approaches with a response above the threshold, or the alarm on, at some "
         "frame from onset to contact, both included. n: approaches.",
     ),
     "lead_time_s": Definition(
         "lead time",
         "s",
-        True,
         "Time from the first such frame to contact, median over the detected approaches. Compare "
         "it only at like detection rates: who detects only the easy ones has them early. "
         "n: detected approaches.",
@@ -55,7 +50,6 @@ MEASURES = {
     "false_alarms_per_minute": Definition(
         "false alarms per minute",
         "1/min",
-        False,
         "Upward crossings of the threshold, or beginnings of the alarm, in footage without an "
         "approach: clips labelled none, and the others before their onset, clear of warm-up. "
         "After one, none is counted for a second. By kind of motion, as the manifest names it. "
@@ -64,14 +58,12 @@ MEASURES = {
     "threshold": Definition(
         "threshold",
         "response",
-        None,
         "What a response must be above, in the contender's own unit. n: clips with footage "
         "without an approach.",
     ),
     "roc_auc": Definition(
         "area under the ROC curve",
         "",
-        True,
         "Over one-second windows, scored by their largest response. Positive: the last second "
         "before contact. Negative: windows that tile the footage without an approach. Half a "
         "second is enough for a window; ties count half. n: windows.",
@@ -79,14 +71,12 @@ MEASURES = {
     "average_precision": Definition(
         "average precision",
         "",
-        True,
         "Precision averaged over the steps of recall, over the same windows; it depends on the "
         "share of positive windows. n: windows.",
     ),
     "ordered_pairs": Definition(
         "ordered pairs within clips",
         "",
-        True,
         "The one-second window that ends some frames before contact is set against each earlier "
         "window of the same clip, tiled back from its start. Share of pairs in which its largest "
         "response is the larger; ties count half; mean over clips. Chance is 0.5. n: pairs.",
@@ -94,7 +84,6 @@ MEASURES = {
     "distinct_ratio": Definition(
         "distinct ratio",
         "",
-        True,
         "Largest response from onset to contact over the largest before onset; over the median of "
         "the clips labelled none where under half a second comes before. Median over clips. The "
         "responses have different scales (OppLoD's is squared by its enhancing), so that the "
@@ -103,7 +92,6 @@ MEASURES = {
     "place_inside": Definition(
         "winning unit inside the box",
         "",
-        True,
         "Share of the boxed frames in which the centre of the winning unit's field lies in the "
         "labelled box, made 1.5 times as large about its centre; without a winner it does not. "
         "'frame_centre' always points at the middle of the frame. n: frames.",
@@ -111,14 +99,12 @@ MEASURES = {
     "place_distance_px": Definition(
         "distance to the box's centre",
         "source px",
-        False,
         "From the centre of the winning unit's field to that of the labelled box, median over the "
         "boxed frames with a winner. n: these frames.",
     ),
     "place_distance_diagonals": Definition(
         "distance to the box's centre",
         "box diagonals",
-        False,
         "The same over the diagonal of the box.",
     ),
 }
