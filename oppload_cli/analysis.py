@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams
+from oppload_cli.detection.cuts import Cuts
 from oppload_cli.detection.detections import Detections
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.bank import ModelBank
@@ -62,9 +63,13 @@ def analyse(
     FrameRecord
         One per decoded frame; responses are None during warm-up.
     """
-    bank = ModelBank(video.working.shape, params or [OpplodParams(), DlgmdParams()])
+    bank = ModelBank(
+        video.working.shape,
+        [_for_video(each, video) for each in params or (OpplodParams(), DlgmdParams())],
+    )
     alarms = {name: Alarm(name, alarm) for name in bank.models}
     objects = _objects(bank, video.working, places)
+    cuts = Cuts(alarm)
     # A thread of its own for the motion: it costs about as much as a model.
     seen = Prefetch(_seen(video, rmo, repeats or RepeatParams()), ahead=2)
     try:
@@ -72,14 +77,18 @@ def analyse(
             answers = {} if each.passed_over else bank.step(each.frame.luma)
             if each.still_begins:
                 # What was passed over was no copy: the models stand still as the scene does.
-                for _ in range(MEMORY):
+                for _ in range(bank.memory):
                     answers = bank.step(each.frame.luma)
             if each.repeat:
                 # Where nothing changed every model answers 0, whatever came before.
                 answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
             time_s = each.frame.time_s
+            change = 0.0 if each.repeat else bank.luma_change
+            blind = False
+            if change is not None and not each.passed_over:
+                blind = cuts.step(bank.photoreceptors, change)
             states = {
-                name: alarms[name].step(answer.response, time_s)
+                name: alarms[name].step(answer.response, time_s, blind=blind)
                 for name, answer in answers.items()
                 if answer is not None
             }
@@ -90,7 +99,7 @@ def analyse(
             yield FrameRecord(
                 each.frame.index,
                 time_s,
-                0.0 if each.repeat else bank.luma_change,
+                change,
                 {name: _in_source(answer, video.working) for name, answer in answers.items()},
                 states,
                 each.opponency,
@@ -133,6 +142,16 @@ def _objects(
     if places is None or not isinstance(model, Opplod):
         return None
     return Detections(model.judge.maps, working, places)
+
+
+def _for_video(
+    params: OpplodParams | DlgmdParams, video: FrameSource
+) -> OpplodParams | DlgmdParams:
+    """Fill in what follows from the video."""
+    if isinstance(params, DlgmdParams):
+        return params
+    rate = video.facts.frame_rate
+    return params.resolved(video.working.height, float(rate) if rate else None)
 
 
 def _in_source(answer: Response | None, working: WorkingSize) -> Response | None:

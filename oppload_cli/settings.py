@@ -9,7 +9,7 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from oppload_cli.detection.alarm import AlarmParams
+from oppload_cli.detection.alarm import ALARMS, AlarmParams
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.parameters import (
@@ -147,7 +147,7 @@ def resolve(
     groups: dict[str, Parameters] = {
         "opplod": chosen.opplod,
         "dlgmd": chosen.dlgmd,
-        "alarm": AlarmParams(),
+        "alarm": ALARMS[chosen.name],
         "places": PlaceParams(),
         "rmo": RmoParams(),
         "repeats": RepeatParams(),

@@ -41,7 +41,7 @@ def sidecar_content(task: Task, video: Video, outcome: Outcome, repeats: int) ->
     rate = facts.frame_rate
     groups = {
         **settings.groups,
-        "opplod": settings.opplod.resolved(working.height),
+        "opplod": settings.opplod.resolved(working.height, float(rate) if rate else None),
     }
     return {
         "tool": environment(),

@@ -96,6 +96,11 @@ class Shown:
         self._waiting: deque[Frame] = deque()
 
     @property
+    def facts(self) -> InputFacts:
+        """What is known of the input."""
+        return self._video.facts
+
+    @property
     def working(self) -> WorkingSize:
         """Size at which the models see them."""
         return self._video.working

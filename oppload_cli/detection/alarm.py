@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.background import Background
 from oppload_cli.parameters import Parameters, parameter
 
 
@@ -14,25 +15,42 @@ from oppload_cli.parameters import Parameters, parameter
 class AlarmParams(Parameters):
     """Parameters of the alarm; each model has its own alarm with these."""
 
+    opplod_floor: float = parameter(
+        1e-3, "response of OppLoD at or below which it never alarms", low=0, high=1e9
+    )
+    dlgmd_floor: float = parameter(
+        0.02, "response of D-LGMD at or below which it never alarms", low=0, high=1e9
+    )
     factor: float = parameter(
-        4.0, "response over the largest one of the background that alarms", low=1, high=1e6
+        30.0, "response over the median of the background that alarms", low=0, high=1e6
     )
     background_s: float = parameter(
         4.0, "how far back the background reaches", unit="s", low=0.1, high=3600
     )
     guard_s: float = parameter(
-        0.3, "the latest time that is not yet background", unit="s", low=0, high=60
+        0.2, "the latest time that is not yet background", unit="s", low=0, high=60
     )
-    opplod_floor: float = parameter(
-        3e-5, "response of OppLoD at or below which it never alarms", low=0, high=1e9
+    enough: int = parameter(1, "frames above the threshold that alarm", unit="frames", low=1)
+    window: int = parameter(1, "latest frames among which they are", unit="frames", low=1, high=999)
+    release: float = parameter(
+        0.5, "share of the threshold above which an alarm stays on", low=0, high=1
     )
-    dlgmd_floor: float = parameter(
-        1e-3, "response of D-LGMD at or below which it never alarms", low=0, high=1e9
-    )
-    enough: int = parameter(3, "frames above the threshold that alarm", unit="frames", low=1)
-    window: int = parameter(3, "latest frames among which they are", unit="frames", low=1, high=999)
     hold_s: float = parameter(
         0.5, "how long an alarm stays on after its last frame above", unit="s", low=0, high=60
+    )
+    refractory_s: float = parameter(
+        0.5, "how long no alarm goes on after one has gone off", unit="s", low=0, high=60
+    )
+    cut_ratio: float = parameter(
+        4.0,
+        "luminance change over the largest of the latest frames that is no motion; 0: none is",
+        low=0,
+        high=1e6,
+    )
+    cut_share: float = parameter(0.5, "share of the frame that changes then", low=0, high=1)
+    rest: float = parameter(5e-4, "luminance change below which a scene is at rest", low=0, high=1)
+    blind: int = parameter(
+        6, "frames that do not count after a cut or a rest", unit="frames", low=0, high=1000
     )
 
     def __post_init__(self) -> None:
@@ -44,12 +62,20 @@ class AlarmParams(Parameters):
             )
 
 
+ALARMS = {
+    "default": AlarmParams(),
+    "paper": AlarmParams(),
+    "robust": AlarmParams(opplod_floor=0.1, factor=1.0),
+}
+
+
 class Alarm:
     """The alarm of one model over one video.
 
     It knows only frames that have passed, so that it says the same on a robot as
-    on a file. The threshold is `factor` times the largest response of the
-    background: the last `background_s` seconds without the latest `guard_s`.
+    on a file. A frame counts when its response is above the threshold: `factor`
+    times the median response of the background, the last `background_s` seconds
+    without the latest `guard_s`, and at least the model's floor.
 
     Parameters
     ----------
@@ -60,23 +86,20 @@ class Alarm:
 
     Attributes
     ----------
-    threshold : float or None
-        What the latest response was held against; None without a background.
+    threshold : float
+        What the latest response was held against.
     """
 
     def __init__(self, model: str, params: AlarmParams | None = None) -> None:
         self.params = params or AlarmParams()
         self._floor: float = getattr(self.params, f"{model}_floor")
-        # Bounded, in case times stand still.
-        self._guard: deque[tuple[float, float]] = deque(maxlen=1 << 16)
-        # Times and responses of the background that a later one has not outdone:
-        # the first is the largest.
-        self._largest: deque[tuple[float, float]] = deque()
+        self._background = Background(self.params.background_s, self.params.guard_s)
         self._above: deque[bool] = deque(maxlen=self.params.window)
-        self._until = -math.inf
-        self.threshold: float | None = None
+        self._until_s = self._ready_s = -math.inf
+        self._on = False
+        self.threshold = self._floor
 
-    def step(self, response: float, time_s: float) -> bool:
+    def step(self, response: float, time_s: float, *, blind: bool = False) -> bool:
         """Take the response to the next frame.
 
         Parameters
@@ -85,29 +108,21 @@ class Alarm:
             The model's response, at least 0.
         time_s : float
             The frame's presentation time in seconds.
+        blind : bool
+            Whether the frame shall not count (see :class:`oppload_cli.detection.cuts.Cuts`).
 
         Returns
         -------
         bool
             Whether the alarm is on.
         """
-        threshold = self._threshold(time_s)
-        self.threshold = None if threshold == math.inf else threshold
-        self._above.append(response > threshold)
-        self._guard.append((time_s, response))
-        if sum(self._above) >= self.params.enough:
-            self._until = time_s + self.params.hold_s
-        return time_s <= self._until
-
-    def _threshold(self, time_s: float) -> float:
-        while self._guard and self._guard[0][0] < time_s - self.params.guard_s:
-            time, response = self._guard.popleft()
-            while self._largest and self._largest[-1][1] <= response:
-                self._largest.pop()
-            self._largest.append((time, response))
-        while self._largest and self._largest[0][0] < time_s - self.params.background_s:
-            self._largest.popleft()
-        if not self._largest:
-            return math.inf  # nothing to compare with yet
-        background = self._largest[0][1]
-        return max(self._floor, self.params.factor * background)
+        background = self._background.step(response, time_s)
+        self.threshold = max(self._floor, self.params.factor * background)
+        share = self.params.release if self._on else 1.0
+        self._above.append(response > share * self.threshold and not blind)
+        if sum(self._above) >= self.params.enough and (self._on or time_s >= self._ready_s):
+            self._until_s = time_s + self.params.hold_s
+        was_on, self._on = self._on, time_s <= self._until_s
+        if was_on and not self._on:
+            self._ready_s = time_s + self.params.refractory_s
+        return self._on

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.detection.alarm import AlarmParams
+from oppload_cli.detection.alarm import ALARMS, AlarmParams
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.parameters import (
     DEFAULT_PRESET,
@@ -107,9 +107,7 @@ def contenders(names: Iterable[str] = ()) -> list[Contender]:
 
 
 def _opplod(name: str, preset: Preset) -> Contender:
-    # A preset may bring an alarm of its own.
-    alarm: AlarmParams = getattr(preset, "alarm", AlarmParams())
-    return Contender(name, preset.meaning, preset.height, preset.opplod, alarm)
+    return Contender(name, preset.meaning, preset.height, preset.opplod, ALARMS[preset.name])
 
 
 def _baselines() -> list[Contender]:

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video
-    from oppload_cli.video.working import WorkingSize
 
 
 class Viewed:
@@ -123,8 +122,7 @@ def _answers(video: Video, contenders: Sequence[Contender]) -> tuple[Numbers, di
         passes = []
         for reader, group in enumerate(groups):
             params = [each.params for each in group if each.params is not None]
-            part = cast("Video", feed.reader(reader))
-            records = analyse(part, params, alarm=group[0].alarm, rmo=None)
+            records = analyse(feed.reader(reader), params, alarm=group[0].alarm, rmo=None)
             passes.append(
                 stack.enter_context(closing(cast("Generator[FrameRecord, None, None]", records)))
             )
@@ -190,8 +188,8 @@ def _divergence(part: _Part, wanted: bool) -> Iterator[tuple[float, float | None
 class _Part:
     """What one reader sees of a video: all that an analysis asks of it."""
 
-    def __init__(self, working: WorkingSize, frames: Iterator[Frame]) -> None:
-        self.working = working
+    def __init__(self, video: Video, frames: Iterator[Frame]) -> None:
+        self.facts, self.working = video.facts, video.working
         self._frames = frames
 
     def __iter__(self) -> Iterator[Frame]:
@@ -211,7 +209,7 @@ class _Feed:
 
     def reader(self, number: int) -> _Part:
         """Return what one reader sees."""
-        return _Part(self._video.working, self._read(number))
+        return _Part(self._video, self._read(number))
 
     def _read(self, number: int) -> Iterator[Frame]:
         own = self._waiting[number]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.convolution import MEMORY
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdResponse
 from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opplod import Opplod, OpplodResponse
@@ -62,10 +63,21 @@ class ModelBank:
         """Mean of P(t) over the frame, 0 to 1; None on the first frame."""
         return next(iter(self._layers.values())).luma_change
 
+    @property
+    def memory(self) -> int:
+        """How many frames back the models see."""
+        strides = [each.params.strides for each in self.models.values() if isinstance(each, Opplod)]
+        return MEMORY * max(strides, default=1)
+
+    @property
+    def photoreceptors(self) -> Map:
+        """P(t), shape (height, width), 0 to 1; of no meaning on the first frame."""
+        return next(iter(self._layers.values())).photoreceptors
+
     def reset(self) -> None:
         """Start over: the next frame is frame 0."""
-        for dpc in self._layers.values():
-            dpc.reset()
+        for resettable in (*self._layers.values(), *self.models.values()):
+            resettable.reset()
 
     def step(self, luma: Map) -> dict[str, Response | None]:
         """Take the next frame; every model answers to it.
@@ -86,6 +98,9 @@ class ModelBank:
             If the array is not a luminance image of the right shape.
         """
         ready = [dpc.step(luma) for dpc in self._layers.values()]
+        for model in self.models.values():
+            if isinstance(model, Opplod):
+                model.see(luma)
         return {
             name: model.respond() if all(ready) else None for name, model in self.models.items()
         }

@@ -11,8 +11,9 @@ import numpy as np
 
 from oppload_cli.models.crew import Crew
 from oppload_cli.models.layers import Dpc, rectified
-from oppload_cli.models.opponency import judge_for
+from oppload_cli.models.opponency import PooledJudge, judge_for
 from oppload_cli.models.parameters import OpplodParams, axes_of
+from oppload_cli.models.strides import StridedDpc
 
 if TYPE_CHECKING:
     from oppload_cli.models.kernels import Map
@@ -73,6 +74,11 @@ class Opplod:
     ) -> None:
         self.params = (params or OpplodParams()).resolved(shape[0])
         self.dpc = dpc or Dpc(shape, self.params, axes_of(self.params))
+        # The widest stride first: what the judge has pooled last is that of stride 1.
+        self._strided = [
+            StridedDpc(shape, self.params, axes_of(self.params), stride)
+            for stride in range(self.params.strides, 1, -1)
+        ]
         self.judge = judge_for(shape, self.params)
         self.pathways = {
             direction: self.judge.map(direction)
@@ -81,11 +87,13 @@ class Opplod:
         }
         self._balance = np.zeros(shape, np.float32)
         self._crew = Crew(shape)
-        self._extract = [partial(self._extract_pair, axis) for axis in axes_of(self.params)]
 
     def reset(self) -> None:
         """Start over: the next frame is frame 0."""
         self.dpc.reset()
+        self.judge.reset()
+        for strided in self._strided:
+            strided.reset()
 
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame and answer to it.
@@ -105,7 +113,20 @@ class Opplod:
         FrameError
             If the array is not a luminance image of the right shape.
         """
-        return self.respond() if self.dpc.step(luma) else None
+        ready = self.dpc.step(luma)
+        self.see(luma)
+        return self.respond() if ready else None
+
+    def see(self, luma: Map) -> None:
+        """Take the next frame into the layers that are this model's own.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance, 0 to 1, as the shared layers took it.
+        """
+        for strided in self._strided:
+            strided.step(luma)
 
     def respond(self) -> OpplodResponse:
         """Answer to the frame that the DPC layers hold: MDE, OMJ, enhancing.
@@ -114,7 +135,14 @@ class Opplod:
         -------
         OpplodResponse
         """
-        self._extract_directions()
+        if isinstance(self.judge, PooledJudge):
+            for strided in self._strided:
+                if strided.latest.ready:
+                    self._extract_directions(strided.latest)
+                    # S is referred to the time of one frame.
+                    share = strided.stride ** (-2 * self.params.compression)
+                    self.judge.add(self.pathways, share)
+        self._extract_directions(self.dpc)
         verdict = self.judge.judge(self.pathways)
         if verdict.response == 0:
             return OpplodResponse(0.0, verdict.opponency, None)
@@ -132,15 +160,14 @@ class Opplod:
         """
         return OpplodResponse(0.0, 0.0, None)
 
-    def _extract_directions(self) -> None:
+    def _extract_directions(self, dpc: Dpc) -> None:
         """S_phi = max(0, E - I / 2 - J_phi), and with + J_phi for the opposite one."""
-        cv2.scaleAdd(self.dpc.inhibition, -0.5, self.dpc.excitation, dst=self._balance)
-        self._crew(*self._extract)
+        cv2.scaleAdd(dpc.inhibition, -0.5, dpc.excitation, dst=self._balance)
+        self._crew(*(partial(self._extract_pair, dpc, axis) for axis in dpc.directional))
 
-    def _extract_pair(self, axis: int) -> None:
-        directional = self.dpc.directional[axis]
+    def _extract_pair(self, dpc: Dpc, axis: int) -> None:
         passing, opposite = self.pathways[axis], self.pathways[axis + 180]
-        cv2.subtract(self._balance, directional, dst=passing)
-        cv2.add(self._balance, directional, dst=opposite)
-        rectified(passing, self.dpc.excitation)
-        rectified(opposite, self.dpc.excitation)
+        cv2.subtract(self._balance, dpc.directional[axis], dst=passing)
+        cv2.add(self._balance, dpc.directional[axis], dst=opposite)
+        rectified(passing, dpc.excitation)
+        rectified(opposite, dpc.excitation)

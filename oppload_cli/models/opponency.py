@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
+import cv2
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
+from oppload_cli.models.background import Background
 from oppload_cli.models.crew import Crew
 from oppload_cli.models.parameters import axes_of
 from oppload_cli.models.pooling import Pooling
@@ -67,6 +69,9 @@ class Judge(Protocol):
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways, by direction in degrees."""
 
+    def reset(self) -> None:
+        """Forget the frames that have passed."""
+
 
 class PooledJudge:
     """OMJ of preset `default`: pool, outward minus inward at every unit, enhance the best.
@@ -87,6 +92,7 @@ class PooledJudge:
             phi: _Pair(
                 Pooling(shape, cell, params.pool_sigma * cell),
                 _offset_weights(reach, phi, params.periphery),
+                params.compression,
             )
             for phi in axes_of(params)
         }
@@ -105,6 +111,12 @@ class PooledJudge:
             params.pool_sigma * cell,
         )
         self._crew = Crew(shape)
+        self._further = np.zeros(pool.shape, np.float32)
+        self._gain = np.float32(params.rate_gain())
+        self._frames = 0
+        self._background = Background(
+            params.frames(params.adaptation_s), params.frames(params.adaptation_guard_s)
+        )
         self._selected = _selected_units(shape, self.centres_y, self.centres_x, params)
 
     def map(self, direction: int) -> Map:
@@ -121,6 +133,23 @@ class PooledJudge:
         """
         return self._pairs[direction % 180].pool.map()
 
+    def reset(self) -> None:
+        """Forget the frames that have passed."""
+        self._frames = 0
+        self._background.reset()
+
+    def add(self, pathways: Mapping[int, Map], share: float) -> None:
+        """Take frames several apart: their R counts in the next frame judged.
+
+        Parameters
+        ----------
+        pathways : mapping of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees.
+        share : float
+            What R is multiplied by.
+        """
+        self._further += np.float32(share) * self.opponency(pathways)
+
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways.
 
@@ -135,7 +164,11 @@ class PooledJudge:
             The best unit's; its response is ``c2 R^2``, 0 unless R is above T_o.
         """
         opponency = self.opponency(pathways)
+        opponency += self._further
+        self._further[:] = 0
         opponency *= self._selected
+        opponency *= self._gain
+        opponency *= self._adaptation(float(opponency.max()))
         best = int(opponency.argmax())
         row, column = divmod(best, opponency.shape[1])
         value = float(opponency[row, column])
@@ -149,6 +182,16 @@ class PooledJudge:
             centre_x=float(self.centres_x[column]),
             centre_y=float(self.centres_y[row]),
         )
+
+    def _adaptation(self, best: float) -> np.float32:
+        """Return what R is multiplied by: 1, or less in a scene full of opponent motion.
+
+        ``min(1, level / B)``, B the background of the best unit's R (``docs/robust.md``).
+        """
+        level = self._params.adaptation_level
+        self._frames += 1
+        background = self._background.step(best, self._frames) if level else 0.0
+        return np.float32(level / background if background > level else 1)
 
     def opponency(self, pathways: Mapping[int, Map]) -> Map:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
@@ -182,10 +225,13 @@ class _Pair:
         Pools their S maps.
     weights : ndarray of float32, shape (side, side)
         By offset: 1 outward, -w_p inward.
+    compression : float
+        Exponent of the pooled S.
     """
 
-    def __init__(self, pool: Pooling, weights: Map) -> None:
+    def __init__(self, pool: Pooling, weights: Map, compression: float) -> None:
         self.pool = pool
+        self._compression = compression
         self._weights = weights
         rows, columns = pool.shape
         margin = len(weights) // 2
@@ -208,8 +254,10 @@ class _Pair:
 
     def __call__(self, passing: Map, opposite: Map) -> None:
         """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted, into `difference`."""
-        self.pool(passing, self.passing)
-        self.pool(opposite, self.opposite)
+        for values, pooled in ((passing, self.passing), (opposite, self.opposite)):
+            self.pool(values, pooled)
+            if self._compression != 1:
+                cv2.pow(pooled, self._compression, dst=pooled)
         self._sum[:] = 0
         step = len(self._products)
         for first in range(0, len(self._weights), step):
@@ -259,6 +307,9 @@ class PixelwiseJudge:
         ndarray of float32, shape (height, width)
         """
         return np.zeros(self._shape, np.float32)
+
+    def reset(self) -> None:
+        """Forget the frames that have passed: it remembers none."""
 
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways.

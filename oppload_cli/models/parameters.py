@@ -13,6 +13,7 @@ from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.parameters import Parameters, parameter
 
 DEFAULT_PRESET = "default"
+UNKNOWN_RATE = 30.0  # Hz
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +94,31 @@ class OpplodParams(DpcParams):
     axes: int = parameter(
         45, "first axis of opponency; the other is 90 degrees on", unit="deg", choices=(0, 45)
     )
+    compression: float = parameter(
+        1.0, "exponent of the pooled S; below 1, contrast counts for less", low=0.1, high=2
+    )
+    strides: int = parameter(
+        1, "sees frames 1 to this many apart, and adds up", unit="frames", low=1, high=16
+    )
+    reference_rate: float = parameter(
+        0.0,
+        "frame rate to which the response is referred; 0: per frame",
+        unit="Hz",
+        low=0,
+        high=1e6,
+    )
+    frame_rate: float | None = parameter(
+        None, "frame rate of the video; auto: its own", unit="Hz", low=1e-3, high=1e6
+    )
+    adaptation_level: float = parameter(
+        0.0, "background of R from which on it is divided; 0: never", low=0, high=1e9
+    )
+    adaptation_s: float = parameter(
+        4.0, "how far back this background reaches", unit="s", low=0.1, high=60
+    )
+    adaptation_guard_s: float = parameter(
+        0.2, "the latest time that is not yet background", unit="s", low=0, high=60
+    )
     periphery: float = parameter(
         1.0, "weight of inward against outward motion, w_p", low=0, high=1000
     )
@@ -111,7 +137,15 @@ class OpplodParams(DpcParams):
             self._check_pixelwise()
 
     def _check_pixelwise(self) -> None:
-        literal = {"cell": 1, "pool_sigma": 0, "periphery": 0}
+        literal = {
+            "cell": 1,
+            "pool_sigma": 0,
+            "periphery": 0,
+            "compression": 1,
+            "strides": 1,
+            "reference_rate": 0,
+            "adaptation_level": 0,
+        }
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(
@@ -123,13 +157,15 @@ class OpplodParams(DpcParams):
                 "parameter 'units' of opplod must be a grid such as 5x5 with judgement=pixelwise"
             )
 
-    def resolved(self, height: int) -> OpplodParams:
-        """Return these parameters with what follows from the working height filled in.
+    def resolved(self, height: int, frame_rate: float | None = None) -> OpplodParams:
+        """Return these parameters with what follows from the video filled in.
 
         Parameters
         ----------
         height : int
             Working height in pixels.
+        frame_rate : float, optional
+            Frames per second, where it is known.
 
         Returns
         -------
@@ -139,8 +175,40 @@ class OpplodParams(DpcParams):
         """
         field = self.receptive_field or max(2, round(height * 5 / 12))
         return self.replaced(
-            receptive_field=field, cell=self.cell or max(1, min(1024, round(height / 30)))
+            receptive_field=field,
+            cell=self.cell or max(1, min(1024, round(height / 30))),
+            frame_rate=self.frame_rate or frame_rate,
         )
+
+    def frames(self, seconds: float) -> int:
+        """Return how many frames a time lasts, at 30 per second where the rate is not known.
+
+        Parameters
+        ----------
+        seconds : float
+            The time.
+
+        Returns
+        -------
+        int
+        """
+        return round(seconds * (self.frame_rate or UNKNOWN_RATE))
+
+    def rate_gain(self) -> float:
+        """Return what R is multiplied by to refer it to the reference rate.
+
+        At half the rate, edges move twice as far from frame to frame and P grows in
+        proportion; S is referred to the time of a frame at the reference rate.
+
+        Returns
+        -------
+        float
+            ``(frame_rate / reference_rate) ^ (2 compression)``; 1 where either is not given.
+        """
+        if not self.reference_rate or not self.frame_rate:
+            return 1.0
+        gain: float = (self.frame_rate / self.reference_rate) ** (2 * self.compression)
+        return gain
 
     def grid(self) -> tuple[int, int] | None:
         """Return the grid of units as (columns, rows), or None where every cell is one.
@@ -206,6 +274,21 @@ PRESETS = {
             ),
             DlgmdParams(),
         ),
+        Preset(
+            "robust",
+            "for real footage: large fields, compressed contrast, frames one and two apart",
+            240,
+            OpplodParams(
+                receptive_field=240,
+                cell=12,
+                pool_sigma=1.0,
+                compression=0.5,
+                strides=2,
+                reference_rate=30.0,
+                adaptation_level=0.05,
+            ),
+            DlgmdParams(),
+        ),
     )
 }
 
@@ -216,7 +299,7 @@ def preset_named(name: str) -> Preset:
     Parameters
     ----------
     name : str
-        ``default`` or ``paper``.
+        ``default``, ``paper`` or ``robust``.
 
     Returns
     -------

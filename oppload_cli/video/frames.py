@@ -42,6 +42,10 @@ class FrameSource(Protocol):
     """What a pass takes its frames from, such as an open video."""
 
     @property
+    def facts(self) -> InputFacts:
+        """What is known of the input."""
+
+    @property
     def working(self) -> WorkingSize:
         """Size of the frames, and what a pixel of them is in the source."""
 
