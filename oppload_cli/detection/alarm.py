@@ -65,7 +65,7 @@ class AlarmParams(Parameters):
 ALARMS = {
     "default": AlarmParams(),
     "paper": AlarmParams(),
-    "robust": AlarmParams(opplod_floor=0.1, factor=1.0),
+    "robust": AlarmParams(opplod_floor=0.06, factor=1.0),
 }
 
 

@@ -169,5 +169,13 @@ class Opplod:
         passing, opposite = self.pathways[axis], self.pathways[axis + 180]
         cv2.subtract(self._balance, dpc.directional[axis], dst=passing)
         cv2.add(self._balance, dpc.directional[axis], dst=opposite)
-        rectified(passing, dpc.excitation)
-        rectified(opposite, dpc.excitation)
+        for values in (passing, opposite):
+            rectified(values, dpc.excitation)
+            self._clear_border(values)
+
+    def _clear_border(self, values: Map) -> None:
+        """Set S to 0 where what comes into the frame meets no inhibition from outside it."""
+        border = self.params.border
+        if border:
+            values[:border] = values[-border:] = 0
+            values[:, :border] = values[:, -border:] = 0

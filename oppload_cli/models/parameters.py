@@ -94,6 +94,7 @@ class OpplodParams(DpcParams):
     axes: int = parameter(
         45, "first axis of opponency; the other is 90 degrees on", unit="deg", choices=(0, 45)
     )
+    border: int = parameter(0, "edge of the frame within which S is 0", unit="px", low=0, high=1000)
     compression: float = parameter(
         1.0, "exponent of the pooled S; below 1, contrast counts for less", low=0.1, high=2
     )
@@ -139,6 +140,7 @@ class OpplodParams(DpcParams):
     def _check_pixelwise(self) -> None:
         literal = {
             "cell": 1,
+            "border": 0,
             "pool_sigma": 0,
             "periphery": 0,
             "compression": 1,
@@ -282,8 +284,10 @@ PRESETS = {
                 receptive_field=240,
                 cell=12,
                 pool_sigma=1.0,
+                border=6,
                 compression=0.5,
                 strides=2,
+                periphery=1.1,
                 reference_rate=30.0,
                 adaptation_level=0.05,
             ),
