@@ -50,7 +50,7 @@ class AlarmParams(Parameters):
     cut_share: float = parameter(0.5, "share of the frame that changes then", low=0, high=1)
     rest: float = parameter(5e-4, "luminance change below which a scene is at rest", low=0, high=1)
     blind: int = parameter(
-        6, "frames that do not count after a cut or a rest", unit="frames", low=0, high=1000
+        8, "frames that do not count after a cut or a rest", unit="frames", low=0, high=1000
     )
 
     def __post_init__(self) -> None:
@@ -65,7 +65,7 @@ class AlarmParams(Parameters):
 ALARMS = {
     "default": AlarmParams(),
     "paper": AlarmParams(),
-    "robust": AlarmParams(opplod_floor=0.06, factor=1.0),
+    "robust": AlarmParams(opplod_floor=0.02, factor=8.0),
 }
 
 

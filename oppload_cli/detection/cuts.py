@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import TYPE_CHECKING
 
@@ -57,7 +56,7 @@ class Cuts:
         return self._blind > 0
 
     def _is_cut(self, photoreceptors: Map, change: float) -> bool:
-        before = max(self._changes, default=math.inf)
+        before = max(self._changes, default=0.0)
         if not self._params.cut_ratio or change <= self._params.cut_ratio * before:
             return False
         if before <= self._params.rest:

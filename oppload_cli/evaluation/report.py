@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.detection.evaluation.intervals import LEVEL, SEED
 from oppload_cli.detection.evaluation.places import GROWN, NEAR_CONTACT
-from oppload_cli.detection.evaluation.thresholds import RATES, REFRACTORY_S
+from oppload_cli.detection.evaluation.thresholds import RATES, SILENCE_S
 from oppload_cli.detection.evaluation.windows import AHEAD, LEAST_S, WINDOW_S
 from oppload_cli.environment import environment
 
@@ -50,7 +50,7 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
         "faults": evaluation.faults,
         "settings": {
             "false_alarm_rates_per_minute": list(RATES),
-            "refractory_s": REFRACTORY_S,
+            "silence_s": SILENCE_S,
             "window_s": WINDOW_S,
             "shortest_window_s": LEAST_S,
             "frames_before_contact": list(AHEAD),

@@ -91,7 +91,7 @@ class PooledJudge:
         self._pairs = {
             phi: _Pair(
                 Pooling(shape, cell, params.pool_sigma * cell),
-                _offset_weights(reach, phi, params.periphery),
+                _offset_weights(reach, phi, params),
                 params.compression,
             )
             for phi in axes_of(params)
@@ -112,6 +112,7 @@ class PooledJudge:
         )
         self._crew = Crew(shape)
         self._further = np.zeros(pool.shape, np.float32)
+        self._kept = np.zeros(pool.shape, np.float32)
         self._gain = np.float32(params.rate_gain())
         self._frames = 0
         self._background = Background(
@@ -136,6 +137,7 @@ class PooledJudge:
     def reset(self) -> None:
         """Forget the frames that have passed."""
         self._frames = 0
+        self._kept[:] = 0
         self._background.reset()
 
     def add(self, pathways: Mapping[int, Map], share: float) -> None:
@@ -166,6 +168,9 @@ class PooledJudge:
         opponency = self.opponency(pathways)
         opponency += self._further
         self._further[:] = 0
+        if self._params.persistence:
+            cv2.accumulateWeighted(opponency, self._kept, 1 - self._params.persistence)
+            opponency = self._kept.copy()
         opponency *= self._selected
         opponency *= self._gain
         opponency *= self._adaptation(float(opponency.max()))
@@ -189,9 +194,11 @@ class PooledJudge:
         ``min(1, level / B)``, B the background of the best unit's R (``docs/robust.md``).
         """
         level = self._params.adaptation_level
+        if not level or not best:  # rest is no background
+            return np.float32(1)
         self._frames += 1
-        background = self._background.step(best, self._frames) if level else 0.0
-        return np.float32(level / background if background > level else 1)
+        background = self._background.step(best, self._frames)
+        return np.float32(min(1, level / background) if background else 1)
 
     def opponency(self, pathways: Mapping[int, Map]) -> Map:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
@@ -368,14 +375,16 @@ def judge_for(shape: tuple[int, int], params: OpplodParams) -> Judge:
     return kind(shape, params)
 
 
-def _offset_weights(reach: int, phi: int, periphery: float) -> Map:
-    """Return 1 at the offsets u with u . u_phi > 0, -w_p at those with < 0, by row and column."""
+def _offset_weights(reach: int, phi: int, params: OpplodParams) -> Map:
+    """Return 1 at the offsets u within the cone of u_phi, -w_p within that of -u_phi, else 0."""
     # Along an axis or a diagonal each component of u_phi is -1, 0 or 1 times one length.
     across = round(math.cos(math.radians(phi)) * math.sqrt(2))
     up = round(math.sin(math.radians(phi)) * math.sqrt(2))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     along = x * across - y * up
-    return np.asarray((along > 0) - periphery * (along < 0), np.float32)
+    least = math.cos(math.radians(params.cone)) * math.hypot(across, up) * np.hypot(x, y)
+    within = np.abs(along) > least - 1e-9
+    return np.asarray(((along > 0) - params.periphery * (along < 0)) * within, np.float32)
 
 
 def _by_offset(padded: Map, margin: int) -> Map:

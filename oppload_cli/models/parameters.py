@@ -101,6 +101,9 @@ class OpplodParams(DpcParams):
     strides: int = parameter(
         1, "sees frames 1 to this many apart, and adds up", unit="frames", low=1, high=16
     )
+    persistence: float = parameter(
+        0.0, "share of a unit's R that it keeps from frame to frame", low=0, high=0.99
+    )
     reference_rate: float = parameter(
         0.0,
         "frame rate to which the response is referred; 0: per frame",
@@ -119,6 +122,13 @@ class OpplodParams(DpcParams):
     )
     adaptation_guard_s: float = parameter(
         0.2, "the latest time that is not yet background", unit="s", low=0, high=60
+    )
+    cone: float = parameter(
+        90.0,
+        "largest angle between an offset and the motion that is outward (or inward) there",
+        unit="deg",
+        low=1,
+        high=90,
     )
     periphery: float = parameter(
         1.0, "weight of inward against outward motion, w_p", low=0, high=1000
@@ -141,10 +151,12 @@ class OpplodParams(DpcParams):
         literal = {
             "cell": 1,
             "border": 0,
+            "cone": 90,
             "pool_sigma": 0,
             "periphery": 0,
             "compression": 1,
             "strides": 1,
+            "persistence": 0,
             "reference_rate": 0,
             "adaptation_level": 0,
         }
@@ -287,9 +299,11 @@ PRESETS = {
                 border=6,
                 compression=0.5,
                 strides=2,
+                cone=60.0,
                 periphery=1.1,
                 reference_rate=30.0,
-                adaptation_level=0.05,
+                persistence=0.5,
+                adaptation_level=0.035,
             ),
             DlgmdParams(),
         ),

@@ -14,13 +14,15 @@ if TYPE_CHECKING:
     from oppload_cli.detection.evaluation.intervals import Weights
     from oppload_cli.detection.evaluation.series import Flags, Numbers, Seen
 
-REFRACTORY_S = 1.0
+SILENCE_S = 1.0
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
 HIGHEST_RATE = 10.0  # up to which the curve is drawn
 
 
 def events(above: Flags, time_s: Numbers) -> list[int]:
-    """Return when alarms begin: upward crossings, none within a second of the one before.
+    """Return when alarms begin: upward crossings after a second of silence.
+
+    What goes above and below the threshold in quick turns is one alarm, not many.
 
     Parameters
     ----------
@@ -35,11 +37,9 @@ def events(above: Flags, time_s: Numbers) -> list[int]:
     list of int
         Positions in `above`.
     """
-    begun: list[int] = []
-    for start in np.flatnonzero(above & ~np.append(False, above[:-1])):
-        if not begun or time_s[start] - time_s[begun[-1]] >= REFRACTORY_S - 1e-6:
-            begun.append(int(start))
-    return begun
+    frames = np.flatnonzero(above)
+    silence = np.diff(time_s[frames], prepend=-np.inf)
+    return [int(frame) for frame in frames[silence >= SILENCE_S - 1e-6]]
 
 
 class FalseAlarms:
