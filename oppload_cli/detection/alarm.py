@@ -50,7 +50,7 @@ class AlarmParams(Parameters):
     cut_share: float = parameter(0.5, "share of the frame that changes then", low=0, high=1)
     rest: float = parameter(5e-4, "luminance change below which a scene is at rest", low=0, high=1)
     blind: int = parameter(
-        8, "frames that do not count after a cut or a rest", unit="frames", low=0, high=1000
+        10, "frames that do not count after a cut or a rest", unit="frames", low=0, high=1000
     )
 
     def __post_init__(self) -> None:
