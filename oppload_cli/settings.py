@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from oppload_cli.detection.alarm import ALARMS, AlarmParams
-from oppload_cli.detection.parameters import PlaceParams
+from oppload_cli.detection.parameters import PLACES, PlaceParams
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.parameters import (
     DEFAULT_PRESET,
@@ -148,7 +148,7 @@ def resolve(
         "opplod": chosen.opplod,
         "dlgmd": chosen.dlgmd,
         "alarm": ALARMS[chosen.name],
-        "places": PlaceParams(),
+        "places": PLACES[chosen.name],
         "rmo": RmoParams(),
         "repeats": RepeatParams(),
     }

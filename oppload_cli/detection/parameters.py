@@ -36,3 +36,7 @@ class PlaceParams(Parameters):
     largest_error: float = parameter(
         0.2, "largest standard error of a time to contact over it", low=0.001, high=10
     )
+
+
+# Responses of preset robust are on another scale.
+PLACES = {"default": PlaceParams(), "paper": PlaceParams(), "robust": PlaceParams(floor=1e-3)}

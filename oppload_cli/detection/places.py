@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.units import UnitMaps
 
 NEAR = 0.25  # receptive fields: a focus that near to an object's is always its own
+RESOLVED = 1.5  # spreads of the pooling: an object smaller than that has no size yet
 GROWTH = 1.25  # from one frame to the next, shortly before contact
 
 
@@ -164,7 +165,8 @@ class Places:
 
     def _time(self, track: Track, time_s: float) -> None:
         track.time_to_contact_s = None
-        if not track.extent.limited:
+        resolved = track.extent.size >= RESOLVED * self._maps.spread
+        if resolved and not track.extent.limited:
             # What moves is seen where it was half a frame ago.
             lag = (time_s - self._before_s) / 2 if self._before_s is not None else 0.0
             track.contact.add(time_s - lag, track.extent.size)

@@ -108,7 +108,8 @@ class PooledJudge:
             self.centres_y,
             self.centres_x,
             float(params.receptive_field or 0),
-            params.pool_sigma * cell,
+            # A power of a Gaussian is a Gaussian, wider where the power is below 1.
+            params.pool_sigma * cell / math.sqrt(params.compression),
         )
         self._crew = Crew(shape)
         self._further = np.zeros(pool.shape, np.float32)

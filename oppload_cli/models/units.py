@@ -28,7 +28,7 @@ class UnitMaps:
     field : float
         Side of a unit's receptive field in working pixels.
     spread : float
-        Sigma of the pooling in working pixels.
+        Sigma in working pixels of the pooled S of a thin edge.
     """
 
     responses: Map
