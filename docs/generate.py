@@ -49,7 +49,8 @@ def parameters() -> str:
     parts = [
         "# Parameters",
         "Set one with `--set set.parameter=value`, or in a file: see `oppload config`.",
-        "*auto* follows from the working height.",
+        "*auto* follows from the video: its working height or its frame rate. Defaults are those of"
+        " preset `default`; `oppload models` lists what other presets have.",
         "",
     ]
     for name, (meaning, kind) in SETS.items():

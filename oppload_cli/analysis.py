@@ -22,7 +22,7 @@ from oppload_cli.video.prefetch import Prefetch
 from oppload_cli.video.repeats import Repeats
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from oppload_cli.models.bank import Response
     from oppload_cli.video.frames import Frame, FrameSource
@@ -50,7 +50,8 @@ def analyse(
     params : sequence of OpplodParams or DlgmdParams, optional
         One set per model; both models with the defaults if left out.
     alarm : AlarmParams, optional
-        Of every model's alarm.
+        Of every model's alarm; those of a preset are ``ALARMS[name]`` of
+        `oppload_cli.detection.alarm`.
     places : PlaceParams, optional
         Of OppLoD's looming objects; None does not look for them.
     rmo : RmoParams, optional
@@ -67,34 +68,19 @@ def analyse(
         video.working.shape,
         [_for_video(each, video) for each in params or (OpplodParams(), DlgmdParams())],
     )
-    alarms = {name: Alarm(name, alarm) for name in bank.models}
+    alarms = _Alarms(bank, alarm)
     objects = _objects(bank, video.working, places)
-    cuts = Cuts(alarm)
     # A thread of its own for the motion: it costs about as much as a model.
     seen = Prefetch(_seen(video, rmo, repeats or RepeatParams()), ahead=2)
     try:
         for count, each in enumerate(seen):
-            answers = {} if each.passed_over else bank.step(each.frame.luma)
-            if each.still_begins:
-                # What was passed over was no copy: the models stand still as the scene does.
-                for _ in range(bank.memory):
-                    answers = bank.step(each.frame.luma)
-            if each.repeat:
-                # Where nothing changed every model answers 0, whatever came before.
-                answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
+            answers = _answers(bank, each, count)
             time_s = each.frame.time_s
             change = 0.0 if each.repeat else bank.luma_change
-            blind = False
-            if change is not None and not each.passed_over:
-                blind = cuts.step(bank.photoreceptors, change)
-            states = {
-                name: alarms[name].step(answer.response, time_s, blind=blind)
-                for name, answer in answers.items()
-                if answer is not None
-            }
+            states = alarms.step(each, answers, change)
             found: tuple[Detection, ...] = ()
             if objects and Opplod.name in states and not each.repeat:
-                threshold = alarms[Opplod.name].threshold
+                threshold = alarms.thresholds[Opplod.name]
                 found = objects.step(time_s, states[Opplod.name], threshold)
             yield FrameRecord(
                 each.frame.index,
@@ -104,7 +90,7 @@ def analyse(
                 states,
                 each.opponency,
                 each.repeat,
-                {name: alarms[name].threshold for name in answers},
+                {name: alarms.thresholds[name] for name in answers},
                 found,
             )
     finally:
@@ -133,6 +119,46 @@ def _seen(video: FrameSource, rmo: RmoParams | None, repeats: RepeatParams) -> I
         if flow and repeat:
             opponency = RmoMetrics()
         yield _Seen(frame, repeat, passed_over, still_begins, opponency)
+
+
+def _answers(bank: ModelBank, seen: _Seen, count: int) -> dict[str, Response | None]:
+    """Show the frame to the models; `count` frames came before it."""
+    answers = {} if seen.passed_over else bank.step(seen.frame.luma)
+    if seen.still_begins:
+        # What was passed over was no copy: the models stand still as the scene does.
+        for _ in range(bank.memory):
+            answers = bank.step(seen.frame.luma)
+    if seen.repeat:
+        # Where nothing changed every model answers 0, whatever came before.
+        answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
+    return answers
+
+
+class _Alarms:
+    """The alarms of all models over one video."""
+
+    def __init__(self, bank: ModelBank, params: AlarmParams | None) -> None:
+        self._bank = bank
+        self._cuts = Cuts(params)
+        self._alarms = {name: Alarm(name, params) for name in bank.models}
+
+    @property
+    def thresholds(self) -> dict[str, float]:
+        """The response above which the latest frame sets each model's alarm off."""
+        return {name: alarm.threshold for name, alarm in self._alarms.items()}
+
+    def step(
+        self, seen: _Seen, answers: Mapping[str, Response | None], change: float | None
+    ) -> dict[str, bool]:
+        """Take the answers to the next frame; say by model whether its alarm is on."""
+        blind = False
+        if change is not None and not seen.passed_over:
+            blind = self._cuts.step(self._bank.photoreceptors, change)
+        return {
+            name: self._alarms[name].step(answer.response, seen.frame.time_s, blind=blind)
+            for name, answer in answers.items()
+            if answer is not None
+        }
 
 
 def _objects(

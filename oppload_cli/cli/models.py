@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from oppload_cli.detection.alarm import AlarmParams
+from oppload_cli.detection.alarm import ALARMS, AlarmParams
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
 from oppload_cli.motion.parameters import RmoParams
@@ -44,13 +44,17 @@ def models(as_json: bool) -> None:
     click.secho("presets", bold=True)
     for preset in PRESETS.values():
         click.echo(f"  {preset.name:<9}{preset.meaning}; working height {preset.height}")
-        changed = {
-            name: value
-            for name, value in preset.opplod.as_dict().items()
-            if value != getattr(OpplodParams(), name)
-        }
-        for name, value in changed.items():
-            click.echo(f"  {'':9}opplod.{name} = {value}")
+        chosen: dict[str, Parameters] = {"opplod": preset.opplod, "alarm": ALARMS[preset.name]}
+        for group, of_preset in chosen.items():
+            for name, value in _changed(of_preset):
+                click.echo(f"  {'':9}{group}.{name} = {value}")
+
+
+def _changed(params: Parameters) -> Iterator[tuple[str, object]]:
+    usual = type(params)().as_dict()
+    for name, value in params.as_dict().items():
+        if value != usual[name]:
+            yield name, value
 
 
 def _lines(params: type[Parameters]) -> Iterator[str]:
@@ -80,6 +84,7 @@ def _described() -> dict[str, Any]:
                 "height": preset.height,
                 "opplod": preset.opplod.as_dict(),
                 "dlgmd": preset.dlgmd.as_dict(),
+                "alarm": ALARMS[preset.name].as_dict(),
             }
             for preset in PRESETS.values()
         },

@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from oppload_cli.errors import ParameterError
+from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.background import Background
 from oppload_cli.parameters import Parameters, parameter
 
@@ -39,18 +39,22 @@ class AlarmParams(Parameters):
         0.5, "how long an alarm stays on after its last frame above", unit="s", low=0, high=60
     )
     refractory_s: float = parameter(
-        0.5, "how long no alarm goes on after one has gone off", unit="s", low=0, high=60
+        0.5, "how long no alarm goes on once one has gone off", unit="s", low=0, high=60
     )
     cut_ratio: float = parameter(
         4.0,
-        "luminance change over the largest of the latest frames that is no motion; 0: none is",
+        "luminance change over the largest of the 5 frames before that is a cut; 0: none is",
         low=0,
         high=1e6,
     )
-    cut_share: float = parameter(0.5, "share of the frame that changes then", low=0, high=1)
-    rest: float = parameter(5e-4, "luminance change below which a scene is at rest", low=0, high=1)
+    cut_share: float = parameter(0.5, "share of the frame that a cut changes", low=0, high=1)
+    rest: float = parameter(5e-4, "luminance change up to which a scene is at rest", low=0, high=1)
     blind: int = parameter(
-        10, "frames that do not count after a cut or a rest", unit="frames", low=0, high=1000
+        10,
+        "frames from a cut or the end of a rest that do not count",
+        unit="frames",
+        low=0,
+        high=1000,
     )
 
     def __post_init__(self) -> None:
@@ -62,6 +66,7 @@ class AlarmParams(Parameters):
             )
 
 
+# By preset: their responses differ in size.
 ALARMS = {
     "default": AlarmParams(),
     "paper": AlarmParams(),
@@ -87,12 +92,23 @@ class Alarm:
     Attributes
     ----------
     threshold : float
-        What the latest response was held against.
+        The response above which the latest frame sets the alarm off; above `release`
+        times this it keeps it on.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such model.
+
+    Source: ``docs/alarms.md``.
     """
 
     def __init__(self, model: str, params: AlarmParams | None = None) -> None:
         self.params = params or AlarmParams()
-        self._floor: float = getattr(self.params, f"{model}_floor")
+        floors = {"opplod": self.params.opplod_floor, "dlgmd": self.params.dlgmd_floor}
+        if model not in floors:
+            raise ParameterError(f"no model '{model}' has an alarm{suggestion(model, floors)}")
+        self._floor = floors[model]
         self._background = Background(self.params.background_s, self.params.guard_s)
         self._above: deque[bool] = deque(maxlen=self.params.window)
         self._until_s = self._ready_s = -math.inf

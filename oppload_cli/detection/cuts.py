@@ -25,6 +25,8 @@ class Cuts:
     ----------
     params : AlarmParams, optional
         Its `cut_ratio`, `cut_share`, `rest` and `blind`.
+
+    Source: ``docs/alarms.md``.
     """
 
     MEMORY = 5  # frames of luminance change that one is held against
@@ -42,7 +44,7 @@ class Cuts:
         photoreceptors : ndarray of float32, shape (height, width)
             P(t), 0 to 1.
         change : float
-            Its mean.
+            Its mean, 0 to 1.
 
         Returns
         -------

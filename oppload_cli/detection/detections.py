@@ -35,7 +35,7 @@ class Detections:
         self._working = working
         self._cause: int | None = None
 
-    def step(self, time_s: float, alarm: bool, threshold: float | None) -> tuple[Detection, ...]:
+    def step(self, time_s: float, alarm: bool, threshold: float) -> tuple[Detection, ...]:
         """Find the objects of the frame that the judge has just seen.
 
         Parameters
@@ -44,8 +44,8 @@ class Detections:
             The frame's presentation time in seconds.
         alarm : bool
             Whether the model's alarm is on.
-        threshold : float or None
-            The response above which this frame counts for it.
+        threshold : float
+            The response above which this frame sets it off.
 
         Returns
         -------
@@ -61,11 +61,7 @@ class Detections:
         return tuple(
             self._detection(
                 track,
-                alarm
-                and (
-                    track.identity == self._cause
-                    or (threshold is not None and track.response > threshold)
-                ),
+                alarm and (track.identity == self._cause or track.response > threshold),
             )
             for track in tracks
         )

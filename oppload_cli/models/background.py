@@ -5,11 +5,11 @@ from __future__ import annotations
 from bisect import bisect_left, insort
 from collections import deque
 
-MOST = 1 << 14  # values kept, in case times stand still
+MOST = 1 << 14  # values kept: of a longer background the latest, also where times stand still
 
 
 class Background:
-    """The median of what a response has been.
+    """The median of what a response has been, of at most the latest 16384 values.
 
     Parameters
     ----------

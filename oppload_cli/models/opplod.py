@@ -124,6 +124,11 @@ class Opplod:
         ----------
         luma : ndarray of float32, shape (height, width)
             Luminance, 0 to 1, as the shared layers took it.
+
+        Raises
+        ------
+        FrameError
+            If the array is not a luminance image of the right shape.
         """
         for strided in self._strided:
             strided.step(luma)

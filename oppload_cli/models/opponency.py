@@ -1,6 +1,6 @@
 """Opposing motion judgement (OMJ) and enhancing (``docs/model.md``, section 5).
 
-Two judges, one per preset: :class:`PooledJudge` sums opponent products over cells,
+Two judges: :class:`PooledJudge` sums opponent products over cells,
 :class:`PixelwiseJudge` is the paper to the letter. Both take the four S maps and
 return the winning unit.
 """
@@ -74,7 +74,7 @@ class Judge(Protocol):
 
 
 class PooledJudge:
-    """OMJ of preset `default`: pool, outward minus inward at every unit, enhance the best.
+    """OMJ of presets `default` and `robust`: pool, outward minus inward, enhance the best.
 
     Parameters
     ----------

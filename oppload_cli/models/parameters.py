@@ -14,6 +14,7 @@ from oppload_cli.parameters import Parameters, parameter
 
 DEFAULT_PRESET = "default"
 UNKNOWN_RATE = 30.0  # Hz
+LOWEST_RATE, HIGHEST_RATE = 1e-3, 1e6  # Hz
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,10 +110,14 @@ class OpplodParams(DpcParams):
         "frame rate to which the response is referred; 0: per frame",
         unit="Hz",
         low=0,
-        high=1e6,
+        high=HIGHEST_RATE,
     )
     frame_rate: float | None = parameter(
-        None, "frame rate of the video; auto: its own", unit="Hz", low=1e-3, high=1e6
+        None,
+        "frame rate of the video; auto: as the file states it",
+        unit="Hz",
+        low=LOWEST_RATE,
+        high=HIGHEST_RATE,
     )
     adaptation_level: float = parameter(
         0.0, "background of R from which on it is divided; 0: never", low=0, high=1e9
@@ -164,7 +169,7 @@ class OpplodParams(DpcParams):
             if getattr(self, name) != value:
                 raise ParameterError(
                     f"parameter '{name}' of opplod must be {value} with judgement=pixelwise "
-                    f"(preset paper), which pools nothing and subtracts nothing"
+                    f"(preset paper), which is the paper to the letter"
                 )
         if self.units == "every":
             raise ParameterError(
@@ -179,19 +184,22 @@ class OpplodParams(DpcParams):
         height : int
             Working height in pixels.
         frame_rate : float, optional
-            Frames per second, where it is known.
+            Frames per second, where it is known; one outside 0.001 to 1000000 is not
+            believed.
 
         Returns
         -------
         OpplodParams
             With `receptive_field` and `cell` as numbers: 5/12 and 1/30 of the
-            height (100 and 8 px at 240), but at least 2 and 1 px.
+            height (100 and 8 px at 240), but at least 2 and 1 px; and with
+            `frame_rate`, unless it is known neither here nor there.
         """
+        believed = frame_rate if LOWEST_RATE <= (frame_rate or 0) <= HIGHEST_RATE else None
         field = self.receptive_field or max(2, round(height * 5 / 12))
         return self.replaced(
             receptive_field=field,
             cell=self.cell or max(1, min(1024, round(height / 30))),
-            frame_rate=self.frame_rate or frame_rate,
+            frame_rate=self.frame_rate or believed,
         )
 
     def frames(self, seconds: float) -> int:
@@ -200,7 +208,7 @@ class OpplodParams(DpcParams):
         Parameters
         ----------
         seconds : float
-            The time.
+            The time, at least 0.
 
         Returns
         -------

@@ -66,5 +66,7 @@ class StridedDpc:
         FrameError
             If the array is not a luminance image of the right shape.
         """
-        self._turn = (self._turn + 1) % self.stride
-        return self.latest.step(luma)
+        turn = (self._turn + 1) % self.stride
+        ready = self._turns[turn].step(luma)
+        self._turn = turn  # a frame that is refused takes no turn
+        return ready

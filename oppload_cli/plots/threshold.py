@@ -8,6 +8,7 @@ import numpy as np
 
 from oppload_cli.detection.alarm import AlarmParams
 from oppload_cli.errors import OpploadError, ResultError
+from oppload_cli.models.background import Background
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def alarm_threshold(time_s: Series, response: Series, params: AlarmParams, model: str) -> Series:
-    """Return the threshold that the next response was compared with, frame by frame.
+    """Return the threshold that each response was compared with to set the alarm off.
 
     Parameters
     ----------
@@ -32,18 +33,16 @@ def alarm_threshold(time_s: Series, response: Series, params: AlarmParams, model
     Returns
     -------
     ndarray, shape (n,)
-        `factor` times the largest response of the background, at least the floor;
-        NaN before there is a background (``docs/model.md``, "Alarms").
+        `factor` times the median response of the background, at least the floor
+        (``docs/alarms.md``); NaN during warm-up.
     """
     floor = float(getattr(params, f"{model}_floor"))
     valid = np.isfinite(response)
-    times, values = time_s[valid], response[valid]
-    first = np.searchsorted(times, times - params.background_s)
-    last = np.searchsorted(times, times - params.guard_s)
+    background = Background(params.background_s, params.guard_s)
     threshold = np.full(time_s.shape, np.nan)
     threshold[valid] = [
-        max(floor, params.factor * float(values[a:b].max())) if b > a else np.nan
-        for a, b in zip(first, last, strict=True)
+        max(floor, params.factor * background.step(float(value), float(time)))
+        for time, value in zip(time_s[valid], response[valid], strict=True)
     ]
     return threshold
 

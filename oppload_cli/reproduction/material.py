@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.parameters import PRESETS
 from oppload_cli.settings import resolve
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import StimulusVideo, present
@@ -21,8 +20,9 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 
-PRESET_NAMES = tuple(PRESETS)
 TITLES = {"default": "preset default", "paper": "preset paper (literal)"}
+# The paper's own model; preset robust departs from it.
+PRESET_NAMES = tuple(TITLES)
 # Without a pause before the motion: after one, the first moving frames meet no delayed
 # inhibition yet, and give a transient that is the same for every direction.
 NO_PAUSE = {"timing.before_s": 0}

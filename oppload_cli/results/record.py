@@ -62,9 +62,8 @@ class FrameRecord:
         Radial motion opponency; None for the first frame, or if not measured.
     repeat : bool
         Whether the frame is an exact repeat of the one before.
-    thresholds : dict of str to float or None
-        By model, the response above which this frame counts for the alarm; None
-        while there is no background to compare with.
+    thresholds : dict of str to float
+        By model, the response above which this frame sets the alarm off.
     detections : tuple of Detection
         OppLoD's looming objects, the largest response first.
     """
@@ -76,7 +75,7 @@ class FrameRecord:
     alarms: dict[str, bool] = field(default_factory=dict)
     rmo: RmoMetrics | None = None
     repeat: bool = False
-    thresholds: dict[str, float | None] = field(default_factory=dict)
+    thresholds: dict[str, float] = field(default_factory=dict)
     detections: tuple[Detection, ...] = ()
 
     def values(self) -> dict[str, Value]:
