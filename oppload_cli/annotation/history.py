@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -98,9 +97,9 @@ def ratio_of(record: FrameRecord, model: str) -> float | None:
     -------
     float or None
         At least 0; above 1 the frame counts for the alarm. None during warm-up and
-        without a threshold.
+        where the threshold is 0.
     """
     response, threshold = record.responses.get(model), record.thresholds.get(model)
-    if response is None or not threshold or not math.isfinite(threshold):
+    if response is None or not threshold:
         return None
     return response.response / threshold

@@ -14,7 +14,7 @@ def test_responses_are_held_against_their_thresholds() -> None:
     assert list(history.points["opplod"]) == [Point(0.0, 2.0, True)]
     assert list(history.points["dlgmd"]) == [Point(0.0, None, False)]
     without = record(0, {"opplod": 2.0})
-    without.thresholds["opplod"] = None
+    without.thresholds["opplod"] = 0.0
     assert ratio_of(without, "opplod") is None
     without.thresholds.clear()
     assert ratio_of(without, "opplod") is None

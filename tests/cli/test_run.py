@@ -153,15 +153,18 @@ def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "case", [("alarm", "1", 5), ("no-alarm", "1", 0), ("alarm", "1e6", 0), ("no-alarm", "1e6", 5)]
+    "case",
+    [("alarm", "1e-6", 5), ("no-alarm", "1e-6", 0), ("alarm", "1e6", 0), ("no-alarm", "1e6", 5)],
 )
 @pytest.mark.parametrize("several", [False, True])
 def test_a_condition_on_the_alarm(
     clip: Path, tmp_path: Path, case: tuple[str, str, int], several: bool
 ) -> None:
-    """The disk alarms where the factor is 1, and with a huge one it does not."""
-    condition, factor, code = case
-    options = ["--fail-on", condition, "--set", f"alarm.factor={factor}", "--no-rmo"]
+    """The disk alarms above low floors, and below high ones it does not."""
+    condition, floor, code = case
+    options = ["--fail-on", condition, "--no-rmo"]
+    for model in ("opplod", "dlgmd"):
+        options += ["--set", f"alarm.{model}_floor={floor}"]
     copy = tmp_path / "copy.avi"
     copy.write_bytes(clip.read_bytes())
     inputs = [clip, copy] if several else [clip]

@@ -1,58 +1,112 @@
+"""The alarm against numbers worked out by hand; 32 frames/s, so that times are exact."""
+
 from __future__ import annotations
 
+from itertools import pairwise
+
+import numpy as np
 import pytest
 
-from oppload_cli.detection.alarm import Alarm, AlarmParams
+from oppload_cli.detection.alarm import ALARMS, Alarm, AlarmParams
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.parameters import PRESETS
 
-RATE = 30
-
-
-def alarms(responses: list[float], params: AlarmParams | None = None) -> list[bool]:
-    alarm = Alarm("opplod", params or AlarmParams())
-    return [alarm.step(response, t / RATE) for t, response in enumerate(responses)]
+RATE = 32
+# Nothing but the floor, frame by frame.
+BARE = AlarmParams(opplod_floor=1, factor=0, release=1, hold_s=0, refractory_s=0)
 
 
-def test_a_response_far_above_the_background_alarms_after_enough_frames() -> None:
-    quiet = [1e-3] * 60
-    on = alarms([*quiet, 5e-3, 5e-3, 5e-3, *quiet])
-    assert on.index(True) == 62
-    # The last window that holds three frames above ends there; then it is held.
-    assert sum(on) == 1 + round(0.5 * RATE)
+def alarms(responses: list[float], params: AlarmParams, blind: tuple[int, ...] = ()) -> list[int]:
+    """Return the frames in which the alarm is on."""
+    alarm = Alarm("opplod", params)
+    return [
+        t
+        for t, response in enumerate(responses)
+        if alarm.step(response, t / RATE, blind=t in blind)
+    ]
 
 
-def test_nothing_alarms_at_the_background_times_the_factor() -> None:
-    assert not any(alarms([1e-3] * 60 + [4e-3] * 5))
-
-
-def test_two_frames_are_not_enough() -> None:
-    assert not any(alarms([1e-3] * 60 + [1.0, 1.0] + [1e-3] * 30))
-
-
-def test_below_the_floor_nothing_alarms() -> None:
-    assert not any(alarms([0.0] * 60 + [3e-5] * 30))
-    assert any(alarms([0.0] * 60 + [3.1e-5] * 30))
+def test_the_alarm_is_on_above_the_floor() -> None:
+    assert alarms([0, 1, 1.001, 0.5, 7], BARE) == [2, 4]
 
 
 def test_the_floor_is_the_models_own() -> None:
-    alarm = Alarm("dlgmd", AlarmParams(dlgmd_floor=0.5, opplod_floor=0))
-    assert not any(alarm.step(0.4, t / RATE) for t in range(60))
+    params = BARE.replaced(dlgmd_floor=3)
+    alarm = Alarm("dlgmd", params)
+    assert [alarm.step(response, t) for t, response in enumerate([2, 3, 4])] == [0, 0, 1]
 
 
-def test_the_background_forgets() -> None:
-    params = AlarmParams(background_s=1, guard_s=0.1)
-    burst = [1.0] * 5
-    again = [*burst, *([1e-3] * 60), *([0.5] * 3)]
-    assert alarms(again, params)[-1]
-    assert not alarms([*burst, *([1e-3] * 10), *([0.5] * 3)], AlarmParams(hold_s=0))[-1]
+def test_the_threshold_is_the_factor_times_the_median_of_the_background() -> None:
+    params = BARE.replaced(opplod_floor=0.5, factor=4, background_s=0.5, guard_s=0.125)
+    alarm = Alarm("opplod", params)
+    thresholds = []
+    for t in range(40):
+        alarm.step(float(t), t / RATE)
+        thresholds.append(alarm.threshold)
+    # Of frame t: t - 5, the first one over 0.125 s ago, and before it 0.5 s to t - 20.
+    assert thresholds[:5] == [0.5] * 5
+    for t in range(5, 40):
+        background = list(range(max(0, t - 20), t - 4))
+        assert thresholds[t] == max(0.5, 4 * background[len(background) // 2])
 
 
-def test_the_alarm_knows_only_the_past() -> None:
-    responses = [1e-3 * (1 + t % 7) for t in range(80)] + [0.5] * 6
-    whole = alarms(responses)
-    assert alarms(responses[:83]) == whole[:83]
+def test_a_lone_peak_is_no_background() -> None:
+    """As a median, and not a maximum, the background of one cut does not last for seconds."""
+    params = BARE.replaced(opplod_floor=0.5, factor=3, guard_s=0)
+    assert alarms([0.2] * 20 + [90] * 3 + [0.2] * 20 + [0.61], params) == [20, 21, 22, 43]
+    assert alarms([0.2] * 20 + [0.61], params.replaced(factor=4)) == []
+
+
+@pytest.mark.parametrize(("enough", "expected"), [(1, [2, 3, 4, 5, 6, 7]), (2, [4, 5]), (3, [])])
+def test_enough_of_the_latest_window(enough: int, expected: list[int]) -> None:
+    assert alarms([0, 0, 2, 0, 2, 0, 0, 0, 0], BARE.replaced(enough=enough, window=4)) == expected
 
 
 def test_enough_is_within_the_window() -> None:
     with pytest.raises(ParameterError, match="'enough' of alarm must be at most 'window'"):
         AlarmParams(enough=5, window=4)
+
+
+def test_an_alarm_that_is_on_stays_on_above_the_release() -> None:
+    responses = [0.6, 2, 0.6, 0.51, 0.5, 0.6, 2]
+    assert alarms(responses, BARE.replaced(release=0.5)) == [1, 2, 3, 6]
+    assert alarms(responses, BARE) == [1, 6]
+
+
+def test_an_alarm_is_held_after_its_last_frame() -> None:
+    responses = [0, 2, 0, 2] + [0.0] * 10
+    assert alarms(responses, BARE.replaced(hold_s=4 / RATE)) == [1, 2, 3, 4, 5, 6, 7]
+
+
+def test_no_alarm_goes_on_within_the_refractory_time() -> None:
+    # Off at frame 1: none before frame 5. Frame 8 follows frame 6 without a break.
+    responses = [2, 0, 2, 2, 2, 0, 2, 2, 2]
+    assert alarms(responses, BARE.replaced(refractory_s=4 / RATE)) == [0, 6, 7, 8]
+    assert alarms(responses[:5] + [2.0], BARE.replaced(refractory_s=4 / RATE)) == [0, 5]
+
+
+def test_blind_frames_do_not_count() -> None:
+    responses = [0.0, 2, 2, 2, 2]
+    assert alarms(responses, BARE, blind=(1, 2)) == [3, 4]
+    # They do not end an alarm that is held, but they do not prolong it either.
+    held = BARE.replaced(hold_s=2 / RATE)
+    assert alarms([2, 2, 2, 2, 2, 2], held, blind=(1, 2, 3, 4)) == [0, 1, 2, 5]
+
+
+def test_the_alarm_knows_only_the_past() -> None:
+    responses = list(np.random.default_rng(8).gamma(0.3, 0.1, 400))
+    params = AlarmParams(opplod_floor=0.01, factor=3, hold_s=0.1, refractory_s=0.1, guard_s=0.1)
+    whole = alarms(responses, params)
+    starts = [b for a, b in pairwise(whole) if b > a + 1]
+    assert len(starts) > 5
+    for end in (50, *starts, 399):
+        assert alarms(responses[:end], params) == [t for t in whole if t < end]
+
+
+def test_every_preset_has_an_alarm() -> None:
+    assert set(ALARMS) == set(PRESETS)
+
+
+def test_a_model_without_an_alarm_is_an_error() -> None:
+    with pytest.raises(ParameterError, match="no model 'oplod' has an alarm; did you mean"):
+        Alarm("oplod")

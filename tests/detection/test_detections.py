@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import math
+
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +28,7 @@ def two_disks(frames: int) -> list[Luma]:
 
 
 def detected(
-    frames: Iterable[Luma], alarm: bool = False, threshold: float | None = None
+    frames: Iterable[Luma], alarm: bool = False, threshold: float = math.inf
 ) -> list[Detection]:
     """The detections of the last frame; the alarm goes on with it."""
     model = Opplod((SIZE, SIZE))
@@ -34,7 +36,7 @@ def detected(
     *before, last = frames
     for t, frame in enumerate(before):
         if model.step(frame):
-            detections.step(t / RATE, alarm=False, threshold=None)
+            detections.step(t / RATE, alarm=False, threshold=math.inf)
     model.step(last)
     return list(detections.step(len(before) / RATE, alarm, threshold))
 

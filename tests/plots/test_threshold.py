@@ -14,25 +14,29 @@ from oppload_cli.results.reading import Result
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("model", ["opplod", "dlgmd"])
-def test_the_threshold_alarms_when_the_alarm_does(model: str, seed: int) -> None:
+def test_the_threshold_is_that_of_the_alarm(model: str, seed: int) -> None:
     random = np.random.default_rng(seed)
     times = np.asarray(np.cumsum(random.uniform(0.01, 0.08, 300)), np.float64)
-    bursts = np.where(random.random(300) < 0.1, 30.0, 1.0)
-    responses = np.asarray(random.gamma(0.3, 1e-3, 300) * bursts, np.float64)
-    params = AlarmParams(background_s=1.0, guard_s=0.25, enough=1, window=1, hold_s=0, factor=2)
+    responses = np.asarray(random.gamma(0.3, 2e-2, 300), np.float64)
+    params = AlarmParams(background_s=1.0, guard_s=0.25, factor=3, dlgmd_floor=1e-3)
     alarm = Alarm(model, params)
-    expected = [alarm.step(r, t) for r, t in zip(responses, times, strict=True)]
+    expected = []
+    for response, time in zip(responses, times, strict=True):
+        alarm.step(response, time)
+        expected.append(alarm.threshold)
     threshold = alarm_threshold(times, responses, params, model)
-    got = np.where(np.isnan(threshold), False, responses > threshold)
-    assert 3 < sum(expected) < 250
-    np.testing.assert_array_equal(got, expected)
+    np.testing.assert_array_equal(threshold, expected)
+    assert threshold[0] == 1e-3
+    assert threshold.max() > 0.01
 
 
-def test_there_is_none_before_a_background() -> None:
+def test_before_there_is_a_background_it_is_the_floor() -> None:
     times = np.asarray(np.arange(10) * 0.1, np.float64)
     responses = np.r_[np.nan, np.nan, np.full(8, 0.5)]
-    threshold = alarm_threshold(times, responses, AlarmParams(guard_s=0.35), "opplod")
-    assert np.isnan(threshold[:6]).all()
+    params = AlarmParams(guard_s=0.35, factor=4, opplod_floor=0.25)
+    threshold = alarm_threshold(times, responses, params, "opplod")
+    assert np.isnan(threshold[:2]).all()
+    np.testing.assert_allclose(threshold[2:6], 0.25)
     np.testing.assert_allclose(threshold[6:], 2.0)
 
 

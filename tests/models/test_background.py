@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from oppload_cli.models import background
+from oppload_cli.models.background import Background
+
+# In eighths, so that sums and differences of times are exact.
+STEPS = st.lists(
+    st.tuples(st.integers(0, 12), st.integers(0, 6).map(float)), min_size=1, max_size=80
+)
+
+
+def plain(times: list[float], values: list[float], reach: float, guard: float) -> float:
+    """The median of what is older than the guard and reaches back, of all but the last value."""
+    *before, now = times
+    counted = sorted(
+        value
+        for time, value in zip(before, values, strict=False)
+        if now - guard - reach <= time < now - guard
+    )
+    return counted[len(counted) // 2] if counted else 0.0
+
+
+@settings(max_examples=200, derandomize=True, deadline=None)
+@given(steps=STEPS, reach=st.integers(1, 40), guard=st.integers(0, 20))
+def test_it_is_a_plain_median(steps: list[tuple[int, float]], reach: int, guard: int) -> None:
+    running = Background(reach / 8, guard / 8)
+    times = list(np.cumsum([step for step, _ in steps]) / 8)
+    values = [value for _, value in steps]
+    for count, (time, value) in enumerate(zip(times, values, strict=True), start=1):
+        expected = plain(times[:count], values[:count], reach / 8, guard / 8)
+        assert running.step(value, time) == expected
+
+
+def test_of_an_even_number_the_upper_one_in_the_middle() -> None:
+    running = Background(10, 0)
+    assert [running.step(value, time) for time, value in enumerate([5.0, 1, 7, 3, 0])] == [
+        *(0, 5, 5, 5, 5)
+    ]
+
+
+def test_reset_forgets_all() -> None:
+    running = Background(10, 1)
+    first = [running.step(float(value), value) for value in range(6)]
+    assert first == [0, 0, 0, 1, 1, 2]
+    running.reset()
+    assert [running.step(float(value), value) for value in range(6)] == first
+
+
+@pytest.mark.parametrize(("step", "guard"), [(0.0, 1.0), (1.0, 0.0), (1.0, 1e9)])
+def test_what_it_remembers_is_bounded(
+    monkeypatch: pytest.MonkeyPatch, step: float, guard: float
+) -> None:
+    monkeypatch.setattr(background, "MOST", 50)
+    running = Background(1e9, guard)
+    for count in range(500):
+        running.step(float(count), count * step)
+    assert len(running._waiting) <= 50
+    assert len(running._counted) == len(running._sorted) <= 50
+    if guard == 0:
+        # The latest 50 before the last one: 449 to 498.
+        assert running.step(0, 499) == 474
