@@ -118,13 +118,24 @@ def pooled(s: Array, cell: int, sigma_cells: float) -> Array:
 
 
 def opponency(
-    p: Sequence[Array], *, field: int, cell: int, sigma: float, axes: int, w_p: float
+    p: Sequence[Array],
+    *,
+    field: int,
+    cell: int,
+    sigma: float,
+    axes: int,
+    w_p: float,
+    compression: float = 1,
+    border: int = 0,
 ) -> Array:
-    """R(c) of preset default."""
+    """R(c) of preset default, and of one stride of preset robust."""
     reach = int(field / 2 / cell)
     total: Array | None = None
     for phi in (axes, axes + 90):
-        one, other = (pooled(pathway(p, phi + turn), cell, sigma) for turn in (0, 180))
+        one, other = (
+            pooled(without_border(pathway(p, phi + turn), border), cell, sigma) ** compression
+            for turn in (0, 180)
+        )
         rows, columns = one.shape
         out, inward = np.zeros_like(one), np.zeros_like(one)
         for y in range(rows):
@@ -143,6 +154,26 @@ def opponency(
         total = part if total is None else total + part
     assert total is not None
     return total
+
+
+def without_border(s: Array, border: int) -> Array:
+    height, width = s.shape
+    inner = np.zeros_like(s)
+    for y in range(border, height - border):
+        for x in range(border, width - border):
+            inner[y, x] = s[y, x]
+    return inner
+
+
+def strided_opponency(
+    luma: Sequence[Array], *, strides: int, compression: float, **others: Any
+) -> Array:
+    """R(c) of the last frame, over frames 1 to `strides` apart."""
+    parts = []
+    for n in range(1, strides + 1):
+        p = photoreceptors([luma[-1 - n * back] for back in (3, 2, 1, 0)])
+        parts.append(opponency(p, compression=compression, **others) / n ** (2 * compression))
+    return np.asarray(sum(parts))
 
 
 def paper_response(
