@@ -1,0 +1,148 @@
+"""What changes the picture and is no approach: frame by frame, and through an analysis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.detection.alarm import AlarmParams
+from oppload_cli.detection.cuts import Cuts
+from tests.detection import scenes
+from tests.detection.scenes import BEFORE, SIZE, STILL, Film, alarms
+from tests.media import texture
+
+if TYPE_CHECKING:
+    from tests.media import Luma
+
+PRESETS = ("default", "robust")
+
+
+def changed(mean: float, share: float) -> tuple[Luma, float]:
+    """P of ten by ten pixels, of which a share changes by as much as gives the mean."""
+    p = np.zeros(100, np.float32)
+    p[: round(100 * share)] = mean / share
+    return p.reshape(10, 10), mean
+
+
+def blind(changes: list[tuple[Luma, float]], **params: object) -> list[int]:
+    cuts = Cuts(AlarmParams().replaced(**params))
+    return [t for t, each in enumerate(changes) if cuts.step(*each)]
+
+
+MOTION = [changed(0.01, 0.3)] * 8
+
+
+def test_a_cut_changes_most_of_the_frame_far_more_than_before() -> None:
+    after = [*MOTION, *MOTION]
+    assert blind([*MOTION, changed(0.041, 0.5), *after]) == [8, 9, 10, 11, 12, 13]
+    assert blind([*MOTION, changed(0.040, 0.5), *after]) == []
+    assert blind([*MOTION, changed(0.041, 0.49), *after]) == []
+    assert blind([*MOTION, changed(0.041, 0.5), *after], cut_ratio=4.2) == []
+    assert blind([*MOTION, changed(0.041, 0.5), *after], cut_ratio=0) == []
+    assert blind([*MOTION, changed(0.041, 0.3), *after], cut_share=0.3, blind=2) == [8, 9]
+
+
+def test_it_is_held_against_the_largest_of_five_frames() -> None:
+    large = changed(0.02, 0.3)
+    cut = changed(0.041, 0.9)
+    assert blind([*MOTION, large, *MOTION[:5], cut], blind=1) == [14]
+    assert blind([*MOTION, large, *MOTION[:4], cut], blind=1) == []
+
+
+def test_pixels_that_change_less_than_a_quarter_of_the_mean_do_not_count() -> None:
+    p = np.full((10, 10), 0.0099, np.float32)
+    p[:4] = 0.09
+    assert float(p.mean()) > 0.04
+    assert blind([*MOTION, (p, float(p.mean()))]) == []
+    p[4] = 0.03
+    assert blind([*MOTION, (p, float(p.mean()))]) == [8]
+
+
+def test_any_motion_out_of_rest_is_blind_however_small_it_is() -> None:
+    rest = [changed(5e-4, 1)] * 6
+    moving = [changed(0.0021, 0.05)] * 8
+    assert blind([*rest, *moving]) == [6, 7, 8, 9, 10, 11]
+    assert blind([*rest, *moving], rest=4e-4) == []
+    assert blind([*rest, *([changed(0.0019, 0.05)] * 8)]) == []
+
+
+def test_a_second_cut_begins_anew() -> None:
+    cut = changed(0.3, 0.9)
+    assert blind([*MOTION, cut, *MOTION[:6], cut, *MOTION], blind=3) == [8, 9, 10, 15, 16, 17]
+
+
+def test_the_first_change_is_held_against_nothing() -> None:
+    assert blind([changed(0.5, 1)] * 3) == []
+
+
+SCENES = {
+    "a cut": scenes.cut(),
+    "a cut between textures": scenes.cut_between_textures(),
+    "a bright flash of one frame": scenes.bright_flash(1),
+    "a bright flash of two frames": scenes.bright_flash(2),
+    "a dark flash of one frame": scenes.dark_flash(1),
+    "a dark flash of two frames": scenes.dark_flash(2),
+    "a step of luminance": scenes.dark_flash(scenes.AFTER),
+    "every frame twice": scenes.copied(2),
+    "every frame three times": scenes.copied(3),
+    "one frame twice": scenes.one_copied(),
+    "a slow pan out of rest": scenes.out_of_rest(scenes.pan(BEFORE, 2)),
+    "a pan out of rest": scenes.out_of_rest(scenes.pan(BEFORE, 4)),
+    "a pan out of a rest with noise": scenes.noisy(scenes.out_of_rest(scenes.pan(BEFORE, 4))),
+}
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("scene", SCENES)
+def test_no_alarm(scene: str, preset: str) -> None:
+    assert alarms(Film(SCENES[scene]), preset) == []
+
+
+@pytest.mark.parametrize(
+    ("scene", "preset"),
+    [
+        ("a cut", "default"),
+        *((name, preset) for name in SCENES if "flash" in name for preset in PRESETS),
+        *(("a step of luminance", preset) for preset in PRESETS),
+    ],
+)
+def test_there_would_be_one_without_blind_frames(scene: str, preset: str) -> None:
+    assert alarms(Film(SCENES[scene]), preset, blind=0)[0] == BEFORE
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_out_of_rest_no_alarm_before_the_models_have_a_memory(preset: str) -> None:
+    """Patches at 8 px/frame are too fast for the models, but the first six frames are blind."""
+    moving = Film(scenes.out_of_rest(scenes.patches(12, 8, sigma=12)))
+    first = set(range(STILL + 1, STILL + 7))
+    assert first & set(alarms(moving, preset, blind=0))
+    assert not first & set(alarms(moving, preset))
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("ground", ["white", "texture"])
+def test_a_looming_disk_over_a_ground_at_rest_alarms(ground: str, preset: str) -> None:
+    behind = np.ones((SIZE, SIZE), np.float32)
+    if ground == "texture":
+        behind = 0.5 + np.float32(0.5) * texture(SIZE, SIZE, 3)
+    on = alarms(Film(scenes.looming_over([behind] * 60)), preset)
+    # Contact is at frame 60.
+    assert on
+    assert 40 <= on[0] <= 52
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_a_looming_disk_after_a_cut_alarms(preset: str) -> None:
+    behind = np.ones((SIZE, SIZE), np.float32)
+    shown = Film([*scenes.patches(BEFORE), *scenes.looming_over([behind] * 60)])
+    assert BEFORE + 40 <= alarms(shown, preset)[0] <= BEFORE + 52
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_beginning_of_a_video_gives_the_same_alarms(preset: str) -> None:
+    shown = scenes.looming_over([np.ones((SIZE, SIZE), np.float32)] * 60)
+    whole = alarms(Film(shown), preset)
+    for end in (whole[0], whole[0] + 1, 58):
+        assert alarms(Film(shown[:end]), preset) == [t for t in whole if t < end]
