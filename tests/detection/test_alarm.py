@@ -80,7 +80,7 @@ def test_an_alarm_is_held_after_its_last_frame() -> None:
 
 def test_no_alarm_goes_on_within_the_refractory_time() -> None:
     # Off at frame 1: none before frame 5. Frame 8 follows frame 6 without a break.
-    responses = [2, 0, 2, 2, 2, 0, 2, 2, 2]
+    responses = [2.0, 0, 2, 2, 2, 0, 2, 2, 2]
     assert alarms(responses, BARE.replaced(refractory_s=4 / RATE)) == [0, 6, 7, 8]
     assert alarms([*responses[:5], 2.0], BARE.replaced(refractory_s=4 / RATE)) == [0, 5]
 
