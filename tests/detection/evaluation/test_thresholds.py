@@ -30,11 +30,13 @@ DRAWS = draws_of([seen.label.looming for seen in CLIPS], 200)
         ([0, 0, 0, 0], []),
         ([1, 1, 0, 0], [0]),
         ([0, 1, 1, 1], [1]),
-        ([0, 1, 0, 1] + [0] * 6 + [0, 1], [1, 11]),
+        ([0, 1] + [0] * 9 + [1], [1, 11]),
         ([0, 1] + [0] * 8 + [1, 1], [1]),
+        # Without a second of silence it is one alarm, however long.
+        ([0, 1, 0, 1] + [0] * 6 + [0, 1] + [0] * 9 + [1], [1, 21]),
     ],
 )
-def test_an_alarm_is_an_upward_crossing_and_none_follows_within_a_second(
+def test_an_alarm_begins_after_a_second_of_silence(
     above: list[int], expected: list[int]
 ) -> None:
     assert events(np.array(above, bool), np.arange(len(above)) / 10) == expected
