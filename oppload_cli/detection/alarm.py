@@ -16,10 +16,10 @@ class AlarmParams(Parameters):
     """Parameters of the alarm; each model has its own alarm with these."""
 
     opplod_floor: float = parameter(
-        1e-3, "response of OppLoD at or below which it never alarms", low=0, high=1e9
+        8e-4, "response of OppLoD at or below which it never alarms", low=0, high=1e9
     )
     dlgmd_floor: float = parameter(
-        0.02, "response of D-LGMD at or below which it never alarms", low=0, high=1e9
+        0.01, "response of D-LGMD at or below which it never alarms", low=0, high=1e9
     )
     factor: float = parameter(
         30.0, "response over the median of the background that alarms", low=0, high=1e6
@@ -30,8 +30,8 @@ class AlarmParams(Parameters):
     guard_s: float = parameter(
         0.2, "the latest time that is not yet background", unit="s", low=0, high=60
     )
-    enough: int = parameter(1, "frames above the threshold that alarm", unit="frames", low=1)
-    window: int = parameter(1, "latest frames among which they are", unit="frames", low=1, high=999)
+    enough: int = parameter(2, "frames above the threshold that alarm", unit="frames", low=1)
+    window: int = parameter(3, "latest frames among which they are", unit="frames", low=1, high=999)
     release: float = parameter(
         0.5, "share of the threshold above which an alarm stays on", low=0, high=1
     )
@@ -70,7 +70,7 @@ class AlarmParams(Parameters):
 ALARMS = {
     "default": AlarmParams(),
     "paper": AlarmParams(),
-    "robust": AlarmParams(opplod_floor=0.02, factor=8.0),
+    "robust": AlarmParams(opplod_floor=0.02, factor=8.0, enough=1, window=1),
 }
 
 

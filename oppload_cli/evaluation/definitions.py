@@ -52,7 +52,8 @@ MEASURES = {
         "1/min",
         "Upward crossings of the threshold, or beginnings of the alarm, in footage without an "
         "approach: clips labelled none, and the others before their onset, clear of warm-up. "
-        "After one, none is counted for a second. By kind of motion, as the manifest names it. "
+        "What follows without a second of silence is the same one. By kind of motion, as the "
+        "manifest names it. "
         "n: clips with such footage.",
     ),
     "threshold": Definition(

@@ -36,9 +36,7 @@ DRAWS = draws_of([seen.label.looming for seen in CLIPS], 200)
         ([0, 1, 0, 1] + [0] * 6 + [0, 1] + [0] * 9 + [1], [1, 21]),
     ],
 )
-def test_an_alarm_begins_after_a_second_of_silence(
-    above: list[int], expected: list[int]
-) -> None:
+def test_an_alarm_begins_after_a_second_of_silence(above: list[int], expected: list[int]) -> None:
     assert events(np.array(above, bool), np.arange(len(above)) / 10) == expected
 
 
