@@ -39,9 +39,9 @@ def test_defaults() -> None:
 
 
 def test_a_preset_brings_its_own_alarm() -> None:
-    assert (resolve().alarm.opplod_floor, resolve().alarm.factor) == (1e-3, 30)
+    assert (resolve().alarm.opplod_floor, resolve().alarm.factor) == (8e-4, 30)
     robust = resolve(preset="robust", assignments=["alarm.factor=2"])
-    assert (robust.alarm.opplod_floor, robust.alarm.factor) == (0.06, 2)
+    assert (robust.alarm.opplod_floor, robust.alarm.factor) == (0.02, 2)
     assert robust.origins["alarm.opplod_floor"] == "preset robust"
 
 

@@ -162,7 +162,7 @@ def test_a_condition_on_the_alarm(
 ) -> None:
     """The disk alarms above low floors, and below high ones it does not."""
     condition, floor, code = case
-    options = ["--fail-on", condition, "--no-rmo"]
+    options = ["--fail-on", condition, "--no-rmo", "--set", "alarm.blind=0"]
     for model in ("opplod", "dlgmd"):
         options += ["--set", f"alarm.{model}_floor={floor}"]
     copy = tmp_path / "copy.avi"

@@ -38,10 +38,10 @@ def test_models_lists_every_parameter_once_defined() -> None:
         "gain",
     } < names
     assert described["presets"]["paper"]["opplod"]["receptive_field"] == 200
-    assert described["presets"]["robust"]["alarm"]["opplod_floor"] == 0.06
+    assert described["presets"]["robust"]["alarm"]["opplod_floor"] == 0.02
     text = oppload("models").stdout
     assert "opplod.judgement = pixelwise" in text
-    assert "alarm.opplod_floor = 0.06" in text
+    assert "alarm.opplod_floor = 0.02" in text
 
 
 def test_printed_settings_can_be_given_back(tmp_path: object) -> None:

@@ -13,7 +13,9 @@ from oppload_cli.models.parameters import PRESETS
 
 RATE = 32
 # Nothing but the floor, frame by frame.
-BARE = AlarmParams(opplod_floor=1, factor=0, release=1, hold_s=0, refractory_s=0)
+BARE = AlarmParams(
+    opplod_floor=1, factor=0, enough=1, window=1, release=1, hold_s=0, refractory_s=0
+)
 
 
 def alarms(responses: list[float], params: AlarmParams, blind: tuple[int, ...] = ()) -> list[int]:

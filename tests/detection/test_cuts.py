@@ -112,7 +112,8 @@ def test_no_alarm(scene: str, preset: str) -> None:
     ],
 )
 def test_there_would_be_one_without_blind_frames(scene: str, preset: str) -> None:
-    assert alarms(Film(SCENES[scene]), preset, blind=0)[0] == BEFORE
+    shown = Film(SCENES[scene])
+    assert alarms(shown, preset, blind=0, enough=1, window=1)[0] == BEFORE
 
 
 @pytest.mark.parametrize("preset", PRESETS)
