@@ -18,7 +18,9 @@ def test_the_threshold_is_that_of_the_alarm(model: str, seed: int) -> None:
     random = np.random.default_rng(seed)
     times = np.asarray(np.cumsum(random.uniform(0.01, 0.08, 300)), np.float64)
     responses = np.asarray(random.gamma(0.3, 2e-2, 300), np.float64)
-    params = AlarmParams(background_s=1.0, guard_s=0.25, factor=3, opplod_floor=1e-3, dlgmd_floor=1e-3)
+    params = AlarmParams(
+        background_s=1.0, guard_s=0.25, factor=3, opplod_floor=1e-3, dlgmd_floor=1e-3
+    )
     alarm = Alarm(model, params)
     expected = []
     for response, time in zip(responses, times, strict=True):
