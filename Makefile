@@ -1,4 +1,5 @@
-# Each target sets up what it needs in a private .venv; only Python 3.11+, make and a C library are assumed.
+# Each target sets up what it needs in a private .venv; only Python 3.11+, make and a C library are assumed;
+# a C compiler makes the models faster.
 PYTHON ?= python3
 BIN := .venv/bin
 BENCH ?=
@@ -11,7 +12,7 @@ help:
 	@echo "make lint   ruff and mypy --strict"
 	@echo "make docs   regenerate the generated pages of docs/"
 
-.venv/.ready: pyproject.toml
+.venv/.ready: pyproject.toml hatch_build.py oppload_cli/native/models.c
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,lint]'
 	@touch $@

@@ -7,6 +7,7 @@ import platform
 from importlib import metadata
 from typing import Any
 
+from oppload_cli.native.library import arithmetic
 from oppload_cli.version import __version__
 
 LIBRARIES = ("numpy", "opencv-python-headless", "av", "click", "pandas", "matplotlib", "tqdm")
@@ -30,13 +31,15 @@ def environment() -> dict[str, Any]:
     Returns
     -------
     dict
-        ``oppload``, ``python``, ``platform``, ``cores`` and ``libraries``.
+        ``oppload``, ``python``, ``platform``, ``cores``, ``arithmetic`` (by what the
+        inner loops of the models are computed) and ``libraries``.
     """
     return {
         "oppload": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "cores": cores(),
+        "arithmetic": arithmetic(),
         "libraries": {name: _version(name) for name in LIBRARIES},
     }
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import cv2
-import numpy as np
-
-from oppload_cli.models.layers import Dpc, presynaptic_sum
+from oppload_cli.models.grouping import grouping_of
+from oppload_cli.models.layers import Dpc
 from oppload_cli.models.parameters import DlgmdParams
 
 if TYPE_CHECKING:
@@ -55,8 +53,12 @@ class Dlgmd:
     ) -> None:
         self.params = params or DlgmdParams()
         self.dpc = dpc or Dpc(shape, self.params)
-        self.presynaptic = np.zeros(shape, np.float32)
-        self.grouped = np.zeros(shape, np.float32)
+        self._grouping = grouping_of(self.dpc.presynaptic, self.params)
+
+    @property
+    def grouped(self) -> Map:
+        """G of the latest frame, shape (height, width), 0 to `grouped_limit`."""
+        return self._grouping.grouped
 
     def reset(self) -> None:
         """Start over: the next frame is frame 0."""
@@ -89,9 +91,12 @@ class Dlgmd:
         -------
         DlgmdResponse
         """
-        presynaptic_sum(self.dpc.excitation, self.dpc.inhibition, self.presynaptic)
-        self._group()
-        return DlgmdResponse(response=cv2.mean(self.grouped)[0], s=cv2.mean(self.presynaptic)[0])
+        threshold = min(
+            self.params.threshold_factor * self.dpc.luma_change_before_last,
+            self.params.threshold_limit,
+        )
+        mean_s, mean_g = self._grouping(threshold)
+        return DlgmdResponse(response=mean_g, s=mean_s)
 
     def at_rest(self) -> DlgmdResponse:
         """Return the answer to a frame in which nothing changed.
@@ -102,27 +107,3 @@ class Dlgmd:
             Zeros: E is 0 where P(t) is.
         """
         return DlgmdResponse(0.0, 0.0)
-
-    def _group(self) -> None:
-        """C = ones * S, G = S C, G = 0 below T, G = min(G, 1)."""
-        side = self.params.group_size
-        anchor = (side - 1) // 2  # of MATLAB's conv2(..., 'same')
-        cv2.boxFilter(
-            self.presynaptic,
-            cv2.CV_32F,
-            (side, side),
-            dst=self.grouped,
-            anchor=(anchor, anchor),
-            normalize=False,
-            borderType=cv2.BORDER_CONSTANT,
-        )
-        cv2.multiply(self.grouped, self.presynaptic, dst=self.grouped)
-        threshold = min(
-            self.params.threshold_factor * self.dpc.luma_change_before_last,
-            self.params.threshold_limit,
-        )
-        # THRESH_TOZERO keeps what is strictly above; the model keeps T itself too.
-        below = float(np.nextafter(np.float32(threshold), np.float32(-np.inf)))
-        cv2.threshold(self.grouped, below, 0, cv2.THRESH_TOZERO, dst=self.grouped)
-        limit = self.params.grouped_limit
-        cv2.threshold(self.grouped, limit, limit, cv2.THRESH_TRUNC, dst=self.grouped)

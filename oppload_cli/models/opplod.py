@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING
 
-import cv2
-import numpy as np
-
-from oppload_cli.models.crew import Crew
-from oppload_cli.models.layers import Dpc, rectified
+from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opponency import PooledJudge, judge_for
 from oppload_cli.models.parameters import OpplodParams, axes_of
 from oppload_cli.models.strides import StridedDpc
@@ -80,13 +75,11 @@ class Opplod:
             for stride in range(self.params.strides, 1, -1)
         ]
         self.judge = judge_for(shape, self.params)
-        self.pathways = {
-            direction: self.judge.map(direction)
-            for axis in axes_of(self.params)
-            for direction in (axis, axis + 180)
-        }
-        self._balance = np.zeros(shape, np.float32)
-        self._crew = Crew(shape)
+
+    @property
+    def pathways(self) -> dict[int, Map]:
+        """S_phi of the latest frame, shape (height, width), by direction phi in degrees."""
+        return self.dpc.pathways
 
     def reset(self) -> None:
         """Start over: the next frame is frame 0."""
@@ -143,12 +136,10 @@ class Opplod:
         if isinstance(self.judge, PooledJudge):
             for strided in self._strided:
                 if strided.latest.ready:
-                    self._extract_directions(strided.latest)
                     # S is referred to the time of one frame.
                     share = strided.stride ** (-2 * self.params.compression)
-                    self.judge.add(self.pathways, share)
-        self._extract_directions(self.dpc)
-        verdict = self.judge.judge(self.pathways)
+                    self.judge.add(self._inside_border(strided.latest), share)
+        verdict = self.judge.judge(self._inside_border(self.dpc))
         if verdict.response == 0:
             return OpplodResponse(0.0, verdict.opponency, None)
         field = float(self.params.receptive_field or 0)
@@ -165,22 +156,11 @@ class Opplod:
         """
         return OpplodResponse(0.0, 0.0, None)
 
-    def _extract_directions(self, dpc: Dpc) -> None:
-        """S_phi = max(0, E - I / 2 - J_phi), and with + J_phi for the opposite one."""
-        cv2.scaleAdd(dpc.inhibition, -0.5, dpc.excitation, dst=self._balance)
-        self._crew(*(partial(self._extract_pair, dpc, axis) for axis in dpc.directional))
-
-    def _extract_pair(self, dpc: Dpc, axis: int) -> None:
-        passing, opposite = self.pathways[axis], self.pathways[axis + 180]
-        cv2.subtract(self._balance, dpc.directional[axis], dst=passing)
-        cv2.add(self._balance, dpc.directional[axis], dst=opposite)
-        for values in (passing, opposite):
-            rectified(values, dpc.excitation)
-            self._clear_border(values)
-
-    def _clear_border(self, values: Map) -> None:
-        """Set S to 0 where what comes into the frame meets no inhibition from outside it."""
+    def _inside_border(self, dpc: Dpc) -> dict[int, Map]:
+        """Return the S_phi, 0 where what comes into the frame meets no inhibition yet."""
         border = self.params.border
         if border:
-            values[:border] = values[-border:] = 0
-            values[:, :border] = values[:, -border:] = 0
+            for values in dpc.pathways.values():
+                values[:border] = values[-border:] = 0
+                values[:, :border] = values[:, -border:] = 0
+        return dpc.pathways

@@ -79,20 +79,6 @@ class PooledJudge:
         )
         self._selected = selected_units(shape, self.centres_y, self.centres_x, params)
 
-    def map(self, direction: int) -> Map:
-        """Return a new map of zeros for a pathway, which is pooled without being copied.
-
-        Parameters
-        ----------
-        direction : int
-            phi in degrees.
-
-        Returns
-        -------
-        ndarray of float32, shape (height, width)
-        """
-        return self._pairs[direction % 180].pool.map()
-
     def reset(self) -> None:
         """Forget the frames that have passed."""
         self._frames = 0

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
+
+from oppload_cli.native.library import LANES, address, aligned, compiled, library
 
 if TYPE_CHECKING:
     from oppload_cli.models.kernels import Map
@@ -33,25 +36,15 @@ class Pair:
     def __init__(self, pool: Pooling, weights: Map, compression: float) -> None:
         self.pool = pool
         self._compression = compression
-        self._weights = weights
         rows, columns = pool.shape
         margin = len(weights) // 2
         # Zeros around the maps: beyond the frame there is no motion.
-        self._one, self._other = (
-            np.zeros((rows + 2 * margin, columns + 2 * margin), np.float32) for _ in range(2)
-        )
+        one, other = (aligned((rows + 2 * margin, columns + 2 * margin + LANES)) for _ in range(2))
         inside = np.s_[margin : margin + rows, margin : margin + columns]
-        self.passing, self.opposite = self._one[inside], self._other[inside]
-        # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u. The units of all rows
-        # stand in one line, with what lies between them: long lines are added fastest.
-        self._ahead = _by_offset(self._one, margin)
-        self._behind = _by_offset(self._other, margin)[::-1, ::-1]
-        side, line = self._ahead.shape[1:]
-        most = max(1, MOST_PRODUCTS // (side * line))
-        self._products = np.zeros((min(side, most), side, line), np.float32)
-        lines = np.zeros((rows, columns + 2 * margin), np.float32)
-        self._sum = lines.ravel()[:line]
-        self.difference: Map = lines[:, :columns]
+        self.passing, self.opposite = one[inside], other[inside]
+        kind = _CompiledProducts if library() else _PortableProducts
+        self._products: _Products = kind(one, other, weights, pool.shape)
+        self.difference: Map = self._products.sums
 
     def __call__(self, passing: Map, opposite: Map) -> None:
         """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted, into `difference`."""
@@ -59,6 +52,38 @@ class Pair:
             self.pool(values, pooled)
             if self._compression != 1:
                 cv2.pow(pooled, self._compression, dst=pooled)
+        self._products()
+
+
+class _Products(Protocol):
+    """Sums the weighted products of two padded maps into `sums`, shape (rows, columns)."""
+
+    sums: Map
+
+    def __call__(self) -> None: ...
+
+
+class _PortableProducts:
+    """The products by NumPy.
+
+    The units of all rows stand in one line, with what lies between them: long lines are
+    added fastest.
+    """
+
+    def __init__(self, one: Map, other: Map, weights: Map, units: tuple[int, int]) -> None:
+        margin = len(weights) // 2
+        self._weights = weights
+        # By offset and unit: S_phi at c + u, and S_(phi+180) at c - u.
+        self._ahead = _by_offset(one, margin)
+        self._behind = _by_offset(other, margin)[::-1, ::-1]
+        side, line = self._ahead.shape[1:]
+        most = max(1, MOST_PRODUCTS // (side * line))
+        self._products = np.zeros((min(side, most), side, line), np.float32)
+        lines = np.zeros((units[0], one.shape[1]), np.float32)
+        self._sum = lines.ravel()[:line]
+        self.sums: Map = lines[:, : units[1]]
+
+    def __call__(self) -> None:
         self._sum[:] = 0
         step = len(self._products)
         for first in range(0, len(self._weights), step):
@@ -66,6 +91,30 @@ class Pair:
             products = self._products[: len(self._weights[rows])]
             np.multiply(self._ahead[rows], self._behind[rows], out=products)
             self._sum += np.einsum("yx,yxi->i", self._weights[rows], products)
+
+
+class _CompiledProducts:
+    """The products by compiled loops."""
+
+    def __init__(self, one: Map, other: Map, weights: Map, units: tuple[int, int]) -> None:
+        margin = len(weights) // 2
+        rows, columns = units
+        stride = one.shape[1]
+        down, across = np.nonzero(weights)
+        offsets = np.asarray((down - margin) * stride + across - margin, np.intp)
+        values = np.ascontiguousarray(weights[down, across])
+        sums = aligned((rows, -(-columns // LANES) * LANES))
+        self.sums: Map = sums[:, :columns]
+        self._held = one, other, offsets, values, sums
+        centre = one.itemsize * (margin * stride + margin)
+        self._oppose = partial(
+            compiled().oppose,
+            *(address(one) + centre, address(other) + centre, stride, rows, columns),
+            *(address(offsets), address(values), len(values), address(sums), sums.shape[1]),
+        )
+
+    def __call__(self) -> None:
+        self._oppose()
 
 
 def offset_weights(reach: int, phi: int, params: OpplodParams) -> Map:
@@ -101,6 +150,6 @@ def offset_weights(reach: int, phi: int, params: OpplodParams) -> Map:
 def _by_offset(padded: Map, margin: int) -> Map:
     """View a padded map by the rows and columns of offsets, and all units in one line."""
     side = 2 * margin + 1
-    line = padded.size - 2 * margin * (padded.shape[1] + 1)
+    line = padded.size - 2 * margin * (padded.shape[1] + 1) - LANES
     strides = (*padded.strides, padded.itemsize)
     return as_strided(padded, (side, side, line), strides, writeable=False)

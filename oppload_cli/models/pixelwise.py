@@ -44,20 +44,6 @@ class PixelwiseJudge:
             0.0,
         )
 
-    def map(self, direction: int) -> Map:  # noqa: ARG002 - all are alike
-        """Return a new map of zeros for a pathway.
-
-        Parameters
-        ----------
-        direction : int
-            phi in degrees.
-
-        Returns
-        -------
-        ndarray of float32, shape (height, width)
-        """
-        return np.zeros(self._shape, np.float32)
-
     def reset(self) -> None:
         """Forget the frames that have passed: it remembers none."""
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+
+from oppload_cli.native.library import address, compiled, library
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -66,42 +69,14 @@ class Pooling:
         self.centres_y, self.centres_x = (cell_centres(length, cell) for length in shape)
         self.shape = len(self.centres_y), len(self.centres_x)
         spacing = _spacing(cell, sigma)
-        self._margin = 3 * spacing if spacing > 1 else 0
-        self._map_shape = shape
-        self._wholes: dict[int, tuple[Map, Map]] = {}
-        self._own = self.map()
-        self._halved: list[Map] = []
-        height, width = (length + 2 * self._margin for length in shape)
-        for _ in range(spacing.bit_length() - 1):
-            height, width = (height + 1) // 2, (width + 1) // 2
-            self._halved.append(np.zeros((height, width), np.float32))
+        margin = 3 * spacing if spacing > 1 else 0
         down, across = (
-            _Line(centres, cell, spacing, self._margin, sigma)
+            _Line(centres, cell, spacing, margin, sigma)
             for centres in (self.centres_y, self.centres_x)
         )
-        # Zeros around the map: beyond the frame there is nothing to pool.
-        padded = np.zeros((height + 2 * down.reach, width), np.float32)
-        half = np.zeros((self.shape[0], width + 2 * across.reach), np.float32)
-        self._coarsest = padded[down.reach : down.reach + height]
-        self._halved[-1:] = [self._coarsest][: len(self._halved)]
-        self._half = half[:, across.reach : across.reach + width]
-        self._down, self._across = down.weights, across.weights
-        self._windows_down = down.windows(padded, axis=0)
-        self._windows_across = across.windows(half, axis=1)
-
-    def map(self) -> Map:
-        """Return a new map of zeros, which is pooled without being copied.
-
-        Returns
-        -------
-        ndarray of float32, shape (height, width)
-        """
-        margin, (height, width) = self._margin, self._map_shape
-        # Zeros around the map: beyond the frame there is nothing to pool.
-        whole = np.zeros((height + 2 * margin, width + 2 * margin), np.float32)
-        inside: Map = whole[margin : margin + height, margin : margin + width]
-        self._wholes[id(inside)] = whole, inside
-        return inside
+        halvings = spacing.bit_length() - 1
+        kind = _CompiledSums if library() else _PortableSums
+        self._sums: _Sums = kind(shape, margin, halvings, down, across)
 
     def __call__(self, values: Map, out: Map) -> None:
         """Pool a map.
@@ -109,15 +84,46 @@ class Pooling:
         Parameters
         ----------
         values : ndarray of float32, shape (height, width)
-            The map.
+            The map; its rows may stand apart.
         out : ndarray of float32, shape (rows, columns)
             Takes one value per cell. The weights of a cell have sum 1 on an
             endless map.
         """
-        if id(values) not in self._wholes:
-            np.copyto(self._own, values)
-            values = self._own
-        finer, _ = self._wholes[id(values)]
+        self._sums(values, out)
+
+
+class _Sums(Protocol):
+    """Halves maps, and weighs what is left down and across."""
+
+    def __call__(self, values: Map, out: Map) -> None: ...
+
+
+class _PortableSums:
+    """The sums by OpenCV and NumPy."""
+
+    def __init__(
+        self, shape: tuple[int, int], margin: int, halvings: int, down: _Line, across: _Line
+    ) -> None:
+        # Zeros around the map: beyond the frame there is nothing to pool.
+        height, width = (length + 2 * margin for length in shape)
+        self._whole = np.zeros((height, width), np.float32)
+        self._inside = self._whole[margin : margin + shape[0], margin : margin + shape[1]]
+        self._halved: list[Map] = []
+        for _ in range(halvings):
+            height, width = (height + 1) // 2, (width + 1) // 2
+            self._halved.append(np.zeros((height, width), np.float32))
+        padded = np.zeros((height + 2 * down.reach, width), np.float32)
+        half = np.zeros((down.count, width + 2 * across.reach), np.float32)
+        self._coarsest = padded[down.reach : down.reach + height]
+        self._halved[-1:] = [self._coarsest][: len(self._halved)]
+        self._half = half[:, across.reach : across.reach + width]
+        self._down, self._across = down.weights, across.weights
+        self._windows_down = down.windows(padded, axis=0)
+        self._windows_across = across.windows(half, axis=1)
+
+    def __call__(self, values: Map, out: Map) -> None:
+        np.copyto(self._inside, values)
+        finer = self._whole
         for coarser in self._halved:
             cv2.pyrDown(finer, dst=coarser)
             finer = coarser
@@ -125,6 +131,56 @@ class Pooling:
             np.copyto(self._coarsest, finer)
         np.einsum("rck,k->rc", self._windows_down, self._down, out=self._half)
         np.einsum("rck,k->rc", self._windows_across, self._across, out=out)
+
+
+class _LineJob(ctypes.Structure):
+    """``struct line`` of models.c."""
+
+    _fields_ = (
+        ("weights", ctypes.c_void_p),
+        ("reach", ctypes.c_int),
+        ("first", ctypes.c_int),
+        ("step", ctypes.c_int),
+        ("count", ctypes.c_int),
+    )
+
+
+class _CompiledSums:
+    """The sums by compiled loops."""
+
+    def __init__(
+        self, shape: tuple[int, int], margin: int, halvings: int, down: _Line, across: _Line
+    ) -> None:
+        loops = compiled()
+        self._halve, self._weigh = loops.halve, loops.weigh
+        self._shape, self._margin = shape, margin
+        height, width = (length + 2 * margin for length in shape)
+        self._halved: list[Map] = []
+        for _ in range(halvings):
+            height, width = (height + 1) // 2, (width + 1) // 2
+            self._halved.append(np.zeros((height, width), np.float32))
+        self._line = np.zeros(5 * (shape[1] + 2 * margin + 16), np.float32)
+        coarsest = self._halved[-1].shape if halvings else shape
+        self._row = np.zeros(coarsest[1] + 2 * across.reach, np.float32)
+        self._lines = down, across  # the jobs point at their weights
+        self._jobs = [
+            _LineJob(address(each.weights), each.reach, each.first, each.step, each.count)
+            for each in (down, across)
+        ]
+
+    def __call__(self, values: Map, out: Map) -> None:
+        margin = self._margin
+        for half in self._halved:
+            self._halve(
+                *(address(values), values.strides[0] // values.itemsize, *values.shape, margin),
+                *(address(half), *half.shape, address(self._line)),
+            )
+            values, margin = half, 0
+        self._weigh(
+            *(address(values), values.strides[0] // values.itemsize, *values.shape),
+            *(ctypes.addressof(job) for job in self._jobs),
+            *(address(out), out.strides[0] // out.itemsize, address(self._row)),
+        )
 
 
 class _Line:
@@ -137,12 +193,12 @@ class _Line:
         self.reach = math.ceil(REACH_SIGMAS * rest / spacing)
         # Sample i lies in the middle of pixel i * spacing - margin.
         first = (centres[0] - 0.5 + margin) / spacing
-        self._first = math.floor(first + 0.5) if spacing > 1 else math.floor(centres[0])
-        self._step, self._count = cell // spacing, len(centres)
+        self.first = math.floor(first + 0.5) if spacing > 1 else math.floor(centres[0])
+        self.step, self.count = cell // spacing, len(centres)
         self.weights = np.ones(1, np.float32)
         if sigma > 0:
             offsets = np.arange(-self.reach, self.reach + 1)
-            distance = (self._first + offsets - first) * spacing / rest
+            distance = (self.first + offsets - first) * spacing / rest
             total = np.exp(-((offsets * spacing / rest) ** 2) / 2).sum()
             # The first term of the Edgeworth series takes the fourth cumulant away.
             series = 1 - fourth / (24 * rest**4) * (distance**4 - 6 * distance**2 + 3)
@@ -151,7 +207,7 @@ class _Line:
     def windows(self, padded: Map, axis: int) -> Map:
         """View the samples around each cell's centre, as (rows, columns, taps)."""
         windows = sliding_window_view(padded, len(self.weights), axis=axis)
-        chosen = slice(self._first, self._first + (self._count - 1) * self._step + 1, self._step)
+        chosen = slice(self.first, self.first + (self.count - 1) * self.step + 1, self.step)
         view: Map = windows[chosen] if axis == 0 else windows[:, chosen]
         return view
 

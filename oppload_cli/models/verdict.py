@@ -43,9 +43,6 @@ class Judge(Protocol):
 
     maps: UnitMaps
 
-    def map(self, direction: int) -> Map:
-        """Return a new map of zeros for a pathway, of the kind that is judged fastest."""
-
     def judge(self, pathways: Mapping[int, Map]) -> Verdict:
         """Judge the S maps of the four pathways, by direction in degrees."""
 

@@ -29,9 +29,9 @@ def test_grouping_keeps_what_equals_the_threshold(limit: float, kept: float) -> 
     model = Dlgmd((9, 9), DlgmdParams(threshold_factor=1000, threshold_limit=limit))
     for frame in np.random.default_rng(2).random((4, 9, 9), dtype=np.float32):
         model.step(frame)
-    model.presynaptic[:] = 0
-    model.presynaptic[4, 4] = 0.5  # alone, so that C is 0.5 and G is 0.25
-    model._group()
+    model.dpc.presynaptic[:] = 0
+    model.dpc.presynaptic[4, 4] = 0.5  # alone, so that C is 0.5 and G is 0.25
+    model.respond()
     assert model.grouped[4, 4] == kept
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from oppload_cli.errors import FrameError
 from oppload_cli.models import convolution
-from oppload_cli.models.layers import Dpc, presynaptic_sum
+from oppload_cli.models.layers import Dpc
 from oppload_cli.models.parameters import DpcParams
 from tests import reference
 from tests.media import edge
@@ -30,8 +30,8 @@ def test_layers_agree_with_the_literal_reference(shape: tuple[int, int]) -> None
     frames = random_frames(shape)
     dpc, p = stepped(frames, (45, 135)), reference.photoreceptors(frames)
     np.testing.assert_allclose(dpc.photoreceptors, p[-1], atol=1e-6)
-    np.testing.assert_allclose(dpc.excitation, reference.excitation(p), atol=1e-6)
-    np.testing.assert_allclose(dpc.inhibition, reference.inhibition(p), atol=1e-5)
+    np.testing.assert_allclose(dpc.layers.excitation, reference.excitation(p), atol=1e-6)
+    np.testing.assert_allclose(dpc.layers.inhibition, reference.inhibition(p), atol=1e-5)
     for phi in (45, 135, 225, 315):
         np.testing.assert_allclose(
             dpc.inhibition_of(phi), reference.directional_inhibition(p, phi), atol=1e-5
@@ -49,7 +49,7 @@ def test_frames_of_several_tiles_agree_too(
     for frame in random_frames(shape)[1:]:
         dpc.step(frame)
     p = reference.photoreceptors(random_frames(shape)[1:])
-    np.testing.assert_allclose(dpc.inhibition, reference.inhibition(p), atol=1e-5)
+    np.testing.assert_allclose(dpc.layers.inhibition, reference.inhibition(p), atol=1e-5)
 
 
 @pytest.mark.parametrize("phi", [0, 90])
@@ -64,7 +64,7 @@ def test_the_other_axes_agree_too(phi: int) -> None:
 def test_opposite_pathways_share_the_whole_inhibition() -> None:
     dpc = stepped(random_frames((30, 31)))
     both = dpc.inhibition_of(45) + dpc.inhibition_of(225)
-    np.testing.assert_allclose(both, dpc.inhibition, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(both, dpc.layers.inhibition, rtol=1e-6, atol=1e-7)
 
 
 # docs/model.md, sections 3 and 4: S per pixel of edge length.
@@ -81,10 +81,9 @@ EDGE = {
 
 @pytest.mark.parametrize("speed", EDGE)
 def test_straight_edge_table(speed: int) -> None:
-    dpc = stepped(list(edge(speed, 10)), (0,))
-    out = np.zeros(dpc.shape, np.float32)
-    maps = (dpc.inhibition, dpc.inhibition_of(0), dpc.inhibition_of(180))
-    measured = [float(presynaptic_sum(dpc.excitation, each, out)[20].sum()) for each in maps]
+    dpc = stepped(list(edge(speed, 10)), (0, 90))
+    maps = (dpc.presynaptic, dpc.pathways[0], dpc.pathways[180])
+    measured = [float(each[20].sum()) for each in maps]
     assert measured == pytest.approx(EDGE[speed], abs=0.01)
 
 
@@ -100,9 +99,12 @@ def test_nothing_answers_where_nothing_changed() -> None:
         frame[:9, :9] = 0.3 * t
     frames[3:] = frames[2], frames[2]
     dpc = stepped(frames[:4])
-    assert (dpc.inhibition < 0).any()
-    out = np.ones((60, 60), np.float32)
-    assert not presynaptic_sum(dpc.excitation, dpc.inhibition, out).any()
+    for values in (dpc.presynaptic, *dpc.pathways.values()):
+        values[:] = 1
+    dpc.step(frames[4])
+    assert dpc.layers.inhibition.max() > 0
+    for values in (dpc.presynaptic, *dpc.pathways.values()):
+        assert not values.any()
 
 
 def test_reset_starts_over() -> None:
@@ -111,7 +113,7 @@ def test_reset_starts_over() -> None:
     dpc.reset()
     again = [dpc.step(frame) for frame in frames]
     assert again == [False, False, False, True, True]
-    np.testing.assert_array_equal(dpc.inhibition, stepped(frames).inhibition)
+    np.testing.assert_array_equal(dpc.layers.inhibition, stepped(frames).layers.inhibition)
 
 
 @pytest.mark.parametrize(

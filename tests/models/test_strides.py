@@ -38,22 +38,23 @@ def test_every_frame_is_seen_as_models_of_every_nth_frame_see_it(stride: int) ->
         for each in frames[t % stride : t + 1 : stride]:
             alone.step(each)
         np.testing.assert_array_equal(strided.latest.photoreceptors, alone.photoreceptors)
-        np.testing.assert_array_equal(strided.latest.excitation, alone.excitation)
-        np.testing.assert_array_equal(strided.latest.inhibition, alone.inhibition)
+        mine, expected = strided.latest.layers, alone.layers
+        np.testing.assert_array_equal(mine.excitation, expected.excitation)
+        np.testing.assert_array_equal(mine.inhibition, expected.inhibition)
         for phi in AXES:
-            np.testing.assert_array_equal(strided.latest.directional[phi], alone.directional[phi])
+            np.testing.assert_array_equal(mine.directional[phi], expected.directional[phi])
     assert ready == [t >= 3 * stride for t in range(len(frames))]
 
 
 def test_reset_starts_over() -> None:
     frames = random_frames(9)
     strided = StridedDpc(SHAPE, DpcParams(), AXES, 2)
-    first = [(strided.step(frame), strided.latest.inhibition.copy()) for frame in frames]
+    first = [(strided.step(frame), strided.latest.layers.inhibition.copy()) for frame in frames]
     strided.reset()
     for frame, (ready, inhibition) in zip(frames, first, strict=True):
         assert strided.step(frame) == ready
         if ready:
-            np.testing.assert_array_equal(strided.latest.inhibition, inhibition)
+            np.testing.assert_array_equal(strided.latest.layers.inhibition, inhibition)
     assert ready
 
 
@@ -64,7 +65,9 @@ def test_a_frame_that_is_refused_takes_no_turn() -> None:
         with pytest.raises(FrameError, match="float32 array of shape"):
             strided.step(frame[1:])
         assert strided.step(frame) == other.step(frame)
-        np.testing.assert_array_equal(strided.latest.inhibition, other.latest.inhibition)
+        np.testing.assert_array_equal(
+            strided.latest.layers.inhibition, other.latest.layers.inhibition
+        )
 
 
 def test_a_model_answers_with_one_stride_until_the_next_is_valid() -> None:

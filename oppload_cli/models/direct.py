@@ -1,0 +1,202 @@
+"""E, I, J and S by compiled loops: each kernel value once for all its mirror images.
+
+The kernels are even across and down (W_E, W_I1, W_I2), and their directional parts are
+sums of one that is odd across and one that is odd down. So what lies dx to the left
+and right, and dy above and below, is added or subtracted first, and multiplied once.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from oppload_cli.models.kernels import direction_mask, excitation_kernel, inhibition_kernels
+from oppload_cli.models.presynaptic import Layers
+from oppload_cli.native.library import LANES, address, aligned, compiled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from oppload_cli.models.crew import Crew
+    from oppload_cli.models.kernels import Kernel, Map
+    from oppload_cli.models.parameters import DpcParams
+
+AGES = 3  # P(t), P(t-1) and P(t-2)
+BAND = 60  # rows that one thread works on at a time: what they need stays in the cache
+# In the order of models.c: S, the pathways of one axis and of the other, with those
+# opposite to them, E, I and both J.
+OUTPUTS = 9
+LAYERS = 5  # from here on: what the models need no more, once they have S
+
+
+class _Job(ctypes.Structure):
+    """``struct sums`` of models.c."""
+
+    _fields_ = (
+        ("photoreceptors", ctypes.c_void_p * AGES),
+        ("stride", ctypes.c_ssize_t),
+        ("outputs", ctypes.c_void_p * OUTPUTS),
+        ("output_stride", ctypes.c_ssize_t),
+        ("groups", ctypes.c_void_p),
+        ("taps", ctypes.c_void_p),
+        ("groups_of_excitation", ctypes.c_int),
+        ("groups_of_inhibition", ctypes.c_int),
+        ("reach", ctypes.c_int * AGES),
+        ("slots", ctypes.c_int),
+        ("width", ctypes.c_int),
+        ("diagonal", ctypes.c_int),
+    )
+
+
+class DirectSums:
+    """The presynaptic sums of one video, by compiled loops.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the maps.
+    params : DpcParams
+        The DPC constants.
+    axes : tuple of int
+        Directions phi in degrees of the pathways' axes: none, or two at a right angle.
+    crew : Crew
+        Shares out the work.
+
+    Attributes
+    ----------
+    presynaptic, pathways
+        As :class:`oppload_cli.models.presynaptic.Presynaptic` has them.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], params: DpcParams, axes: tuple[int, ...], crew: Crew
+    ) -> None:
+        loops = compiled()
+        self._axes, self._crew = axes, crew
+        groups, taps, reach = _taps(params, axes)
+        self._groups, self._values = np.array(groups, np.intc), np.array(taps, np.float32)
+        strip = int(loops.strip())
+        height, width = shape
+        padded = -(-width // strip) * strip
+        self._photoreceptors, self._inside = _with_zeros(height, padded, max(reach), width)
+        maps = aligned((OUTPUTS, height, padded))
+        self.presynaptic: Map = maps[0, :, :width]
+        both = [*axes, *(phi + 180 for phi in axes)]
+        self.pathways: dict[int, Map] = {
+            phi: maps[1 + place, :, :width] for place, phi in enumerate(both)
+        }
+        self._layers = Layers(
+            maps[LAYERS, :, :width],
+            maps[LAYERS + 1, :, :width],
+            {phi: maps[LAYERS + 2 + place, :, :width] for place, phi in enumerate(axes)},
+        )
+        slots = 1 << (2 * max(reach)).bit_length()
+        self._job = _Job(
+            stride=self._photoreceptors[0].shape[1],
+            output_stride=padded,
+            groups=address(self._groups),
+            taps=address(self._values),
+            groups_of_excitation=sum(group[0] == 0 for group in groups),
+            groups_of_inhibition=sum(group[0] != 0 for group in groups),
+            reach=(ctypes.c_int * AGES)(*reach),
+            slots=slots,
+            width=width,
+            diagonal=45 in axes,
+        )
+        everything = [address(each) for each in maps]
+        wanted = everything[: 1 + 2 * len(axes)]
+        self._of_models = (ctypes.c_void_p * OUTPUTS)(*wanted)
+        self._of_layers = (ctypes.c_void_p * OUTPUTS)(*([None] * LAYERS), *everything[LAYERS:])
+        folded = slots * 2 * strip * (sum(reach) + AGES)
+        bands = [(first, min(first + BAND, height)) for first in range(0, height, BAND)]
+        self._scratch = aligned((len(bands), folded + LANES))
+        job = ctypes.addressof(self._job)
+        self._bands: list[Callable[[], object]] = [
+            partial(loops.sums, job, first, last, address(scratch))
+            for (first, last), scratch in zip(bands, self._scratch, strict=True)
+        ]
+        self._maps = maps
+        self._latest = 0
+
+    @property
+    def photoreceptors(self) -> Map:
+        """P(t), the latest map taken."""
+        return self._inside[self._latest]
+
+    @property
+    def following(self) -> Map:
+        """Where the caller writes the next P."""
+        return self._inside[(self._latest + 1) % AGES]
+
+    def reset(self) -> None:
+        """Forget all maps."""
+        for each in self._inside:
+            each[:] = 0
+
+    def take(self, *, ready: bool) -> None:
+        """Take the map in `following`, and compute the sums if they are valid."""
+        self._latest = (self._latest + 1) % AGES
+        if ready:
+            self._compute(self._of_models)
+
+    def layers(self) -> Layers:
+        """Return E, I and the J_phi of the latest map, computed now."""
+        self._compute(self._of_layers)
+        return self._layers
+
+    def _compute(self, outputs: ctypes.Array[ctypes.c_void_p]) -> None:
+        for age in range(AGES):
+            self._job.photoreceptors[age] = address(self._inside[(self._latest - age) % AGES])
+        self._job.outputs = outputs
+        self._crew(*self._bands)
+
+
+def _with_zeros(height: int, padded: int, reach: int, width: int) -> tuple[list[Map], list[Map]]:
+    """Return maps with zeros around them, and the views of their insides."""
+    margin = -(-reach // LANES) * LANES
+    whole = list(aligned((AGES, height + 2 * reach, margin + padded + margin + LANES)))
+    return whole, [each[reach : reach + height, margin : margin + width] for each in whole]
+
+
+def _taps(
+    params: DpcParams, axes: tuple[int, ...]
+) -> tuple[list[tuple[int, int, int, int]], list[list[float]], list[int]]:
+    """Return the kernels as ``struct group`` and ``struct tap`` of models.c, and their reach."""
+    groups, taps, reach = [], [], [0] * AGES
+    kernels = [excitation_kernel(params), *inhibition_kernels(params)]
+    for age, kernel in enumerate(kernels):
+        across, down = _odd_parts(kernel, params, axes if age else ())
+        radius = len(kernel) // 2
+        for dy in range(radius + 1):
+            for first, count in _runs(kernel[radius + dy, radius:] != 0):
+                groups.append((age, dy, first, count))
+                reach[age] = max(reach[age], dy, first + count - 1)
+                # Where dy is 0 the row above is the row below, and counts twice.
+                share = 0.5 if dy == 0 else 1.0
+                row = [share * each[radius + dy, radius:] for each in (kernel, across, down)]
+                taps += np.stack(row, axis=-1)[first : first + count].tolist()
+    return groups, taps, reach
+
+
+def _odd_parts(kernel: Kernel, params: DpcParams, axes: tuple[int, ...]) -> tuple[Kernel, Kernel]:
+    """Return the parts of the directional kernels that are odd across, and odd down.
+
+    On the diagonals J_45 is the sum of both, and J_135 their difference; on the axes
+    J_0 is the one and J_90 the other.
+    """
+    if not axes:
+        return np.zeros_like(kernel), np.zeros_like(kernel)
+    one, other = (kernel * (direction_mask(params, phi) - 0.5) for phi in axes)
+    if 0 in axes:
+        return one, other
+    return (one - other) / 2, (one + other) / 2
+
+
+def _runs(there: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Iterator[tuple[int, int]]:
+    """Yield where each run of values begins, and how long it is."""
+    steps = np.diff(there.astype(np.int8), prepend=0, append=0)
+    for first, last in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True):
+        yield int(first), int(last - first)

@@ -1,0 +1,63 @@
+"""The presynaptic sums S of one video, by whichever arithmetic runs here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from oppload_cli.models.kernels import Map
+
+
+@dataclass(frozen=True)
+class Layers:
+    """What S is made from: views that the next frame overwrites.
+
+    Attributes
+    ----------
+    excitation : ndarray of float32, shape (height, width)
+        E.
+    inhibition : ndarray of float32, shape (height, width)
+        I.
+    directional : mapping of int to ndarray of float32, shape (height, width)
+        ``J_phi = I_phi - I / 2``, by direction phi of an axis; that of the opposite
+        pathway is ``-J_phi``.
+    """
+
+    excitation: Map
+    inhibition: Map
+    directional: Mapping[int, Map]
+
+
+class Presynaptic(Protocol):
+    """Computes S from the P of three frames (``docs/model.md``, sections 2 and 4).
+
+    Attributes
+    ----------
+    presynaptic : ndarray of float32, shape (height, width)
+        ``S = max(0, E - I)`` of D-LGMD.
+    pathways : dict of int to ndarray of float32, shape (height, width)
+        ``S_phi = max(0, E - I_phi)``, by direction phi in degrees.
+    """
+
+    presynaptic: Map
+    pathways: dict[int, Map]
+
+    @property
+    def photoreceptors(self) -> Map:
+        """P(t), the latest map taken."""
+
+    @property
+    def following(self) -> Map:
+        """Where the caller writes the next P."""
+
+    def reset(self) -> None:
+        """Forget all maps."""
+
+    def take(self, *, ready: bool) -> None:
+        """Take the map in `following`, and compute the sums if they are valid."""
+
+    def layers(self) -> Layers:
+        """Return what the sums of the latest map are made from."""

@@ -1,0 +1,147 @@
+"""The compiled inner loops: which build of them runs here, if any.
+
+Where there is none, the same is done by OpenCV and NumPy: slower, and equal but for
+the last digits.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+FOLDER = Path(__file__).parent
+PORTABLE = "OPPLOAD_PORTABLE"  # set to 1, the compiled loops are left alone
+INTERFACE = 1  # of models.c: another number is that of a build gone stale
+LANES = 8  # of a vector
+ALIGNMENT = 64  # bytes of a cache line
+
+_pointer, _distance, _count, _float = (
+    ctypes.c_void_p,
+    ctypes.c_ssize_t,
+    ctypes.c_int,
+    ctypes.c_float,
+)
+_SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "sums": (_pointer, _count, _count, _pointer),
+    "group": (
+        *(_pointer, _pointer, _distance),
+        *(_count, _count, _count, _count, _float, _float, _pointer, _pointer),
+    ),
+    "halve": (
+        *(_pointer, _distance, _count, _count, _count),
+        *(_pointer, _count, _count, _pointer),
+    ),
+    "weigh": (
+        *(_pointer, _distance, _count, _count, _pointer, _pointer),
+        *(_pointer, _distance, _pointer),
+    ),
+    "oppose": (
+        *(_pointer, _pointer, _distance, _count, _count),
+        *(_pointer, _pointer, _count, _pointer, _distance),
+    ),
+}
+
+
+def library() -> ctypes.CDLL | None:
+    """Return the compiled loops for this processor.
+
+    Returns
+    -------
+    ctypes.CDLL or None
+        None if they were not built, or if the environment variable
+        ``OPPLOAD_PORTABLE`` is set and not 0.
+    """
+    return None if os.environ.get(PORTABLE, "0") not in ("", "0") else _loaded()[1]
+
+
+def compiled() -> ctypes.CDLL:
+    """Return the compiled loops where `library` has said that they are there.
+
+    Returns
+    -------
+    ctypes.CDLL
+
+    Raises
+    ------
+    RuntimeError
+        If they are not.
+    """
+    loops = library()
+    if loops is None:
+        raise RuntimeError("the compiled loops were not built")
+    return loops
+
+
+def arithmetic() -> str:
+    """Say what the inner loops are computed by.
+
+    Returns
+    -------
+    str
+        ``compiled, wide vectors``, ``compiled`` or ``portable``.
+    """
+    return "portable" if library() is None else _loaded()[0]
+
+
+def aligned(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return zeros that begin on a cache line, as the vectors of the loops like them.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Any shape.
+
+    Returns
+    -------
+    ndarray of float32
+    """
+    size = int(np.prod(shape))
+    room = np.zeros(size + ALIGNMENT // 4, np.float32)
+    start = -room.ctypes.data % ALIGNMENT // 4
+    return room[start : start + size].reshape(shape)
+
+
+def address(array: NDArray[Any]) -> int:
+    """Return where an array's first value stands in memory.
+
+    Parameters
+    ----------
+    array : ndarray
+        It must outlive the address.
+
+    Returns
+    -------
+    int
+    """
+    return int(array.__array_interface__["data"][0])
+
+
+@cache
+def _loaded() -> tuple[str, ctypes.CDLL | None]:
+    baseline = _load("baseline")
+    if baseline is not None and baseline.runs_wide():
+        wide = _load("wide")
+        if wide is not None:
+            return "compiled, wide vectors", wide
+    return "compiled", baseline
+
+
+def _load(build: str) -> ctypes.CDLL | None:
+    path = FOLDER / f"models.{build}.so"
+    try:
+        loaded = ctypes.CDLL(str(path))
+        current = loaded.interface() == INTERFACE
+    except (OSError, AttributeError):  # not built, or built for another system
+        return None
+    for name, signature in _SIGNATURES.items():
+        function = getattr(loaded, name)
+        function.argtypes, function.restype = signature, None
+    return loaded if current else None
