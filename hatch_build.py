@@ -48,14 +48,15 @@ class CompiledLoops(BuildHookInterface):  # type: ignore[type-arg]
         # The libraries know nothing of Python: any version of it will do.
         tag = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["tag"] = f"py3-none-{tag}"
-        build_data["artifacts"] += [(FOLDER / f"models.{name}.so").as_posix() for name in built]
+        build_data["artifacts"] += [(FOLDER / f"loops.{name}.so").as_posix() for name in built]
 
 
 def _compile(folder: Path, name: str, options: tuple[str, ...]) -> bool:
     compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
-    target = folder / f"models.{name}.so"
-    part = folder / f"models.{name}.so.part"
-    command = [*compiler, *OPTIONS, *options, str(folder / "models.c"), "-o", str(part)]
+    target = folder / f"loops.{name}.so"
+    part = folder / f"loops.{name}.so.part"
+    sources = sorted(str(each) for each in folder.glob("*.c"))
+    command = [*compiler, *OPTIONS, *options, *sources, "-o", str(part)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     except OSError:

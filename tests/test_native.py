@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
+SOURCES = ROOT / "oppload_cli" / "native"
 
 
 @pytest.fixture
@@ -34,6 +35,7 @@ def builds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def build(folder: Path, name: str, source: str) -> None:
+    shutil.copy(SOURCES / "motion.c", folder)
     (folder / "models.c").write_text(source)
     code = "import sys, hatch_build as h; from pathlib import Path; " + (
         "sys.exit(not h._compile(Path(sys.argv[1]), sys.argv[2], h.BUILDS.get(sys.argv[2], ())))"
@@ -44,7 +46,7 @@ def build(folder: Path, name: str, source: str) -> None:
 
 
 def source() -> str:
-    return (ROOT / "oppload_cli" / "native" / "models.c").read_text()
+    return (SOURCES / "models.c").read_text()
 
 
 def test_without_a_build_the_models_are_computed_by_opencv(builds: Path) -> None:
@@ -88,7 +90,7 @@ def test_a_build_that_does_not_fit_is_left_alone(builds: Path, damage: str) -> N
     if damage == "stale":
         build(builds, "baseline", source().replace("{ return 1; }", "{ return 0; }"))
     else:
-        (builds / "models.baseline.so").write_bytes(b"not a library")
+        (builds / "loops.baseline.so").write_bytes(b"not a library")
     assert library.arithmetic() == "portable"
 
 

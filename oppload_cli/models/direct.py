@@ -119,6 +119,7 @@ class DirectSums:
             for (first, last), scratch in zip(bands, self._scratch, strict=True)
         ]
         self._maps = maps
+        self._addresses = [address(each) for each in self._inside]
         self._latest = 0
 
     @property
@@ -149,7 +150,7 @@ class DirectSums:
 
     def _compute(self, outputs: ctypes.Array[ctypes.c_void_p]) -> None:
         for age in range(AGES):
-            self._job.photoreceptors[age] = address(self._inside[(self._latest - age) % AGES])
+            self._job.photoreceptors[age] = self._addresses[(self._latest - age) % AGES]
         self._job.outputs = outputs
         self._crew(*self._bands)
 

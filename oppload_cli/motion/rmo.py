@@ -7,14 +7,16 @@ angles between vectors matter, so that the direction of y changes no result.
 
 from __future__ import annotations
 
+import ctypes
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.motion.parameters import RmoParams
+from oppload_cli.native.library import address, compiled, library
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -172,8 +174,31 @@ def rmo_metrics(
         If the two arrays are not of one shape (n, 2) with finite numbers.
     """
     params = params or _DEFAULTS
+    sums = (_compiled_sums if library() else _portable_sums)(starts, vectors, params)
+    count, outward_pairs = sums.vectors, sums.outward_pairs
+    return RmoMetrics(
+        flow_vectors=count,
+        rom_pairs=outward_pairs,
+        rom_share=outward_pairs / (count * (count - 1) // 2) if outward_pairs else 0.0,
+        rmo_mean=sums.outward / outward_pairs if outward_pairs else 0.0,
+        rmo_max=sums.largest,
+        rmo_index=(sums.outward - sums.inward) / sums.opposite if sums.opposite > 0 else 0.0,
+    )
+
+
+class _Sums(NamedTuple):
+    """Vectors that are not zero, and the RMO of their pairs, summed."""
+
+    vectors: int
+    opposite: float
+    outward: float
+    inward: float
+    largest: float
+    outward_pairs: int
+
+
+def _portable_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> _Sums:
     moving = _Moving(starts, vectors)
-    count = moving.speeds.size
     outward_pairs = 0
     outward_sum = inward_sum = opposite_sum = largest = 0.0
     for first, second in moving.opposite(params.opposite_tolerance):
@@ -187,14 +212,43 @@ def rmo_metrics(
         inward_sum += float((values * inward).sum())
         opposite_sum += float(values.sum())
         largest = max(largest, float(kept.max()))
-    return RmoMetrics(
-        flow_vectors=count,
-        rom_pairs=outward_pairs,
-        rom_share=outward_pairs / (count * (count - 1) // 2) if outward_pairs else 0.0,
-        rmo_mean=outward_sum / outward_pairs if outward_pairs else 0.0,
-        rmo_max=largest,
-        rmo_index=(outward_sum - inward_sum) / opposite_sum if opposite_sum > 0 else 0.0,
+    return _Sums(moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, outward_pairs)
+
+
+class _MovingVectors(ctypes.Structure):
+    """``struct moving`` of motion.c."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("unit_x", "unit_y", "speed", "x", "y")),
+        ("n", ctypes.c_int),
     )
+
+
+def _compiled_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> _Sums:
+    motion, origin = _matching(starts, vectors)
+    speeds = _length(motion)
+    moves = speeds > 0
+    if not moves.all():
+        motion, origin, speeds = motion[moves], origin[moves], speeds[moves]
+    count = speeds.size
+    rows = np.zeros((5, count + 4))
+    np.divide(motion.T, speeds, out=rows[:2, :count])
+    rows[2, :count] = speeds
+    rows[3:, :count] = origin.T
+    first, step = address(rows), rows.strides[0]
+    job = _MovingVectors(*(first + row * step for row in range(5)), count)
+    sums = np.zeros(5)
+    compiled().opponency(
+        ctypes.addressof(job),
+        *(
+            math.tan(math.radians(each))
+            for each in (params.opposite_tolerance, params.outward_tolerance)
+        ),
+        params.sides,
+        address(sums),
+    )
+    opposite, outward, inward, largest, outward_pairs = sums.tolist()
+    return _Sums(count, opposite, outward, inward, largest, int(outward_pairs))
 
 
 class _Moving:
@@ -204,12 +258,7 @@ class _Moving:
     """
 
     def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
-        motion, origin = _points("vectors", vectors), _points("starts", starts)
-        if motion.ndim != 2 or origin.shape != motion.shape:
-            raise ParameterError(
-                f"starts and vectors are of shapes {origin.shape} and {motion.shape}; "
-                "give two arrays of one shape (n, 2)"
-            )
+        motion, origin = _matching(starts, vectors)
         speeds = _length(motion)
         rows = np.flatnonzero(speeds)
         angles = np.arctan2(motion[rows, 1], motion[rows, 0])
@@ -280,6 +329,18 @@ def _opponency(
     total = speed1 + speed2
     symmetric = np.minimum(speed1, speed2) * sides
     return symmetric / np.where(total > 0, total, 1.0)
+
+
+def _matching(
+    starts: ArrayLike, vectors: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    motion, origin = _points("vectors", vectors), _points("starts", starts)
+    if motion.ndim != 2 or origin.shape != motion.shape:
+        raise ParameterError(
+            f"starts and vectors are of shapes {origin.shape} and {motion.shape}; "
+            "give two arrays of one shape (n, 2)"
+        )
+    return motion, origin
 
 
 def _points(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -19,16 +19,12 @@ if TYPE_CHECKING:
 
 FOLDER = Path(__file__).parent
 PORTABLE = "OPPLOAD_PORTABLE"  # set to 1, the compiled loops are left alone
-INTERFACE = 1  # of models.c: another number is that of a build gone stale
+INTERFACE = 1  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
-_pointer, _distance, _count, _float = (
-    ctypes.c_void_p,
-    ctypes.c_ssize_t,
-    ctypes.c_int,
-    ctypes.c_float,
-)
+_pointer, _distance, _count = ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_int
+_float, _double = ctypes.c_float, ctypes.c_double
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "sums": (_pointer, _count, _count, _pointer),
     "group": (
@@ -47,6 +43,7 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
         *(_pointer, _pointer, _distance, _count, _count),
         *(_pointer, _pointer, _count, _pointer, _distance),
     ),
+    "opponency": (_pointer, _double, _double, _double, _pointer),
 }
 
 
@@ -135,7 +132,7 @@ def _loaded() -> tuple[str, ctypes.CDLL | None]:
 
 
 def _load(build: str) -> ctypes.CDLL | None:
-    path = FOLDER / f"models.{build}.so"
+    path = FOLDER / f"loops.{build}.so"
     try:
         loaded = ctypes.CDLL(str(path))
         current = loaded.interface() == INTERFACE

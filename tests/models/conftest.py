@@ -1,15 +1,3 @@
 from __future__ import annotations
 
-import pytest
-
-from oppload_cli.native import library
-
-
-@pytest.fixture(autouse=True, params=["compiled", "portable"])
-def _arithmetic(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hold both to the same numbers."""
-    monkeypatch.delenv(library.PORTABLE, raising=False)
-    if request.param == "portable":
-        monkeypatch.setenv(library.PORTABLE, "1")
-    elif library.library() is None:
-        pytest.skip("the compiled loops were not built")
+from tests.arithmetic import each_arithmetic  # noqa: F401 - for every test here
