@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import platform
-from importlib import metadata
+import sys
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from oppload_cli.native.library import arithmetic
@@ -45,10 +47,24 @@ def environment() -> dict[str, Any]:
 
 
 def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
+    version = _installed().get(name.replace("-", "_"))
+    if version is None and name.startswith("opencv") and name != "opencv-python":
         # OpenCV comes under several names; which one is installed does not matter.
-        if name.startswith("opencv"):
-            return _version("opencv-python") if name != "opencv-python" else None
-        return None
+        return _version("opencv-python")
+    return version
+
+
+@cache
+def _installed() -> dict[str, str]:
+    """Return the versions of what is installed, by the names of folders: no file is parsed."""
+    found: dict[str, str] = {}
+    for folder in map(Path, reversed(sys.path)):
+        try:
+            names = os.listdir(folder or ".")
+        except OSError:
+            continue
+        for name in names:
+            if name.endswith((".dist-info", ".egg-info")):
+                package, _, version = name.rpartition(".")[0].partition("-")
+                found[package.lower()] = version.partition("-")[0]
+    return found

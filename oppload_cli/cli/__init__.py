@@ -87,6 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         Instead of those of the process.
     """
     _answer_signals()
+    # Nothing here multiplies large matrices, and starting threads for it takes a tenth of a second.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
     except BaseException as error:  # the one place where all errors end
