@@ -18,7 +18,7 @@ from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.motion.rmo import RmoMetrics
 from oppload_cli.results.record import Detection, FrameRecord
 from oppload_cli.video.parameters import RepeatParams
-from oppload_cli.video.prefetch import Prefetch
+from oppload_cli.video.prefetch import Prefetch, frames_ahead
 from oppload_cli.video.repeats import Repeats
 
 if TYPE_CHECKING:
@@ -71,7 +71,8 @@ def analyse(
     alarms = _Alarms(bank, alarm)
     objects = _objects(bank, video.working, places)
     # A thread of its own for the motion: it costs about as much as a model.
-    seen = Prefetch(_seen(video, rmo, repeats or RepeatParams()), ahead=2)
+    ahead = frames_ahead(video.facts, video.working)
+    seen = Prefetch(_seen(video, rmo, repeats or RepeatParams()), ahead)
     try:
         for count, each in enumerate(seen):
             answers = _answers(bank, each, count)

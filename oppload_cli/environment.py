@@ -60,7 +60,7 @@ def _installed() -> dict[str, str]:
     found: dict[str, str] = {}
     for folder in map(Path, reversed(sys.path)):
         try:
-            names = os.listdir(folder or ".")
+            names = [each.name for each in folder.iterdir()]
         except OSError:
             continue
         for name in names:

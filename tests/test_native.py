@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -27,7 +28,7 @@ SOURCES = ROOT / "oppload_cli" / "native"
 @pytest.fixture
 def builds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty folder of builds."""
-    monkeypatch.delenv(library.PORTABLE, raising=False)
+    monkeypatch.setattr(library, "portable", False)
     monkeypatch.setattr(library, "FOLDER", tmp_path)
     library._loaded.cache_clear()
     yield tmp_path
@@ -64,11 +65,19 @@ def test_a_build_is_found_and_can_be_switched_off(
     build(builds, "baseline", source())
     assert library.arithmetic() == "compiled"
     assert isinstance(Dpc((9, 9), DpcParams())._sums, DirectSums)
-    monkeypatch.setenv(library.PORTABLE, "1")
+    monkeypatch.setattr(library, "portable", True)
     assert library.arithmetic() == "portable"
     assert isinstance(Dpc((9, 9), DpcParams())._sums, SpectralSums)
-    monkeypatch.setenv(library.PORTABLE, "0")
-    assert library.arithmetic() == "compiled"
+
+
+@pytest.mark.parametrize(("value", "portable"), [("1", True), ("0", False), ("", False)])
+def test_the_environment_switches_them_off(value: str, portable: bool) -> None:
+    code = "from oppload_cli.native import library; print(library.portable)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "OPPLOAD_PORTABLE": value},
+        cwd=ROOT, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.stdout.strip() == str(portable)
 
 
 def test_the_plain_build_agrees_with_the_wide_one(builds: Path) -> None:

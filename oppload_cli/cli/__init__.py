@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from types import FrameType
 
+SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it within a fraction of a frame
 COMMANDS = {
     "run": "run both looming detectors on videos",
     "collect": "many results into one table",
@@ -89,6 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     _answer_signals()
     # Nothing here multiplies large matrices, and starting threads for it takes a tenth of a second.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    sys.setswitchinterval(SWITCH_S)
     try:
         code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
     except BaseException as error:  # the one place where all errors end

@@ -82,6 +82,8 @@ class DirectSums:
         height, width = shape
         padded = -(-width // strip) * strip
         self._photoreceptors, self._inside = _with_zeros(height, padded, max(reach), width)
+        self._luma: list[Map] = list(aligned((2, height, width)))
+        self._change = loops.change
         maps = aligned((OUTPUTS, height, padded))
         self.presynaptic: Map = maps[0, :, :width]
         both = [*axes, *(phi + 180 for phi in axes)]
@@ -127,18 +129,29 @@ class DirectSums:
         """P(t), the latest map taken."""
         return self._inside[self._latest]
 
-    @property
-    def following(self) -> Map:
-        """Where the caller writes the next P."""
-        return self._inside[(self._latest + 1) % AGES]
-
     def reset(self) -> None:
         """Forget all maps."""
         for each in self._inside:
             each[:] = 0
 
+    def begin(self, luma: Map) -> None:
+        """Keep L of the first frame."""
+        np.copyto(self._luma[0], luma)
+
+    def change(self, luma: Map) -> float:
+        """Compute P(t) from L(t) and the L that was kept; return its mean."""
+        if luma.strides[1] != luma.itemsize:
+            luma = np.ascontiguousarray(luma)
+        kept, spare = self._luma
+        total: float = self._change(
+            *(address(luma), luma.strides[0] // luma.itemsize, address(kept), address(spare)),
+            *(self._addresses[(self._latest + 1) % AGES], self._job.stride, *luma.shape),
+        )
+        return total / luma.size
+
     def take(self, *, ready: bool) -> None:
-        """Take the map in `following`, and compute the sums if they are valid."""
+        """Take what `change` has computed; compute the sums too if they are valid."""
+        self._luma.reverse()
         self._latest = (self._latest + 1) % AGES
         if ready:
             self._compute(self._of_models)

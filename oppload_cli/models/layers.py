@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from oppload_cli.errors import FrameError
@@ -47,7 +46,6 @@ class Dpc:
         self.axes = axes
         sums = DirectSums if library() else SpectralSums
         self._sums: Presynaptic = sums(shape, params, axes, Crew(shape))
-        self._luma = np.zeros(shape, np.float32)
         self.reset()
 
     def reset(self) -> None:
@@ -111,10 +109,11 @@ class Dpc:
             that is not finite.
         """
         self._check(luma)
-        self._frames += 1
-        if self._frames > 1:
+        if self._frames == 0:
+            self._sums.begin(luma)
+        else:
             self._see(luma)
-        np.copyto(self._luma, luma)
+        self._frames += 1
         if self._frames > 1:
             self._sums.take(ready=self.ready)
         return self.ready
@@ -145,9 +144,7 @@ class Dpc:
             )
 
     def _see(self, luma: Map) -> None:
-        change = cv2.absdiff(luma, self._luma, dst=self._sums.following)
-        mean = cv2.mean(change)[0]
+        mean = self._sums.change(luma)
         if not np.isfinite(mean):
-            self._frames -= 1
             raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
         self._means = [mean, *self._means[:-1]]

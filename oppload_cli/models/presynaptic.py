@@ -49,15 +49,20 @@ class Presynaptic(Protocol):
     def photoreceptors(self) -> Map:
         """P(t), the latest map taken."""
 
-    @property
-    def following(self) -> Map:
-        """Where the caller writes the next P."""
-
     def reset(self) -> None:
         """Forget all maps."""
 
+    def begin(self, luma: Map) -> None:
+        """Keep L of the first frame."""
+
+    def change(self, luma: Map) -> float:
+        """Compute P(t) from L(t) and the L that was kept; return its mean.
+
+        Nothing is taken yet: a frame may be refused.
+        """
+
     def take(self, *, ready: bool) -> None:
-        """Take the map in `following`, and compute the sums if they are valid."""
+        """Take what `change` has computed; compute the sums too if they are valid."""
 
     def layers(self) -> Layers:
         """Return what the sums of the latest map are made from."""

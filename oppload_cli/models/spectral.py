@@ -57,6 +57,7 @@ class SpectralSums:
         self._layers = Layers(
             np.zeros(shape, np.float32), inhibition, dict(zip(axes, parts, strict=True))
         )
+        self._luma: list[Map] = [np.zeros(shape, np.float32) for _ in range(2)]
         self._balance = np.zeros(shape, np.float32)
         self.presynaptic: Map = np.zeros(shape, np.float32)
         self.pathways: dict[int, Map] = {
@@ -68,17 +69,23 @@ class SpectralSums:
         """P(t), the latest map taken."""
         return self._convolution.values
 
-    @property
-    def following(self) -> Map:
-        """Where the caller writes the next P."""
-        return self._convolution.values
-
     def reset(self) -> None:
         """Forget all maps."""
         self._convolution.reset()
 
+    def begin(self, luma: Map) -> None:
+        """Keep L of the first frame."""
+        np.copyto(self._luma[0], luma)
+
+    def change(self, luma: Map) -> float:
+        """Compute P(t) from L(t) and the L that was kept; return its mean."""
+        kept, spare = self._luma
+        np.copyto(spare, luma)
+        return cv2.mean(cv2.absdiff(luma, kept, dst=self._convolution.values))[0]
+
     def take(self, *, ready: bool) -> None:
-        """Take the map in `following`, and compute the sums if they are valid."""
+        """Take what `change` has computed; compute the sums too if they are valid."""
+        self._luma.reverse()
         self._convolution.advance()
         self._crew(self._excite, *self._convolution.parts)
         if ready:

@@ -18,14 +18,20 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-PORTABLE = "OPPLOAD_PORTABLE"  # set to 1, the compiled loops are left alone
 INTERFACE = 1  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
+# Set to 1, the compiled loops are left alone.
+portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
+
 _pointer, _distance, _count = ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_int
 _float, _double = ctypes.c_float, ctypes.c_double
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "change": (
+        *(_pointer, _distance, _pointer, _pointer),
+        *(_pointer, _distance, _count, _count),
+    ),
     "sums": (_pointer, _count, _count, _pointer),
     "group": (
         *(_pointer, _pointer, _distance),
@@ -54,9 +60,9 @@ def library() -> ctypes.CDLL | None:
     -------
     ctypes.CDLL or None
         None if they were not built, or if the environment variable
-        ``OPPLOAD_PORTABLE`` is set and not 0.
+        ``OPPLOAD_PORTABLE`` was 1 at the start.
     """
-    return None if os.environ.get(PORTABLE, "0") not in ("", "0") else _loaded()[1]
+    return None if portable else _loaded()[1]
 
 
 def compiled() -> ctypes.CDLL:
@@ -135,10 +141,12 @@ def _load(build: str) -> ctypes.CDLL | None:
     path = FOLDER / f"loops.{build}.so"
     try:
         loaded = ctypes.CDLL(str(path))
-        current = loaded.interface() == INTERFACE
+        if loaded.interface() != INTERFACE:
+            return None
     except (OSError, AttributeError):  # not built, or built for another system
         return None
     for name, signature in _SIGNATURES.items():
         function = getattr(loaded, name)
         function.argtypes, function.restype = signature, None
-    return loaded if current else None
+    loaded.change.restype = _double
+    return loaded

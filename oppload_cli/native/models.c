@@ -44,6 +44,42 @@ HELD lanes where(mask chosen, lanes a, lanes b)
 HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
 HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
 
+HELD doubles in_double(const float *at)
+{
+    return __builtin_convertvector(*(const half *)at, doubles)
+           + __builtin_convertvector(*(const half *)(at + LANES / 2), doubles);
+}
+
+HELD double total(doubles values)
+{
+    double sum = 0;
+    for (int k = 0; k < LANES / 2; k++) sum += values[k];
+    return sum;
+}
+
+/* ---- P: oppload_cli/models/layers.py ---- */
+
+/* Write |luma - before|, keep luma, and return the sum of what was written. */
+double change(const float *restrict luma, ptrdiff_t stride, const float *restrict before,
+              float *restrict kept, float *restrict out, ptrdiff_t out_stride, int height,
+              int width)
+{
+    double sum = 0;
+    for (int y = 0; y < height; y++) {
+        for (int x = 0; x < width; x++) {
+            kept[x] = luma[x];
+            out[x] = __builtin_fabsf(luma[x] - before[x]);
+        }
+        doubles sums = {0};
+        int x = 0;
+        for (; x + LANES <= width; x += LANES) sums += in_double(out + x);
+        for (; x < width; x++) sum += out[x];
+        sum += total(sums);
+        luma += stride, before += width, kept += width, out += out_stride;
+    }
+    return sum;
+}
+
 /* ---- E, I, J and S: oppload_cli/models/direct.py ---- */
 
 #define VECTORS 3
@@ -187,20 +223,7 @@ void sums(const struct sums *job, int first, int last, float *scratch)
     for (int y = first; y < last; y++) clear_beyond(job, y);
 }
 
-/* ---- Grouping of D-LGMD: oppload_cli/models/dlgmd.py ---- */
-
-HELD doubles in_double(const float *at)
-{
-    return __builtin_convertvector(*(const half *)at, doubles)
-           + __builtin_convertvector(*(const half *)(at + LANES / 2), doubles);
-}
-
-HELD double total(doubles values)
-{
-    double sum = 0;
-    for (int k = 0; k < LANES / 2; k++) sum += values[k];
-    return sum;
-}
+/* ---- Grouping of D-LGMD: oppload_cli/models/grouping.py ---- */
 
 /* G of rows first to last - 1, and the sums of S and G along each row.
  *

@@ -2,19 +2,59 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 import queue
 import threading
 import time
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from weakref import WeakSet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from oppload_cli.video.frames import InputFacts
+    from oppload_cli.video.working import WorkingSize
+
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
+LEAST_AHEAD, MOST_AHEAD = 2, 16  # frames that wait for the next thread
+WAITING_BYTES = 1 << 23  # of luminance that waits, above the least
 JOIN_WITHIN_S = 0.5  # so that Ctrl-C ends a run within one second
+
+
+_running: WeakSet[Prefetch[Any]] = WeakSet()
+
+
+def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
+    """Return how many frames may wait between two threads.
+
+    Many even out what single frames cost; but they take memory, and where frames are
+    live each that waits is late.
+
+    Parameters
+    ----------
+    facts : InputFacts
+        What kind of input it is.
+    working : WorkingSize
+        Size of the frames.
+
+    Returns
+    -------
+    int
+    """
+    if facts.kind in ("camera", "stream"):
+        return LEAST_AHEAD
+    fit = WAITING_BYTES // (4 * working.width * working.height)
+    return max(LEAST_AHEAD, min(MOST_AHEAD, fit))
+
+
+@atexit.register
+def _close_all() -> None:
+    """End the threads that a caller has left behind: they must not outlive the interpreter."""
+    for each in list(_running):
+        each.close()
 
 
 class Prefetch(Generic[Item]):
@@ -38,6 +78,7 @@ class Prefetch(Generic[Item]):
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="oppload-decode", daemon=True)
         self._thread.start()
+        _running.add(self)
 
     def __iter__(self) -> Iterator[Item]:
         return self

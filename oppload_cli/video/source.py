@@ -14,7 +14,7 @@ from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import Frame
 from oppload_cli.video.images import NUMBER, ImageSource
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
-from oppload_cli.video.prefetch import Prefetch, interruptible
+from oppload_cli.video.prefetch import LEAST_AHEAD, Prefetch, frames_ahead, interruptible
 from oppload_cli.video.span import Span
 from oppload_cli.video.working import Luminance, working_size
 
@@ -82,7 +82,9 @@ class Video:
 
     def __iter__(self) -> Iterator[Frame]:
         if self._prefetch is None:
-            self._prefetch = Prefetch(self._frames())
+            # Pictures in colour are large.
+            ahead = LEAST_AHEAD if self._colour else frames_ahead(self.facts, self.working)
+            self._prefetch = Prefetch(self._frames(), ahead)
         return self._prefetch
 
     def close(self) -> None:
