@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from concurrent.futures import ThreadPoolExecutor
 
+BAND = 60  # rows that one thread works on at a time: what they need stays in the cache
 LARGE = 1 << 18  # pixels: below, handing work over costs more than it saves
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oppload_cli.models.crew import BAND
 from oppload_cli.models.kernels import direction_mask, excitation_kernel, inhibition_kernels
 from oppload_cli.models.presynaptic import Layers
 from oppload_cli.native.library import LANES, address, aligned, compiled
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.parameters import DpcParams
 
 AGES = 3  # P(t), P(t-1) and P(t-2)
-BAND = 60  # rows that one thread works on at a time: what they need stays in the cache
 # In the order of models.c: S, the pathways of one axis and of the other, with those
 # opposite to them, E, I and both J.
 OUTPUTS = 9

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 
+from oppload_cli.models.crew import BAND, Crew
 from oppload_cli.native.library import LANES, address, aligned, compiled, library
 
 if TYPE_CHECKING:
@@ -103,16 +105,23 @@ class CompiledGrouping:
         grouped = aligned((height, stride))
         self.grouped: Map = grouped[:, :width]
         self._totals = np.zeros((height, 2))
-        self._columns = aligned((stride + 2 * params.group_size + LANES,))
         self._maps = presynaptic, grouped
-        self._fixed = address(presynaptic), address(grouped), stride, height, 0, height
-        self._buffers = address(self._columns), address(self._totals)
+        self._maps_and_size = address(presynaptic), address(grouped), stride, height
+        self._crew = Crew(presynaptic.shape)
+        bands = [(first, min(first + BAND, height)) for first in range(0, height, BAND)]
+        self._columns = aligned((len(bands), stride + 2 * params.group_size + LANES))
+        self._bands = list(zip(bands, map(address, self._columns), strict=True))
 
     def __call__(self, threshold: float) -> tuple[float, float]:
         """Compute G with T = `threshold`; return the means of S and of G over the frame."""
         params = self._params
-        self._group(
-            *self._fixed, params.group_size, threshold, params.grouped_limit, *self._buffers
+        limits = params.group_size, threshold, params.grouped_limit
+        totals = address(self._totals)
+        self._crew(
+            *(
+                partial(self._group, *self._maps_and_size, *band, *limits, columns, totals)
+                for band, columns in self._bands
+            )
         )
         s, g = self._totals.sum(axis=0) / self.grouped.size
         return float(s), float(g)
