@@ -97,7 +97,7 @@ def test_the_plain_build_agrees_with_the_wide_one(builds: Path) -> None:
 @pytest.mark.parametrize("damage", ["stale", "no library"])
 def test_a_build_that_does_not_fit_is_left_alone(builds: Path, damage: str) -> None:
     if damage == "stale":
-        build(builds, "baseline", source().replace("{ return 1; }", "{ return 0; }"))
+        build(builds, "baseline", source().replace("{ return 2; }", "{ return 0; }"))
     else:
         (builds / "loops.baseline.so").write_bytes(b"not a library")
     assert library.arithmetic() == "portable"

@@ -188,9 +188,7 @@ def _taps(
             for first, count in _runs(kernel[radius + dy, radius:] != 0):
                 groups.append((age, dy, first, count))
                 reach[age] = max(reach[age], dy, first + count - 1)
-                # Where dy is 0 the row above is the row below, and counts twice.
-                share = 0.5 if dy == 0 else 1.0
-                row = [share * each[radius + dy, radius:] for each in (kernel, across, down)]
+                row = [each[radius + dy, radius:] for each in (kernel, across, down)]
                 taps += np.stack(row, axis=-1)[first : first + count].tolist()
     return groups, taps, reach
 

@@ -23,7 +23,7 @@ typedef double doubles __attribute__((vector_size(4 * LANES)));
 #endif
 
 /* What is agreed on with oppload_cli/native/library.py: one more with each change of it. */
-int interface(void) { return 1; }
+int interface(void) { return 2; }
 
 /* Tell whether the wider build of this file runs here. */
 int runs_wide(void)
@@ -109,13 +109,12 @@ struct sums {
     int width, diagonal;
 };
 
-/* Add and subtract what lies dx to the left and to the right, for each dx. */
+/* Add and subtract what lies dx to the left and to the right, for each dx.
+ *
+ * For dx = 0 there is no difference: its place holds the zeros that it was made with. */
 HELD void fold(const float *row, float *out, int reach)
 {
-    for (int k = 0; k < STRIP; k += LANES) {
-        STORE(out + k, LOAD(row + k));
-        STORE(out + STRIP + k, (lanes){0});
-    }
+    for (int k = 0; k < STRIP; k += LANES) STORE(out + k, LOAD(row + k));
     for (int dx = 1; dx <= reach; dx++) {
         out += PAIR;
         for (int k = 0; k < STRIP; k += LANES) {
@@ -136,26 +135,42 @@ HELD void fold_row(const struct sums *job, struct folded *at, int age, int y, in
     fold(row, at->rows[age] + at->size[age] * (y & at->mask), job->reach[age]);
 }
 
+/* Sum the taps of one group: of one row (dy = 0), or of one above and one below. */
+HELD void add_row(const struct tap *tap, int count, const float *above, const float *below,
+                  int apart, int directional, lanes *even, lanes *across, lanes *down)
+{
+    for (; count--; tap++, above += PAIR, below += PAIR)
+#pragma GCC unroll 8
+        for (int k = 0; k < VECTORS; k++) {
+            lanes a = LOAD(above + LANES * k), aside = LOAD(above + STRIP + LANES * k);
+            lanes sum = a;
+            if (apart) {
+                lanes b = LOAD(below + LANES * k);
+                KEEP(a);
+                KEEP(b);
+                sum = a + b;
+                aside += LOAD(below + STRIP + LANES * k);
+                if (directional) down[k] += tap->down * (a - b);
+            }
+            even[k] += tap->even * sum;
+            if (directional) across[k] += tap->across * aside;
+        }
+}
+
 /* Sum some groups of taps over one row of a strip. */
 HELD void add_up(const struct group *group, int groups, const struct tap *tap,
-                 const struct folded *at, int y, lanes *even, lanes *across, lanes *down)
+                 const struct folded *at, int y, int directional, lanes *even, lanes *across,
+                 lanes *down)
 {
-    for (; groups--; group++) {
+    for (; groups--; tap += group->count, group++) {
         const float *row = at->rows[group->age] + group->dx * PAIR;
         ptrdiff_t size = at->size[group->age];
         const float *above = row + size * ((y - group->dy) & at->mask);
         const float *below = row + size * ((y + group->dy) & at->mask);
-        for (int n = group->count; n--; tap++, above += PAIR, below += PAIR)
-#pragma GCC unroll 8
-            for (int k = 0; k < VECTORS; k++) {
-                lanes a = LOAD(above + LANES * k), b = LOAD(below + LANES * k);
-                KEEP(a);
-                KEEP(b);
-                even[k] += tap->even * (a + b);
-                down[k] += tap->down * (a - b);
-                across[k] += tap->across * (LOAD(above + STRIP + LANES * k)
-                                            + LOAD(below + STRIP + LANES * k));
-            }
+        if (group->dy)
+            add_row(tap, group->count, above, below, 1, directional, even, across, down);
+        else
+            add_row(tap, group->count, above, above, 0, directional, even, across, down);
     }
 }
 
@@ -179,7 +194,8 @@ HELD void clear_beyond(const struct sums *job, int y)
                    (size_t)(job->output_stride - job->width) * sizeof(float));
 }
 
-/* Compute the maps of rows first to last - 1. `scratch` holds the folded rows. */
+/* Compute the maps of rows first to last - 1. `scratch` holds the folded rows; it is made
+ * of zeros, and for one job. */
 void sums(const struct sums *job, int first, int last, float *scratch)
 {
     struct folded at = {.mask = job->slots - 1};
@@ -198,10 +214,9 @@ void sums(const struct sums *job, int first, int last, float *scratch)
             for (int age = 0; age < AGES; age++)
                 fold_row(job, &at, age, y + job->reach[age], x);
             lanes e[VECTORS] = {0}, i[VECTORS] = {0}, across[VECTORS] = {0}, down[VECTORS] = {0};
-            lanes none[VECTORS] = {0};
-            add_up(job->groups, job->groups_of_excitation, job->taps, &at, y, e, none, none);
+            add_up(job->groups, job->groups_of_excitation, job->taps, &at, y, 0, e, e, e);
             add_up(job->groups + job->groups_of_excitation, job->groups_of_inhibition,
-                   job->taps + excitation_taps, &at, y, i, across, down);
+                   job->taps + excitation_taps, &at, y, 1, i, across, down);
 #pragma GCC unroll 8
             for (int k = 0; k < VECTORS; k++) {
                 ptrdiff_t here = y * job->output_stride + x + LANES * k;
