@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import cv2
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from concurrent.futures import ThreadPoolExecutor
 
-BAND = 60  # rows that one thread works on at a time: what they need stays in the cache
+BAND = 120  # rows that one thread works on at a time: what they need stays in the cache
 LARGE = 1 << 18  # pixels: below, handing work over costs more than it saves
 
 
@@ -54,12 +54,18 @@ class Crew:
         *parts : callable
             Each takes nothing.
         """
-        if self._threads == 1:
-            for part in parts:
-                part()
-            return
-        for done in [_pool(self._threads).submit(part) for part in parts]:
+        # One iterator for all: whoever is done takes the next part.
+        left = iter(parts)
+        helpers = min(self._threads, len(parts)) - 1
+        helped = [_pool(helpers).submit(_work, left) for _ in range(helpers)]
+        _work(left)
+        for done in helped:
             done.result()
+
+
+def _work(parts: Iterator[Callable[[], object]]) -> None:
+    for part in parts:
+        part()
 
 
 @cache

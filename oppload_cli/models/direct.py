@@ -113,7 +113,9 @@ class DirectSums:
         self._of_models = (ctypes.c_void_p * OUTPUTS)(*wanted)
         self._of_layers = (ctypes.c_void_p * OUTPUTS)(*([None] * LAYERS), *everything[LAYERS:])
         folded = slots * 2 * strip * (sum(reach) + AGES)
-        bands = [(first, min(first + BAND, height)) for first in range(0, height, BAND)]
+        self._rows = bands = [
+            (first, min(first + BAND, height)) for first in range(0, height, BAND)
+        ]
         self._scratch = aligned((len(bands), folded + LANES))
         job = ctypes.addressof(self._job)
         self._bands: list[Callable[[], object]] = [
@@ -142,12 +144,21 @@ class DirectSums:
         """Compute P(t) from L(t) and the L that was kept; return its mean."""
         if luma.strides[1] != luma.itemsize:
             luma = np.ascontiguousarray(luma)
-        kept, spare = self._luma
-        total: float = self._change(
-            *(address(luma), luma.strides[0] // luma.itemsize, address(kept), address(spare)),
-            *(self._addresses[(self._latest + 1) % AGES], self._job.stride, *luma.shape),
-        )
-        return total / luma.size
+        kept, spare = (address(each) for each in self._luma)
+        following = self._addresses[(self._latest + 1) % AGES]
+        totals = [0.0] * len(self._bands)
+        width = luma.shape[1]
+
+        def change(place: int, first: int, last: int) -> None:
+            totals[place] = self._change(
+                *(address(luma) + first * luma.strides[0], luma.strides[0] // luma.itemsize),
+                *(each + first * width * luma.itemsize for each in (kept, spare)),
+                *(following + first * self._job.stride * luma.itemsize, self._job.stride),
+                *(last - first, width),
+            )
+
+        self._crew(*(partial(change, place, *band) for place, band in enumerate(self._rows)))
+        return sum(totals) / luma.size
 
     def take(self, *, ready: bool) -> None:
         """Take what `change` has computed; compute the sums too if they are valid."""
