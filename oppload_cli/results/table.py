@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Value = float | int | None
 FLUSH_EVERY_S = 1.0
+DYING_S = 0.5
 
 
 def formatted(value: Value) -> str:
@@ -163,13 +164,20 @@ def _ours_alone(stream: IO[str], path: Path) -> bool | None:
         return True
     import fcntl  # noqa: PLC0415 - there is none on Windows
 
-    try:
-        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return os.path.samestat(os.fstat(stream.fileno()), path.stat())
-    except (BlockingIOError, FileNotFoundError):
-        return False
-    except OSError:  # a file system without locks
-        return None
+    deadline = time.monotonic() + DYING_S
+    while True:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return os.path.samestat(os.fstat(stream.fileno()), path.stat())
+        except BlockingIOError:
+            # A process that was killed is missed before the last of its files is closed.
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(DYING_S / 20)
+        except FileNotFoundError:
+            return False
+        except OSError:  # a file system without locks
+            return None
 
 
 @contextmanager
