@@ -30,6 +30,22 @@ def is_large(shape: tuple[int, int]) -> bool:
     return shape[0] * shape[1] >= LARGE
 
 
+def bands_of(height: int) -> list[tuple[int, int]]:
+    """Cut the rows of a frame into bands.
+
+    Parameters
+    ----------
+    height : int
+        Of the frame, at least 1.
+
+    Returns
+    -------
+    list of (int, int)
+        First row of each band, and the one after its last.
+    """
+    return [(first, min(first + BAND, height)) for first in range(0, height, BAND)]
+
+
 class Crew:
     """Runs parts that do not depend on each other at once, where frames are large.
 

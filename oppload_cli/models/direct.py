@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.models.crew import BAND
+from oppload_cli.models.crew import bands_of
 from oppload_cli.models.kernels import direction_mask, excitation_kernel, inhibition_kernels
 from oppload_cli.models.presynaptic import Layers
-from oppload_cli.native.library import LANES, address, aligned, compiled
+from oppload_cli.native.library import LANES, address, aligned, compiled, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -75,13 +75,13 @@ class DirectSums:
         self, shape: tuple[int, int], params: DpcParams, axes: tuple[int, ...], crew: Crew
     ) -> None:
         loops = compiled()
-        self._axes, self._crew = axes, crew
+        self._crew = crew
         groups, taps, reach = _taps(params, axes)
         self._groups, self._values = np.array(groups, np.intc), np.array(taps, np.float32)
         strip = int(loops.strip())
         height, width = shape
         padded = -(-width // strip) * strip
-        self._photoreceptors, self._inside = _with_zeros(height, padded, max(reach), width)
+        stride, self._inside = _with_zeros(height, padded, max(reach), width)
         self._luma: list[Map] = list(aligned((2, height, width)))
         self._change = loops.change
         maps = aligned((OUTPUTS, height, padded))
@@ -97,7 +97,7 @@ class DirectSums:
         )
         slots = 1 << (2 * max(reach)).bit_length()
         self._job = _Job(
-            stride=self._photoreceptors[0].shape[1],
+            stride=stride,
             output_stride=padded,
             groups=address(self._groups),
             taps=address(self._values),
@@ -113,16 +113,13 @@ class DirectSums:
         self._of_models = (ctypes.c_void_p * OUTPUTS)(*wanted)
         self._of_layers = (ctypes.c_void_p * OUTPUTS)(*([None] * LAYERS), *everything[LAYERS:])
         folded = slots * 2 * strip * (sum(reach) + AGES)
-        self._rows = bands = [
-            (first, min(first + BAND, height)) for first in range(0, height, BAND)
-        ]
-        self._scratch = aligned((len(bands), folded + LANES))
+        self._rows = bands_of(height)
+        self._scratch = aligned((len(self._rows), folded + LANES))
         job = ctypes.addressof(self._job)
         self._bands: list[Callable[[], object]] = [
             partial(loops.sums, job, first, last, address(scratch))
-            for (first, last), scratch in zip(bands, self._scratch, strict=True)
+            for (first, last), scratch in zip(self._rows, self._scratch, strict=True)
         ]
-        self._maps = maps
         self._addresses = [address(each) for each in self._inside]
         self._latest = 0
 
@@ -144,21 +141,10 @@ class DirectSums:
         """Compute P(t) from L(t) and the L that was kept; return its mean."""
         if luma.strides[1] != luma.itemsize:
             luma = np.ascontiguousarray(luma)
-        kept, spare = (address(each) for each in self._luma)
-        following = self._addresses[(self._latest + 1) % AGES]
-        totals = [0.0] * len(self._bands)
-        width = luma.shape[1]
-
-        def change(place: int, first: int, last: int) -> None:
-            totals[place] = self._change(
-                *(address(luma) + first * luma.strides[0], luma.strides[0] // luma.itemsize),
-                *(each + first * width * luma.itemsize for each in (kept, spare)),
-                *(following + first * self._job.stride * luma.itemsize, self._job.stride),
-                *(last - first, width),
-            )
-
-        self._crew(*(partial(change, place, *band) for place, band in enumerate(self._rows)))
-        return sum(totals) / luma.size
+        totals: dict[int, float] = {}
+        self._crew(*(partial(self._change_rows, luma, *band, totals) for band in self._rows))
+        # In the order of the rows, whichever thread came first.
+        return sum(totals[first] for first, _ in self._rows) / luma.size
 
     def take(self, *, ready: bool) -> None:
         """Take what `change` has computed; compute the sums too if they are valid."""
@@ -172,6 +158,15 @@ class DirectSums:
         self._compute(self._of_layers)
         return self._layers
 
+    def _change_rows(self, luma: Map, first: int, last: int, totals: dict[int, float]) -> None:
+        kept, spare = self._luma
+        following = self._inside[(self._latest + 1) % AGES]
+        totals[first] = self._change(
+            *rows_of(luma[first:]),
+            *(address(kept[first:]), address(spare[first:])),
+            *(*rows_of(following[first:]), last - first, luma.shape[1]),
+        )
+
     def _compute(self, outputs: ctypes.Array[ctypes.c_void_p]) -> None:
         for age in range(AGES):
             self._job.photoreceptors[age] = self._addresses[(self._latest - age) % AGES]
@@ -179,11 +174,12 @@ class DirectSums:
         self._crew(*self._bands)
 
 
-def _with_zeros(height: int, padded: int, reach: int, width: int) -> tuple[list[Map], list[Map]]:
-    """Return maps with zeros around them, and the views of their insides."""
+def _with_zeros(height: int, padded: int, reach: int, width: int) -> tuple[int, list[Map]]:
+    """Return the stride of maps with zeros around them, and the views of their insides."""
     margin = -(-reach // LANES) * LANES
-    whole = list(aligned((AGES, height + 2 * reach, margin + padded + margin + LANES)))
-    return whole, [each[reach : reach + height, margin : margin + width] for each in whole]
+    stride = margin + padded + margin + LANES
+    whole = aligned((AGES, height + 2 * reach, stride))
+    return stride, [each[reach : reach + height, margin : margin + width] for each in whole]
 
 
 def _taps(

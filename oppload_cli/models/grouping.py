@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import cv2
 import numpy as np
 
-from oppload_cli.models.crew import BAND, Crew
+from oppload_cli.models.crew import Crew, bands_of
 from oppload_cli.native.library import LANES, address, aligned, compiled, library
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ class CompiledGrouping:
         self._maps = presynaptic, grouped
         self._maps_and_size = address(presynaptic), address(grouped), stride, height
         self._crew = Crew(presynaptic.shape)
-        bands = [(first, min(first + BAND, height)) for first in range(0, height, BAND)]
+        bands = bands_of(height)
         self._columns = aligned((len(bands), stride + 2 * params.group_size + LANES))
         self._bands = list(zip(bands, map(address, self._columns), strict=True))
 

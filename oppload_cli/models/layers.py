@@ -32,8 +32,8 @@ class Dpc:
     params : DpcParams
         The DPC constants.
     axes : tuple of int
-        Directions phi in degrees of the pathways' axes; each serves the pair of
-        pathways phi and phi + 180.
+        Directions phi in degrees of the pathways' axes: none, (45, 135) or (0, 90);
+        each serves the pair of pathways phi and phi + 180.
 
     Source: ``docs/model.md``, sections 1, 2 and 4.
     """

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from oppload_cli.native.library import address, compiled, library
+from oppload_cli.native.library import address, compiled, library, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -109,13 +109,10 @@ class _PortableSums:
         self, shape: tuple[int, int], margin: int, halvings: int, down: _Line, across: _Line
     ) -> None:
         # Zeros around the map: beyond the frame there is nothing to pool.
-        height, width = (length + 2 * margin for length in shape)
-        self._whole = np.zeros((height, width), np.float32)
+        self._whole = np.zeros((shape[0] + 2 * margin, shape[1] + 2 * margin), np.float32)
         self._inside = self._whole[margin : margin + shape[0], margin : margin + shape[1]]
-        self._halved: list[Map] = []
-        for _ in range(halvings):
-            height, width = (height + 1) // 2, (width + 1) // 2
-            self._halved.append(np.zeros((height, width), np.float32))
+        self._halved = _halves(*self._whole.shape, halvings)
+        height, width = (self._halved or [self._whole])[-1].shape
         padded = np.zeros((height + 2 * down.reach, width), np.float32)
         half = np.zeros((down.count, width + 2 * across.reach), np.float32)
         self._coarsest = padded[down.reach : down.reach + height]
@@ -157,12 +154,8 @@ class _CompiledSums:
     ) -> None:
         loops = compiled()
         self._halve, self._weigh = loops.halve, loops.weigh
-        self._shape, self._margin = shape, margin
-        height, width = (length + 2 * margin for length in shape)
-        self._halved: list[Map] = []
-        for _ in range(halvings):
-            height, width = (height + 1) // 2, (width + 1) // 2
-            self._halved.append(np.zeros((height, width), np.float32))
+        self._margin = margin
+        self._halved = _halves(shape[0] + 2 * margin, shape[1] + 2 * margin, halvings)
         self._line = np.zeros(5 * (shape[1] + 2 * margin + 16), np.float32)
         coarsest = self._halved[-1].shape if halvings else shape
         self._row = np.zeros(coarsest[1] + 2 * across.reach, np.float32)
@@ -191,7 +184,7 @@ class _CompiledSums:
             calls.append(
                 partial(
                     self._halve,
-                    *(*_rows(values), *values.shape, margin),
+                    *(*rows_of(values), *values.shape, margin),
                     *(address(half), *half.shape, address(self._line)),
                 )
             )
@@ -199,17 +192,21 @@ class _CompiledSums:
         calls.append(
             partial(
                 self._weigh,
-                *(*_rows(values), *values.shape),
+                *(*rows_of(values), *values.shape),
                 *(ctypes.addressof(job) for job in self._jobs),
-                *(*_rows(out), address(self._row)),
+                *(*rows_of(out), address(self._row)),
             )
         )
         return calls
 
 
-def _rows(values: Map) -> tuple[int, int]:
-    """Return where a map stands in memory, and the distance between its rows in values."""
-    return address(values), values.strides[0] // values.itemsize
+def _halves(height: int, width: int, count: int) -> list[Map]:
+    """Return maps for the results of so many halvings."""
+    halves = []
+    for _ in range(count):
+        height, width = (height + 1) // 2, (width + 1) // 2
+        halves.append(np.zeros((height, width), np.float32))
+    return halves
 
 
 class _Line:

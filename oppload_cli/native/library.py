@@ -127,6 +127,22 @@ def address(array: NDArray[Any]) -> int:
     return int(array.__array_interface__["data"][0])
 
 
+def rows_of(values: NDArray[Any]) -> tuple[int, int]:
+    """Return where a map stands in memory, and how far apart its rows do.
+
+    Parameters
+    ----------
+    values : ndarray, shape (height, width)
+        It must outlive the address; its rows may stand apart.
+
+    Returns
+    -------
+    int, int
+        Address, and distance in values.
+    """
+    return address(values), values.strides[0] // values.itemsize
+
+
 @cache
 def _loaded() -> tuple[str, ctypes.CDLL | None]:
     baseline = _load("baseline")

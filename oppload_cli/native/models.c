@@ -57,7 +57,7 @@ HELD double total(doubles values)
     return sum;
 }
 
-/* ---- P: oppload_cli/models/layers.py ---- */
+/* ---- P: oppload_cli/models/direct.py ---- */
 
 /* Write |luma - before|, keep luma, and return the sum of what was written. */
 double change(const float *restrict luma, ptrdiff_t stride, const float *restrict before,

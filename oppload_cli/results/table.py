@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Value = float | int | None
 FLUSH_EVERY_S = 1.0
-DYING_S = 0.5
+DYING_S = 0.5  # that a run which was killed may still hold its lock
 
 
 def formatted(value: Value) -> str:

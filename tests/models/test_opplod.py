@@ -65,7 +65,7 @@ def test_pathways_agree_with_the_literal_reference() -> None:
 
 
 @pytest.fixture(scope="module")
-def centre_loom() -> tuple[float, int, float, float]:
+def centre_loom(each_arithmetic: None) -> tuple[float, int, float, float]:
     return strongest(looming(600, 300, 300, 26), FIELD_OF_200)
 
 
