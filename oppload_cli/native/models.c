@@ -17,6 +17,7 @@ typedef double doubles __attribute__((vector_size(4 * LANES)));
 
 /* Keep a value in its register: the compiler would load it twice instead. */
 #if defined(__AVX2__)
+#include <immintrin.h>
 #define KEEP(value) __asm__("" : "+x"(value))
 #else
 #define KEEP(value)
@@ -41,8 +42,13 @@ HELD lanes where(mask chosen, lanes a, lanes b)
 {
     return (lanes)((chosen & (mask)a) | (~chosen & (mask)b));
 }
+#if defined(__AVX2__) /* one instruction, which the compiler does not find by itself */
+HELD lanes least(lanes a, lanes b) { return (lanes)_mm256_min_ps((__m256)a, (__m256)b); }
+HELD lanes most(lanes a, lanes b) { return (lanes)_mm256_max_ps((__m256)a, (__m256)b); }
+#else
 HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
 HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
+#endif
 
 HELD doubles in_double(const float *at)
 {
@@ -125,14 +131,20 @@ HELD void fold(const float *row, float *out, int reach)
     }
 }
 
-struct folded { float *rows[AGES]; ptrdiff_t size[AGES]; int mask; };
+struct folded { float *rows[AGES]; ptrdiff_t size[AGES]; int next[AGES], mask; };
 
-HELD void fold_row(const struct sums *job, struct folded *at, int age, int y, int x)
+/* Fold the rows up to `reach` around y that have not been folded yet. */
+HELD void fold_around(const struct sums *job, struct folded *to, int age, int y, int x)
 {
-    const float *row = job->photoreceptors[age] + y * job->stride + x;
-    for (int k = -LANES; k < STRIP + LANES; k += 16)
-        __builtin_prefetch(row + ROWS_AHEAD * job->stride + k);
-    fold(row, at->rows[age] + at->size[age] * (y & at->mask), job->reach[age]);
+    int reach = job->reach[age];
+    int row = to->next[age] > y - reach ? to->next[age] : y - reach;
+    for (; row <= y + reach; row++) {
+        const float *from = job->photoreceptors[age] + row * job->stride + x;
+        for (int k = -LANES; k < STRIP + LANES; k += 16)
+            __builtin_prefetch(from + ROWS_AHEAD * job->stride + k);
+        fold(from, to->rows[age] + to->size[age] * (row & to->mask), reach);
+    }
+    to->next[age] = row;
 }
 
 /* Sum the taps of one group: of one row (dy = 0), or of one above and one below. */
@@ -185,13 +197,21 @@ HELD lanes rectified(lanes excitation, lanes inhibition)
     return least(most(excitation - inhibition, (lanes){0}), excitation);
 }
 
-/* Leave zeros beyond the frame, in the rest of the last strip. */
-HELD void clear_beyond(const struct sums *job, int y)
+HELD int any_of(const lanes *values)
+{
+    mask any = {0};
+    for (int k = 0; k < VECTORS; k++) any |= values[k] != 0;
+    int found = 0;
+    for (int n = 0; n < LANES; n++) found |= any[n];
+    return found;
+}
+
+/* Put zeros into `count` values of every map of row y, from x on. */
+HELD void clear(const struct sums *job, int y, int x, ptrdiff_t count)
 {
     for (int n = 0; n < OUTPUTS; n++)
         if (job->outputs[n])
-            memset(job->outputs[n] + y * job->output_stride + job->width, 0,
-                   (size_t)(job->output_stride - job->width) * sizeof(float));
+            memset(job->outputs[n] + y * job->output_stride + x, 0, (size_t)count * sizeof(float));
 }
 
 /* Compute the maps of rows first to last - 1. `scratch` holds the folded rows; it is made
@@ -207,14 +227,16 @@ void sums(const struct sums *job, int first, int last, float *scratch)
         scratch += at.size[age] * job->slots;
     }
     for (int x = 0; x < job->width; x += STRIP) {
-        for (int age = 0; age < AGES; age++)
-            for (int y = first - job->reach[age]; y < first + job->reach[age]; y++)
-                fold_row(job, &at, age, y, x);
+        for (int age = 0; age < AGES; age++) at.next[age] = first - job->reach[age];
         for (int y = first; y < last; y++) {
-            for (int age = 0; age < AGES; age++)
-                fold_row(job, &at, age, y + job->reach[age], x);
             lanes e[VECTORS] = {0}, i[VECTORS] = {0}, across[VECTORS] = {0}, down[VECTORS] = {0};
+            fold_around(job, &at, 0, y, x);
             add_up(job->groups, job->groups_of_excitation, job->taps, &at, y, 0, e, e, e);
+            if (!job->outputs[I] && !any_of(e)) { /* every S is 0 where E is, whatever inhibits */
+                clear(job, y, x, STRIP);
+                continue;
+            }
+            for (int age = 1; age < AGES; age++) fold_around(job, &at, age, y, x);
             add_up(job->groups + job->groups_of_excitation, job->groups_of_inhibition,
                    job->taps + excitation_taps, &at, y, 1, i, across, down);
 #pragma GCC unroll 8
@@ -235,7 +257,8 @@ void sums(const struct sums *job, int first, int last, float *scratch)
             }
         }
     }
-    for (int y = first; y < last; y++) clear_beyond(job, y);
+    /* Zeros beyond the frame, in the rest of the last strip. */
+    for (int y = first; y < last; y++) clear(job, y, job->width, job->output_stride - job->width);
 }
 
 /* ---- Grouping of D-LGMD: oppload_cli/models/grouping.py ---- */
