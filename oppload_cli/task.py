@@ -10,7 +10,6 @@ from typing import IO, TYPE_CHECKING, Any, Protocol
 
 import cv2
 
-from oppload_cli.analysis import analyse
 from oppload_cli.environment import cores
 from oppload_cli.errors import OpploadError, OutputError
 from oppload_cli.models.crew import is_large
@@ -19,12 +18,12 @@ from oppload_cli.results.columns import columns_for
 from oppload_cli.results.summary import ModelSummary
 from oppload_cli.results.table import Table, cannot_write
 from oppload_cli.sidecar_content import sidecar_content
-from oppload_cli.video.source import open_video
+from oppload_cli.video.source import begin_opening
 from oppload_cli.video.span import Span
 from oppload_cli.writing import Writing, begun
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from oppload_cli.outputs import Outputs
@@ -141,19 +140,22 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
     if exists_already(task):
         return Outcome(skipped=True)
     started = time.perf_counter()
-    with open_video(
+    opening = begin_opening(
         task.name,
         height=task.settings.height,
         span=task.span,
         image_rate=task.image_rate,
         threads=task.threads,
         colour=task.outputs is not None and task.outputs.annotated is not None,
-    ) as video:
+    )
+    from oppload_cli.analysis import analyse  # noqa: PLC0415 - loaded while the input is opened
+
+    with opening.result() as video:
         # On small frames OpenCV's threads wait for each other longer than they work.
         cv2.setNumThreads((task.threads or cores()) if is_large(video.working.shape) else 1)
         if watcher:
             watcher.opened(video)
-        run = _Run(task, video, watcher)
+        run = _Run(task, video, watcher, analyse)
         if task.outputs is None:
             _write_stream(run, sys.stdout)
         else:
@@ -241,7 +243,14 @@ class _Rows:
 class _Run:
     """The state of one pass over a video."""
 
-    def __init__(self, task: Task, video: Video, watcher: Watcher | None) -> None:
+    def __init__(
+        self,
+        task: Task,
+        video: Video,
+        watcher: Watcher | None,
+        analyse: Callable[..., Iterator[FrameRecord]],
+    ) -> None:
+        self._analyse = analyse
         self._task = task
         self.video = video
         self._watcher = watcher
@@ -259,7 +268,7 @@ class _Run:
     def write(self, frames: FrameSource, writing: Writing | _Rows) -> None:
         """Analyse every frame and write what is known of it."""
         settings = self._task.settings
-        records = analyse(
+        records = self._analyse(
             frames,
             settings.model_params(),
             alarm=settings.alarm,

@@ -22,7 +22,7 @@ from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.outputs import IfExists
 from oppload_cli.task import exists_already
 from oppload_cli.version import __version__
-from oppload_cli.video.prefetch import interruptible
+from oppload_cli.video.prefetch import Call
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -101,7 +101,7 @@ def connected(scheduler: str) -> Iterator[Any]:
     connect = partial(distributed.Client, **where, timeout=ANSWER_WITHIN_S, set_as_default=False)
     try:
         # Dask waits for ever where nobody says a word.
-        client = interruptible(connect, ANSWER_WITHIN_S)
+        client = Call(connect).result(ANSWER_WITHIN_S)
     except Exception as error:
         raise ParameterError(
             f"--scheduler {scheduler}: does not answer ({_first_line(error)}); "

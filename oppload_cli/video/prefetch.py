@@ -132,42 +132,51 @@ class _End:
         self.error = error
 
 
-def interruptible(call: Callable[[], Value], within_s: float = math.inf) -> Value:
-    """Run a call that may block in a library, so that Ctrl-C is answered meanwhile.
+class Call(Generic[Value]):
+    """A call that may block in a library, in a thread: meanwhile Ctrl-C is answered.
 
     Parameters
     ----------
     call : callable
-        Takes nothing; it runs in a thread, which an interruption leaves behind.
-    within_s : float
-        Seconds after which it is left behind too.
-
-    Returns
-    -------
-    object
-        What the call returns; what it raises is raised.
-
-    Raises
-    ------
-    TimeoutError
-        If it has not ended in time.
+        Takes nothing; it begins at once, and an interruption leaves it behind.
     """
-    values: list[Value] = []
-    errors: list[BaseException] = []
 
-    def run() -> None:
+    def __init__(self, call: Callable[[], Value]) -> None:
+        self._call = call
+        self._values: list[Value] = []
+        self._errors: list[BaseException] = []
+        self._thread = threading.Thread(target=self._run, name="oppload-open", daemon=True)
+        self._thread.start()
+
+    def result(self, within_s: float = math.inf) -> Value:
+        """Wait for the call to end.
+
+        Parameters
+        ----------
+        within_s : float
+            Seconds after which it is left behind.
+
+        Returns
+        -------
+        object
+            What the call returns; what it raises is raised.
+
+        Raises
+        ------
+        TimeoutError
+            If it has not ended in time.
+        """
+        deadline = time.monotonic() + within_s
+        while self._thread.is_alive() and time.monotonic() < deadline:
+            self._thread.join(0.1)  # without a limit it could not be interrupted on every system
+        if self._errors:
+            raise self._errors[0]
+        if not self._values:
+            raise TimeoutError(f"no word within {within_s:.0f} s")
+        return self._values[0]
+
+    def _run(self) -> None:
         try:
-            values.append(call())
+            self._values.append(self._call())
         except BaseException as error:
-            errors.append(error)
-
-    thread = threading.Thread(target=run, name="oppload-open", daemon=True)
-    thread.start()
-    deadline = time.monotonic() + within_s
-    while thread.is_alive() and time.monotonic() < deadline:
-        thread.join(0.1)  # without a limit it could not be interrupted on every system
-    if errors:
-        raise errors[0]
-    if not values:
-        raise TimeoutError(f"no word within {within_s:.0f} s")
-    return values[0]
+            self._errors.append(error)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -14,7 +13,7 @@ from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import Frame
 from oppload_cli.video.images import NUMBER, ImageSource
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
-from oppload_cli.video.prefetch import LEAST_AHEAD, Prefetch, frames_ahead, interruptible
+from oppload_cli.video.prefetch import LEAST_AHEAD, Call, Prefetch, frames_ahead
 from oppload_cli.video.span import Span
 from oppload_cli.video.working import Luminance, working_size
 
@@ -153,8 +152,39 @@ def open_video(
     ParameterError
         If the working size is too large.
     """
-    source = interruptible(partial(_source, str(name), image_rate, threads))
-    return Video(source, height, span or Span(), colour=colour)
+    opening = begin_opening(
+        name, height=height, span=span, image_rate=image_rate, threads=threads, colour=colour
+    )
+    return opening.result()
+
+
+def begin_opening(
+    name: str | Path,
+    *,
+    height: int | None,
+    span: Span | None,
+    image_rate: Fraction,
+    threads: int,
+    colour: bool,
+) -> Call[Video]:
+    """Begin to open an input, for a caller that has something else to do meanwhile.
+
+    Parameters
+    ----------
+    name, height, span, image_rate, threads, colour
+        As for :func:`open_video`.
+
+    Returns
+    -------
+    Call
+        Its result is the video, or an error of :func:`open_video`.
+    """
+
+    def open_it() -> Video:
+        source = _source(str(name), image_rate, threads)
+        return Video(source, height, span or Span(), colour=colour)
+
+    return Call(open_it)
 
 
 def _source(name: str, image_rate: Fraction, threads: int) -> PictureSource:
