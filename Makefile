@@ -12,7 +12,7 @@ help:
 	@echo "make lint   ruff and mypy --strict"
 	@echo "make docs   regenerate the generated pages of docs/"
 
-.venv/.ready: pyproject.toml hatch_build.py $(wildcard oppload_cli/native/*.c)
+.venv/.ready: pyproject.toml hatch_build.py $(wildcard oppload_cli/native/*.[ch])
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,lint]'
 	@touch $@

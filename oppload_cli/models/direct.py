@@ -1,39 +1,39 @@
 """E, I, J and S by compiled loops: each kernel value once for all its mirror images.
 
-The kernels are even across and down (W_E, W_I1, W_I2), and their directional parts are
-sums of one that is odd across and one that is odd down. So what lies dx to the left
-and right, and dy above and below, is added or subtracted first, and multiplied once.
+What lies dx to the left and right, and dy above and below, is added or subtracted
+first, and multiplied once. Where E is 0 every S is, and the inhibition is left alone.
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from oppload_cli.models.crew import bands_of
-from oppload_cli.models.kernels import direction_mask, excitation_kernel, inhibition_kernels
 from oppload_cli.models.presynaptic import Layers
+from oppload_cli.models.taps import AGES, quadrants, runs, with_zeros
+from oppload_cli.models.whole import WholeSums
 from oppload_cli.native.library import LANES, address, aligned, compiled, rows_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from oppload_cli.models.crew import Crew
     from oppload_cli.models.kernels import Kernel, Map
     from oppload_cli.models.parameters import DpcParams
 
-AGES = 3  # P(t), P(t-1) and P(t-2)
-# In the order of models.c: S, the pathways of one axis and of the other, with those
+# In the order of presynaptic.h: S, the pathways of one axis and of the other, with those
 # opposite to them, E, I and both J.
 OUTPUTS = 9
 LAYERS = 5  # from here on: what the models need no more, once they have S
 
 
 class _Job(ctypes.Structure):
-    """``struct sums`` of models.c."""
+    """``struct sums`` of presynaptic.c."""
 
     _fields_ = (
         ("photoreceptors", ctypes.c_void_p * AGES),
@@ -76,12 +76,15 @@ class DirectSums:
     ) -> None:
         loops = compiled()
         self._crew = crew
-        groups, taps, reach = _taps(params, axes)
+        kernels = quadrants(params, axes)
+        groups, taps, reach = _taps(kernels)
         self._groups, self._values = np.array(groups, np.intc), np.array(taps, np.float32)
         strip = int(loops.strip())
         height, width = shape
-        padded = -(-width // strip) * strip
-        stride, self._inside = _with_zeros(height, padded, max(reach), width)
+        of_whole = int(loops.whole_strip())
+        strips = math.lcm(strip, of_whole or 1)
+        padded = -(-width // strips) * strips
+        stride, self._inside = with_zeros(height, padded, max(reach), width)
         self._luma: list[Map] = list(aligned((2, height, width)))
         self._change = loops.change
         maps = aligned((OUTPUTS, height, padded))
@@ -122,6 +125,10 @@ class DirectSums:
         ]
         self._addresses = [address(each) for each in self._inside]
         self._latest = 0
+        self._whole = None
+        if of_whole:
+            models = list(maps[: 1 + 2 * len(axes)])
+            self._whole = WholeSums(kernels, models, width, diagonal=45 in axes, rows=self._rows)
 
     @property
     def photoreceptors(self) -> Map:
@@ -132,6 +139,8 @@ class DirectSums:
         """Forget all maps."""
         for each in self._inside:
             each[:] = 0
+        if self._whole:
+            self._whole.reset()
 
     def begin(self, luma: Map) -> None:
         """Keep L of the first frame."""
@@ -143,6 +152,8 @@ class DirectSums:
             luma = np.ascontiguousarray(luma)
         totals: dict[int, float] = {}
         self._crew(*(partial(self._change_rows, luma, *band, totals) for band in self._rows))
+        if self._whole:
+            self._whole.change(luma, self._luma[0], self._crew)
         # In the order of the rows, whichever thread came first.
         return sum(totals[first] for first, _ in self._rows) / luma.size
 
@@ -150,7 +161,11 @@ class DirectSums:
         """Take what `change` has computed; compute the sums too if they are valid."""
         self._luma.reverse()
         self._latest = (self._latest + 1) % AGES
-        if ready:
+        if self._whole:
+            self._whole.take()
+        if ready and self._whole and self._whole.ready:
+            self._whole.compute(self._crew)
+        elif ready:
             self._compute(self._of_models)
 
     def layers(self) -> Layers:
@@ -174,48 +189,15 @@ class DirectSums:
         self._crew(*self._bands)
 
 
-def _with_zeros(height: int, padded: int, reach: int, width: int) -> tuple[int, list[Map]]:
-    """Return the stride of maps with zeros around them, and the views of their insides."""
-    margin = -(-reach // LANES) * LANES
-    stride = margin + padded + margin + LANES
-    whole = aligned((AGES, height + 2 * reach, stride))
-    return stride, [each[reach : reach + height, margin : margin + width] for each in whole]
-
-
 def _taps(
-    params: DpcParams, axes: tuple[int, ...]
+    kernels: list[Kernel],
 ) -> tuple[list[tuple[int, int, int, int]], list[list[float]], list[int]]:
-    """Return the kernels as ``struct group`` and ``struct tap`` of models.c, and their reach."""
+    """Return the kernels as ``struct group`` and ``struct tap``, and how far each reaches."""
     groups, taps, reach = [], [], [0] * AGES
-    kernels = [excitation_kernel(params), *inhibition_kernels(params)]
     for age, kernel in enumerate(kernels):
-        across, down = _odd_parts(kernel, params, axes if age else ())
-        radius = len(kernel) // 2
-        for dy in range(radius + 1):
-            for first, count in _runs(kernel[radius + dy, radius:] != 0):
+        for dy in range(kernel.shape[1]):
+            for first, count in runs(kernel[0, dy] != 0):
                 groups.append((age, dy, first, count))
                 reach[age] = max(reach[age], dy, first + count - 1)
-                row = [each[radius + dy, radius:] for each in (kernel, across, down)]
-                taps += np.stack(row, axis=-1)[first : first + count].tolist()
+                taps += kernel[:, dy, first : first + count].T.tolist()
     return groups, taps, reach
-
-
-def _odd_parts(kernel: Kernel, params: DpcParams, axes: tuple[int, ...]) -> tuple[Kernel, Kernel]:
-    """Return the parts of the directional kernels that are odd across, and odd down.
-
-    On the diagonals J_45 is the sum of both, and J_135 their difference; on the axes
-    J_0 is the one and J_90 the other.
-    """
-    if not axes:
-        return np.zeros_like(kernel), np.zeros_like(kernel)
-    one, other = (kernel * (direction_mask(params, phi) - 0.5) for phi in axes)
-    if 0 in axes:
-        return one, other
-    return (one - other) / 2, (one + other) / 2
-
-
-def _runs(there: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Iterator[tuple[int, int]]:
-    """Yield where each run of values begins, and how long it is."""
-    steps = np.diff(there.astype(np.int8), prepend=0, append=0)
-    for first, last in zip(np.flatnonzero(steps > 0), np.flatnonzero(steps < 0), strict=True):
-        yield int(first), int(last - first)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-INTERFACE = 2  # of the C files: another number is that of a build gone stale
+INTERFACE = 3  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
@@ -33,6 +33,11 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
         *(_pointer, _distance, _count, _count),
     ),
     "sums": (_pointer, _count, _count, _pointer),
+    "whole_change": (
+        *(_pointer, _distance, _pointer, _float),
+        *(_pointer, _distance, _count, _count),
+    ),
+    "whole_sums": (_pointer, _count, _count, _pointer),
     "group": (
         *(_pointer, _pointer, _distance),
         *(_count, _count, _count, _count, _float, _float, _pointer, _pointer),
@@ -165,4 +170,5 @@ def _load(build: str) -> ctypes.CDLL | None:
         function = getattr(loaded, name)
         function.argtypes, function.restype = signature, None
     loaded.change.restype = _double
+    loaded.whole_change.restype = _count
     return loaded

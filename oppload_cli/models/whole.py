@@ -1,0 +1,278 @@
+"""The presynaptic sums of frames of 8 bits, in whole numbers.
+
+The luminance of such frames has 219 levels (limited range) or 255 (full range): P times
+that is whole, and 16 bits hold the sums of it. Processors multiply twice as many such
+numbers at once as floats. The kernels are rounded to 16 bits, which keeps S to 1e-5.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from oppload_cli.models.taps import AGES, runs, with_zeros
+from oppload_cli.native.library import address, aligned, compiled, rows_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.crew import Crew
+    from oppload_cli.models.kernels import Kernel, Map
+
+LEVELS = (219, 255)  # from black to white: of limited range, and of full range
+OUTPUTS = 9  # of presynaptic.h
+# Those of whole.c, in values of 16 bits.
+STRIP = 16
+PAIR = 4 * STRIP
+MOST = 4  # pairs of a group
+
+
+class _Kernel(ctypes.Structure):
+    """``struct kernel`` of whole.c."""
+
+    _fields_ = (
+        ("pairs", ctypes.c_void_p),
+        ("rows", ctypes.c_void_p),
+        ("of_count", ctypes.c_int * MOST),
+        ("groups", ctypes.c_int),
+    )
+
+
+class _Job(ctypes.Structure):
+    """``struct whole_sums`` of whole.c."""
+
+    _fields_ = (
+        ("photoreceptors", ctypes.c_void_p * AGES),
+        ("stride", ctypes.c_ssize_t),
+        ("outputs", ctypes.c_void_p * OUTPUTS),
+        ("output_stride", ctypes.c_ssize_t),
+        ("excitation", _Kernel),
+        ("inhibition", _Kernel),
+        ("first_dx", ctypes.c_int * AGES),
+        ("pairs", ctypes.c_int * AGES),
+        ("reach", ctypes.c_int * AGES),
+        ("slots", ctypes.c_int),
+        ("width", ctypes.c_int),
+        ("diagonal", ctypes.c_int),
+        ("units", ctypes.c_float * 3),
+    )
+
+
+class WholeSums:
+    """S and the S_phi of one video, where P has whole code levels.
+
+    Parameters
+    ----------
+    kernels : list of ndarray
+        Of :func:`oppload_cli.models.taps.quadrants`.
+    outputs : sequence of ndarray of float32, shape (height, padded)
+        S, or S and the pathways in the order of presynaptic.h; `padded` is a multiple
+        of `STRIP`.
+    width : int
+        Of the frame.
+    diagonal : bool
+        Whether the axes are the diagonals.
+    rows : list of (int, int)
+        The bands that are computed at once: first row, and the one after the last.
+    """
+
+    def __init__(
+        self,
+        kernels: list[Kernel],
+        outputs: Sequence[Map],
+        width: int,
+        *,
+        diagonal: bool,
+        rows: list[tuple[int, int]],
+    ) -> None:
+        loops = compiled()
+        self._change = loops.whole_change
+        self._rows = rows
+        codes, self._units = _rounded(kernels)
+        layouts = [_in_pairs(age, values) for age, values in enumerate(codes)]
+        reach = [max((group.dy for group in each.groups), default=0) for each in layouts]
+        pairs = [each.pairs for each in layouts]
+        slots = 1 << (2 * max(reach)).bit_length()
+        height, padded = outputs[0].shape
+        furthest = max(2 * max(pairs), *reach)
+        stride, self._inside = with_zeros(height, padded, furthest, width, np.int16)
+        groups = [group for each in layouts for group in each.groups]
+        excitation = _Tables([group for group in groups if not group.age], pairs, slots)
+        inhibition = _Tables([group for group in groups if group.age], pairs, slots)
+        self._kept = excitation, inhibition
+        self._job = _Job(
+            stride=stride,
+            outputs=(ctypes.c_void_p * OUTPUTS)(*(address(each) for each in outputs)),
+            output_stride=padded,
+            excitation=excitation.kernel,
+            inhibition=inhibition.kernel,
+            first_dx=(ctypes.c_int * AGES)(*(each.first_dx for each in layouts)),
+            pairs=(ctypes.c_int * AGES)(*pairs),
+            reach=(ctypes.c_int * AGES)(*reach),
+            slots=slots,
+            width=width,
+            diagonal=diagonal,
+        )
+        self._scratch = aligned((len(rows), (MOST + slots * sum(pairs)) * PAIR // 2))
+        job = ctypes.addressof(self._job)
+        self._bands: list[Callable[[], object]] = [
+            partial(loops.whole_sums, job, first, last, address(scratch))
+            for (first, last), scratch in zip(rows, self._scratch, strict=True)
+        ]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all maps."""
+        for each in self._inside:
+            each[:] = 0
+        self._latest = 0
+        self._levels = self._coming = LEVELS[0]  # 0 for frames that have none
+        self._levels_of = [0] * AGES  # of each map that was taken
+
+    @property
+    def ready(self) -> bool:
+        """Whether the last three maps are whole in the same levels."""
+        return self._levels > 0 and self._levels_of == [self._levels] * AGES
+
+    def change(self, luma: Map, before: Map, crew: Crew) -> None:
+        """Compute P(t) from L(t) and the L before it, as far as it is whole.
+
+        A video in which it is not so once is not one of 8 bits: it is left alone.
+        """
+        tried = sorted(LEVELS, key=self._levels.__ne__) if self._levels else ()
+        self._coming = next((each for each in tried if self._whole(luma, before, each, crew)), 0)
+
+    def take(self) -> None:
+        """Take what `change` has computed."""
+        self._latest = (self._latest + 1) % AGES
+        self._levels = self._levels_of[self._latest] = self._coming
+
+    def compute(self, crew: Crew) -> None:
+        """Compute the outputs; only where `ready`."""
+        for age in range(AGES):
+            inside = self._inside[(self._latest - age) % AGES]
+            self._job.photoreceptors[age] = address(inside)
+        self._job.units = tuple(unit / self._levels for unit in self._units)
+        crew(*self._bands)
+
+    def _whole(self, luma: Map, before: Map, levels: int, crew: Crew) -> bool:
+        """Compute P(t) in these levels; tell whether it is whole."""
+        following = self._inside[(self._latest + 1) % AGES]
+        answers: list[int] = []
+
+        def see(first: int, last: int) -> None:
+            answers.append(
+                self._change(
+                    *(*rows_of(luma[first:]), address(before[first:]), levels),
+                    *(*rows_of(following[first:]), last - first, luma.shape[1]),
+                )
+            )
+
+        crew(*(partial(see, *band) for band in self._rows))
+        return all(answers)
+
+
+class _Group(NamedTuple):
+    """Pairs of kernel values side by side."""
+
+    age: int
+    dy: int
+    first: int  # pair in a folded row
+    values: NDArray[np.int16]  # ``struct pair`` of whole.c, shape (n, 3, 2)
+
+
+class _Layout(NamedTuple):
+    """The kernel of one age, cut into pairs."""
+
+    first_dx: int
+    pairs: int  # in a folded row, at least 1
+    groups: list[_Group]
+
+
+class _Tables:
+    """A ``struct kernel`` of whole.c, with what it points to."""
+
+    def __init__(self, groups: list[_Group], pairs: list[int], slots: int) -> None:
+        # The widest first; the order of whole numbers in a sum does not matter.
+        groups = sorted(groups, key=lambda group: -len(group.values))
+        begins = np.cumsum([0, *pairs]) * slots + MOST
+        slot = np.arange(slots)
+        rows = np.zeros((slots, len(groups), 2), np.int32)
+        for place, group in enumerate(groups):
+            for side, dy in enumerate((-group.dy, group.dy) if group.dy else (0,)):
+                row = begins[group.age] + (slot + dy) % slots * pairs[group.age]
+                rows[:, place, side] = (row + group.first) * PAIR
+        self._rows = rows
+        self._pairs = np.concatenate([np.empty((0, 3, 2), np.int16), *(g.values for g in groups)])
+        counts = [len(group.values) for group in groups]
+        self.kernel = _Kernel(
+            pairs=address(self._pairs),
+            rows=address(self._rows),
+            of_count=(ctypes.c_int * MOST)(*(counts.count(n + 1) for n in range(MOST))),
+            groups=len(groups),
+        )
+
+
+def _in_pairs(age: int, values: NDArray[np.int16]) -> _Layout:
+    """Cut the quadrants of one age, shape (3, r + 1, r + 1), into as few pairs as may be."""
+    layouts = []
+    for first_dx in (0, -1):
+        width = values.shape[2] - first_dx
+        padded = np.pad(values, ((0, 0), (0, 0), (-first_dx, width % 2)))
+        pairs = padded.reshape(*values.shape[:2], -1, 2)
+        groups = [
+            _Group(age, dy, place, pairs[:, dy, place : min(place + MOST, first + count)])
+            for dy in range(values.shape[1])
+            for first, count in runs(np.asarray(pairs[:, dy].any(axis=(0, 2))))
+            for place in range(first, first + count, MOST)
+        ]
+        groups = [group._replace(values=group.values.swapaxes(0, 1)) for group in groups]
+        in_row = max((group.first + len(group.values) for group in groups), default=1)
+        layouts.append(_Layout(first_dx, in_row, groups))
+    return min(layouts, key=lambda each: sum(len(group.values) for group in each.groups))
+
+
+def _rounded(kernels: list[Kernel]) -> tuple[list[NDArray[np.int16]], tuple[float, ...]]:
+    """Round the quadrants of the three ages to 16 bits.
+
+    Returns
+    -------
+    codes : list of ndarray, shape (3, r + 1, r + 1)
+        Of each age.
+    units : tuple of float
+        What one stands for in E, in I and in the odd parts.
+    """
+    values = np.stack(kernels)
+    # On an axis two mirror images are one.
+    side = np.where(np.arange(values.shape[-1]) > 0, 2, 1)
+    copies = side[:, None] * side
+    codes = np.zeros(values.shape, np.int16)
+    units = []
+    for part in (np.s_[:1, 0], np.s_[1:, 0], np.s_[1:, 1:]):
+        scale = _scale(values[part], copies)
+        codes[part] = _diffused(values[part] * scale, copies)
+        units.append(1 / scale)
+    return list(codes), tuple(units)
+
+
+def _scale(values: Kernel, copies: NDArray[np.int_]) -> float:
+    """Return the largest scale at which no value and no sum of P overflows."""
+    value = np.abs(values).max() / (2**15 - 2)
+    total = (np.abs(values) * copies).sum() * max(LEVELS) / (2**31 - 2**24)
+    return float(1 / max(value, total, np.finfo(np.float32).tiny))
+
+
+def _diffused(values: Kernel, copies: NDArray[np.int_]) -> NDArray[np.int16]:
+    """Round so that the errors cancel in the sum over all mirror images."""
+    codes = np.zeros(values.shape, np.int16)
+    left = 0.0
+    for place in zip(*np.nonzero(values), strict=True):
+        count = copies[place[-2:]]
+        codes[place] = round(values[place] + left / count)
+        left += count * (values[place] - codes[place])
+    return codes

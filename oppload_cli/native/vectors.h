@@ -1,0 +1,43 @@
+/* Vectors of the compiler, for the inner loops of the models.
+ *
+ * All maps are float32, row after row; a stride is the distance between two rows, in
+ * values.
+ */
+#pragma once
+#include <stddef.h>
+#include <string.h>
+
+#define LANES 8
+typedef float lanes __attribute__((vector_size(4 * LANES), aligned(4)));
+typedef float half __attribute__((vector_size(2 * LANES), aligned(4)));
+typedef double doubles __attribute__((vector_size(4 * LANES)));
+typedef int mask __attribute__((vector_size(4 * LANES)));
+#define LOAD(at) (*(const lanes *)(at))
+#define STORE(at, value) (*(lanes *)(at) = (value))
+#define HELD static inline __attribute__((always_inline))
+
+HELD lanes where(mask chosen, lanes a, lanes b)
+{
+    return (lanes)((chosen & (mask)a) | (~chosen & (mask)b));
+}
+#if defined(__AVX2__)
+#include <immintrin.h>
+HELD lanes least(lanes a, lanes b) { return (lanes)_mm256_min_ps((__m256)a, (__m256)b); }
+HELD lanes most(lanes a, lanes b) { return (lanes)_mm256_max_ps((__m256)a, (__m256)b); }
+#else
+HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
+HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
+#endif
+
+HELD doubles in_double(const float *at)
+{
+    return __builtin_convertvector(*(const half *)at, doubles)
+           + __builtin_convertvector(*(const half *)(at + LANES / 2), doubles);
+}
+
+HELD double total(doubles values)
+{
+    double sum = 0;
+    for (int k = 0; k < LANES / 2; k++) sum += values[k];
+    return sum;
+}

@@ -1,0 +1,195 @@
+/* The presynaptic sums of frames of 8 bits, in whole numbers: oppload_cli/models/whole.py.
+ *
+ * There P times the code levels of luminance is a whole number, and 16 bits hold the sum of
+ * four: one instruction multiplies twice as many pixels as with floats. The kernels are
+ * rounded to 16 bits; all else is exact.
+ */
+#include <math.h>
+#include <stdint.h>
+
+#include "presynaptic.h"
+
+/* Write |luma - before| in code levels; return whether all of it is whole. */
+int whole_change(const float *restrict luma, ptrdiff_t stride, const float *restrict before,
+                 float levels, int16_t *restrict out, ptrdiff_t out_stride, int height, int width)
+{
+    int broken = 0;
+    for (int y = 0; y < height; y++) {
+        for (int x = 0; x < width; x++) {
+            float exact = fabsf(luma[x] - before[x]) * levels;
+            int code = (int)(exact + 0.5f);
+            broken |= !(fabsf(exact - code) <= 1e-3f) | (code > 255);
+            out[x] = (int16_t)code;
+        }
+        luma += stride, before += width, out += out_stride;
+    }
+    return !broken;
+}
+
+#if !defined(__AVX2__)
+int whole_strip(void) { return 0; } /* then floats are as fast */
+void whole_sums(void) {}
+#else
+
+#define STRIP 16         /* columns that are worked on at once */
+#define PAIR (4 * STRIP) /* of two dx side by side: the sums, then the differences */
+#define MOST 4           /* pairs of a group */
+typedef __m256i codes;
+#define KEEP(value) __asm__("" : "+x"(value)) /* in its register: the compiler would reload it */
+
+int whole_strip(void) { return STRIP; }
+
+/* Kernel values at (dx, dy) and (dx + 1, dy). */
+struct pair { int16_t even[2], across[2], down[2]; };
+
+/* Groups of pairs: those of a group stand side by side, and have their dy in common. */
+struct kernel {
+    const struct pair *pairs;
+    const int32_t *rows; /* by slot and group: where the folded rows above and below begin */
+    int of_count[MOST];  /* how many groups have 1, 2, ... pairs; those of most come first */
+    int groups;
+};
+
+struct whole_sums {
+    const int16_t *photoreceptors[AGES]; /* at pixel (0, 0), with zeros around the frame */
+    ptrdiff_t stride;
+    float *outputs[OUTPUTS]; /* those of S alone; NULL where it is not wanted */
+    ptrdiff_t output_stride; /* whole strips */
+    struct kernel excitation, inhibition;
+    int first_dx[AGES]; /* of the pairs in a folded row: -1, which has no weight, or 0 */
+    int pairs[AGES];    /* in a folded row */
+    int reach[AGES];    /* largest |dy| */
+    int slots;          /* for folded rows: a power of 2, above twice the largest reach */
+    int width, diagonal;
+    struct { float excitation, inhibition, directional; } units; /* of the codes */
+};
+
+struct folded { int16_t *rows[AGES]; int next[AGES], mask; };
+struct totals { codes even[2], across[2], down[2]; };
+
+HELD codes at(const int16_t *from) { return _mm256_loadu_si256((const codes *)from); }
+HELD void keep(int16_t *to, codes value) { _mm256_storeu_si256((codes *)to, value); }
+HELD codes both(const int16_t *weights)
+{
+    int32_t two;
+    memcpy(&two, weights, sizeof two);
+    return _mm256_set1_epi32(two);
+}
+
+/* Add and subtract what lies dx to the left and to the right, for dx and dx + 1. */
+HELD void fold_pair(const int16_t *row, int16_t *out, int dx)
+{
+    codes sum[2], difference[2];
+    for (int k = 0; k < 2; k++) {
+        codes left = at(row - dx - k), right = at(row + dx + k);
+        if (dx + k <= 0) right = _mm256_setzero_si256(); /* at dx = 0 both are one pixel */
+        sum[k] = _mm256_add_epi16(left, right);
+        difference[k] = _mm256_sub_epi16(left, right);
+    }
+    keep(out, _mm256_unpacklo_epi16(sum[0], sum[1]));
+    keep(out + STRIP, _mm256_unpackhi_epi16(sum[0], sum[1]));
+    keep(out + 2 * STRIP, _mm256_unpacklo_epi16(difference[0], difference[1]));
+    keep(out + 3 * STRIP, _mm256_unpackhi_epi16(difference[0], difference[1]));
+}
+
+/* Fold the rows up to `reach` around y that have not been folded yet. */
+HELD void fold_around(const struct whole_sums *job, struct folded *to, int age, int y, int x)
+{
+    int reach = job->reach[age], pairs = job->pairs[age];
+    int row = to->next[age] > y - reach ? to->next[age] : y - reach;
+    for (; row <= y + reach; row++) {
+        const int16_t *from = job->photoreceptors[age] + row * job->stride + x;
+        for (int k = -LANES; k < 2 * STRIP; k += 2 * STRIP)
+            __builtin_prefetch(from + ROWS_AHEAD * job->stride + k);
+        int16_t *out = to->rows[age] + (ptrdiff_t)(row & to->mask) * pairs * PAIR;
+        fold_pair(from, out, job->first_dx[age]);
+        for (int n = 1; n < pairs; n++)
+            fold_pair(from, out + n * PAIR, job->first_dx[age] + 2 * n);
+    }
+    to->next[age] = row;
+}
+
+HELD codes times(codes values, codes weights, codes sum)
+{
+    sum = _mm256_add_epi32(sum, _mm256_madd_epi16(values, weights));
+    KEEP(sum); /* the compiler would add in an order for which there are too few registers */
+    return sum;
+}
+
+/* Sum pairs side by side, of one row above and one below. */
+HELD void add_pairs(const struct pair *pair, int count, const int16_t *above,
+                    const int16_t *below, int directional, struct totals *to)
+{
+#pragma GCC unroll 4
+    for (int n = 0; n < count; n++, pair++, above += PAIR, below += PAIR)
+#pragma GCC unroll 2
+        for (int k = 0; k < 2; k++) {
+            codes a = at(above + k * STRIP), b = at(below + k * STRIP);
+            KEEP(a);
+            KEEP(b);
+            to->even[k] = times(_mm256_add_epi16(a, b), both(pair->even), to->even[k]);
+            if (!directional) continue;
+            codes aside = _mm256_add_epi16(at(above + (2 + k) * STRIP), at(below + (2 + k) * STRIP));
+            to->down[k] = times(_mm256_sub_epi16(a, b), both(pair->down), to->down[k]);
+            to->across[k] = times(aside, both(pair->across), to->across[k]);
+        }
+}
+
+HELD void add_up(const struct kernel *kernel, const int16_t *scratch, int slot, int directional,
+                 struct totals *to)
+{
+    const struct pair *pair = kernel->pairs;
+    const int32_t *rows = kernel->rows + 2 * kernel->groups * slot;
+#pragma GCC unroll 4
+    for (int count = MOST; count; count--)
+        for (int n = kernel->of_count[count - 1]; n--; rows += 2, pair += count)
+            add_pairs(pair, count, scratch + rows[0], scratch + rows[1], directional, to);
+}
+
+/* Undo the mixing of the pixels in fold_pair, and go to the unit of the maps. */
+HELD void in_order(const codes *sums, float unit, lanes *out)
+{
+    codes first = _mm256_permute2x128_si256(sums[0], sums[1], 0x20);
+    codes second = _mm256_permute2x128_si256(sums[0], sums[1], 0x31);
+    out[0] = unit * (lanes)_mm256_cvtepi32_ps(first);
+    out[1] = unit * (lanes)_mm256_cvtepi32_ps(second);
+}
+
+/* Compute the maps of rows first to last - 1. `scratch` begins with the zeros that lie
+ * below where dy = 0, and has room for the folded rows. */
+void whole_sums(const struct whole_sums *job, int first, int last, int16_t *scratch)
+{
+    struct folded rows = {.mask = job->slots - 1};
+    int16_t *room = scratch + MOST * PAIR;
+    for (int age = 0; age < AGES; age++) {
+        rows.rows[age] = room;
+        room += job->slots * job->pairs[age] * PAIR;
+    }
+    for (int x = 0; x < job->width; x += STRIP) {
+        for (int age = 0; age < AGES; age++) rows.next[age] = first - job->reach[age];
+        for (int y = first; y < last; y++) {
+            ptrdiff_t here = y * job->output_stride + x;
+            struct totals excitation = {0}, inhibition = {0};
+            lanes e[2], i[2], across[2], down[2];
+            fetch_ahead(job->outputs, job->output_stride, y, x, STRIP);
+            fold_around(job, &rows, 0, y, x);
+            add_up(&job->excitation, scratch, y & rows.mask, 0, &excitation);
+            codes any = _mm256_or_si256(excitation.even[0], excitation.even[1]);
+            if (_mm256_testz_si256(any, any)) { /* where E is 0 every S is, whatever inhibits */
+                clear(job->outputs, job->output_stride, y, x, STRIP);
+                continue;
+            }
+            for (int age = 1; age < AGES; age++) fold_around(job, &rows, age, y, x);
+            add_up(&job->inhibition, scratch, y & rows.mask, 1, &inhibition);
+            in_order(excitation.even, job->units.excitation, e);
+            in_order(inhibition.even, job->units.inhibition, i);
+            in_order(inhibition.across, job->units.directional, across);
+            in_order(inhibition.down, job->units.directional, down);
+            for (int k = 0; k < 2; k++)
+                put_all(job->outputs, here + LANES * k, job->diagonal, e[k], i[k], across[k], down[k]);
+        }
+    }
+    for (int y = first; y < last; y++)
+        clear(job->outputs, job->output_stride, y, job->width, job->output_stride - job->width);
+}
+#endif
