@@ -107,6 +107,21 @@ def test_nothing_answers_where_nothing_changed() -> None:
         assert not values.any()
 
 
+@pytest.mark.parametrize("levels", [219, 876])
+def test_nothing_answers_beside_what_changed(levels: int) -> None:
+    """Half of I less its odd part may be below 0 in its last digit, where E is 0."""
+    codes = np.random.default_rng(4).integers(0, levels + 1, (5, 30, 70))
+    codes[:4] //= 100  # little inhibits what comes last
+    codes[2:, :, 20:50] = codes[2, :, 20:50]
+    dpc = Dpc((30, 70), DpcParams(kernel_radius=20, sigma_inhibition=12.0), (0, 90))
+    for frame in (codes / levels).astype(np.float32):
+        dpc.step(frame)
+    still = np.s_[:, 22:48]
+    for values in (dpc.presynaptic, *dpc.pathways.values()):
+        assert not values[still].any()
+        assert values.max() > 0.1
+
+
 def test_reset_starts_over() -> None:
     frames = random_frames((20, 30))
     dpc = stepped(random_frames((20, 30))[::-1])
