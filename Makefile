@@ -15,6 +15,7 @@ help:
 .venv/.ready: pyproject.toml hatch_build.py $(wildcard oppload_cli/native/*.[ch])
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,lint]'
+	$(BIN)/python -m compileall -q oppload_cli stimuli
 	@touch $@
 
 demo: .venv/.ready
