@@ -73,7 +73,10 @@ class Prefetch(Generic[Item]):
 
     def __init__(self, items: Iterator[Item], ahead: int = 4) -> None:
         self._items = items
-        self._queue: queue.Queue[Item | _End] = queue.Queue(ahead)
+        self._made: queue.SimpleQueue[Item | _End] = queue.SimpleQueue()
+        self._places: queue.SimpleQueue[None] = queue.SimpleQueue()  # that are free
+        for _ in range(ahead):
+            self._places.put(None)
         self._stop = threading.Event()
         self._ended = False
         self._thread = threading.Thread(target=self._run, name="oppload-decode", daemon=True)
@@ -86,12 +89,13 @@ class Prefetch(Generic[Item]):
     def __next__(self) -> Item:
         if self._ended:
             raise StopIteration
-        item = self._queue.get()
+        item = self._made.get()
         if isinstance(item, _End):
             self._ended = True
             if item.error is not None:
                 raise item.error
             raise StopIteration
+        self._places.put(None)
         return item
 
     def close(self) -> bool:
@@ -104,11 +108,8 @@ class Prefetch(Generic[Item]):
             what it uses must be left alone.
         """
         self._stop.set()
-        deadline = time.monotonic() + JOIN_WITHIN_S
-        while self._thread.is_alive() and time.monotonic() < deadline:
-            while not self._queue.empty():  # the thread may wait for a free place
-                self._queue.get_nowait()
-            self._thread.join(0.01)
+        self._places.put(None)  # the thread may wait for one
+        self._thread.join(JOIN_WITHIN_S)
         self._ended = True
         return not self._thread.is_alive()
 
@@ -116,13 +117,14 @@ class Prefetch(Generic[Item]):
         error: BaseException | None = None
         try:
             for item in self._items:
-                self._queue.put(item)
+                self._places.get()
                 if self._stop.is_set():
                     break
+                self._made.put(item)
         except BaseException as raised:
             error = raised
         finally:
-            self._queue.put(_End(error))
+            self._made.put(_End(error))
 
 
 class _End:
