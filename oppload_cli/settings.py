@@ -5,7 +5,6 @@ Later ones win: the preset, then the TOML file, then the command line.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -268,6 +267,8 @@ TOP_READERS: dict[str, Callable[[Any], Any]] = {
 
 
 def _read(path: Path) -> dict[str, Any]:
+    import tomllib  # noqa: PLC0415 - seldom needed
+
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

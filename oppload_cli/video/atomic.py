@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from abc import ABC, abstractmethod
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Self
@@ -141,6 +140,8 @@ def remove(path: Path) -> None:
         What to remove.
     """
     if path.is_dir():
+        import shutil  # noqa: PLC0415 - seldom needed
+
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import glob
-import hashlib
 import os
 import re
 from collections import Counter
@@ -193,6 +192,8 @@ def each_once(names: Iterable[str]) -> list[str]:
 
 def _told_apart(stem: str, name: str) -> str:
     short = os.fsencode(stem)[:LONGEST_STEM].decode("utf-8", "ignore")
+    import hashlib  # noqa: PLC0415 - seldom needed
+
     return f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
 
 
