@@ -13,6 +13,7 @@ import av
 import cv2
 from av.codec.context import Flags
 
+from oppload_cli.environment import cores
 from oppload_cli.errors import SourceError
 from oppload_cli.video.declared import declared_end, declared_frames
 from oppload_cli.video.ending import is_cut_short
@@ -34,6 +35,9 @@ Value = TypeVar("Value")
 OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
 SILENT_CODECS = {"vp8"}  # with frame threads it predicts from what failed, without a word
+# What one thread decodes as fast as the models follow.
+QUICK_CODECS, QUICK_PIXELS = {"h264", "mpeg4", "mpeg2video"}, 1 << 20
+FEW_CORES = 2
 HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
 COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 # Lists of other files: nothing but the file that the user named is ever opened.
@@ -48,7 +52,7 @@ class ContainerSource:
     name : str
         A path or an address such as ``rtsp://host/stream``.
     threads : int
-        Decoder threads; 0 leaves the choice to the decoder.
+        Decoder threads; 0 chooses by the codec, the size and the cores.
 
     Raises
     ------
@@ -183,12 +187,22 @@ class ContainerSource:
     def _prepare(self) -> None:
         codec = self._stream.codec_context
         codec.thread_type = "SLICE" if self._careful else "AUTO"
-        codec.thread_count = self._threads
+        # What is made of damage depends on the number of threads.
+        alone = self._careful and not self._remote
+        codec.thread_count = 1 if alone else self._threads or self._decoder_threads()
         one_under_way = {"max_frame_delay": "1"} if self._careful else {}  # of dav1d
         codec.options = {"max_pixels": decoder_limit(), **one_under_way}
         # Concealed frames are wanted, and counted as corrupt: leaving them out would
         # shorten the video without a word.
         codec.flags |= Flags.output_corrupt
+
+    def _decoder_threads(self) -> int:
+        """Return how many threads decode; 0 leaves the choice to the decoder."""
+        codec = self._stream.codec_context
+        quick = self._codec in QUICK_CODECS and codec.width * codec.height <= QUICK_PIXELS
+        # On two cores flow and models leave none idle, and threads that wait for each
+        # other cost an eighth of a run.
+        return 1 if quick and cores() <= FEW_CORES else 0
 
     def _steadily(self) -> Iterator[Shown]:
         """Yield the frames so that damage has the same effect at every run.
@@ -196,8 +210,8 @@ class ContainerSource:
         Decoding several frames at once is fastest. But it reports an error late, loses
         what is under way when it comes in the end, and conceals damage by whatever the
         other threads have done so far. So at its first sign the file is decoded again
-        with all threads on one frame, and what has been yielded is passed over. A few
-        frames are held back: one that refers to a damaged one may come before it.
+        by one thread, and what has been yielded is passed over. A few frames are held
+        back: one that refers to a damaged one may come before it.
         """
         count = 0
         if not self._careful:

@@ -137,7 +137,7 @@ def open_video(
     image_rate : Fraction
         Frames per second of images, which carry no times.
     threads : int
-        Decoder threads; 0 leaves the choice to the decoder.
+        Decoder threads; 0 chooses by the codec, the size and the cores.
     colour : bool
         Whether the frames carry their picture in colour too.
 

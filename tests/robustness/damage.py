@@ -34,6 +34,7 @@ class Outcome:
     complete: bool
     message: str
     same: bool
+    steady: bool  # the same with one decoder thread and with three
     reference: int
 
 
@@ -114,7 +115,7 @@ def counted_by_pyav(path: Path) -> int:
     return count
 
 
-def read(path: Path) -> tuple[int, bool, str, str]:
+def read(path: Path, threads: int = 0) -> tuple[int, bool, str, str]:
     """Read a file as the program does: frames, whether complete, a message, a digest."""
     import hashlib
 
@@ -123,7 +124,7 @@ def read(path: Path) -> tuple[int, bool, str, str]:
 
     digest, count = hashlib.sha256(), 0
     try:
-        with open_video(path, height=32) as video:
+        with open_video(path, height=32, threads=threads) as video:
             for frame in video:
                 count += 1
                 digest.update(frame.luma.tobytes())
@@ -169,11 +170,12 @@ def one(
     path = folder / f"x{number}.{KINDS[victim].suffix}"
     path.write_bytes(damaged(data, way, Random(f"{seed} {number}")))  # noqa: S311
     say({"begins": number, "name": victim, "way": way})  # so that a crash has a name
-    found, complete, message, seen = read(path)
+    found, complete, message, seen = read(path, 3)
+    alone = read(path, 1)
     reference = counted_by_ffmpeg(path, ffmpeg) if ffmpeg else counted_by_pyav(path)
     path.unlink()
-    same = seen == digest
-    return Outcome(victim, way, number, frames, found, complete, message, same, reference)
+    same, steady = seen == digest, alone == (found, complete, message, seen)
+    return Outcome(victim, way, number, frames, found, complete, message, same, steady, reference)
 
 
 if __name__ == "__main__":
