@@ -17,7 +17,7 @@ from oppload_cli.models.crew import bands_of
 from oppload_cli.models.presynaptic import Layers
 from oppload_cli.models.taps import AGES, quadrants, runs, with_zeros
 from oppload_cli.models.whole import WholeSums
-from oppload_cli.native.library import LANES, address, aligned, compiled, rows_of
+from oppload_cli.native.library import LANES, address, aligned, compiled, row_at, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,10 +150,22 @@ class DirectSums:
         """Compute P(t) from L(t) and the L that was kept; return its mean."""
         if luma.strides[1] != luma.itemsize:
             luma = np.ascontiguousarray(luma)
+        rows, width = rows_of(luma), luma.shape[1]
+        kept, spare = (address(each) for each in self._luma)
+        before, after = (kept, width), (spare, width)
+        following = self._addresses[(self._latest + 1) % AGES], self._job.stride
         totals: dict[int, float] = {}
-        self._crew(*(partial(self._change_rows, luma, *band, totals) for band in self._rows))
+
+        def see(first: int, last: int) -> None:
+            totals[first] = self._change(
+                *row_at(rows, first),
+                *(row_at(before, first)[0], row_at(after, first)[0]),
+                *(*row_at(following, first), last - first, width),
+            )
+
+        self._crew(*(partial(see, *band) for band in self._rows))
         if self._whole:
-            self._whole.change(luma, self._luma[0], self._crew)
+            self._whole.change(rows, before, self._crew)
         # In the order of the rows, whichever thread came first.
         return sum(totals[first] for first, _ in self._rows) / luma.size
 
@@ -172,15 +184,6 @@ class DirectSums:
         """Return E, I and the J_phi of the latest map, computed now."""
         self._compute(self._of_layers)
         return self._layers
-
-    def _change_rows(self, luma: Map, first: int, last: int, totals: dict[int, float]) -> None:
-        kept, spare = self._luma
-        following = self._inside[(self._latest + 1) % AGES]
-        totals[first] = self._change(
-            *rows_of(luma[first:]),
-            *(address(kept[first:]), address(spare[first:])),
-            *(*rows_of(following[first:]), last - first, luma.shape[1]),
-        )
 
     def _compute(self, outputs: ctypes.Array[ctypes.c_void_p]) -> None:
         for age in range(AGES):

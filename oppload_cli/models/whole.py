@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from oppload_cli.models.taps import AGES, runs, with_zeros
-from oppload_cli.native.library import address, aligned, compiled, rows_of
+from oppload_cli.native.library import address, aligned, compiled, row_at
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 LEVELS = (219, 255)  # from black to white: of limited range, and of full range
 OUTPUTS = 9  # of presynaptic.h
 # Those of whole.c, in values of 16 bits.
-STRIP = 16
+CODE_BYTES, STRIP = 2, 16
 PAIR = 4 * STRIP
 MOST = 4  # pairs of a group
 
@@ -101,6 +101,7 @@ class WholeSums:
         height, padded = outputs[0].shape
         furthest = max(2 * max(pairs), *reach)
         stride, self._inside = with_zeros(height, padded, furthest, width, np.int16)
+        self._addresses = [address(each) for each in self._inside]
         groups = [group for each in layouts for group in each.groups]
         excitation = _Tables([group for group in groups if not group.age], pairs, slots)
         inhibition = _Tables([group for group in groups if group.age], pairs, slots)
@@ -139,10 +140,11 @@ class WholeSums:
         """Whether the last three maps are whole in the same levels."""
         return self._levels > 0 and self._levels_of == [self._levels] * AGES
 
-    def change(self, luma: Map, before: Map, crew: Crew) -> None:
+    def change(self, luma: tuple[int, int], before: tuple[int, int], crew: Crew) -> None:
         """Compute P(t) from L(t) and the L before it, as far as it is whole.
 
-        A video in which it is not so once is not one of 8 bits: it is left alone.
+        Both are given as :func:`oppload_cli.native.library.rows_of` does. A video in
+        which it is not so once is not one of 8 bits: it is left alone.
         """
         tried = sorted(LEVELS, key=self._levels.__ne__) if self._levels else ()
         self._coming = next((each for each in tried if self._whole(luma, before, each, crew)), 0)
@@ -155,21 +157,22 @@ class WholeSums:
     def compute(self, crew: Crew) -> None:
         """Compute the outputs; only where `ready`."""
         for age in range(AGES):
-            inside = self._inside[(self._latest - age) % AGES]
-            self._job.photoreceptors[age] = address(inside)
+            self._job.photoreceptors[age] = self._addresses[(self._latest - age) % AGES]
         self._job.units = tuple(unit / self._levels for unit in self._units)
         crew(*self._bands)
 
-    def _whole(self, luma: Map, before: Map, levels: int, crew: Crew) -> bool:
+    def _whole(
+        self, luma: tuple[int, int], before: tuple[int, int], levels: int, crew: Crew
+    ) -> bool:
         """Compute P(t) in these levels; tell whether it is whole."""
-        following = self._inside[(self._latest + 1) % AGES]
+        following = self._addresses[(self._latest + 1) % AGES], self._job.stride
         answers: list[int] = []
 
         def see(first: int, last: int) -> None:
             answers.append(
                 self._change(
-                    *(*rows_of(luma[first:]), address(before[first:]), levels),
-                    *(*rows_of(following[first:]), last - first, luma.shape[1]),
+                    *(*row_at(luma, first), row_at(before, first)[0], levels),
+                    *(*row_at(following, first, CODE_BYTES), last - first, self._job.width),
                 )
             )
 

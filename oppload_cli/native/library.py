@@ -148,6 +148,27 @@ def rows_of(values: NDArray[Any]) -> tuple[int, int]:
     return address(values), values.strides[0] // values.itemsize
 
 
+def row_at(rows: tuple[int, int], number: int, itemsize: int = 4) -> tuple[int, int]:
+    """Return where the rows of a map stand from one of them on.
+
+    Parameters
+    ----------
+    rows : int, int
+        From :func:`rows_of`.
+    number : int
+        Of the row, from 0.
+    itemsize : int
+        Bytes of a value.
+
+    Returns
+    -------
+    int, int
+        Address, and distance in values.
+    """
+    start, distance = rows
+    return start + number * distance * itemsize, distance
+
+
 @cache
 def _loaded() -> tuple[str, ctypes.CDLL | None]:
     baseline = _load("baseline")

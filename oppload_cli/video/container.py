@@ -297,7 +297,8 @@ class ContainerSource:
     def _time(self, frame: VideoFrame, index: int) -> float:
         """Return the presentation time minus that of the first frame, in seconds."""
         if frame.pts is not None and self._first.pts is not None and self._stream.time_base:
-            return float((frame.pts - self._first.pts) * self._stream.time_base)
+            base = self._stream.time_base  # a fraction: its terms give the nearest float too
+            return (frame.pts - self._first.pts) * base.numerator / base.denominator
         rate = self.facts.frame_rate
         step = 1 / rate if rate else Fraction(1)
         # Where only some frames carry a time, the others follow the one before.
