@@ -15,7 +15,7 @@ import numpy as np
 
 from oppload_cli.models.crew import bands_of
 from oppload_cli.models.presynaptic import Layers
-from oppload_cli.models.taps import AGES, quadrants, runs, with_zeros
+from oppload_cli.models.taps import AGES, OUTPUTS, quadrants, runs, with_zeros
 from oppload_cli.models.whole import WholeSums
 from oppload_cli.native.library import LANES, address, aligned, compiled, row_at, rows_of
 
@@ -26,9 +26,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Kernel, Map
     from oppload_cli.models.parameters import DpcParams
 
-# In the order of presynaptic.h: S, the pathways of one axis and of the other, with those
-# opposite to them, E, I and both J.
-OUTPUTS = 9
 LAYERS = 5  # from here on: what the models need no more, once they have S
 
 

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Kernel
     from oppload_cli.models.parameters import DpcParams
 
+# Those of presynaptic.h.
 AGES = 3  # P(t), P(t-1) and P(t-2)
+OUTPUTS = 9  # S, the pathways of one axis and of the other, those opposite, E, I, both J
 
 
 def quadrants(params: DpcParams, axes: tuple[int, ...]) -> list[Kernel]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oppload_cli.models.taps import AGES, runs, with_zeros
+from oppload_cli.models.taps import AGES, OUTPUTS, runs, with_zeros
 from oppload_cli.native.library import address, aligned, compiled, row_at
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Kernel, Map
 
 LEVELS = (219, 255)  # from black to white: of limited range, and of full range
-OUTPUTS = 9  # of presynaptic.h
 # Those of whole.c, in values of 16 bits.
 CODE_BYTES, STRIP = 2, 16
 PAIR = 4 * STRIP
