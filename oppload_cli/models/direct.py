@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Kernel, Map
     from oppload_cli.models.parameters import DpcParams
 
-LAYERS = 5  # from here on: what the models need no more, once they have S
+LAYERS = 5  # of the outputs, from here on: what the models need no more once they have S
 
 
 class _Job(ctypes.Structure):
