@@ -6,6 +6,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 from fractions import Fraction
+from importlib import import_module
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
 import cv2
@@ -23,7 +24,7 @@ from oppload_cli.video.span import Span
 from oppload_cli.writing import Writing, begun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from oppload_cli.outputs import Outputs
@@ -148,14 +149,13 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         threads=task.threads,
         colour=task.outputs is not None and task.outputs.annotated is not None,
     )
-    from oppload_cli.analysis import analyse  # noqa: PLC0415 - loaded while the input is opened
-
+    import_module("oppload_cli.analysis")  # the models: loaded while the input is being opened
     with opening.result() as video:
         # On small frames OpenCV's threads wait for each other longer than they work.
         cv2.setNumThreads((task.threads or cores()) if is_large(video.working.shape) else 1)
         if watcher:
             watcher.opened(video)
-        run = _Run(task, video, watcher, analyse)
+        run = _Run(task, video, watcher)
         if task.outputs is None:
             _write_stream(run, sys.stdout)
         else:
@@ -243,14 +243,7 @@ class _Rows:
 class _Run:
     """The state of one pass over a video."""
 
-    def __init__(
-        self,
-        task: Task,
-        video: Video,
-        watcher: Watcher | None,
-        analyse: Callable[..., Iterator[FrameRecord]],
-    ) -> None:
-        self._analyse = analyse
+    def __init__(self, task: Task, video: Video, watcher: Watcher | None) -> None:
         self._task = task
         self.video = video
         self._watcher = watcher
@@ -267,8 +260,10 @@ class _Run:
 
     def write(self, frames: FrameSource, writing: Writing | _Rows) -> None:
         """Analyse every frame and write what is known of it."""
+        from oppload_cli.analysis import analyse  # noqa: PLC0415 - see run_task
+
         settings = self._task.settings
-        records = self._analyse(
+        records = analyse(
             frames,
             settings.model_params(),
             alarm=settings.alarm,

@@ -1,15 +1,6 @@
 /* P and the presynaptic sums: oppload_cli/models/direct.py. */
 #include "presynaptic.h"
 
-/* Keep a value in its register: the compiler would load it twice instead. */
-#if defined(__AVX2__)
-#define KEEP(value) __asm__("" : "+x"(value))
-#else
-#define KEEP(value)
-#endif
-
-/* ---- P: oppload_cli/models/direct.py ---- */
-
 /* Write |luma - before|, keep luma, and return the sum of what was written. */
 double change(const float *restrict luma, ptrdiff_t stride, const float *restrict before,
               float *restrict kept, float *restrict out, ptrdiff_t out_stride, int height,
@@ -30,8 +21,6 @@ double change(const float *restrict luma, ptrdiff_t stride, const float *restric
     }
     return sum;
 }
-
-/* ---- E, I, J and S: oppload_cli/models/direct.py ---- */
 
 #define VECTORS 3
 #define STRIP (VECTORS * LANES) /* columns that are worked on at once */

@@ -35,7 +35,6 @@ void whole_sums(void) {}
 #define PAIR (4 * STRIP) /* of two dx side by side: the sums, then the differences */
 #define MOST 4           /* pairs of a group */
 typedef __m256i codes;
-#define KEEP(value) __asm__("" : "+x"(value)) /* in its register: the compiler would reload it */
 
 int whole_strip(void) { return STRIP; }
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import SourceError
+from oppload_cli.video import container
+from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span, parse_position
 from tests.media import grey_frames, write_video
@@ -159,6 +161,40 @@ def test_a_truncated_file_is_incomplete(tmp_path: Path) -> None:
         assert 0 < len(frames) < 40
         assert video.decode.missing == 40 - len(frames)
         assert not video.decode.complete
+
+
+@pytest.mark.parametrize(
+    ("codec", "size", "cores", "threads", "few"),
+    [
+        ("libx264", (48, 64), 2, 0, True),
+        ("mpeg4", (48, 64), 1, 0, True),
+        ("libx264", (48, 64), 8, 0, False),  # more threads bring something there
+        ("libx264", (1088, 1024), 2, 0, False),  # too large
+        ("libvpx-vp9", (48, 64), 2, 0, False),  # too slow
+        ("libx264", (48, 64), 2, 3, False),  # the caller has chosen
+    ],
+)
+def test_small_quick_files_get_one_decoder_thread_on_two_cores(  # noqa: PLR0917
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    codec: str, size: tuple[int, int], cores: int, threads: int, few: bool,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(container, "cores", lambda: cores)
+    frames = [np.zeros(size, np.uint8)] * 3
+    path = write_video(tmp_path / "a.mkv", frames, codec=codec, pixel_format="yuv420p")
+    source = ContainerSource(str(path), threads)
+    asked = source._threads or source._decoder_threads()
+    source.close()
+    assert asked == (1 if few else threads)
+    if asked:
+        assert source.decode.threads == asked
+
+
+def test_vp8_is_decoded_by_one_thread_whatever_is_asked_for(tmp_path: Path) -> None:
+    frames = [np.zeros((48, 64), np.uint8)] * 3
+    path = write_video(tmp_path / "a.mkv", frames, codec="libvpx", pixel_format="yuv420p")
+    with open_video(path, threads=3) as video:
+        assert len(list(video)) == 3
+        assert video.decode.threads == 1
 
 
 def test_a_damaged_packet_loses_only_its_own_frames(tmp_path: Path) -> None:
