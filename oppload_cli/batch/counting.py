@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING
+
+from oppload_cli.processes.seldom import TELL_EVERY_S, Seldom
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.source import Video
-
-TELL_EVERY_S = 0.25
 
 
 class Counting:
@@ -26,10 +25,7 @@ class Counting:
     """
 
     def __init__(self, tell: Callable[[int], object], every_s: float = TELL_EVERY_S) -> None:
-        self._tell = tell
-        self._every_s = every_s
-        self._count = 0
-        self._next = time.monotonic() + every_s
+        self._count = Seldom(tell, every_s)
 
     def opened(self, video: Video) -> None:
         """Do nothing: a batch shows inputs, not their sizes.
@@ -48,13 +44,8 @@ class Counting:
         record : FrameRecord
             The frame.
         """
-        self._count += 1
-        if time.monotonic() >= self._next:
-            self.flush()
+        self._count(1)
 
     def flush(self) -> None:
         """Pass on what was not yet."""
-        if self._count:
-            self._tell(self._count)
-        self._count = 0
-        self._next = time.monotonic() + self._every_s
+        self._count.flush()

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import signal
 import sys
 import traceback
 from contextlib import suppress
@@ -15,12 +14,12 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from oppload_cli import interruption
 from oppload_cli.errors import ExitCode, OpploadError, OutputError, printable, suggestion
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from types import FrameType
 
 SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it within a fraction of a frame
 COMMANDS = {
@@ -87,14 +86,14 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     arguments : sequence of str, optional
         Instead of those of the process.
     """
-    _answer_signals()
+    interruption.answer()
     # Nothing here multiplies large matrices, and starting threads for it takes a tenth of a second.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.setswitchinterval(SWITCH_S)
     try:
         code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
     except BaseException as error:  # the one place where all errors end
-        _ignore_signals()  # what is left takes no time; a second Ctrl-C shall not garble it
+        interruption.ignore()  # what is left takes no time; a second Ctrl-C shall not garble it
         sys.exit(failure(error))
     sys.exit(code or ExitCode.DONE)
 
@@ -123,7 +122,7 @@ def failure(error: BaseException) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if isinstance(error, BrokenPipeError):
         return ExitCode.INTERRUPTED
-    if _received or isinstance(error, KeyboardInterrupt | click.Abort):
+    if interruption.received() or isinstance(error, KeyboardInterrupt | click.Abort):
         # Click turns an interruption into an Abort, and an import into any other error.
         left = next(
             (str(each) for each in _causes(error) if isinstance(each, KeyboardInterrupt)), ""
@@ -155,54 +154,7 @@ def say(line: str) -> None:
         click.echo(printable(line), err=True)
 
 
-SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
-
-
-class Signalled(KeyboardInterrupt):
-    """A signal asked the program to stop.
-
-    A class of its own: where a plain KeyboardInterrupt passes through an ``exec``, as
-    of a dataclass while modules are loaded, Python ends the process by SIGINT even if
-    the exception was caught.
-    """
-
-
-_received: list[int] = []  # signals that asked the program to stop
-
-
-def stop_if_asked() -> None:
-    """Raise an interruption that came before and was swallowed, as by a destructor.
-
-    Raises
-    ------
-    Signalled
-        If a signal has come.
-    """
-    if _received:
-        raise Signalled
-
-
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
     while error is not None:
         yield error
         error = error.__cause__
-
-
-def _answer_signals() -> None:
-    for name in SIGNALS:
-        number = getattr(signal, name, None)
-        # One that is ignored stays so: nohup means it.
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
-
-
-def _ignore_signals() -> None:
-    for name in SIGNALS:
-        number = getattr(signal, name, None)
-        if number is not None:
-            signal.signal(number, signal.SIG_IGN)
-
-
-def _interrupt(number: int, _frame: FrameType | None) -> NoReturn:
-    _received.append(number)
-    raise Signalled

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Never
 
 import click
 
-from oppload_cli.cli import say, stop_if_asked
+from oppload_cli.cli import say
 from oppload_cli.errors import printable
+from oppload_cli.interruption import stop_if_asked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
-
-import cv2
 
 from oppload_cli.detection.evaluation.intervals import DRAWS, draws_of
 from oppload_cli.detection.evaluation.measures import measured, place_figures
 from oppload_cli.detection.evaluation.places import FRAME_CENTRE
-from oppload_cli.errors import OutputError, SourceError
+from oppload_cli.errors import SourceError
 from oppload_cli.evaluation.viewing import view
+from oppload_cli.processes.outcomes import results
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from oppload_cli.detection.evaluation.measures import Figure, Measured
     from oppload_cli.detection.evaluation.series import Seen
@@ -93,18 +89,16 @@ def evaluate(
     SourceError
         If no clip can be used.
     OutputError
-        If the system ends a process, for instance for want of memory.
+        If a process is ended from outside, for instance for want of memory.
     """
     faults = list(manifest.faults)
     entries, clips = [], []
-    viewed = view_all(manifest.entries, contenders, jobs=jobs)
+    viewed = view_all(manifest.entries, contenders, jobs=jobs, progress=progress)
     for entry, each in zip(manifest.entries, viewed, strict=True):
         faults += [f"{manifest.path}: row {entry.row}: {fault}" for fault in each.faults]
         if each.seen is not None:
             entries.append(entry)
             clips.append(each.seen)
-        if progress:
-            progress()
     if not clips:
         reason = f"; {faults[0].removeprefix(f'{manifest.path}: ')}" if faults else ""
         raise SourceError(f"{manifest.path}: names no clip that can be used{reason}")
@@ -116,8 +110,12 @@ def evaluate(
 
 
 def view_all(
-    entries: Sequence[Entry], contenders: Sequence[Contender], *, jobs: int = 1
-) -> Iterator[Viewed]:
+    entries: Sequence[Entry],
+    contenders: Sequence[Contender],
+    *,
+    jobs: int = 1,
+    progress: Callable[[], object] | None = None,
+) -> list[Viewed]:
     """Show clips to contenders, in one or several processes.
 
     Parameters
@@ -127,42 +125,24 @@ def view_all(
     contenders : sequence of Contender
         Who sees them.
     jobs : int
-        Processes.
+        Processes; the result does not depend on it.
+    progress : callable, optional
+        Called after each clip.
 
-    Yields
-    ------
-    Viewed
+    Returns
+    -------
+    list of Viewed
         In the order of `entries`.
 
     Raises
     ------
     OutputError
-        If the system ends a process.
+        If a process is ended from outside.
     """
-    jobs = min(jobs, len(entries))
-    if jobs <= 1:
-        for entry in entries:
-            yield view(entry, contenders)
-        return
-    # Fresh processes: a copy of one that runs OpenCV's threads may hang.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_prepare) as pool:
-        futures = [pool.submit(view, entry, contenders, 1) for entry in entries]
-        try:
-            for future in futures:
-                yield future.result()
-        except BrokenProcessPool as error:
-            raise OutputError("a process was ended by the system; use fewer --jobs") from error
-        except BaseException:
-            # Whoever stops the command shall not wait for the clips that are under way.
-            for child in multiprocessing.active_children():
-                child.terminate()
-            raise
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _prepare() -> None:
-    # Ctrl-C goes to every process of a terminal; who started this one decides.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
+    return results(
+        partial(view, contenders=contenders, threads=1 if min(jobs, len(entries)) > 1 else 0),
+        entries,
+        jobs,
+        named=lambda entry: entry.label.name,
+        progress=lambda _: progress() if progress else None,
+    )

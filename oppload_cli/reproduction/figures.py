@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING
 
-from oppload_cli.errors import OutputError, ParameterError, suggestion
+from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.processes.outcomes import results
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -77,7 +75,7 @@ def build(
     Raises
     ------
     OutputError
-        If the system ends a process, for instance for want of memory.
+        If a process is ended from outside, for instance for want of memory.
     """
     makers = {FIGURES[name] for name in names}
     ordered = [maker for maker, _ in sorted(makers, key=lambda each: (-each[1], each[0]))]
@@ -88,11 +86,7 @@ def build(
         if progress:
             progress(sum(each.name in names for each in built))
 
-    if min(jobs, len(ordered)) <= 1:
-        for maker in ordered:
-            take(make(maker))
-    else:
-        _in_processes(ordered, min(jobs, len(ordered)), take)
+    results(make, ordered, jobs, named=str, progress=take)
     return [made[name] for name in names]
 
 
@@ -111,23 +105,3 @@ def make(maker: str) -> list[Built]:
     module, _, function = maker.partition(".")
     built = getattr(importlib.import_module(f"oppload_cli.reproduction.{module}"), function)()
     return list(built) if isinstance(built, list) else [built]
-
-
-def _in_processes(makers: Sequence[str], jobs: int, take: Callable[[list[Built]], None]) -> None:
-    # Fresh processes: a copy of one that runs OpenCV's threads may hang.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_one_thread) as pool:
-        futures = [pool.submit(make, maker) for maker in makers]
-        try:
-            for future in as_completed(futures):
-                take(future.result())
-        except BrokenProcessPool as error:
-            raise OutputError("a process was ended by the system; use --jobs 1") from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _one_thread() -> None:
-    import cv2  # noqa: PLC0415 - only in the processes
-
-    cv2.setNumThreads(1)

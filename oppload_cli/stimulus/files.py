@@ -129,7 +129,7 @@ def write(
     *,
     form: str = "ffv1",
     preview: bool = False,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] | None = None,
 ) -> Written:
     """Write a stimulus: the video, its ground truth, maybe a contact sheet.
 

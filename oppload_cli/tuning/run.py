@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
-from oppload_cli.errors import OpploadError, OutputError
+from oppload_cli.errors import OpploadError
+from oppload_cli.processes.outcomes import results
 from oppload_cli.results.directions import direction_of
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.measure import Measures, measure
@@ -112,16 +111,15 @@ def present_all(
     Raises
     ------
     OutputError
-        If the system ends a process, for instance for want of memory.
+        If a process is ended from outside, for instance for want of memory.
     """
-    if min(jobs, len(protocols)) <= 1:
-        made = []
-        for protocol in protocols:
-            made.append(_presented(protocol, settings))
-            if progress:
-                progress()
-        return made
-    return _in_processes(protocols, settings, min(jobs, len(protocols)), progress)
+    return results(
+        partial(_presented, settings),
+        protocols,
+        jobs,
+        named=attrgetter("name"),
+        progress=lambda _: progress() if progress else None,
+    )
 
 
 def is_symmetric(entry: Entry) -> bool:
@@ -155,33 +153,7 @@ def is_symmetric(entry: Entry) -> bool:
     )
 
 
-def _in_processes(
-    protocols: Sequence[Protocol],
-    settings: Settings,
-    jobs: int,
-    progress: Callable[[], object] | None,
-) -> list[dict[str, Responses]]:
-    # Fresh processes: a copy of one that runs OpenCV's threads may hang.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_one_thread) as pool:
-        futures = [pool.submit(_presented, protocol, settings) for protocol in protocols]
-        try:
-            for future in as_completed(futures):
-                future.result()
-                if progress:
-                    progress()
-        except BrokenProcessPool as error:
-            raise OutputError("a process was ended by the system; use fewer --jobs") from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-        return [future.result() for future in futures]
-
-
-def _one_thread() -> None:
-    cv2.setNumThreads(1)
-
-
-def _presented(protocol: Protocol, settings: Settings) -> dict[str, Responses]:
+def _presented(settings: Settings, protocol: Protocol) -> dict[str, Responses]:
     try:
         return present(protocol, settings)
     except OpploadError as error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING
 
+from oppload_cli.interruption import undisturbed
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -13,7 +15,8 @@ class Sink:
     """A file that keeps what goes wrong to itself until it is asked.
 
     The encoder's library calls it from C, where an exception cannot pass; a full disk
-    would be printed as a stack of tracebacks, and the next call would fail again.
+    would be printed as a stack of tracebacks, and the next call would fail again; the same
+    goes for Ctrl-C.
 
     Parameters
     ----------
@@ -27,6 +30,7 @@ class Sink:
         self._file = io.FileIO(path, "w+")
         self._problem: OSError | None = None
 
+    @undisturbed
     def write(self, data: bytes) -> int:
         """Write all of it, unless something has gone wrong before."""
         if self._problem is None:
@@ -38,6 +42,7 @@ class Sink:
                 self._problem = problem
         return len(data)
 
+    @undisturbed
     def seek(self, offset: int, whence: int = 0) -> int:
         """Go to a place; return it."""
         if self._problem is None:
@@ -47,6 +52,7 @@ class Sink:
                 self._problem = problem
         return 0
 
+    @undisturbed
     def tell(self) -> int:
         """Return the place."""
         return self._file.tell() if self._problem is None else 0

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -221,3 +221,34 @@ def test_random_moments(film: Path, table: bytes, tmp_path: Path, name: str) -> 
     sys.stdout.write(
         f"{name}: longest {longest:.2f} s, {parts} parts, {early} before the program began\n"
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["stimuli", "generate", "controls/*"],
+        ["tune", "klapoetke2017/bar-expand-10"],
+        ["reproduce", "--only", "up-down", "--only", "diagonals"],
+    ],
+)
+def test_random_moments_of_several_processes(tmp_path: Path, words: list[str]) -> None:
+    random = Random(8)  # noqa: S311
+    for number in range(40):
+        folder = tmp_path / str(number)
+        with subprocess.Popen(
+            [sys.executable, "-m", "oppload_cli", *words, "--jobs", "2", "-o", str(folder)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        ) as run:
+            time.sleep(random.uniform(0.2, 2.0))
+            # Ctrl-C goes to the whole group, an end from outside to the parent.
+            end = random.choice([os.killpg, os.kill])
+            with suppress(ProcessLookupError):
+                end(run.pid, signal.SIGINT if end is os.killpg else signal.SIGTERM)
+            said = run.communicate(timeout=HANG_S)[1]
+        assert not list(folder.glob("**/*.part"))
+        if run.returncode != 0:
+            assert (run.returncode, said.strip()) == (130, "oppload: interrupted")

@@ -1,0 +1,111 @@
+"""Ctrl-C and its like: an exception where Python can bear one, a moment later elsewhere."""
+
+from __future__ import annotations
+
+import signal
+from importlib.machinery import ExtensionFileLoader
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
+
+    Function = TypeVar("Function", bound=Callable[..., object])
+
+SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+ASK_AGAIN_S = 0.01
+
+# An extension that is cut short while it is loaded may crash, there and then or at the end.
+_undisturbed = {
+    ExtensionFileLoader.create_module.__code__,
+    ExtensionFileLoader.exec_module.__code__,
+}
+_received: list[int] = []
+
+
+class Signalled(KeyboardInterrupt):
+    """A signal asked the program to stop.
+
+    A class of its own: where a plain KeyboardInterrupt passes through an ``exec``, as
+    of a dataclass while modules are loaded, Python ends the process by SIGINT even if
+    the exception was caught.
+    """
+
+
+def undisturbed(function: Function) -> Function:
+    """Let no signal interrupt a function, as one that is called from C and cannot raise.
+
+    Parameters
+    ----------
+    function : callable
+        Written in Python; it shall not take long.
+
+    Returns
+    -------
+    callable
+        The function itself.
+    """
+    _undisturbed.add(function.__code__)
+    return function
+
+
+def answer(*names: str) -> None:
+    """Let signals raise :class:`Signalled` from now on.
+
+    Parameters
+    ----------
+    *names : str
+        Such as ``SIGTERM``; without any those that end a program. One that is ignored
+        stays so: nohup means it.
+    """
+    for number in _numbers(names):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _interrupt)
+
+
+def ignore(*names: str) -> None:
+    """Let signals pass from now on.
+
+    Parameters
+    ----------
+    *names : str
+        Such as ``SIGINT``; without any those that end a program.
+    """
+    for number in _numbers(names):
+        signal.signal(number, signal.SIG_IGN)
+
+
+def received() -> bool:
+    """Tell whether a signal has asked the program to stop.
+
+    Returns
+    -------
+    bool
+    """
+    return bool(_received)
+
+
+def stop_if_asked() -> None:
+    """Raise an interruption that came before and was swallowed, as by a destructor.
+
+    Raises
+    ------
+    Signalled
+        If a signal has come.
+    """
+    if _received:
+        raise Signalled
+
+
+def _numbers(names: tuple[str, ...]) -> list[signal.Signals]:
+    return [getattr(signal, name) for name in names or SIGNALS if hasattr(signal, name)]
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    _received.append(number)
+    while frame is not None and frame.f_code not in _undisturbed:
+        frame = frame.f_back
+    if frame is None or not hasattr(signal, "setitimer"):
+        raise Signalled
+    signal.signal(signal.SIGALRM, _interrupt)
+    signal.setitimer(signal.ITIMER_REAL, ASK_AGAIN_S)

@@ -1,0 +1,113 @@
+"""Several processes: results whole, in order and apart; one that dies, and an early end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import time
+from contextlib import closing
+from functools import partial
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import OutputError, ParameterError
+from oppload_cli.processes.events import Event, Kind, events
+from oppload_cli.processes.outcomes import outcomes, results
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+def squared(number: int) -> int:
+    return number * number
+
+
+def halved(number: int, tell: Callable[[int], object]) -> int:
+    """Tell how far it is; refuse odd numbers."""
+    for half in range(number // 2):
+        tell(half)
+    if number % 2:
+        raise ParameterError(f"{number} is odd")
+    return number // 2
+
+
+def wrong(number: int) -> int:
+    return number // 0
+
+
+def ends_itself(number: int, _tell: Callable[[int], object]) -> int:
+    if number == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def waits(folder: Path, number: int, tell: Callable[[int], object]) -> None:
+    """Begin, and be stopped."""
+    try:
+        tell(os.getpid())
+        time.sleep(60)
+    finally:
+        (folder / str(number)).touch()  # it could still clean up
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 9])
+def test_results_keep_their_order(jobs: int) -> None:
+    came: list[int] = []
+    assert results(squared, [3, 1, 2], jobs, named=str, progress=came.append) == [9, 1, 4]
+    assert sorted(came) == [1, 4, 9]
+    assert results(squared, [], jobs, named=str) == []
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_is_wrong_with_an_item_does_not_stop_the_others(jobs: int) -> None:
+    told: list[int] = []
+    done = dict(outcomes(halved, [4, 3, 6], jobs, named=str, told=told.append))
+    assert sorted(told) == [0, 0, 0, 1, 1, 2]
+    assert done[0] == 2
+    assert isinstance(done[1], ParameterError)
+    assert str(done[1]) == "3 is odd"
+    assert done[2] == 3
+
+
+def test_a_bug_is_raised_where_it_was_asked_for_and_says_where_it_was_met() -> None:
+    with pytest.raises(ZeroDivisionError) as met:
+        results(wrong, [1, 2], 2, named=str)
+    assert "return number // 0" in met.value.__notes__[0]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
+def test_a_process_that_dies_takes_only_its_item_along() -> None:
+    done = dict(outcomes(ends_itself, [1, 2, 3, 4], 2, named="number {}".format))
+    assert [done[position] for position in (0, 2, 3)] == [1, 3, 4]
+    assert isinstance(done[1], OutputError)
+    assert str(done[1]) == (
+        "number 2: its process was ended from outside (SIGKILL); check the memory, "
+        "or use fewer --jobs"
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
+def test_an_early_end_stops_the_processes_which_may_clean_up(tmp_path: Path) -> None:
+    pids: list[int] = []
+    with closing(events(partial(waits, tmp_path), range(9), 2)) as happening:
+        for kind, _, content in happening:
+            if kind is Kind.TOLD:
+                pids.append(content)
+            if len(pids) == 2:
+                break
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "1"]
+
+
+def test_events_of_an_item() -> None:
+    assert list(events(halved, [4], 1)) == [
+        Event(Kind.BEGUN, 4),
+        Event(Kind.TOLD, 4, 0),
+        Event(Kind.TOLD, 4, 1),
+        Event(Kind.DONE, 4, 2),
+    ]

@@ -1,0 +1,80 @@
+"""Where a signal becomes an exception at once, and where a moment later."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
+
+BEGIN = """
+import os, signal, sys, time
+from oppload_cli import interruption
+signal.signal(signal.SIGINT, signal.default_int_handler)
+interruption.answer("SIGINT")
+"""
+AT_ONCE = """
+def step():
+    os.kill(os.getpid(), signal.SIGINT)
+    print("whole")
+"""
+UNDISTURBED = f"""
+@interruption.undisturbed
+{AT_ONCE.strip()}
+"""
+STEP = """
+try:
+    step()
+    time.sleep(30)
+except interruption.Signalled:
+    print("interrupted")
+"""
+# The signal comes as soon as anything is imported by an extension that is being loaded.
+LOADING = """
+from importlib.machinery import ExtensionFileLoader
+within = ExtensionFileLoader.exec_module.__code__
+sent = []
+def audit(event, arguments):
+    frame = sys._getframe() if event == "import" and not sent else None
+    while frame is not None:
+        if frame.f_code is within:
+            sent.append(arguments[0])
+            os.kill(os.getpid(), signal.SIGINT)
+            return
+        frame = frame.f_back
+sys.addaudithook(audit)
+def step():
+    import av
+    assert sent
+    print("whole")
+"""
+IGNORED = """
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+interruption.answer("SIGINT")
+os.kill(os.getpid(), signal.SIGINT)
+print("ignored", interruption.received())
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (AT_ONCE + STEP, ["interrupted"]),
+        (UNDISTURBED + STEP, ["whole", "interrupted"]),
+        (LOADING + STEP, ["whole", "interrupted"]),
+        (IGNORED, ["ignored False"]),
+    ],
+)
+def test_when_a_signal_interrupts(words: str, said: list[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", BEGIN + words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.stderr == ""
+    assert done.returncode == 0
+    assert done.stdout.split("\n")[:-1] == said
