@@ -26,7 +26,8 @@ from oppload_cli.evaluation.boxes import with_boxes
 from oppload_cli.evaluation.contenders import Contender
 from oppload_cli.evaluation.evaluate import view_all
 from oppload_cli.evaluation.manifest import read_manifest
-from oppload_cli.models.parameters import PRESETS, OpplodParams
+from oppload_cli.models.parameters import OpplodParams
+from oppload_cli.models.presets import PRESETS
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import StimulusVideo
 

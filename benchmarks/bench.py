@@ -21,7 +21,8 @@ import numpy as np
 from benchmarks import decoding, media, references
 from oppload_cli.environment import environment
 from oppload_cli.models.bank import ModelBank
-from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
+from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+from oppload_cli.models.presets import PRESETS
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.video.source import open_video
 

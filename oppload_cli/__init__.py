@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from oppload_cli.errors import OpploadError
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdResponse
     from oppload_cli.models.opplod import Box, Opplod, OpplodResponse
-    from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
+    from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+    from oppload_cli.models.presets import PRESETS
     from oppload_cli.motion.parameters import RmoParams
     from oppload_cli.motion.rmo import RmoMetrics
     from oppload_cli.results.record import Detection, FrameRecord
@@ -41,7 +42,7 @@ _HOME = {
     "OpploadError": "errors",
     "OpplodParams": "models.parameters",
     "OpplodResponse": "models.opplod",
-    "PRESETS": "models.parameters",
+    "PRESETS": "models.presets",
     "PlaceParams": "detection.parameters",
     "Position": "video.span",
     "RmoMetrics": "motion.rmo",

@@ -64,36 +64,13 @@ def analyse(
     FrameRecord
         One per decoded frame; responses are None during warm-up.
     """
-    bank = ModelBank(
-        video.working.shape,
-        [_for_video(each, video) for each in params or (OpplodParams(), DlgmdParams())],
-    )
-    alarms = _Alarms(bank, alarm)
-    objects = _objects(bank, video.working, places)
+    models = _Models(video, params or (OpplodParams(), DlgmdParams()), alarm, places)
     # A thread of its own for the motion: it costs about as much as a model.
     ahead = frames_ahead(video.facts, video.working)
     seen = Prefetch(_seen(video, rmo, repeats or RepeatParams()), ahead)
     try:
         for count, each in enumerate(seen):
-            answers = _answers(bank, each, count)
-            time_s = each.frame.time_s
-            change = 0.0 if each.repeat else bank.luma_change
-            states = alarms.step(each, answers, change)
-            found: tuple[Detection, ...] = ()
-            if objects and Opplod.name in states and not each.repeat:
-                threshold = alarms.thresholds[Opplod.name]
-                found = objects.step(time_s, states[Opplod.name], threshold)
-            yield FrameRecord(
-                each.frame.index,
-                time_s,
-                change,
-                {name: _in_source(answer, video.working) for name, answer in answers.items()},
-                states,
-                each.opponency,
-                each.repeat,
-                {name: alarms.thresholds[name] for name in answers},
-                found,
-            )
+            yield models.answer(each, count)
     finally:
         seen.close()
 
@@ -122,17 +99,54 @@ def _seen(video: FrameSource, rmo: RmoParams | None, repeats: RepeatParams) -> I
         yield _Seen(frame, repeat, passed_over, still_begins, opponency)
 
 
-def _answers(bank: ModelBank, seen: _Seen, count: int) -> dict[str, Response | None]:
-    """Show the frame to the models; `count` frames came before it."""
-    answers = {} if seen.passed_over else bank.step(seen.frame.luma)
-    if seen.still_begins:
-        # What was passed over was no copy: the models stand still as the scene does.
-        for _ in range(bank.memory):
-            answers = bank.step(seen.frame.luma)
-    if seen.repeat:
-        # Where nothing changed every model answers 0, whatever came before.
-        answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
-    return answers
+class _Models:
+    """The models over one video, with their alarms and the places of what looms."""
+
+    def __init__(
+        self,
+        video: FrameSource,
+        params: Sequence[OpplodParams | DlgmdParams],
+        alarm: AlarmParams | None,
+        places: PlaceParams | None,
+    ) -> None:
+        self._working = video.working
+        self._bank = ModelBank(video.working.shape, [_for_video(each, video) for each in params])
+        self._alarms = _Alarms(self._bank, alarm)
+        self._objects = _objects(self._bank, video.working, places)
+
+    def answer(self, seen: _Seen, count: int) -> FrameRecord:
+        """Take the next frame; `count` frames came before it."""
+        answers = self._answers(seen, count)
+        change = 0.0 if seen.repeat else self._bank.luma_change
+        states = self._alarms.step(seen, answers, change)
+        thresholds = self._alarms.thresholds
+        time_s = seen.frame.time_s
+        found: tuple[Detection, ...] = ()
+        if self._objects and Opplod.name in states and not seen.repeat:
+            found = self._objects.step(time_s, states[Opplod.name], thresholds[Opplod.name])
+        return FrameRecord(
+            seen.frame.index,
+            time_s,
+            change,
+            {name: _in_source(answer, self._working) for name, answer in answers.items()},
+            states,
+            seen.opponency,
+            seen.repeat,
+            thresholds,
+            found,
+        )
+
+    def _answers(self, seen: _Seen, count: int) -> dict[str, Response | None]:
+        bank = self._bank
+        answers = {} if seen.passed_over else bank.step(seen.frame.luma)
+        if seen.still_begins:
+            # What was passed over was no copy: the models stand still as the scene does.
+            for _ in range(bank.memory):
+                answers = bank.step(seen.frame.luma)
+        if seen.repeat:
+            # Where nothing changed every model answers 0, whatever came before.
+            answers = bank.at_rest() if count >= MEMORY else dict.fromkeys(bank.models)
+        return answers
 
 
 class _Alarms:

@@ -11,13 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from oppload_cli.detection.alarm import ALARMS, AlarmParams
 from oppload_cli.detection.parameters import PLACES, PlaceParams
 from oppload_cli.errors import ParameterError, suggestion
-from oppload_cli.models.parameters import (
-    DEFAULT_PRESET,
-    DlgmdParams,
-    OpplodParams,
-    Preset,
-    preset_named,
-)
+from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+from oppload_cli.models.presets import DEFAULT_PRESET, Preset, preset_named
 from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.results.columns import MODELS
 from oppload_cli.video.parameters import RepeatParams

@@ -22,6 +22,17 @@ def shared() -> Path:
     return SHARED
 
 
+@pytest.fixture(autouse=True, scope="session")
+def _answered() -> None:
+    """A command that a test starts inherits what is ignored, as under nohup: here nothing is."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(
+                number, signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL
+            )
+
+
 @pytest.fixture(autouse=True)
 def _signals() -> Iterator[None]:
     """The command ignores signals as it ends; run in this process, that would last."""

@@ -10,7 +10,8 @@ import click
 
 from oppload_cli.detection.alarm import ALARMS, AlarmParams
 from oppload_cli.detection.parameters import PlaceParams
-from oppload_cli.models.parameters import PRESETS, DlgmdParams, OpplodParams
+from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+from oppload_cli.models.presets import PRESETS
 from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.video.parameters import RepeatParams
 

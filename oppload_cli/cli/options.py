@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from oppload_cli.models.parameters import PRESETS
+from oppload_cli.models.presets import PRESETS
 from oppload_cli.results.columns import MODELS
 
 if TYPE_CHECKING:

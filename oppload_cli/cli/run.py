@@ -12,21 +12,15 @@ import click
 
 from oppload_cli.cli import say
 from oppload_cli.cli.options import settings_options
-from oppload_cli.cli.several import (
-    Batch,
-    incomplete,
-    plan_of,
-    print_plan,
-    report,
-    several_options,
-)
+from oppload_cli.cli.selection import plan_of, print_plan, several_options
+from oppload_cli.cli.several import Batch, incomplete, report
 from oppload_cli.errors import OutputError, ParameterError, SourceError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from oppload_cli.batch.plan import Plan
-    from oppload_cli.cli.several import Selection
+    from oppload_cli.cli.selection import Selection
     from oppload_cli.task import Task
 
 STANDARD_OUTPUT = "-"

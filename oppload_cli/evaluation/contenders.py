@@ -7,13 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.detection.alarm import ALARMS, AlarmParams
 from oppload_cli.errors import ParameterError, suggestion
-from oppload_cli.models.parameters import (
-    DEFAULT_PRESET,
-    PRESETS,
-    DlgmdParams,
-    OpplodParams,
-    Preset,
-)
+from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, Preset
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -14,17 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oppload_cli.errors import ParameterError
 from oppload_cli.motion.parameters import RmoParams
+from oppload_cli.motion.vectors import Moving, length, matching, points
 from oppload_cli.native.library import address, compiled, library
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from numpy.typing import ArrayLike, NDArray
 
-# Pairs handled at once: bounds the memory, and keeps the temporary arrays in the cache.
-_BLOCK = 4096
 _DEFAULTS = RmoParams()
 
 
@@ -81,8 +79,8 @@ def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
         If `sides` is neither 1 nor 2, or the vectors are not pairs of finite numbers.
     """
     RmoParams(sides=sides)
-    one, other = _points("v1", v1), _points("v2", v2)
-    return _opponency(_length(one), _length(other), sides)
+    one, other = points("v1", v1), points("v2", v2)
+    return _opponency(length(one), length(other), sides)
 
 
 def opposite_pairs(
@@ -111,7 +109,7 @@ def opposite_pairs(
         If `tolerance` is out of range, or the vectors are not pairs of finite numbers.
     """
     RmoParams(opposite_tolerance=tolerance)
-    moving = _Moving(vectors, vectors)
+    moving = Moving(vectors, vectors)
     return moving.named(*_joined(moving.opposite(tolerance)))
 
 
@@ -141,7 +139,7 @@ def rom_pairs(
         If the two arrays are not of one shape (n, 2) with finite numbers.
     """
     params = params or _DEFAULTS
-    moving = _Moving(starts, vectors)
+    moving = Moving(starts, vectors)
     first, second = _joined(moving.opposite(params.opposite_tolerance))
     outward, _ = moving.radial(first, second, params.outward_tolerance)
     return moving.named(first[outward], second[outward])
@@ -198,7 +196,7 @@ class _Sums(NamedTuple):
 
 
 def _portable_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> _Sums:
-    moving = _Moving(starts, vectors)
+    moving = Moving(starts, vectors)
     outward_pairs = 0
     outward_sum = inward_sum = opposite_sum = largest = 0.0
     for first, second in moving.opposite(params.opposite_tolerance):
@@ -225,8 +223,8 @@ class _MovingVectors(ctypes.Structure):
 
 
 def _compiled_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> _Sums:
-    motion, origin = _matching(starts, vectors)
-    speeds = _length(motion)
+    motion, origin = matching(starts, vectors)
+    speeds = length(motion)
     moves = speeds > 0
     if not moves.all():
         motion, origin, speeds = motion[moves], origin[moves], speeds[moves]
@@ -251,70 +249,6 @@ def _compiled_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> 
     return _Sums(count, opposite, outward, inward, largest, int(outward_pairs))
 
 
-class _Moving:
-    """The vectors that are not zero, sorted by direction.
-
-    So the opposites of a vector stand in one run, and no other pair is ever formed.
-    """
-
-    def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
-        motion, origin = _matching(starts, vectors)
-        speeds = _length(motion)
-        rows = np.flatnonzero(speeds)
-        angles = np.arctan2(motion[rows, 1], motion[rows, 0])
-        order = np.argsort(angles, kind="stable")
-        self.rows = rows[order]
-        self.angles = angles[order]
-        self.speeds = speeds[self.rows]
-        # As complex numbers x + iy: one gather per pair for both.
-        self.units = _plane(motion[self.rows]) / self.speeds
-        self.starts = _plane(origin[self.rows])
-
-    def opposite(self, tolerance: float) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Yield the opposite pairs in blocks, as positions in the sorted arrays."""
-        wide = math.radians(tolerance)
-        if self.angles.size < 2 or self.angles[-1] - self.angles[0] <= math.pi - wide:
-            return
-        low = np.searchsorted(self.angles, self.angles + (math.pi - wide), side="right")
-        high = np.searchsorted(self.angles, self.angles + (math.pi + wide), side="left")
-        counts = np.maximum(high - low, 0)
-        block = np.cumsum(counts) // _BLOCK
-        for some in np.split(np.arange(counts.size), np.flatnonzero(np.diff(block)) + 1):
-            run = counts[some]
-            first = np.repeat(some, run)
-            offset = low[some] - (np.cumsum(run) - run)
-            second = np.arange(first.size) + np.repeat(offset, run)
-            if first.size:
-                yield first, second
-
-    def radial(
-        self, first: NDArray[np.intp], second: NDArray[np.intp], tolerance: float
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which of the pairs are outward, and which inward."""
-        # In place: for thousands of pairs, fresh arrays cost more than the arithmetic.
-        line, apart = self.units[first], self.starts[first]
-        line -= self.units[second]
-        apart -= self.starts[second]
-        along = line.real * apart.real
-        along += line.imag * apart.imag
-        across = line.real * apart.imag
-        across -= line.imag * apart.real
-        # Compares the angle between the two with the tolerance, without computing it.
-        along *= math.tan(math.radians(tolerance))
-        np.abs(across, out=across)
-        outward = along > across
-        np.negative(along, out=along)
-        return outward, along > across
-
-    def named(
-        self, first: NDArray[np.intp], second: NDArray[np.intp]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Turn positions into the caller's row numbers, the smaller one first."""
-        pairs = np.sort([self.rows[first], self.rows[second]], axis=0)
-        smaller, larger = pairs[:, np.lexsort(pairs[::-1])]
-        return smaller, larger
-
-
 def _joined(
     blocks: Iterable[tuple[NDArray[np.intp], NDArray[np.intp]]],
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -329,33 +263,3 @@ def _opponency(
     total = speed1 + speed2
     symmetric = np.minimum(speed1, speed2) * sides
     return symmetric / np.where(total > 0, total, 1.0)
-
-
-def _matching(
-    starts: ArrayLike, vectors: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    motion, origin = _points("vectors", vectors), _points("starts", starts)
-    if motion.ndim != 2 or origin.shape != motion.shape:
-        raise ParameterError(
-            f"starts and vectors are of shapes {origin.shape} and {motion.shape}; "
-            "give two arrays of one shape (n, 2)"
-        )
-    return motion, origin
-
-
-def _points(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    points = np.asarray(values, dtype=np.float64)
-    if points.ndim == 0 or points.shape[-1] != 2:
-        raise ParameterError(f"{name} is of shape {points.shape}; its last axis must be (x, y)")
-    if not np.isfinite(points).all():
-        raise ParameterError(f"{name} holds numbers that are not finite; leave those rows out")
-    return points
-
-
-def _length(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    lengths: NDArray[np.float64] = np.hypot(points[..., 0], points[..., 1])
-    return lengths
-
-
-def _plane(points: NDArray[np.float64]) -> NDArray[np.complex128]:
-    return points[:, 0] + 1j * points[:, 1]

@@ -10,7 +10,7 @@ import numpy as np
 
 from oppload_cli.analysis import analyse
 from oppload_cli.detection.alarm import ALARMS
-from oppload_cli.models.parameters import PRESETS
+from oppload_cli.models.presets import PRESETS
 from oppload_cli.video.frames import Frame, InputFacts
 from oppload_cli.video.working import working_size
 from tests.media import disk, texture

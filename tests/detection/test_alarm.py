@@ -9,7 +9,7 @@ import pytest
 
 from oppload_cli.detection.alarm import ALARMS, Alarm, AlarmParams
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.parameters import PRESETS
+from oppload_cli.models.presets import PRESETS
 
 RATE = 32
 # Nothing but the floor, frame by frame.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from oppload_cli import stimulus
-from oppload_cli.models.parameters import PRESETS
+from oppload_cli.models.presets import PRESETS
 from oppload_cli.stimulus.truth import contact_time
 from oppload_cli.tuning.present import StimulusVideo
 from tests.detection.scenes import alarms

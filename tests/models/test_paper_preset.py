@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.parameters import PRESETS
+from oppload_cli.models.presets import PRESETS
 from tests import reference
 from tests.media import looming
 

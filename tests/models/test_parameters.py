@@ -5,13 +5,8 @@ from typing import Any
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.parameters import (
-    PRESETS,
-    DlgmdParams,
-    DpcParams,
-    OpplodParams,
-    preset_named,
-)
+from oppload_cli.models.parameters import DlgmdParams, DpcParams, OpplodParams
+from oppload_cli.models.presets import PRESETS, preset_named
 
 
 def test_presets_by_name() -> None:

@@ -11,7 +11,8 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opponency import PooledJudge
-from oppload_cli.models.parameters import PRESETS, OpplodParams
+from oppload_cli.models.parameters import OpplodParams
+from oppload_cli.models.presets import PRESETS
 from tests import reference
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from oppload_cli.errors import FrameError
 from oppload_cli.models.bank import ModelBank
 from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opplod import Opplod, OpplodResponse
-from oppload_cli.models.parameters import PRESETS, DlgmdParams, DpcParams, OpplodParams
+from oppload_cli.models.parameters import DlgmdParams, DpcParams, OpplodParams
+from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.strides import StridedDpc
 from tests.media import looming
 

@@ -43,19 +43,6 @@ def table(film: Path) -> bytes:
     return done.stdout.encode()
 
 
-@pytest.fixture(autouse=True)
-def answered() -> Iterator[None]:
-    """A child inherits what is ignored, as under nohup: here nothing is."""
-    numbers = (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)
-    before = {number: signal.getsignal(number) for number in numbers}
-    for number, handler in before.items():
-        if handler is signal.SIG_IGN:
-            signal.signal(number, signal.SIG_DFL)
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 @contextmanager
 def started(name: str | Path, folder: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
