@@ -40,6 +40,18 @@ own = step
 _imp.exec_dynamic = lambda module: own()
 step = lambda: ExtensionFileLoader("name", "path").exec_module(None)
 """
+# What the encoder's library calls from C.
+WRITING = f"""
+{AT_ONCE.strip()}
+from oppload_cli.video.sink import Sink
+class File:
+    def write(self, data):
+        own()
+        return len(data)
+own, sink = step, Sink(os.devnull)
+sink._file = File()
+step = lambda: sink.write(b"some")
+"""
 IGNORED = """
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 interruption.answer("SIGINT")
@@ -54,6 +66,7 @@ print("ignored", interruption.received())
         (AT_ONCE + STEP, ["interrupted"]),
         (UNDISTURBED + STEP, ["whole", "interrupted"]),
         (LOADING + STEP, ["whole", "interrupted"]),
+        (WRITING + STEP, ["whole", "interrupted"]),
         (IGNORED, ["ignored False"]),
     ],
 )
