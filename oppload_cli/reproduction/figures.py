@@ -86,8 +86,12 @@ def build(
         if progress:
             progress(sum(each.name in names for each in built))
 
-    results(make, ordered, jobs, named=str, progress=take)
+    results(make, ordered, jobs, named=_made_by, progress=take)
     return [made[name] for name in names]
+
+
+def _made_by(maker: str) -> str:
+    return " and ".join(name for name, (each, _) in FIGURES.items() if each == maker)
 
 
 def make(maker: str) -> list[Built]:
