@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import signal
+import time
 from importlib.machinery import ExtensionFileLoader
 from typing import TYPE_CHECKING, TypeVar
 
@@ -14,6 +16,7 @@ if TYPE_CHECKING:
 
 SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 ASK_AGAIN_S = 0.01
+PATIENCE_S = 5.0  # to clean up in; then whoever asks again is answered again
 
 # An extension that is cut short while it is loaded may crash, there and then or at the end.
 _undisturbed = {
@@ -21,6 +24,7 @@ _undisturbed = {
     ExtensionFileLoader.exec_module.__code__,
 }
 _received: list[int] = []
+_raised_s = -math.inf
 
 
 class Signalled(KeyboardInterrupt):
@@ -51,6 +55,9 @@ def undisturbed(function: Function) -> Function:
 
 def answer(*names: str) -> None:
     """Let signals raise :class:`Signalled` from now on.
+
+    What comes within `PATIENCE_S` of one that did changes nothing: it may come from
+    several sides, and shall not disturb what the first one has begun to clean up.
 
     Parameters
     ----------
@@ -102,10 +109,15 @@ def _numbers(names: tuple[str, ...]) -> list[signal.Signals]:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
+    global _raised_s  # noqa: PLW0603 - a process has one answer to signals
     _received.append(number)
+    now_s = time.monotonic()
+    if now_s < _raised_s + PATIENCE_S:
+        return
     while frame is not None and frame.f_code not in _undisturbed:
         frame = frame.f_back
     if frame is None or not hasattr(signal, "setitimer"):
+        _raised_s = now_s
         raise Signalled
     signal.signal(signal.SIGALRM, _interrupt)
     signal.setitimer(signal.ITIMER_REAL, ASK_AGAIN_S)

@@ -52,6 +52,19 @@ own, sink = step, Sink(os.devnull)
 sink._file = File()
 step = lambda: sink.write(b"some")
 """
+# Asked again while it cleans up, and once more when that has taken too long.
+AGAIN = """
+try:
+    step()
+    time.sleep(30)
+except interruption.Signalled:
+    step()
+    interruption.PATIENCE_S = 0
+    try:
+        step()
+    except interruption.Signalled:
+        print("interrupted")
+"""
 IGNORED = """
 signal.signal(signal.SIGINT, signal.SIG_IGN)
 interruption.answer("SIGINT")
@@ -64,6 +77,7 @@ print("ignored", interruption.received())
     ("words", "said"),
     [
         (AT_ONCE + STEP, ["interrupted"]),
+        (AT_ONCE + AGAIN, ["whole", "interrupted"]),
         (UNDISTURBED + STEP, ["whole", "interrupted"]),
         (LOADING + STEP, ["whole", "interrupted"]),
         (WRITING + STEP, ["whole", "interrupted"]),

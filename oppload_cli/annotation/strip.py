@@ -165,10 +165,10 @@ def _grid(plot: Bgr, layout: Layout, history: History) -> None:
 
 def _shade(plot: Bgr, layout: Layout, history: History, points: list[Point], paint: Paint) -> None:
     tint = np.rint((1 - SHADE) * np.array(PAPER) + SHADE * np.array(paint)).astype(np.uint8)
-    for now, then in pairwise([*points, *points[-1:]]):
-        if now.alarm:
-            first = math.floor(column_of(now.time_s, layout, history))
-            last = math.ceil(column_of(then.time_s, layout, history))
+    for point, following in pairwise([*points, *points[-1:]]):
+        if point.alarm:
+            first = math.floor(column_of(point.time_s, layout, history))
+            last = math.ceil(column_of(following.time_s, layout, history))
             plot[:, max(0, first) : max(0, last + 1)] = tint
 
 

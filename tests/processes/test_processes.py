@@ -53,6 +53,17 @@ def waits(folder: Path, number: int, tell: Callable[[int], object]) -> None:
         (folder / str(number)).touch()  # it could still clean up
 
 
+def told_twice(folder: Path, number: int, _tell: Callable[[int], object]) -> None:
+    """Be told to stop, and once more while cleaning up."""
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(60)
+    finally:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.01)
+        (folder / str(number)).touch()
+
+
 @pytest.mark.parametrize("jobs", [1, 2, 9])
 def test_results_keep_their_order(jobs: int) -> None:
     came: list[int] = []
@@ -102,6 +113,13 @@ def test_an_early_end_stops_the_processes_which_may_clean_up(tmp_path: Path) -> 
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0", "1"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
+def test_a_process_that_is_told_twice_cleans_up_all_the_same(tmp_path: Path) -> None:
+    happened = list(events(partial(told_twice, tmp_path), [7], 1))
+    assert happened == [Event(Kind.BEGUN, 7), Event(Kind.DIED, 7, "exit code 0")]
+    assert (tmp_path / "7").exists()
 
 
 def test_events_of_an_item() -> None:
