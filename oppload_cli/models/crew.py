@@ -30,20 +30,22 @@ def is_large(shape: tuple[int, int]) -> bool:
     return shape[0] * shape[1] >= LARGE
 
 
-def bands_of(height: int) -> list[tuple[int, int]]:
-    """Cut the rows of a frame into bands.
+def bands_of(shape: tuple[int, int]) -> list[tuple[int, int]]:
+    """Cut the rows of a frame into bands, where more than one thread is of use.
 
     Parameters
     ----------
-    height : int
-        Of the frame, at least 1.
+    shape : tuple of int
+        Height and width of the frames.
 
     Returns
     -------
     list of (int, int)
         First row of each band, and the one after its last.
     """
-    return [(first, min(first + BAND, height)) for first in range(0, height, BAND)]
+    height = shape[0]
+    band = BAND if is_large(shape) else height
+    return [(first, min(first + band, height)) for first in range(0, height, band)]
 
 
 class Crew:

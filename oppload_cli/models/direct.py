@@ -1,7 +1,8 @@
 """E, I, J and S by compiled loops: each kernel value once for all its mirror images.
 
 What lies dx to the left and right, and dy above and below, is added or subtracted
-first, and multiplied once. Where E is 0 every S is, and the inhibition is left alone.
+first, and multiplied once. Once so much inhibits that every S is 0, the rest is left
+alone: at most pixels of most videos.
 """
 
 from __future__ import annotations
@@ -15,9 +16,18 @@ import numpy as np
 
 from oppload_cli.models.crew import bands_of
 from oppload_cli.models.presynaptic import Layers
-from oppload_cli.models.taps import AGES, OUTPUTS, quadrants, runs, with_zeros
+from oppload_cli.models.taps import (
+    AGES,
+    AGES_OF_STAGES,
+    OUTPUTS,
+    STAGES,
+    quadrants,
+    runs,
+    stage_of,
+    with_zeros,
+)
 from oppload_cli.models.whole import WholeSums
-from oppload_cli.native.library import LANES, address, aligned, compiled, row_at, rows_of
+from oppload_cli.native.library import LANES, address, aligned, compiled, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,8 +35,28 @@ if TYPE_CHECKING:
     from oppload_cli.models.crew import Crew
     from oppload_cli.models.kernels import Kernel, Map
     from oppload_cli.models.parameters import DpcParams
+    from oppload_cli.models.presynaptic import Live
 
 LAYERS = 5  # of the outputs, from here on: what the models need no more once they have S
+
+
+class _Change(ctypes.Structure):
+    """``struct change`` of presynaptic.c."""
+
+    _fields_ = (
+        ("luma", ctypes.c_void_p),
+        ("stride", ctypes.c_ssize_t),
+        ("before", ctypes.c_void_p),
+        ("kept", ctypes.c_void_p),
+        ("photoreceptors", ctypes.c_void_p),
+        ("photoreceptor_stride", ctypes.c_ssize_t),
+        ("codes", ctypes.c_void_p),
+        ("code_stride", ctypes.c_ssize_t),
+        ("totals", ctypes.c_void_p),
+        ("width", ctypes.c_int),
+        ("levels", ctypes.c_int),
+        ("whole", ctypes.c_int),
+    )
 
 
 class _Job(ctypes.Structure):
@@ -37,10 +67,12 @@ class _Job(ctypes.Structure):
         ("stride", ctypes.c_ssize_t),
         ("outputs", ctypes.c_void_p * OUTPUTS),
         ("output_stride", ctypes.c_ssize_t),
+        ("live", ctypes.c_void_p),
         ("groups", ctypes.c_void_p),
         ("taps", ctypes.c_void_p),
         ("groups_of_excitation", ctypes.c_int),
-        ("groups_of_inhibition", ctypes.c_int),
+        ("groups_of_inhibition", ctypes.c_int * STAGES),
+        ("ages", ctypes.c_int * STAGES),
         ("reach", ctypes.c_int * AGES),
         ("slots", ctypes.c_int),
         ("width", ctypes.c_int),
@@ -64,7 +96,7 @@ class DirectSums:
 
     Attributes
     ----------
-    presynaptic, pathways
+    presynaptic, pathways, live
         As :class:`oppload_cli.models.presynaptic.Presynaptic` has them.
     """
 
@@ -75,6 +107,8 @@ class DirectSums:
         self._crew = crew
         kernels = quadrants(params, axes)
         groups, taps, reach = _taps(kernels)
+        stages = [stage_of(age, dy) for age, dy, *_ in groups]
+        of_stage = tuple(stages.count(n) for n in range(1 + STAGES))
         self._groups, self._values = np.array(groups, np.intc), np.array(taps, np.float32)
         strip = int(loops.strip())
         height, width = shape
@@ -83,7 +117,8 @@ class DirectSums:
         padded = -(-width // strips) * strips
         stride, self._inside = with_zeros(height, padded, max(reach), width)
         self._luma: list[Map] = list(aligned((2, height, width)))
-        self._change = loops.change
+        live = np.zeros((height, padded // LANES), np.uint8)
+        self.live: Live | None = live
         maps = aligned((OUTPUTS, height, padded))
         self.presynaptic: Map = maps[0, :, :width]
         both = [*axes, *(phi + 180 for phi in axes)]
@@ -101,8 +136,9 @@ class DirectSums:
             output_stride=padded,
             groups=address(self._groups),
             taps=address(self._values),
-            groups_of_excitation=sum(group[0] == 0 for group in groups),
-            groups_of_inhibition=sum(group[0] != 0 for group in groups),
+            groups_of_excitation=of_stage[0],
+            groups_of_inhibition=of_stage[1:],
+            ages=AGES_OF_STAGES,
             reach=(ctypes.c_int * AGES)(*reach),
             slots=slots,
             width=width,
@@ -111,21 +147,30 @@ class DirectSums:
         everything = [address(each) for each in maps]
         wanted = everything[: 1 + 2 * len(axes)]
         self._of_models = (ctypes.c_void_p * OUTPUTS)(*wanted)
+        self._live = address(live)
         self._of_layers = (ctypes.c_void_p * OUTPUTS)(*([None] * LAYERS), *everything[LAYERS:])
         folded = slots * 2 * strip * (sum(reach) + AGES)
-        self._rows = bands_of(height)
-        self._scratch = aligned((len(self._rows), folded + LANES))
+        rows = bands_of(shape)
+        self._scratch = aligned((len(rows), folded + LANES))
         job = ctypes.addressof(self._job)
         self._bands: list[Callable[[], object]] = [
             partial(loops.sums, job, first, last, address(scratch))
-            for (first, last), scratch in zip(self._rows, self._scratch, strict=True)
+            for (first, last), scratch in zip(rows, self._scratch, strict=True)
         ]
         self._addresses = [address(each) for each in self._inside]
+        self._totals = np.zeros(height)
+        self._change = _Change(
+            photoreceptor_stride=stride, totals=address(self._totals), width=width
+        )
+        change = ctypes.addressof(self._change)
+        self._changes: list[Callable[[], object]] = [
+            partial(loops.change, change, *band) for band in rows
+        ]
         self._latest = 0
         self._whole = None
         if of_whole:
             models = list(maps[: 1 + 2 * len(axes)])
-            self._whole = WholeSums(kernels, models, width, diagonal=45 in axes, rows=self._rows)
+            self._whole = WholeSums(kernels, models, live, width, diagonal=45 in axes, rows=rows)
 
     @property
     def photoreceptors(self) -> Map:
@@ -147,45 +192,39 @@ class DirectSums:
         """Compute P(t) from L(t) and the L that was kept; return its mean."""
         if luma.strides[1] != luma.itemsize:
             luma = np.ascontiguousarray(luma)
-        rows, width = rows_of(luma), luma.shape[1]
-        kept, spare = (address(each) for each in self._luma)
-        before, after = (kept, width), (spare, width)
-        following = self._addresses[(self._latest + 1) % AGES], self._job.stride
-        totals: dict[int, float] = {}
-
-        def see(first: int, last: int) -> None:
-            totals[first] = self._change(
-                *row_at(rows, first),
-                *(row_at(before, first)[0], row_at(after, first)[0]),
-                *(*row_at(following, first), last - first, width),
-            )
-
-        self._crew(*(partial(see, *band) for band in self._rows))
-        if self._whole:
-            self._whole.change(rows, before, self._crew)
-        # In the order of the rows, whichever thread came first.
-        return sum(totals[first] for first, _ in self._rows) / luma.size
+        job, whole = self._change, self._whole
+        job.luma, job.stride = rows_of(luma)
+        job.before, job.kept = (address(each) for each in self._luma)
+        job.photoreceptors = self._addresses[(self._latest + 1) % AGES]
+        if whole:
+            job.codes, job.code_stride = whole.following
+        for levels in [*whole.possible(), 0] if whole else [0]:
+            job.levels, job.whole = levels, True
+            self._crew(*self._changes)
+            if job.whole:
+                break
+        return float(self._totals.sum()) / luma.size
 
     def take(self, *, ready: bool) -> None:
         """Take what `change` has computed; compute the sums too if they are valid."""
         self._luma.reverse()
         self._latest = (self._latest + 1) % AGES
         if self._whole:
-            self._whole.take()
+            self._whole.take(self._change.levels)
         if ready and self._whole and self._whole.ready:
             self._whole.compute(self._crew)
         elif ready:
-            self._compute(self._of_models)
+            self._compute(self._of_models, self._live)
 
     def layers(self) -> Layers:
         """Return E, I and the J_phi of the latest map, computed now."""
-        self._compute(self._of_layers)
+        self._compute(self._of_layers, None)
         return self._layers
 
-    def _compute(self, outputs: ctypes.Array[ctypes.c_void_p]) -> None:
+    def _compute(self, outputs: ctypes.Array[ctypes.c_void_p], live: int | None) -> None:
         for age in range(AGES):
             self._job.photoreceptors[age] = self._addresses[(self._latest - age) % AGES]
-        self._job.outputs = outputs
+        self._job.outputs, self._job.live = outputs, live
         self._crew(*self._bands)
 
 
@@ -194,10 +233,10 @@ def _taps(
 ) -> tuple[list[tuple[int, int, int, int]], list[list[float]], list[int]]:
     """Return the kernels as ``struct group`` and ``struct tap``, and how far each reaches."""
     groups, taps, reach = [], [], [0] * AGES
-    for age, kernel in enumerate(kernels):
-        for dy in range(kernel.shape[1]):
-            for first, count in runs(kernel[0, dy] != 0):
-                groups.append((age, dy, first, count))
-                reach[age] = max(reach[age], dy, first + count - 1)
-                taps += kernel[:, dy, first : first + count].T.tolist()
+    rows = [(age, dy) for age, kernel in enumerate(kernels) for dy in range(kernel.shape[1])]
+    for age, dy in sorted(rows, key=lambda row: stage_of(*row)):
+        for first, count in runs(kernels[age][0, dy] != 0):
+            groups.append((age, dy, first, count))
+            reach[age] = max(reach[age], dy, first + count - 1)
+            taps += kernels[age][:, dy, first : first + count].T.tolist()
     return groups, taps, reach

@@ -53,7 +53,7 @@ class Dlgmd:
     ) -> None:
         self.params = params or DlgmdParams()
         self.dpc = dpc or Dpc(shape, self.params)
-        self._grouping = grouping_of(self.dpc.presynaptic, self.params)
+        self._grouping = grouping_of(self.dpc, self.params)
 
     @property
     def grouped(self) -> Map:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,7 +13,10 @@ from oppload_cli.models.crew import Crew, bands_of
 from oppload_cli.native.library import LANES, address, aligned, compiled, library
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from oppload_cli.models.kernels import Map
+    from oppload_cli.models.layers import Dpc
     from oppload_cli.models.parameters import DlgmdParams
 
 
@@ -31,13 +35,13 @@ class Grouping(Protocol):
         """Compute G with T = `threshold`; return the means of S and of G over the frame."""
 
 
-def grouping_of(presynaptic: Map, params: DlgmdParams) -> Grouping:
-    """Return the grouping of a map, by whichever arithmetic runs here.
+def grouping_of(dpc: Dpc, params: DlgmdParams) -> Grouping:
+    """Return the grouping of S, by whichever arithmetic runs here.
 
     Parameters
     ----------
-    presynaptic : ndarray of float32, shape (height, width)
-        S, as :class:`oppload_cli.models.layers.Dpc` holds it.
+    dpc : Dpc
+        Holds S, which every frame overwrites.
     params : DlgmdParams
         Gives `group_size` and `grouped_limit`.
 
@@ -45,7 +49,7 @@ def grouping_of(presynaptic: Map, params: DlgmdParams) -> Grouping:
     -------
     Grouping
     """
-    return (CompiledGrouping if library() else PortableGrouping)(presynaptic, params)
+    return (CompiledGrouping if library() else PortableGrouping)(dpc, params)
 
 
 class PortableGrouping:
@@ -53,15 +57,15 @@ class PortableGrouping:
 
     Parameters
     ----------
-    presynaptic : ndarray of float32, shape (height, width)
-        S, overwritten by every frame.
+    dpc : Dpc
+        Holds S.
     params : DlgmdParams
         Gives `group_size` and `grouped_limit`.
     """
 
-    def __init__(self, presynaptic: Map, params: DlgmdParams) -> None:
-        self._presynaptic, self._params = presynaptic, params
-        self.grouped: Map = np.zeros(presynaptic.shape, np.float32)
+    def __init__(self, dpc: Dpc, params: DlgmdParams) -> None:
+        self._presynaptic, self._params = dpc.presynaptic, params
+        self.grouped: Map = np.zeros(dpc.shape, np.float32)
 
     def __call__(self, threshold: float) -> tuple[float, float]:
         """Compute G with T = `threshold`; return the means of S and of G over the frame."""
@@ -86,42 +90,66 @@ class PortableGrouping:
         return cv2.mean(self._presynaptic)[0], cv2.mean(grouped)[0]
 
 
+class _Job(ctypes.Structure):
+    """``struct group`` of models.c."""
+
+    _fields_ = (
+        ("presynaptic", ctypes.c_void_p),
+        ("grouped", ctypes.c_void_p),
+        ("stride", ctypes.c_ssize_t),
+        ("live", ctypes.c_void_p),
+        ("height", ctypes.c_int),
+        ("side", ctypes.c_int),
+        ("threshold", ctypes.c_float),
+        ("limit", ctypes.c_float),
+        ("totals", ctypes.c_void_p),
+    )
+
+
 class CompiledGrouping:
     """Grouping by compiled loops, in one pass.
 
     Parameters
     ----------
-    presynaptic : ndarray of float32, shape (height, width)
-        S, with zeros beyond the frame up to its stride.
+    dpc : Dpc
+        Holds S, with zeros beyond the frame up to its stride.
     params : DlgmdParams
         Gives `group_size` and `grouped_limit`.
     """
 
-    def __init__(self, presynaptic: Map, params: DlgmdParams) -> None:
+    def __init__(self, dpc: Dpc, params: DlgmdParams) -> None:
         loops = compiled()
-        self._group = loops.group
         self._params = params
-        (height, width), stride = presynaptic.shape, presynaptic.strides[0] // 4
+        presynaptic, (height, width) = dpc.presynaptic, dpc.shape
+        stride = presynaptic.strides[0] // presynaptic.itemsize
         grouped = aligned((height, stride))
         self.grouped: Map = grouped[:, :width]
         self._totals = np.zeros((height, 2))
-        self._maps = presynaptic, grouped
-        self._maps_and_size = address(presynaptic), address(grouped), stride, height
-        self._crew = Crew(presynaptic.shape)
-        bands = bands_of(height)
-        self._columns = aligned((len(bands), stride + 2 * params.group_size + LANES))
-        self._bands = list(zip(bands, map(address, self._columns), strict=True))
+        bands = bands_of(dpc.shape)
+        columns = aligned((len(bands), stride + 2 * params.group_size + LANES))
+        alive = np.zeros((len(bands), stride // LANES), np.uint8)
+        self._maps = presynaptic, dpc.live, grouped, columns, alive
+        self._crew = Crew(dpc.shape)
+        live = None if dpc.live is None else address(dpc.live)
+        self._job = _Job(
+            presynaptic=address(presynaptic),
+            grouped=address(grouped),
+            stride=stride,
+            live=live,
+            height=height,
+            side=params.group_size,
+            limit=params.grouped_limit,
+            totals=address(self._totals),
+        )
+        job = ctypes.addressof(self._job)
+        self._bands: list[Callable[[], object]] = [
+            partial(loops.group, job, *band, address(sums), address(there))
+            for band, sums, there in zip(bands, columns, alive, strict=True)
+        ]
 
     def __call__(self, threshold: float) -> tuple[float, float]:
         """Compute G with T = `threshold`; return the means of S and of G over the frame."""
-        params = self._params
-        limits = params.group_size, threshold, params.grouped_limit
-        totals = address(self._totals)
-        self._crew(
-            *(
-                partial(self._group, *self._maps_and_size, *band, *limits, columns, totals)
-                for band, columns in self._bands
-            )
-        )
-        s, g = self._totals.sum(axis=0) / self.grouped.size
-        return float(s), float(g)
+        self._job.threshold = threshold
+        self._crew(*self._bands)
+        s, g = (self._totals.sum(axis=0) / self.grouped.size).tolist()
+        return s, g

@@ -16,7 +16,7 @@ from oppload_cli.native.library import library
 if TYPE_CHECKING:
     from oppload_cli.models.kernels import Map
     from oppload_cli.models.parameters import DpcParams
-    from oppload_cli.models.presynaptic import Layers, Presynaptic
+    from oppload_cli.models.presynaptic import Layers, Live, Presynaptic
 
 
 class Dpc:
@@ -83,6 +83,14 @@ class Dpc:
     def pathways(self) -> dict[int, Map]:
         """S_phi by direction phi in degrees, shape (height, width); once `ready`."""
         return self._sums.pathways
+
+    @property
+    def live(self) -> Live | None:
+        """Where S and the S_phi may be above 0, for whoever wants to pass over the rest.
+
+        For each `LANES` columns, 0 where all are 0, shape (height, ...); None if not known.
+        """
+        return self._sums.live
 
     @property
     def layers(self) -> Layers:

@@ -138,8 +138,9 @@ class Opplod:
                 if strided.latest.ready:
                     # S is referred to the time of one frame.
                     share = strided.stride ** (-2 * self.params.compression)
-                    self.judge.add(self._inside_border(strided.latest), share)
-        verdict = self.judge.judge(self._inside_border(self.dpc))
+                    dpc = strided.latest
+                    self.judge.add(self._inside_border(dpc), share, dpc.live)
+        verdict = self.judge.judge(self._inside_border(self.dpc), self.dpc.live)
         if verdict.response == 0:
             return OpplodResponse(0.0, verdict.opponency, None)
         field = float(self.params.receptive_field or 0)

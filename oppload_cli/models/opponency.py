@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.kernels import Map
     from oppload_cli.models.parameters import OpplodParams
+    from oppload_cli.models.presynaptic import Live
     from oppload_cli.models.verdict import Judge
 
 
@@ -85,7 +86,7 @@ class PooledJudge:
         self._kept[:] = 0
         self._background.reset()
 
-    def add(self, pathways: Mapping[int, Map], share: float) -> None:
+    def add(self, pathways: Mapping[int, Map], share: float, live: Live | None = None) -> None:
         """Take frames several apart: their R counts in the next frame judged.
 
         Parameters
@@ -94,23 +95,27 @@ class PooledJudge:
             S_phi by direction phi in degrees.
         share : float
             What R is multiplied by.
+        live : ndarray of uint8, optional
+            As for :meth:`judge`.
         """
-        self._further += np.float32(share) * self.opponency(pathways)
+        self._further += np.float32(share) * self.opponency(pathways, live)
 
-    def judge(self, pathways: Mapping[int, Map]) -> Verdict:
+    def judge(self, pathways: Mapping[int, Map], live: Live | None = None) -> Verdict:
         """Judge the S maps of the four pathways.
 
         Parameters
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
+        live : ndarray of uint8, optional
+            Where they may be above 0, as :attr:`oppload_cli.models.layers.Dpc.live`.
 
         Returns
         -------
         Verdict
             The best unit's; its response is ``c2 R^2``, 0 unless R is above T_o.
         """
-        opponency = self.opponency(pathways)
+        opponency = self.opponency(pathways, live)
         opponency += self._further
         self._further[:] = 0
         if self._params.persistence:
@@ -145,13 +150,15 @@ class PooledJudge:
         background = self._background.step(best, self._frames)
         return np.float32(min(1, level / background) if background else 1)
 
-    def opponency(self, pathways: Mapping[int, Map]) -> Map:
+    def opponency(self, pathways: Mapping[int, Map], live: Live | None = None) -> Map:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
 
         Parameters
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
+        live : ndarray of uint8, optional
+            As for :meth:`judge`.
 
         Returns
         -------
@@ -160,7 +167,7 @@ class PooledJudge:
         """
         self._crew(
             *(
-                partial(pair, pathways[phi], pathways[phi + 180])
+                partial(pair, pathways[phi], pathways[phi + 180], live)
                 for phi, pair in self._pairs.items()
             )
         )

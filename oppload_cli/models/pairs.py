@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Map
     from oppload_cli.models.parameters import OpplodParams
     from oppload_cli.models.pooling import Pooling
+    from oppload_cli.models.presynaptic import Live
 
 MOST_PRODUCTS = 1 << 19  # held at once, so that they stay in the cache
 
@@ -46,10 +47,13 @@ class Pair:
         self._products: _Products = kind(one, other, weights, pool.shape)
         self.difference: Map = self._products.sums
 
-    def __call__(self, passing: Map, opposite: Map) -> None:
-        """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted, into `difference`."""
+    def __call__(self, passing: Map, opposite: Map, live: Live | None = None) -> None:
+        """Sum O(c, u) = S_phi(c + u) S_(phi+180)(c - u) over u, weighted, into `difference`.
+
+        `live` is as for :class:`oppload_cli.models.pooling.Pooling`.
+        """
         for values, pooled in ((passing, self.passing), (opposite, self.opposite)):
-            self.pool(values, pooled)
+            self.pool(values, pooled, live)
             if self._compression != 1:
                 cv2.pow(pooled, self._compression, dst=pooled)
         self._products()

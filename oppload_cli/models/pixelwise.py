@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.kernels import Map
     from oppload_cli.models.parameters import OpplodParams
+    from oppload_cli.models.presynaptic import Live
 
 
 class PixelwiseJudge:
@@ -47,13 +48,19 @@ class PixelwiseJudge:
     def reset(self) -> None:
         """Forget the frames that have passed: it remembers none."""
 
-    def judge(self, pathways: Mapping[int, Map]) -> Verdict:
+    def judge(
+        self,
+        pathways: Mapping[int, Map],
+        live: Live | None = None,  # noqa: ARG002 - it looks at every pixel
+    ) -> Verdict:
         """Judge the S maps of the four pathways.
 
         Parameters
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
+        live : ndarray of uint8, optional
+            Where they may be above 0, as :attr:`oppload_cli.models.layers.Dpc.live`.
 
         Returns
         -------

@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.kernels import Map
+    from oppload_cli.models.presynaptic import Live
 
     Floats = NDArray[np.float64]
+    _Calls = list[Callable[[], object]]
 
 REACH_SIGMAS = 5  # what lies beyond weighs less than a millionth
 MOST_CALLS = 64  # that are kept prepared
@@ -82,7 +84,7 @@ class Pooling:
         kind = _CompiledSums if library() else _PortableSums
         self._sums: _Sums = kind(shape, margin, halvings, down, across)
 
-    def __call__(self, values: Map, out: Map) -> None:
+    def __call__(self, values: Map, out: Map, live: Live | None = None) -> None:
         """Pool a map.
 
         Parameters
@@ -92,14 +94,16 @@ class Pooling:
         out : ndarray of float32, shape (rows, columns)
             Takes one value per cell. The weights of a cell have sum 1 on an
             endless map.
+        live : ndarray of uint8, optional
+            Where it may be other than 0, as :attr:`oppload_cli.models.layers.Dpc.live`.
         """
-        self._sums(values, out)
+        self._sums(values, out, live)
 
 
 class _Sums(Protocol):
     """Halves maps, and weighs what is left down and across."""
 
-    def __call__(self, values: Map, out: Map) -> None: ...
+    def __call__(self, values: Map, out: Map, live: Live | None) -> None: ...
 
 
 class _PortableSums:
@@ -122,7 +126,8 @@ class _PortableSums:
         self._windows_down = down.windows(padded, axis=0)
         self._windows_across = across.windows(half, axis=1)
 
-    def __call__(self, values: Map, out: Map) -> None:
+    def __call__(self, values: Map, out: Map, live: Live | None) -> None:
+        del live  # OpenCV goes over everything
         np.copyto(self._inside, values)
         finer = self._whole
         for coarser in self._halved:
@@ -156,7 +161,8 @@ class _CompiledSums:
         self._halve, self._weigh = loops.halve, loops.weigh
         self._margin = margin
         self._halved = _halves(shape[0] + 2 * margin, shape[1] + 2 * margin, halvings)
-        self._line = np.zeros(5 * (shape[1] + 2 * margin + 16), np.float32)
+        # One for each halving: what is zero between the rows of one is not in another.
+        self._scratch = np.zeros((halvings, 5 * (shape[1] + 2 * margin + 16)), np.float32)
         coarsest = self._halved[-1].shape if halvings else shape
         self._row = np.zeros(coarsest[1] + 2 * across.reach, np.float32)
         self._lines = down, across  # the jobs point at their weights
@@ -164,31 +170,32 @@ class _CompiledSums:
             _LineJob(address(each.weights), each.reach, each.first, each.step, each.count)
             for each in (down, across)
         ]
-        self._calls: dict[tuple[int, int], tuple[Map, Map, list[Callable[[], object]]]] = {}
+        self._calls: dict[tuple[int, ...], tuple[tuple[object, ...], _Calls]] = {}
 
-    def __call__(self, values: Map, out: Map) -> None:
-        key = id(values), id(out)
+    def __call__(self, values: Map, out: Map, live: Live | None) -> None:
+        key = id(values), id(out), id(live)
         if key not in self._calls:
             if len(self._calls) == MOST_CALLS:
                 self._calls.clear()
             # They are kept, so that no other arrays can come to have the same identities.
-            self._calls[key] = values, out, self._prepared(values, out)
-        for call in self._calls[key][-1]:
+            self._calls[key] = (values, out, live), self._prepared(values, out, live)
+        for call in self._calls[key][1]:
             call()
 
-    def _prepared(self, values: Map, out: Map) -> list[Callable[[], object]]:
+    def _prepared(self, values: Map, out: Map, live: Live | None) -> _Calls:
         """Return the calls that pool a map: finding out where arrays stand costs as much."""
-        calls: list[Callable[[], object]] = []
+        calls: _Calls = []
         margin = self._margin
-        for half in self._halved:
+        alive = None if live is None else address(live)
+        for half, scratch in zip(self._halved, self._scratch, strict=True):
             calls.append(
                 partial(
                     self._halve,
-                    *(*rows_of(values), *values.shape, margin),
-                    *(address(half), *half.shape, address(self._line)),
+                    *(*rows_of(values), *values.shape, alive, margin),
+                    *(address(half), *half.shape, address(scratch)),
                 )
             )
-            values, margin = half, 0
+            values, alive, margin = half, None, 0
         calls.append(
             partial(
                 self._weigh,

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from oppload_cli.models.kernels import Map
+
+    Live = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
@@ -40,10 +45,13 @@ class Presynaptic(Protocol):
         ``S = max(0, E - I)`` of D-LGMD.
     pathways : dict of int to ndarray of float32, shape (height, width)
         ``S_phi = max(0, E - I_phi)``, by direction phi in degrees.
+    live : ndarray of uint8, shape (height, ...), or None
+        For each `LANES` columns, 0 where all of them are 0; None where that is not known.
     """
 
     presynaptic: Map
     pathways: dict[int, Map]
+    live: Live | None
 
     @property
     def photoreceptors(self) -> Map:

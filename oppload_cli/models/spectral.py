@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.crew import Crew
     from oppload_cli.models.kernels import Inhibition, Kernel, Map
     from oppload_cli.models.parameters import DpcParams
+    from oppload_cli.models.presynaptic import Live
 
 
 class SpectralSums:
@@ -38,7 +39,7 @@ class SpectralSums:
 
     Attributes
     ----------
-    presynaptic, pathways
+    presynaptic, pathways, live
         As :class:`oppload_cli.models.presynaptic.Presynaptic` has them.
     """
 
@@ -59,6 +60,7 @@ class SpectralSums:
         )
         self._luma: list[Map] = [np.zeros(shape, np.float32) for _ in range(2)]
         self._balance = np.zeros(shape, np.float32)
+        self.live: Live | None = None
         self.presynaptic: Map = np.zeros(shape, np.float32)
         self.pathways: dict[int, Map] = {
             phi: np.zeros(shape, np.float32) for axis in axes for phi in (axis, axis + 180)

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from oppload_cli.models.kernels import Map
+    from oppload_cli.models.presynaptic import Live
     from oppload_cli.models.units import UnitMaps
 
 
@@ -43,8 +44,11 @@ class Judge(Protocol):
 
     maps: UnitMaps
 
-    def judge(self, pathways: Mapping[int, Map]) -> Verdict:
-        """Judge the S maps of the four pathways, by direction in degrees."""
+    def judge(self, pathways: Mapping[int, Map], live: Live | None = None) -> Verdict:
+        """Judge the S maps of the four pathways, by direction in degrees.
+
+        `live` tells where they may be above 0.
+        """
 
     def reset(self) -> None:
         """Forget the frames that have passed."""

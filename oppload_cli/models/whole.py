@@ -13,8 +13,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oppload_cli.models.taps import AGES, OUTPUTS, runs, with_zeros
-from oppload_cli.native.library import address, aligned, compiled, row_at
+from oppload_cli.models.taps import (
+    AGES,
+    AGES_OF_STAGES,
+    OUTPUTS,
+    STAGES,
+    runs,
+    stage_of,
+    with_zeros,
+)
+from oppload_cli.native.library import address, aligned, compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -23,10 +31,11 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.crew import Crew
     from oppload_cli.models.kernels import Kernel, Map
+    from oppload_cli.models.presynaptic import Live
 
 LEVELS = (219, 255)  # from black to white: of limited range, and of full range
 # Those of whole.c, in values of 16 bits.
-CODE_BYTES, STRIP = 2, 16
+STRIP = 16
 PAIR = 4 * STRIP
 MOST = 4  # pairs of a group
 
@@ -50,8 +59,10 @@ class _Job(ctypes.Structure):
         ("stride", ctypes.c_ssize_t),
         ("outputs", ctypes.c_void_p * OUTPUTS),
         ("output_stride", ctypes.c_ssize_t),
+        ("live", ctypes.c_void_p),
         ("excitation", _Kernel),
-        ("inhibition", _Kernel),
+        ("inhibition", _Kernel * STAGES),
+        ("ages", ctypes.c_int * STAGES),
         ("first_dx", ctypes.c_int * AGES),
         ("pairs", ctypes.c_int * AGES),
         ("reach", ctypes.c_int * AGES),
@@ -72,6 +83,8 @@ class WholeSums:
     outputs : sequence of ndarray of float32, shape (height, padded)
         S, or S and the pathways in the order of presynaptic.h; `padded` is a multiple
         of `STRIP`.
+    live : ndarray of uint8, shape (height, padded // LANES)
+        Takes where the outputs may be above 0.
     width : int
         Of the frame.
     diagonal : bool
@@ -84,14 +97,13 @@ class WholeSums:
         self,
         kernels: list[Kernel],
         outputs: Sequence[Map],
+        live: Live,
         width: int,
         *,
         diagonal: bool,
         rows: list[tuple[int, int]],
     ) -> None:
         loops = compiled()
-        self._change = loops.whole_change
-        self._rows = rows
         codes, self._units = _rounded(kernels)
         layouts = [_in_pairs(age, values) for age, values in enumerate(codes)]
         reach = [max((group.dy for group in each.groups), default=0) for each in layouts]
@@ -102,15 +114,18 @@ class WholeSums:
         stride, self._inside = with_zeros(height, padded, furthest, width, np.int16)
         self._addresses = [address(each) for each in self._inside]
         groups = [group for each in layouts for group in each.groups]
-        excitation = _Tables([group for group in groups if not group.age], pairs, slots)
-        inhibition = _Tables([group for group in groups if group.age], pairs, slots)
-        self._kept = excitation, inhibition
+        excitation, *inhibition = self._tables = [
+            _Tables([each for each in groups if stage_of(each.age, each.dy) == n], pairs, slots)
+            for n in range(1 + STAGES)
+        ]
         self._job = _Job(
             stride=stride,
             outputs=(ctypes.c_void_p * OUTPUTS)(*(address(each) for each in outputs)),
             output_stride=padded,
+            live=address(live),
             excitation=excitation.kernel,
-            inhibition=inhibition.kernel,
+            inhibition=(_Kernel * STAGES)(*(each.kernel for each in inhibition)),
+            ages=AGES_OF_STAGES,
             first_dx=(ctypes.c_int * AGES)(*(each.first_dx for each in layouts)),
             pairs=(ctypes.c_int * AGES)(*pairs),
             reach=(ctypes.c_int * AGES)(*reach),
@@ -131,7 +146,7 @@ class WholeSums:
         for each in self._inside:
             each[:] = 0
         self._latest = 0
-        self._levels = self._coming = LEVELS[0]  # 0 for frames that have none
+        self._levels = LEVELS[0]  # 0 for frames that have none
         self._levels_of = [0] * AGES  # of each map that was taken
 
     @property
@@ -139,19 +154,22 @@ class WholeSums:
         """Whether the last three maps are whole in the same levels."""
         return self._levels > 0 and self._levels_of == [self._levels] * AGES
 
-    def change(self, luma: tuple[int, int], before: tuple[int, int], crew: Crew) -> None:
-        """Compute P(t) from L(t) and the L before it, as far as it is whole.
+    @property
+    def following(self) -> tuple[int, int]:
+        """Where the codes of the next map belong: address, and distance of two rows."""
+        return self._addresses[(self._latest + 1) % AGES], self._job.stride
 
-        Both are given as :func:`oppload_cli.native.library.rows_of` does. A video in
-        which it is not so once is not one of 8 bits: it is left alone.
+    def possible(self) -> list[int]:
+        """Return how many levels the next frame may have, the likeliest number first.
+
+        A video in which P was not whole once is not one of 8 bits: it has none.
         """
-        tried = sorted(LEVELS, key=self._levels.__ne__) if self._levels else ()
-        self._coming = next((each for each in tried if self._whole(luma, before, each, crew)), 0)
+        return sorted(LEVELS, key=self._levels.__ne__) if self._levels else []
 
-    def take(self) -> None:
-        """Take what `change` has computed."""
+    def take(self, levels: int) -> None:
+        """Take what stands at `following`, a map of so many levels; 0 if it is not whole."""
         self._latest = (self._latest + 1) % AGES
-        self._levels = self._levels_of[self._latest] = self._coming
+        self._levels = self._levels_of[self._latest] = levels
 
     def compute(self, crew: Crew) -> None:
         """Compute the outputs; only where `ready`."""
@@ -159,24 +177,6 @@ class WholeSums:
             self._job.photoreceptors[age] = self._addresses[(self._latest - age) % AGES]
         self._job.units = tuple(unit / self._levels for unit in self._units)
         crew(*self._bands)
-
-    def _whole(
-        self, luma: tuple[int, int], before: tuple[int, int], levels: int, crew: Crew
-    ) -> bool:
-        """Compute P(t) in these levels; tell whether it is whole."""
-        following = self._addresses[(self._latest + 1) % AGES], self._job.stride
-        answers: list[int] = []
-
-        def see(first: int, last: int) -> None:
-            answers.append(
-                self._change(
-                    *(*row_at(luma, first), row_at(before, first)[0], levels),
-                    *(*row_at(following, first, CODE_BYTES), last - first, self._job.width),
-                )
-            )
-
-        crew(*(partial(see, *band) for band in self._rows))
-        return all(answers)
 
 
 class _Group(NamedTuple):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-INTERFACE = 3  # of the C files: another number is that of a build gone stale
+INTERFACE = 4  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
@@ -26,24 +26,14 @@ ALIGNMENT = 64  # bytes of a cache line
 portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
 
 _pointer, _distance, _count = ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_int
-_float, _double = ctypes.c_float, ctypes.c_double
+_double = ctypes.c_double
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
-    "change": (
-        *(_pointer, _distance, _pointer, _pointer),
-        *(_pointer, _distance, _count, _count),
-    ),
+    "change": (_pointer, _count, _count),
     "sums": (_pointer, _count, _count, _pointer),
-    "whole_change": (
-        *(_pointer, _distance, _pointer, _float),
-        *(_pointer, _distance, _count, _count),
-    ),
     "whole_sums": (_pointer, _count, _count, _pointer),
-    "group": (
-        *(_pointer, _pointer, _distance),
-        *(_count, _count, _count, _count, _float, _float, _pointer, _pointer),
-    ),
+    "group": (_pointer, _count, _count, _pointer, _pointer),
     "halve": (
-        *(_pointer, _distance, _count, _count, _count),
+        *(_pointer, _distance, _count, _count, _pointer, _count),
         *(_pointer, _count, _count, _pointer),
     ),
     "weigh": (
@@ -148,27 +138,6 @@ def rows_of(values: NDArray[Any]) -> tuple[int, int]:
     return address(values), values.strides[0] // values.itemsize
 
 
-def row_at(rows: tuple[int, int], number: int, itemsize: int = 4) -> tuple[int, int]:
-    """Return where the rows of a map stand from one of them on.
-
-    Parameters
-    ----------
-    rows : int, int
-        From :func:`rows_of`.
-    number : int
-        Of the row, from 0.
-    itemsize : int
-        Bytes of a value.
-
-    Returns
-    -------
-    int, int
-        Address, and distance in values.
-    """
-    start, distance = rows
-    return start + number * distance * itemsize, distance
-
-
 @cache
 def _loaded() -> tuple[str, ctypes.CDLL | None]:
     baseline = _load("baseline")
@@ -190,6 +159,4 @@ def _load(build: str) -> ctypes.CDLL | None:
     for name, signature in _SIGNATURES.items():
         function = getattr(loaded, name)
         function.argtypes, function.restype = signature, None
-    loaded.change.restype = _double
-    loaded.whole_change.restype = _count
     return loaded

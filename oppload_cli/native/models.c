@@ -6,7 +6,7 @@
 #include "vectors.h"
 
 /* What is agreed on with oppload_cli/native/library.py: one more with each change of it. */
-int interface(void) { return 3; }
+int interface(void) { return 4; }
 
 /* Tell whether the wider build of these files runs here. */
 int runs_wide(void)
@@ -19,36 +19,63 @@ int runs_wide(void)
 #endif
 }
 
+/* Tell for each LANES of `width` columns whether there may be any value in some rows of a
+ * map, and return whether there may at all. `live` is as in presynaptic.h; NULL: anywhere. */
+HELD int alive_in(const char *live, ptrdiff_t stride, int width, int top, int bottom, char *alive)
+{
+    int count = (width + LANES - 1) / LANES, some = !live;
+    memset(alive, !live, (size_t)count);
+    for (int y = top; live && y < bottom; y++)
+        for (int n = 0; n < count; n++) some |= alive[n] |= live[y * (stride / LANES) + n];
+    return some;
+}
+
 /* ---- Grouping of D-LGMD: oppload_cli/models/grouping.py ---- */
 
-/* G of rows first to last - 1, and the sums of S and G along each row.
- *
- * `presynaptic` has zeros up to its stride, a multiple of LANES; `columns` has room
- * for it and `side` zeros on either side. */
-void group(const float *presynaptic, float *grouped, ptrdiff_t stride, int height, int first,
-           int last, int side, float threshold, float limit, float *columns, double *totals)
+struct group {
+    const float *presynaptic; /* S, with zeros up to its stride, a multiple of LANES */
+    float *grouped;           /* takes G */
+    ptrdiff_t stride;
+    const char *live; /* see presynaptic.h; NULL: anywhere */
+    int height, side;
+    float threshold, limit;
+    double *totals; /* take the sums of S and G along each row */
+};
+
+/* Group rows first to last - 1. `columns` has room for a row and `side` zeros on either side of
+ * it, `alive` for a byte for each LANES of a row. */
+void group(const struct group *job, int first, int last, float *columns, char *alive)
 {
-    int before = (side - 1) / 2; /* the anchor of MATLAB's conv2(..., 'same') */
+    const ptrdiff_t stride = job->stride;
+    const int side = job->side, before = (side - 1) / 2; /* of MATLAB's conv2(..., 'same') */
     for (int y = first; y < last; y++) {
+        const float *s_row = job->presynaptic + y * stride;
+        float *g_row = job->grouped + y * stride;
+        doubles of_s = {0}, of_g = {0};
         int top = y - before < 0 ? 0 : y - before;
-        int bottom = y - before + side > height ? height : y - before + side;
+        int bottom = y - before + side > job->height ? job->height : y - before + side;
+        if (alive_in(job->live, stride, (int)stride, top, bottom, alive))
+            for (ptrdiff_t x = 0; x < stride; x += LANES) {
+                lanes sum = {0};
+                for (int row = top; alive[x / LANES] && row < bottom; row++)
+                    sum += LOAD(job->presynaptic + row * stride + x);
+                STORE(columns + side + x, sum);
+            }
         for (ptrdiff_t x = 0; x < stride; x += LANES) {
             lanes sum = {0};
-            for (int row = top; row < bottom; row++) sum += LOAD(presynaptic + row * stride + x);
-            STORE(columns + side + x, sum);
-        }
-        doubles of_s = {0}, of_g = {0};
-        for (ptrdiff_t x = 0; x < stride; x += LANES) {
-            lanes sum = {0}, s = LOAD(presynaptic + y * stride + x);
+            if (job->live && !job->live[(y * stride + x) / LANES]) { /* G is 0 where S is */
+                STORE(g_row + x, sum);
+                continue;
+            }
             for (int dx = 0; dx < side; dx++) sum += LOAD(columns + side + x + dx - before);
-            lanes g = s * sum;
-            g = least(where(g >= threshold, g, (lanes){0}), (lanes){0} + limit);
-            STORE(grouped + y * stride + x, g);
-            of_s += in_double(presynaptic + y * stride + x);
-            of_g += in_double(grouped + y * stride + x);
+            lanes g = LOAD(s_row + x) * sum;
+            g = least(where(g >= job->threshold, g, (lanes){0}), (lanes){0} + job->limit);
+            STORE(g_row + x, g);
+            of_s += in_double(s_row + x);
+            of_g += in_double(g_row + x);
         }
-        totals[2 * y] = total(of_s);
-        totals[2 * y + 1] = total(of_g);
+        job->totals[2 * y] = total(of_s);
+        job->totals[2 * y + 1] = total(of_g);
     }
 }
 
@@ -57,29 +84,43 @@ void group(const float *presynaptic, float *grouped, ptrdiff_t stride, int heigh
 /* Halve a map with the binomial weights 1 4 6 4 1; beyond it are zeros.
  *
  * Sample (0, 0) of the half is centred `margin`, an even number of pixels, above and left
- * of pixel (0, 0). `line` has `width` zeros, room for twice the margin, the width and 16,
- * and for as much again. */
-void halve(const float *restrict map, ptrdiff_t stride, int height, int width, int margin,
-           float *restrict half, int half_height, int half_width, float *restrict line)
+ * of pixel (0, 0). `live` is as in presynaptic.h, or NULL. `line` is made of zeros, and for
+ * maps of one size: `width` zeros, the sums of a row with zeros about them, and their even
+ * and odd values. */
+void halve(const float *restrict map, ptrdiff_t stride, int height, int width, const char *live,
+           int margin, float *restrict half, int half_height, int half_width, float *restrict line)
 {
     const float *zeros = line;
     float *restrict sums = line + width + margin + 8, *restrict even = sums + width + margin + 8;
     float *restrict odd = even + half_width + 8;
+    char *restrict alive = (char *)(odd + half_width + 8);
     for (int y = 0; y < half_height; y++) {
-        const float *rows[5];
-        for (int k = 0; k < 5; k++) {
-            int row = 2 * y - margin + k - 2;
-            rows[k] = row < 0 || row >= height ? zeros : map + row * stride;
+        float *out = half + (ptrdiff_t)y * half_width;
+        int first = 2 * y - margin - 2;
+        int top = first < 0 ? 0 : first, bottom = first + 5 > height ? height : first + 5;
+        if (!alive_in(live, stride, width, top, bottom, alive)) {
+            memset(out, 0, (size_t)half_width * sizeof(float));
+            continue;
         }
-        for (int x = 0; x < width; x++)
+        const float *rows[5];
+        for (int k = 0; k < 5; k++)
+            rows[k] = first + k < top || first + k >= bottom ? zeros : map + (first + k) * stride;
+        int x = 0;
+        for (; x + LANES <= width; x += LANES) {
+            lanes sum = {0};
+            if (alive[x / LANES])
+                sum = (LOAD(rows[0] + x) + LOAD(rows[4] + x))
+                      + 4 * (LOAD(rows[1] + x) + LOAD(rows[3] + x)) + 6 * LOAD(rows[2] + x);
+            STORE(sums + x, sum);
+        }
+        for (; x < width; x++)
             sums[x] = (rows[0][x] + rows[4][x]) + 4 * (rows[1][x] + rows[3][x]) + 6 * rows[2][x];
         const float *from = sums - margin;
-        for (int x = 0; x < half_width + 2; x++) {
+        for (x = 0; x < half_width + 2; x++) {
             even[x] = from[2 * x - 2];
             odd[x] = from[2 * x - 1];
         }
-        float *out = half + (ptrdiff_t)y * half_width;
-        for (int x = 0; x < half_width; x++)
+        for (x = 0; x < half_width; x++)
             out[x] = ((even[x] + even[x + 2]) + 4 * (odd[x] + odd[x + 1]) + 6 * even[x + 1])
                      * (1 / 256.f);
     }

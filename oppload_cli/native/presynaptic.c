@@ -1,25 +1,56 @@
 /* P and the presynaptic sums: oppload_cli/models/direct.py. */
+#include <stdint.h>
+
 #include "presynaptic.h"
 
-/* Write |luma - before|, keep luma, and return the sum of what was written. */
-double change(const float *restrict luma, ptrdiff_t stride, const float *restrict before,
-              float *restrict kept, float *restrict out, ptrdiff_t out_stride, int height,
-              int width)
+struct change {
+    const float *luma; /* L(t) */
+    ptrdiff_t stride;
+    const float *before; /* the L before it, row after row */
+    float *kept;         /* takes L(t), row after row */
+    float *out;          /* takes P(t) */
+    ptrdiff_t out_stride;
+    int16_t *codes; /* takes P(t) in code levels: see whole.c */
+    ptrdiff_t codes_stride;
+    double *totals; /* take the sum of each row */
+    int width;
+    int levels; /* 0: codes are left alone */
+    int whole;  /* becomes 0 where P(t) has fractions of a level */
+};
+
+/* Compute P(t) of rows first to last - 1. */
+void change(struct change *job, int first, int last)
 {
-    double sum = 0;
-    for (int y = 0; y < height; y++) {
-        for (int x = 0; x < width; x++) {
-            kept[x] = luma[x];
-            out[x] = __builtin_fabsf(luma[x] - before[x]);
-        }
+    const float levels = job->levels;
+    mask broken = {0};
+    for (int y = first; y < last; y++) {
+        const float *luma = job->luma + y * job->stride, *before = job->before + y * job->width;
+        float *kept = job->kept + y * job->width, *out = job->out + y * job->out_stride;
+        int16_t *codes = job->codes + y * job->codes_stride;
         doubles sums = {0};
+        double sum = 0;
         int x = 0;
-        for (; x + LANES <= width; x += LANES) sums += in_double(out + x);
-        for (; x < width; x++) sum += out[x];
-        sum += total(sums);
-        luma += stride, before += width, kept += width, out += out_stride;
+        for (; x + LANES <= job->width; x += LANES) {
+            lanes l = LOAD(luma + x), p = magnitude(l - LOAD(before + x));
+            STORE(kept + x, l);
+            STORE(out + x, p);
+            sums += in_double(out + x);
+            if (!job->levels) continue;
+            mask code = __builtin_convertvector(p * levels + 0.5f, mask);
+            broken |= ~(magnitude(p * levels - __builtin_convertvector(code, lanes)) <= 1e-3f);
+            broken |= code > 255;
+            *(shorts *)(codes + x) = __builtin_convertvector(code, shorts);
+        }
+        for (; x < job->width; x++) {
+            kept[x] = luma[x];
+            sum += out[x] = __builtin_fabsf(luma[x] - before[x]);
+            int code = (int)(out[x] * levels + 0.5f);
+            broken[0] |= !(__builtin_fabsf(out[x] * levels - code) <= 1e-3f) | (code > 255);
+            if (job->levels) codes[x] = (int16_t)code;
+        }
+        job->totals[y] = sum + total(sums);
     }
-    return sum;
+    if (any_of(broken)) job->whole = 0;
 }
 
 #define VECTORS 3
@@ -36,9 +67,11 @@ struct sums {
     ptrdiff_t stride;
     float *outputs[OUTPUTS]; /* NULL where it is not wanted */
     ptrdiff_t output_stride; /* whole strips */
+    char *live;              /* see presynaptic.h; NULL if the layers are wanted */
     const struct group *groups;
     const struct tap *taps;
-    int groups_of_excitation, groups_of_inhibition;
+    int groups_of_excitation, groups_of_inhibition[STAGES];
+    int ages[STAGES]; /* of the inhibition */
     int reach[AGES]; /* largest |dx| and |dy| */
     int slots;       /* a power of 2, above twice the largest reach */
     int width, diagonal;
@@ -98,11 +131,13 @@ HELD void add_row(const struct tap *tap, int count, const float *above, const fl
         }
 }
 
-/* Sum some groups of taps over one row of a strip. */
-HELD void add_up(const struct group *group, int groups, const struct tap *tap,
+/* Sum some groups of taps over one row of a strip, and go on to the next ones. */
+HELD void add_up(const struct group **next, int groups, const struct tap **next_tap,
                  const struct folded *at, int y, int directional, lanes *even, lanes *across,
                  lanes *down)
 {
+    const struct group *group = *next;
+    const struct tap *tap = *next_tap;
     for (; groups--; tap += group->count, group++) {
         const float *row = at->rows[group->age] + group->dx * PAIR;
         ptrdiff_t size = at->size[group->age];
@@ -113,15 +148,16 @@ HELD void add_up(const struct group *group, int groups, const struct tap *tap,
         else
             add_row(tap, group->count, above, above, 0, directional, even, across, down);
     }
+    *next = group;
+    *next_tap = tap;
 }
 
-HELD int any_of(const lanes *values)
+HELD int some_left(const struct sums *job, const lanes *e, const lanes *i, const lanes *across,
+                   const lanes *down)
 {
     mask any = {0};
-    for (int k = 0; k < VECTORS; k++) any |= values[k] != 0;
-    int found = 0;
-    for (int n = 0; n < LANES; n++) found |= any[n];
-    return found;
+    for (int k = 0; k < VECTORS; k++) any |= left(job->diagonal, e[k], i[k], across[k], down[k]);
+    return any_of(any);
 }
 
 /* Compute the maps of rows first to last - 1. `scratch` holds the folded rows; it is made
@@ -129,8 +165,6 @@ HELD int any_of(const lanes *values)
 void sums(const struct sums *job, int first, int last, float *scratch)
 {
     struct folded rows = {.mask = job->slots - 1};
-    int excitation_taps = 0;
-    for (int n = 0; n < job->groups_of_excitation; n++) excitation_taps += job->groups[n].count;
     for (int age = 0; age < AGES; age++) {
         rows.rows[age] = scratch;
         rows.size[age] = (job->reach[age] + 1) * PAIR;
@@ -140,22 +174,27 @@ void sums(const struct sums *job, int first, int last, float *scratch)
         for (int age = 0; age < AGES; age++) rows.next[age] = first - job->reach[age];
         for (int y = first; y < last; y++) {
             lanes e[VECTORS] = {0}, i[VECTORS] = {0}, across[VECTORS] = {0}, down[VECTORS] = {0};
-            fetch_ahead(job->outputs, job->output_stride, y, x, STRIP);
+            const struct group *group = job->groups;
+            const struct tap *tap = job->taps;
+            if (y + ROWS_AHEAD < last)
+                fetch_ahead(job->outputs, job->output_stride, job->live, y, x, STRIP);
             fold_around(job, &rows, 0, y, x);
-            add_up(job->groups, job->groups_of_excitation, job->taps, &rows, y, 0, e, e, e);
-            if (!job->outputs[I] && !any_of(e)) { /* every S is 0 where E is, whatever inhibits */
-                clear(job->outputs, job->output_stride, y, x, STRIP);
+            add_up(&group, job->groups_of_excitation, &tap, &rows, y, 0, e, e, e);
+            int wanted = !job->live || some_left(job, e, i, across, down);
+            for (int n = 0; wanted && n < STAGES; n++) {
+                fold_around(job, &rows, job->ages[n], y, x);
+                add_up(&group, job->groups_of_inhibition[n], &tap, &rows, y, 1, i, across, down);
+                wanted = !job->live || some_left(job, e, i, across, down);
+            }
+            if (!wanted) {
+                put_none(job->outputs, job->output_stride, job->live, y, x, STRIP);
                 continue;
             }
-            for (int age = 1; age < AGES; age++) fold_around(job, &rows, age, y, x);
-            add_up(job->groups + job->groups_of_excitation, job->groups_of_inhibition,
-                   job->taps + excitation_taps, &rows, y, 1, i, across, down);
 #pragma GCC unroll 8
             for (int k = 0; k < VECTORS; k++)
                 put_all(job->outputs, y * job->output_stride + x + LANES * k, job->diagonal, e[k],
                         i[k], across[k], down[k]);
+            put_some(job->outputs, job->output_stride, job->live, y, x, STRIP, job->width);
         }
     }
-    for (int y = first; y < last; y++) /* beyond the frame, in the rest of the last strip */
-        clear(job->outputs, job->output_stride, y, job->width, job->output_stride - job->width);
 }

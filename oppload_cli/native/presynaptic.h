@@ -2,7 +2,8 @@
 #pragma once
 #include "vectors.h"
 
-#define AGES 3 /* P(t), P(t-1), P(t-2) */
+#define AGES 3   /* P(t), P(t-1), P(t-2) */
+#define STAGES 3 /* in which the inhibition is summed, until nothing is left of E */
 enum { S, S_ONE, S_OTHER, S_ONE_OPPOSITE, S_OTHER_OPPOSITE, E, I, J_ONE, J_OTHER, OUTPUTS };
 
 /* Kernel values of one age and one dy: at dx, dx + 1, ... */
@@ -43,20 +44,45 @@ HELD void put_all(float *const *outputs, ptrdiff_t here, int diagonal, lanes e, 
     put(outputs[J_OTHER], here, other);
 }
 
-/* Put zeros into `count` values of every map of row y, from x on. */
-HELD void clear(float *const *outputs, ptrdiff_t stride, int y, int x, ptrdiff_t count)
+/* Tell whether any S would be above 0 with so much of the inhibition. No kernel value is
+ * below 0: what is left alone then could only take more away. */
+HELD mask left(int diagonal, lanes e, lanes i, lanes across, lanes down)
 {
-    for (int n = 0; n < OUTPUTS; n++)
-        if (outputs[n]) memset(outputs[n] + y * stride + x, 0, (size_t)count * sizeof(float));
+    lanes one = diagonal ? down + across : across, other = diagonal ? down - across : down;
+    return e + most(magnitude(one), magnitude(other)) > 0.5f * i;
 }
 
-/* A strip runs down the frame: nothing else fetches what comes early enough. */
-#define ROWS_AHEAD 4
-HELD void fetch_ahead(float *const *outputs, ptrdiff_t stride, int y, int x, int width)
+/* `live` holds a byte for each LANES values of a map: 0 where every S is; NULL if it is not
+ * wanted. Say that every S of a strip is 0, and put zeros where there are none yet. */
+HELD void put_none(float *const *outputs, ptrdiff_t stride, char *live, int y, int x, int strip)
 {
+    for (ptrdiff_t at = y * stride + x; strip > 0; at += LANES, strip -= LANES) {
+        if (!live[at / LANES]) continue;
+        for (int n = S; n < E; n++)
+            if (outputs[n]) STORE(outputs[n] + at, (lanes){0});
+        live[at / LANES] = 0;
+    }
+}
+
+/* Say that a strip has been put, and put zeros into what of it lies beyond the frame. */
+HELD void put_some(float *const *outputs, ptrdiff_t stride, char *live, int y, int x, int strip,
+                   int width)
+{
+    if (live) memset(live + (y * stride + x) / LANES, 1, (size_t)strip / LANES);
+    for (int n = S; x + strip > width && n < OUTPUTS; n++)
+        if (outputs[n])
+            memset(outputs[n] + y * stride + width, 0, (size_t)(x + strip - width) * sizeof(float));
+}
+
+/* A strip runs down the frame: nothing else fetches what comes early enough. What a row of
+ * the frame before held is the best guess of what is written now. */
+#define ROWS_AHEAD 4
+HELD void fetch_ahead(float *const *outputs, ptrdiff_t stride, const char *live, int y, int x,
+                      int width)
+{
+    ptrdiff_t at = (y + ROWS_AHEAD) * stride + x;
+    if (live && !live[at / LANES]) return;
     for (int n = S; n < E; n++)
-        if (outputs[n]) {
-            const float *row = outputs[n] + (y + ROWS_AHEAD) * stride + x;
-            for (int k = 0; k < width; k += 16) __builtin_prefetch(row + k, 1);
-        }
+        for (int k = 0; outputs[n] && k < width; k += 16)
+            __builtin_prefetch(outputs[n] + at + k, 1);
 }

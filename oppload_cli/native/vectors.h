@@ -12,6 +12,7 @@ typedef float lanes __attribute__((vector_size(4 * LANES), aligned(4)));
 typedef float half __attribute__((vector_size(2 * LANES), aligned(4)));
 typedef double doubles __attribute__((vector_size(4 * LANES)));
 typedef int mask __attribute__((vector_size(4 * LANES)));
+typedef short shorts __attribute__((vector_size(2 * LANES), aligned(2)));
 #define LOAD(at) (*(const lanes *)(at))
 #define STORE(at, value) (*(lanes *)(at) = (value))
 #define HELD static inline __attribute__((always_inline))
@@ -28,6 +29,14 @@ HELD lanes most(lanes a, lanes b) { return (lanes)_mm256_max_ps((__m256)a, (__m2
 HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
 HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
 #endif
+
+HELD lanes magnitude(lanes a) { return (lanes)((mask)a & 0x7fffffff); }
+HELD int any_of(mask chosen)
+{
+    int found = 0;
+    for (int n = 0; n < LANES; n++) found |= chosen[n];
+    return found;
+}
 
 HELD doubles in_double(const float *at)
 {

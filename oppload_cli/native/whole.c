@@ -4,27 +4,9 @@
  * four: one instruction multiplies twice as many pixels as with floats. The kernels are
  * rounded to 16 bits; all else is exact.
  */
-#include <math.h>
 #include <stdint.h>
 
 #include "presynaptic.h"
-
-/* Write |luma - before| in code levels; return whether all of it is whole. */
-int whole_change(const float *restrict luma, ptrdiff_t stride, const float *restrict before,
-                 float levels, int16_t *restrict out, ptrdiff_t out_stride, int height, int width)
-{
-    int broken = 0;
-    for (int y = 0; y < height; y++) {
-        for (int x = 0; x < width; x++) {
-            float exact = fabsf(luma[x] - before[x]) * levels;
-            int code = (int)(exact + 0.5f);
-            broken |= !(fabsf(exact - code) <= 1e-3f) | (code > 255);
-            out[x] = (int16_t)code;
-        }
-        luma += stride, before += width, out += out_stride;
-    }
-    return !broken;
-}
 
 #if !defined(__AVX2__)
 int whole_strip(void) { return 0; } /* then floats are as fast */
@@ -54,7 +36,9 @@ struct whole_sums {
     ptrdiff_t stride;
     float *outputs[OUTPUTS]; /* those of S alone; NULL where it is not wanted */
     ptrdiff_t output_stride; /* whole strips */
-    struct kernel excitation, inhibition;
+    char *live;              /* see presynaptic.h */
+    struct kernel excitation, inhibition[STAGES];
+    int ages[STAGES];   /* of the inhibition */
     int first_dx[AGES]; /* of the pairs in a folded row: -1, which has no weight, or 0 */
     int pairs[AGES];    /* in a folded row */
     int reach[AGES];    /* largest |dy| */
@@ -145,13 +129,25 @@ HELD void add_up(const struct kernel *kernel, const int16_t *scratch, int slot, 
             add_pairs(pair, count, scratch + rows[0], scratch + rows[1], directional, to);
 }
 
+HELD lanes in_floats(codes sums, float unit) { return unit * (lanes)_mm256_cvtepi32_ps(sums); }
+
 /* Undo the mixing of the pixels in fold_pair, and go to the unit of the maps. */
 HELD void in_order(const codes *sums, float unit, lanes *out)
 {
-    codes first = _mm256_permute2x128_si256(sums[0], sums[1], 0x20);
-    codes second = _mm256_permute2x128_si256(sums[0], sums[1], 0x31);
-    out[0] = unit * (lanes)_mm256_cvtepi32_ps(first);
-    out[1] = unit * (lanes)_mm256_cvtepi32_ps(second);
+    out[0] = in_floats(_mm256_permute2x128_si256(sums[0], sums[1], 0x20), unit);
+    out[1] = in_floats(_mm256_permute2x128_si256(sums[0], sums[1], 0x31), unit);
+}
+
+HELD int some_left(const struct whole_sums *job, const struct totals *excitation,
+                   const struct totals *inhibition)
+{
+    mask any = {0};
+    for (int k = 0; k < 2; k++)
+        any |= left(job->diagonal, in_floats(excitation->even[k], job->units.excitation),
+                    in_floats(inhibition->even[k], job->units.inhibition),
+                    in_floats(inhibition->across[k], job->units.directional),
+                    in_floats(inhibition->down[k], job->units.directional));
+    return !_mm256_testz_si256((codes)any, (codes)any);
 }
 
 /* Compute the maps of rows first to last - 1. `scratch` begins with the zeros that lie
@@ -170,25 +166,29 @@ void whole_sums(const struct whole_sums *job, int first, int last, int16_t *scra
             ptrdiff_t here = y * job->output_stride + x;
             struct totals excitation = {0}, inhibition = {0};
             lanes e[2], i[2], across[2], down[2];
-            fetch_ahead(job->outputs, job->output_stride, y, x, STRIP);
+            if (y + ROWS_AHEAD < last)
+                fetch_ahead(job->outputs, job->output_stride, job->live, y, x, STRIP);
             fold_around(job, &rows, 0, y, x);
             add_up(&job->excitation, scratch, y & rows.mask, 0, &excitation);
             codes any = _mm256_or_si256(excitation.even[0], excitation.even[1]);
-            if (_mm256_testz_si256(any, any)) { /* where E is 0 every S is, whatever inhibits */
-                clear(job->outputs, job->output_stride, y, x, STRIP);
+            int wanted = !_mm256_testz_si256(any, any);
+            for (int n = 0; wanted && n < STAGES; n++) {
+                fold_around(job, &rows, job->ages[n], y, x);
+                add_up(&job->inhibition[n], scratch, y & rows.mask, 1, &inhibition);
+                wanted = some_left(job, &excitation, &inhibition);
+            }
+            if (!wanted) {
+                put_none(job->outputs, job->output_stride, job->live, y, x, STRIP);
                 continue;
             }
-            for (int age = 1; age < AGES; age++) fold_around(job, &rows, age, y, x);
-            add_up(&job->inhibition, scratch, y & rows.mask, 1, &inhibition);
             in_order(excitation.even, job->units.excitation, e);
             in_order(inhibition.even, job->units.inhibition, i);
             in_order(inhibition.across, job->units.directional, across);
             in_order(inhibition.down, job->units.directional, down);
             for (int k = 0; k < 2; k++)
                 put_all(job->outputs, here + LANES * k, job->diagonal, e[k], i[k], across[k], down[k]);
+            put_some(job->outputs, job->output_stride, job->live, y, x, STRIP, job->width);
         }
     }
-    for (int y = first; y < last; y++)
-        clear(job->outputs, job->output_stride, y, job->width, job->output_stride - job->width);
 }
 #endif

@@ -31,6 +31,8 @@ def test_grouping_keeps_what_equals_the_threshold(limit: float, kept: float) -> 
         model.step(frame)
     model.dpc.presynaptic[:] = 0
     model.dpc.presynaptic[4, 4] = 0.5  # alone, so that C is 0.5 and G is 0.25
+    if model.dpc.live is not None:
+        model.dpc.live[4, 0] = 1
     model.respond()
     assert model.grouped[4, 4] == kept
 

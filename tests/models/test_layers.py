@@ -5,8 +5,11 @@ import pytest
 
 from oppload_cli.errors import FrameError
 from oppload_cli.models import convolution
+from oppload_cli.models.grouping import grouping_of
 from oppload_cli.models.layers import Dpc
-from oppload_cli.models.parameters import DpcParams
+from oppload_cli.models.parameters import DlgmdParams, DpcParams
+from oppload_cli.models.pooling import Pooling
+from oppload_cli.native.library import LANES
 from tests import reference
 from tests.media import edge
 
@@ -101,6 +104,8 @@ def test_nothing_answers_where_nothing_changed() -> None:
     dpc = stepped(frames[:4])
     for values in (dpc.presynaptic, *dpc.pathways.values()):
         values[:] = 1
+    if dpc.live is not None:
+        dpc.live[:] = 1
     dpc.step(frames[4])
     assert dpc.layers.inhibition.max() > 0
     for values in (dpc.presynaptic, *dpc.pathways.values()):
@@ -150,3 +155,50 @@ def test_luminance_that_is_not_finite_is_refused(value: float) -> None:
     dpc.step(np.zeros((9, 9), np.float32))
     with pytest.raises(FrameError, match="not finite"):
         dpc.step(np.full((9, 9), value, np.float32))
+
+
+@pytest.mark.parametrize("levels", [219, 876])
+def test_what_is_not_live_is_zero(levels: int) -> None:
+    """In whole numbers and in floats; what was live may be at rest in the next frame."""
+    shape = (50, 90)
+    codes = np.random.default_rng(levels).integers(0, levels + 1, shape)
+    dpc = Dpc(shape, DpcParams(), (45, 135))
+    shares = []
+    for t in range(12):
+        frame = np.roll(codes, 3 * t, axis=1)  # texture that drifts: all is inhibited
+        frame[10 : 20 + t, 5 * t : 5 * t + 30] = levels * (t % 3) // 2  # and what flickers
+        dpc.step((frame / levels).astype(np.float32))
+        if dpc.live is None:
+            continue
+        some = np.repeat(dpc.live, LANES, axis=1)[:, : shape[1]] > 0
+        for values in (dpc.presynaptic, *dpc.pathways.values()):
+            assert not values[~some].any()
+        shares.append(some.mean())
+    assert not shares or 0 < min(shares[3:]) < max(shares[3:]) < 0.9
+
+
+def test_maps_are_passed_over_where_they_are_not_live() -> None:
+    """Pooling and grouping give the same bits as without knowing."""
+    rng = np.random.default_rng(6)
+    shape = (61, 90)
+    dpc = Dpc(shape, DpcParams(), (45, 135))
+    if dpc.live is None:
+        return
+    dpc.live[:] = rng.random(dpc.live.shape) < 0.3
+    dpc.live[20:40] = 0
+    some = np.repeat(dpc.live, LANES, axis=1)[:, : shape[1]]
+    dpc.presynaptic[:] = rng.random(shape) * some
+    pooling = Pooling(shape, 8, 12.0)
+    pooled = [np.zeros(pooling.shape, np.float32) for _ in "ab"]
+    grouped = []
+    for live, out in zip((dpc.live, None), pooled, strict=True):
+        pooling(dpc.presynaptic, out, live)
+        if live is None:
+            dpc.live[:] = 1
+        grouping = grouping_of(dpc, DlgmdParams())
+        grouped.append((grouping(0.1), grouping.grouped.copy()))
+    np.testing.assert_array_equal(pooled[0], pooled[1])
+    assert grouped[0][0] == grouped[1][0]
+    np.testing.assert_array_equal(grouped[0][1], grouped[1][1])
+    assert pooled[0].max() > 0.1
+    assert grouped[0][0][1] > 0
