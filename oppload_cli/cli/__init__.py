@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import atexit
+import errno
 import importlib
 import os
 import sys
@@ -78,6 +80,25 @@ def oppload() -> None:
     """
 
 
+def entry() -> NoReturn:
+    """Be the process ``oppload``: run the command line, then leave at once.
+
+    Taking the interpreter apart costs a twentieth of a second, and threads of libraries
+    may still be at work meanwhile.
+    """
+    try:
+        main()
+    except SystemExit as ended:
+        interruption.ignore()
+        atexit._run_exitfuncs()
+        try:
+            sys.stdout.flush()
+            sys.stderr.flush()
+        except (OSError, ValueError, AttributeError):
+            raise ended from None  # Python says in its own way what cannot be written
+        os._exit(ended.code if isinstance(ended.code, int) else ExitCode.BUG)
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit.
 
@@ -115,6 +136,8 @@ def failure(error: BaseException) -> int:
         return error.code if isinstance(error.code, int) else ExitCode.BUG
     if os.environ.get("OPPLOAD_DEBUG"):
         traceback.print_exception(error)
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        error = OutputError("the output cannot be written (no space left on device); free some")
     if isinstance(error, BrokenPipeError | OutputError) and sys.stdout is not None:
         # What could not be written shall not be tried again, and fail again, at exit.
         with suppress(OSError):

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
+ENTRY = "from oppload_cli.cli import entry; entry()"  # as the installed script has it
+
 
 def oppload(
     *arguments: str | Path, cwd: Path | None = None, **environment: str
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "oppload_cli", *map(str, arguments)],
+        [sys.executable, "-c", ENTRY, *map(str, arguments)],
         capture_output=True,
         text=True,
         check=False,

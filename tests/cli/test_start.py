@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 
-from tests.cli.process import oppload
+from tests.cli.process import ENTRY, oppload
 
 HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib")
 
@@ -60,3 +60,27 @@ def test_info_names_the_versions() -> None:
     assert facts["cores"] >= 1
     assert set(facts["libraries"]) >= {"numpy", "av", "click"}
     assert facts["libraries"]["numpy"] is not None
+
+
+def script(*arguments: str, first: str = "") -> subprocess.CompletedProcess[str]:
+    """The process that the installed script is."""
+    return subprocess.run(
+        [sys.executable, "-c", f"{first}\n{ENTRY}", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+
+
+def test_the_process_leaves_at_once_with_all_said_and_done() -> None:
+    registered = "import atexit; atexit.register(print, 'at exit')"
+    kept = "import sys\nclass Kept:\n  def __del__(self): print('taken apart')\nsys.kept = Kept()"
+    done = script("models", "--json", first=f"{registered}\n{kept}")
+    assert done.returncode == 0
+    described, _, rest = done.stdout.rpartition("}")
+    assert json.loads(described + "}") == json.loads(oppload("models", "--json").stdout)
+    assert rest.strip() == "at exit"
+    wrong = script("nix")
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert "no command 'nix'" in wrong.stderr

@@ -17,7 +17,7 @@ import pytest
 
 from oppload_cli.errors import OpploadError
 from oppload_cli.results.reading import read_result
-from tests.cli.process import oppload
+from tests.cli.process import ENTRY, oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def table(film: Path) -> bytes:
 @contextmanager
 def started(name: str | Path, folder: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(
-        [sys.executable, "-m", "oppload_cli", "run", str(name), "-o", str(folder), *more],
+        [sys.executable, "-c", ENTRY, "run", str(name), "-o", str(folder), *more],
         stderr=subprocess.PIPE,
         text=True,
     ) as run:
@@ -149,7 +149,7 @@ def test_the_terminal_is_left_as_it_was(film: Path, tmp_path: Path) -> None:
     if child == 0:
         os.execv(  # noqa: S606
             sys.executable,
-            [sys.executable, "-m", "oppload_cli", "run", str(film), "-o", str(tmp_path)],
+            [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path)],
         )
     before = termios.tcgetattr(terminal)
     part = tmp_path / "film.frames.csv.part"
@@ -224,7 +224,7 @@ def test_random_moments_of_several_processes(tmp_path: Path, words: list[str]) -
     for number in range(40):
         folder = tmp_path / str(number)
         with subprocess.Popen(
-            [sys.executable, "-m", "oppload_cli", *words, "--jobs", "2", "-o", str(folder)],
+            [sys.executable, "-c", ENTRY, *words, "--jobs", "2", "-o", str(folder)],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
