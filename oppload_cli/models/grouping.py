@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.crew import Crew, bands_of
-from oppload_cli.native.library import LANES, address, aligned, compiled, library
+from oppload_cli.native.library import LANES, LiveOf, address, aligned, compiled, library
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,7 +97,7 @@ class _Job(ctypes.Structure):
         ("presynaptic", ctypes.c_void_p),
         ("grouped", ctypes.c_void_p),
         ("stride", ctypes.c_ssize_t),
-        ("live", ctypes.c_void_p),
+        ("live", LiveOf),
         ("height", ctypes.c_int),
         ("side", ctypes.c_int),
         ("threshold", ctypes.c_float),
@@ -130,12 +130,11 @@ class CompiledGrouping:
         alive = np.zeros((len(bands), stride // LANES), np.uint8)
         self._maps = presynaptic, dpc.live, grouped, columns, alive
         self._crew = Crew(dpc.shape)
-        live = None if dpc.live is None else address(dpc.live)
         self._job = _Job(
             presynaptic=address(presynaptic),
             grouped=address(grouped),
             stride=stride,
-            live=live,
+            live=LiveOf.known(dpc.live),
             height=height,
             side=params.group_size,
             limit=params.grouped_limit,

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from oppload_cli.native.library import address, compiled, library, rows_of
+from oppload_cli.native.library import MapOf, address, compiled, library, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -157,8 +157,7 @@ class _CompiledSums:
     def __init__(
         self, shape: tuple[int, int], margin: int, halvings: int, down: _Line, across: _Line
     ) -> None:
-        loops = compiled()
-        self._halve, self._weigh = loops.halve, loops.weigh
+        self._loops = compiled()
         self._margin = margin
         self._halved = _halves(shape[0] + 2 * margin, shape[1] + 2 * margin, halvings)
         # One for each halving: what is zero between the rows of one is not in another.
@@ -170,6 +169,7 @@ class _CompiledSums:
             _LineJob(address(each.weights), each.reach, each.first, each.step, each.count)
             for each in (down, across)
         ]
+        self._maps = [MapOf.of(each, None) for each in self._halved]
         self._calls: dict[tuple[int, ...], tuple[tuple[object, ...], _Calls]] = {}
 
     def __call__(self, values: Map, out: Map, live: Live | None) -> None:
@@ -178,31 +178,24 @@ class _CompiledSums:
             if len(self._calls) == MOST_CALLS:
                 self._calls.clear()
             # They are kept, so that no other arrays can come to have the same identities.
-            self._calls[key] = (values, out, live), self._prepared(values, out, live)
+            whole = MapOf.of(values, live)
+            self._calls[key] = (values, out, live, whole), self._prepared(whole, out)
         for call in self._calls[key][1]:
             call()
 
-    def _prepared(self, values: Map, out: Map, live: Live | None) -> _Calls:
+    def _prepared(self, whole: MapOf, out: Map) -> _Calls:
         """Return the calls that pool a map: finding out where arrays stand costs as much."""
-        calls: _Calls = []
-        margin = self._margin
-        alive = None if live is None else address(live)
-        for half, scratch in zip(self._halved, self._scratch, strict=True):
-            calls.append(
-                partial(
-                    self._halve,
-                    *(*rows_of(values), *values.shape, alive, margin),
-                    *(address(half), *half.shape, address(scratch)),
-                )
+        maps = [ctypes.addressof(each) for each in (whole, *self._maps)]
+        margins = [self._margin, *(0 for _ in self._maps)]
+        calls: _Calls = [
+            partial(self._loops.halve, finer, margin, coarser, address(scratch))
+            for finer, margin, coarser, scratch in zip(
+                maps, margins, maps[1:], self._scratch, strict=False
             )
-            values, alive, margin = half, None, 0
+        ]
+        lines = (ctypes.addressof(job) for job in self._jobs)
         calls.append(
-            partial(
-                self._weigh,
-                *(*rows_of(values), *values.shape),
-                *(ctypes.addressof(job) for job in self._jobs),
-                *(*rows_of(out), address(self._row)),
-            )
+            partial(self._loops.weigh, maps[-1], *lines, *rows_of(out), address(self._row))
         )
         return calls
 

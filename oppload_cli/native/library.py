@@ -32,20 +32,42 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "sums": (_pointer, _count, _count, _pointer),
     "whole_sums": (_pointer, _count, _count, _pointer),
     "group": (_pointer, _count, _count, _pointer, _pointer),
-    "halve": (
-        *(_pointer, _distance, _count, _count, _pointer, _count),
-        *(_pointer, _count, _count, _pointer),
-    ),
-    "weigh": (
-        *(_pointer, _distance, _count, _count, _pointer, _pointer),
-        *(_pointer, _distance, _pointer),
-    ),
+    "halve": (_pointer, _count, _pointer, _pointer),
+    "weigh": (_pointer, _pointer, _pointer, _pointer, _distance, _pointer),
     "oppose": (
         *(_pointer, _pointer, _distance, _count, _count),
         *(_pointer, _pointer, _count, _pointer, _distance),
     ),
     "opponency": (_pointer, _double, _double, _double, _pointer),
 }
+
+
+class LiveOf(ctypes.Structure):
+    """``struct live`` of models.c: where a map may have values other than 0."""
+
+    _fields_ = (("at", ctypes.c_void_p), ("stride", ctypes.c_ssize_t))
+
+    @classmethod
+    def known(cls, live: NDArray[np.uint8] | None) -> LiveOf:
+        """Return it for an array that must outlive it; None: anywhere."""
+        return cls() if live is None else cls(address(live), live.strides[0])
+
+
+class MapOf(ctypes.Structure):
+    """``struct map`` of models.c."""
+
+    _fields_ = (
+        ("values", ctypes.c_void_p),
+        ("stride", ctypes.c_ssize_t),
+        ("height", ctypes.c_int),
+        ("width", ctypes.c_int),
+        ("live", LiveOf),
+    )
+
+    @classmethod
+    def of(cls, values: NDArray[np.float32], live: NDArray[np.uint8] | None) -> MapOf:
+        """Return it for arrays that must outlive it."""
+        return cls(*rows_of(values), *values.shape, LiveOf.known(live))
 
 
 def library() -> ctypes.CDLL | None:

@@ -19,14 +19,17 @@ int runs_wide(void)
 #endif
 }
 
-/* Tell for each LANES of `width` columns whether there may be any value in some rows of a
- * map, and return whether there may at all. `live` is as in presynaptic.h; NULL: anywhere. */
-HELD int alive_in(const char *live, ptrdiff_t stride, int width, int top, int bottom, char *alive)
+/* Where a map may have values other than 0: a byte for each LANES columns of a row, and the
+ * distance of two rows. NULL: anywhere. */
+struct live { const char *at; ptrdiff_t stride; };
+
+/* Tell the same of some rows together, for `width` columns; return whether there may be any. */
+HELD int alive_in(struct live live, int width, int top, int bottom, char *alive)
 {
-    int count = (width + LANES - 1) / LANES, some = !live;
-    memset(alive, !live, (size_t)count);
-    for (int y = top; live && y < bottom; y++)
-        for (int n = 0; n < count; n++) some |= alive[n] |= live[y * (stride / LANES) + n];
+    int count = (width + LANES - 1) / LANES, some = !live.at;
+    memset(alive, !live.at, (size_t)count);
+    for (int y = top; live.at && y < bottom; y++)
+        for (int n = 0; n < count; n++) some |= alive[n] |= live.at[y * live.stride + n];
     return some;
 }
 
@@ -36,7 +39,7 @@ struct group {
     const float *presynaptic; /* S, with zeros up to its stride, a multiple of LANES */
     float *grouped;           /* takes G */
     ptrdiff_t stride;
-    const char *live; /* see presynaptic.h; NULL: anywhere */
+    struct live live;
     int height, side;
     float threshold, limit;
     double *totals; /* take the sums of S and G along each row */
@@ -54,7 +57,7 @@ void group(const struct group *job, int first, int last, float *columns, char *a
         doubles of_s = {0}, of_g = {0};
         int top = y - before < 0 ? 0 : y - before;
         int bottom = y - before + side > job->height ? job->height : y - before + side;
-        if (alive_in(job->live, stride, (int)stride, top, bottom, alive))
+        if (alive_in(job->live, (int)stride, top, bottom, alive))
             for (ptrdiff_t x = 0; x < stride; x += LANES) {
                 lanes sum = {0};
                 for (int row = top; alive[x / LANES] && row < bottom; row++)
@@ -63,7 +66,8 @@ void group(const struct group *job, int first, int last, float *columns, char *a
             }
         for (ptrdiff_t x = 0; x < stride; x += LANES) {
             lanes sum = {0};
-            if (job->live && !job->live[(y * stride + x) / LANES]) { /* G is 0 where S is */
+            /* G is 0 where S is. */
+            if (job->live.at && !job->live.at[y * job->live.stride + x / LANES]) {
                 STORE(g_row + x, sum);
                 continue;
             }
@@ -81,30 +85,33 @@ void group(const struct group *job, int first, int last, float *columns, char *a
 
 /* ---- Pooling: oppload_cli/models/pooling.py ---- */
 
+/* A map of `height` rows of `width` values, `stride` apart. */
+struct map { float *values; ptrdiff_t stride; int height, width; struct live live; };
+
 /* Halve a map with the binomial weights 1 4 6 4 1; beyond it are zeros.
  *
  * Sample (0, 0) of the half is centred `margin`, an even number of pixels, above and left
- * of pixel (0, 0). `live` is as in presynaptic.h, or NULL. `line` is made of zeros, and for
- * maps of one size: `width` zeros, the sums of a row with zeros about them, and their even
- * and odd values. */
-void halve(const float *restrict map, ptrdiff_t stride, int height, int width, const char *live,
-           int margin, float *restrict half, int half_height, int half_width, float *restrict line)
+ * of pixel (0, 0). `line` is made of zeros, and for maps of one size: `width` zeros, the
+ * sums of a row with zeros about them, and their even and odd values. */
+void halve(const struct map *map, int margin, const struct map *half, float *restrict line)
 {
+    const int width = map->width, half_width = half->width;
     const float *zeros = line;
     float *restrict sums = line + width + margin + 8, *restrict even = sums + width + margin + 8;
     float *restrict odd = even + half_width + 8;
     char *restrict alive = (char *)(odd + half_width + 8);
-    for (int y = 0; y < half_height; y++) {
-        float *out = half + (ptrdiff_t)y * half_width;
+    for (int y = 0; y < half->height; y++) {
+        float *restrict out = half->values + y * half->stride;
         int first = 2 * y - margin - 2;
-        int top = first < 0 ? 0 : first, bottom = first + 5 > height ? height : first + 5;
-        if (!alive_in(live, stride, width, top, bottom, alive)) {
+        int top = first < 0 ? 0 : first, bottom = first + 5 > map->height ? map->height : first + 5;
+        if (top >= bottom || !alive_in(map->live, width, top, bottom, alive)) {
             memset(out, 0, (size_t)half_width * sizeof(float));
             continue;
         }
         const float *rows[5];
         for (int k = 0; k < 5; k++)
-            rows[k] = first + k < top || first + k >= bottom ? zeros : map + (first + k) * stride;
+            rows[k] = first + k < top || first + k >= bottom
+                          ? zeros : map->values + (first + k) * map->stride;
         int x = 0;
         for (; x + LANES <= width; x += LANES) {
             lanes sum = {0};
@@ -132,18 +139,26 @@ struct line { const float *weights; int reach, first, step, count; };
 /* Weigh a map down and across, once per cell; beyond it are zeros.
  *
  * `row` has `across->reach` zeros, room for `width`, and as many zeros again. */
-void weigh(const float *restrict map, ptrdiff_t stride, int height, int width,
-           const struct line *down, const struct line *across, float *restrict out,
-           ptrdiff_t out_stride, float *restrict row)
+void weigh(const struct map *map, const struct line *down, const struct line *across,
+           float *restrict out, ptrdiff_t out_stride, float *restrict row)
 {
+    const int width = map->width;
     float *inside = row + across->reach;
-    for (int r = 0; r < down->count; r++) {
-        memset(inside, 0, (size_t)width * sizeof(float));
-        for (int k = 0; k <= 2 * down->reach; k++) {
-            int y = down->first + r * down->step - down->reach + k;
-            if (y < 0 || y >= height) continue;
-            const float weight = down->weights[k], *from = map + y * stride;
-            for (int x = 0; x < width; x++) inside[x] += weight * from[x];
+    for (int r = 0; r < down->count; r++, out += out_stride) {
+        int first = down->first + r * down->step - down->reach;
+        int top = first < 0 ? 0 : first, bottom = first + 2 * down->reach + 1;
+        if (bottom > map->height) bottom = map->height;
+        int x = 0;
+        for (; x + LANES <= width; x += LANES) {
+            lanes sum = {0};
+            for (int y = top; y < bottom; y++)
+                sum += down->weights[y - first] * LOAD(map->values + y * map->stride + x);
+            STORE(inside + x, sum);
+        }
+        for (; x < width; x++) {
+            inside[x] = 0;
+            for (int y = top; y < bottom; y++)
+                inside[x] += down->weights[y - first] * map->values[y * map->stride + x];
         }
         for (int c = 0; c < across->count; c++) {
             const float *from = row + across->first + c * across->step;
@@ -154,7 +169,7 @@ void weigh(const float *restrict map, ptrdiff_t stride, int height, int width,
             float sum = 0;
             for (; k < taps; k++) sum += across->weights[k] * from[k];
             for (int n = 0; n < LANES; n++) sum += sums[n];
-            out[r * out_stride + c] = sum;
+            out[c] = sum;
         }
     }
 }
