@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import errno
+import gc
 import importlib
 import os
 import sys
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
 SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it within a fraction of a frame
+GARBAGE_AFTER = 50_000  # objects: what imports make stays, and looking through it takes 30 ms
 COMMANDS = {
     "run": "run both looming detectors on videos",
     "collect": "many results into one table",
@@ -111,6 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # Nothing here multiplies large matrices, and starting threads for it takes a tenth of a second.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.setswitchinterval(SWITCH_S)
+    gc.set_threshold(GARBAGE_AFTER)
     try:
         code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
     except BaseException as error:  # the one place where all errors end

@@ -192,7 +192,11 @@ class DenseFlow:
         change = cv2.absdiff(before, now).astype(np.float32)
         kept = np.hypot(vectors[..., 0], vectors[..., 1]) >= self.params.minimum_speed
         kept &= _cell_means(change, rows, columns) >= 255.0 * self.params.minimum_change
-        return MotionVectors(starts[kept] + corner, vectors[kept])
+        rows_kept = np.flatnonzero(kept)  # several times as fast as a mask
+        starts, vectors = (
+            each.reshape(-1, 2).take(rows_kept, axis=0) for each in (starts, vectors)
+        )
+        return MotionVectors(starts + corner, vectors)
 
 
 def _nothing() -> MotionVectors:
