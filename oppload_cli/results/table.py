@@ -61,7 +61,7 @@ class Table:
         values : mapping of str to float, int or None
             By column; a column without a value is an empty cell.
         """
-        row = ",".join(formatted(values.get(name)) for name in self._columns)
+        row = ",".join(map(formatted, map(values.get, self._columns)))
         self._stream.write(row + "\n")
         now = time.monotonic()
         if now - self._flushed >= FLUSH_EVERY_S:
