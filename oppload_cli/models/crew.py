@@ -72,8 +72,10 @@ class Crew:
         *parts : callable
             Each takes nothing.
         """
-        # One iterator for all: whoever is done takes the next part.
-        left = iter(parts)
+        left = iter(parts)  # for all: whoever is done takes the next part
+        if self._threads == 1 or len(parts) == 1:
+            _work(left)
+            return
         helpers = min(self._threads, len(parts)) - 1
         helped = [_pool(helpers).submit(_work, left) for _ in range(helpers)]
         _work(left)

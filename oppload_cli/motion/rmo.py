@@ -7,7 +7,6 @@ angles between vectors matter, so that the direction of y changes no result.
 
 from __future__ import annotations
 
-import ctypes
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -16,7 +15,7 @@ import numpy as np
 
 from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.motion.vectors import Moving, length, matching, points
-from oppload_cli.native.library import address, compiled, library
+from oppload_cli.native.library import LANES, address, compiled, library
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -213,40 +212,19 @@ def _portable_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> 
     return _Sums(moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, outward_pairs)
 
 
-class _MovingVectors(ctypes.Structure):
-    """``struct moving`` of motion.c."""
-
-    _fields_ = (
-        *((name, ctypes.c_void_p) for name in ("unit_x", "unit_y", "speed", "x", "y")),
-        ("n", ctypes.c_int),
-    )
-
-
 def _compiled_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> _Sums:
-    motion, origin = matching(starts, vectors)
+    motion, origin = (np.ascontiguousarray(each) for each in matching(starts, vectors))
     speeds = length(motion)
-    moves = speeds > 0
-    if not moves.all():
-        motion, origin, speeds = motion[moves], origin[moves], speeds[moves]
-    count = speeds.size
-    rows = np.zeros((5, count + 4))
-    np.divide(motion.T, speeds, out=rows[:2, :count])
-    rows[2, :count] = speeds
-    rows[3:, :count] = origin.T
-    first, step = address(rows), rows.strides[0]
-    job = _MovingVectors(*(first + row * step for row in range(5)), count)
-    sums = np.zeros(5)
+    rows = np.zeros(5 * (speeds.size + LANES))
+    sums = np.empty(6)
     compiled().opponency(
-        ctypes.addressof(job),
-        *(
-            math.tan(math.radians(each))
-            for each in (params.opposite_tolerance, params.outward_tolerance)
-        ),
-        params.sides,
-        address(sums),
+        *(address(motion), address(origin), address(speeds), speeds.size),
+        math.tan(math.radians(params.opposite_tolerance)),
+        math.tan(math.radians(params.outward_tolerance)),
+        *(params.sides, address(rows), address(sums)),
     )
-    opposite, outward, inward, largest, outward_pairs = sums.tolist()
-    return _Sums(count, opposite, outward, inward, largest, int(outward_pairs))
+    count, opposite, outward, inward, largest, outward_pairs = sums.tolist()
+    return _Sums(int(count), opposite, outward, inward, largest, int(outward_pairs))
 
 
 def _joined(

@@ -22,35 +22,48 @@ HELD double total(lanes values)
     return sum;
 }
 
-/* Unit vectors, speeds above 0 and starts of n vectors, each with LANES values to spare. */
-struct moving { const double *unit_x, *unit_y, *speed, *start_x, *start_y; int n; };
-struct opponency { double opposite, outward, inward, largest, outward_pairs; };
+struct opponency { double vectors, opposite, outward, inward, largest, outward_pairs; };
 
-/* Sum RMO over the pairs; the tolerances are given by their tangents. */
-void opponency(const struct moving *m, double opposite_tangent, double outward_tangent,
-               double sides, struct opponency *out)
+/* Sum RMO over the pairs of n vectors (x, y) with their starts and speeds; those of speed 0
+ * are left out. The tolerances are given by their tangents. `rows` has 5 times n + LANES
+ * zeros. */
+void opponency(const double *vectors, const double *starts, const double *speeds, int n,
+               double opposite_tangent, double outward_tangent, double sides, double *rows,
+               struct opponency *out)
 {
+    const int room = n + LANES;
+    double *unit_x = rows, *unit_y = unit_x + room, *speed = unit_y + room;
+    double *start_x = speed + room, *start_y = start_x + room;
+    int count = 0;
+    for (int i = 0; i < n; i++) {
+        unit_x[count] = vectors[2 * i] / speeds[i];
+        unit_y[count] = vectors[2 * i + 1] / speeds[i];
+        speed[count] = speeds[i];
+        start_x[count] = starts[2 * i];
+        start_y[count] = starts[2 * i + 1];
+        count += speeds[i] > 0;
+    }
     lanes opposite = {0}, outward = {0}, inward = {0}, largest = {0};
     long long pairs = 0;
     mask numbers;
     for (int k = 0; k < LANES; k++) numbers[k] = k;
-    for (int i = 0; i < m->n; i++) {
-        lanes x = (lanes){0} + m->unit_x[i], y = (lanes){0} + m->unit_y[i];
-        for (int j = i + 1; j < m->n; j += LANES) {
-            lanes x2 = LOAD(m->unit_x + j), y2 = LOAD(m->unit_y + j);
+    for (int i = 0; i < count; i++) {
+        lanes x = (lanes){0} + unit_x[i], y = (lanes){0} + unit_y[i], own = (lanes){0} + speed[i];
+        for (int j = i + 1; j < count; j += LANES) {
+            lanes x2 = LOAD(unit_x + j), y2 = LOAD(unit_y + j);
             lanes against = -(x * x2 + y * y2), aside = magnitude(x * y2 - y * x2);
-            mask are_opposite = (against * opposite_tangent > aside) & (numbers < m->n - j);
+            mask are_opposite = (against * opposite_tangent > aside) & (numbers < count - j);
             long long any = 0;
             for (int k = 0; k < LANES; k++) any |= are_opposite[k];
             if (!any) continue;
             /* The line that they share, and how the starts lie along and across it. */
             lanes line_x = x - x2, line_y = y - y2;
-            lanes apart_x = m->start_x[i] - LOAD(m->start_x + j);
-            lanes apart_y = m->start_y[i] - LOAD(m->start_y + j);
+            lanes apart_x = start_x[i] - LOAD(start_x + j);
+            lanes apart_y = start_y[i] - LOAD(start_y + j);
             lanes along = (line_x * apart_x + line_y * apart_y) * outward_tangent;
             lanes across = magnitude(line_x * apart_y - line_y * apart_x);
-            lanes speed = (lanes){0} + m->speed[i], speed2 = LOAD(m->speed + j);
-            lanes value = kept(are_opposite, least(speed, speed2) * sides / (speed + speed2));
+            lanes other = LOAD(speed + j);
+            lanes value = kept(are_opposite, least(own, other) * sides / (own + other));
             mask are_outward = are_opposite & (along > across);
             lanes of_outward = kept(are_outward, value);
             opposite += value;
@@ -60,7 +73,8 @@ void opponency(const struct moving *m, double opposite_tangent, double outward_t
             for (int k = 0; k < LANES; k++) pairs -= are_outward[k];
         }
     }
-    *out = (struct opponency){.opposite = total(opposite), .outward = total(outward),
-                              .inward = total(inward), .outward_pairs = (double)pairs};
+    *out = (struct opponency){.vectors = count, .opposite = total(opposite),
+                              .outward = total(outward), .inward = total(inward),
+                              .outward_pairs = (double)pairs};
     for (int k = 0; k < LANES; k++) out->largest = fmax(out->largest, largest[k]);
 }
