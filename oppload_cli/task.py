@@ -141,6 +141,7 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
     if exists_already(task):
         return Outcome(skipped=True)
     started = time.perf_counter()
+    cv2.setNumThreads(1)  # until the size of the frames is known
     opening = begin_opening(
         task.name,
         height=task.settings.height,
@@ -148,6 +149,7 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         image_rate=task.image_rate,
         threads=task.threads,
         colour=task.outputs is not None and task.outputs.annotated is not None,
+        decoding=True,
     )
     import_module("oppload_cli.analysis")  # the models: loaded while the input is being opened
     with opening.result() as video:

@@ -80,6 +80,16 @@ class Video:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
+        return self.begin()
+
+    def begin(self) -> Iterator[Frame]:
+        """Begin to decode, a few frames ahead of the iteration; may be called twice.
+
+        Returns
+        -------
+        iterator of Frame
+            The one and only.
+        """
         if self._prefetch is None:
             # Pictures in colour are large.
             ahead = LEAST_AHEAD if self._colour else frames_ahead(self.facts, self.working)
@@ -153,7 +163,13 @@ def open_video(
         If the working size is too large.
     """
     opening = begin_opening(
-        name, height=height, span=span, image_rate=image_rate, threads=threads, colour=colour
+        name,
+        height=height,
+        span=span,
+        image_rate=image_rate,
+        threads=threads,
+        colour=colour,
+        decoding=False,
     )
     return opening.result()
 
@@ -166,6 +182,7 @@ def begin_opening(
     image_rate: Fraction,
     threads: int,
     colour: bool,
+    decoding: bool,
 ) -> Call[Video]:
     """Begin to open an input, for a caller that has something else to do meanwhile.
 
@@ -173,6 +190,8 @@ def begin_opening(
     ----------
     name, height, span, image_rate, threads, colour
         As for :func:`open_video`.
+    decoding : bool
+        Whether decoding begins as well, before anybody iterates.
 
     Returns
     -------
@@ -182,7 +201,10 @@ def begin_opening(
 
     def open_it() -> Video:
         source = _source(str(name), image_rate, threads)
-        return Video(source, height, span or Span(), colour=colour)
+        video = Video(source, height, span or Span(), colour=colour)
+        if decoding:
+            video.begin()
+        return video
 
     return Call(open_it)
 
