@@ -7,7 +7,6 @@ is the one place that prints it.
 
 from __future__ import annotations
 
-import difflib
 from enum import IntEnum
 from typing import TYPE_CHECKING, ClassVar
 
@@ -104,6 +103,8 @@ def suggestion(word: str, known: Iterable[str]) -> str:
         where nothing is near.
     """
     names = sorted(known)
+    import difflib  # noqa: PLC0415 - seldom needed
+
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     if near:
         return f"; did you mean '{near[0]}'?"

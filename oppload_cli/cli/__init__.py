@@ -11,7 +11,6 @@ import gc
 import importlib
 import os
 import sys
-import traceback
 from contextlib import suppress
 from typing import TYPE_CHECKING, NoReturn
 
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 
 SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it within a fraction of a frame
 GARBAGE_AFTER = 50_000  # objects: what imports make stays, and looking through it takes 30 ms
+WIDEST = 80  # help, in characters
 COMMANDS = {
     "run": "run both looming detectors on videos",
     "collect": "many results into one table",
@@ -115,11 +115,29 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.setswitchinterval(SWITCH_S)
     gc.set_threshold(GARBAGE_AFTER)
     try:
-        code = oppload.main(arguments, prog_name="oppload", standalone_mode=False)
+        code = oppload.main(
+            arguments, prog_name="oppload", standalone_mode=False, terminal_width=help_width()
+        )
     except BaseException as error:  # the one place where all errors end
         interruption.ignore()  # what is left takes no time; a second Ctrl-C shall not garble it
         sys.exit(failure(error))
     sys.exit(code or ExitCode.DONE)
+
+
+def help_width() -> int:
+    """Return how wide the help is, as Click has it but without what Click loads to know.
+
+    Returns
+    -------
+    int
+        Characters, 50 to 78.
+    """
+    columns = 0
+    with suppress(OSError, ValueError, AttributeError):  # no number, no terminal, no stream
+        columns = int(os.environ.get("COLUMNS") or 0)
+    with suppress(OSError, ValueError, AttributeError):
+        columns = columns or os.get_terminal_size(sys.__stdout__.fileno()).columns  # type: ignore[union-attr]
+    return max(min(columns or WIDEST, WIDEST) - 2, 50)
 
 
 def failure(error: BaseException) -> int:
@@ -138,6 +156,8 @@ def failure(error: BaseException) -> int:
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else ExitCode.BUG
     if os.environ.get("OPPLOAD_DEBUG"):
+        import traceback  # noqa: PLC0415 - seldom needed
+
         traceback.print_exception(error)
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
         error = OutputError("the output cannot be written (no space left on device); free some")

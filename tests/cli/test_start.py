@@ -6,9 +6,13 @@ import json
 import subprocess
 import sys
 
+import pytest
+from click.formatting import HelpFormatter
+
+from oppload_cli.cli import help_width
 from tests.cli.process import ENTRY, oppload
 
-HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib")
+HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "shutil", "difflib", "traceback")
 
 
 def test_help_imports_nothing_heavy() -> None:
@@ -60,6 +64,16 @@ def test_info_names_the_versions() -> None:
     assert facts["cores"] >= 1
     assert set(facts["libraries"]) >= {"numpy", "av", "click"}
     assert facts["libraries"]["numpy"] is not None
+
+
+@pytest.mark.parametrize("columns", [None, "0", "20", "61", "200", "no number"])
+def test_the_help_is_as_wide_as_click_would_have_it(
+    monkeypatch: pytest.MonkeyPatch, columns: str | None
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns is not None:
+        monkeypatch.setenv("COLUMNS", columns)
+    assert help_width() == HelpFormatter().width
 
 
 def script(*arguments: str, first: str = "") -> subprocess.CompletedProcess[str]:
