@@ -32,7 +32,7 @@ HANG_S = 30  # no run may outlive a signal by this
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Long enough that no test sees its end."""
     folder = tmp_path_factory.mktemp("film")
-    frames = grey_frames(60, width=96, height=64) * 25
+    frames = grey_frames(60, width=96, height=64) * 75
     return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
 
 
