@@ -2,7 +2,7 @@
 
 What lies dx to the left and right, and dy above and below, is added or subtracted
 first, and multiplied once. Once so much inhibits that every S is 0, the rest is left
-alone: at most pixels of most videos.
+alone, as it is at nearly every pixel of most videos.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oppload_cli.models.change import Change
 from oppload_cli.models.crew import bands_of
 from oppload_cli.models.presynaptic import Layers
 from oppload_cli.models.taps import (
@@ -27,7 +28,7 @@ from oppload_cli.models.taps import (
     with_zeros,
 )
 from oppload_cli.models.whole import WholeSums
-from oppload_cli.native.library import LANES, address, aligned, compiled, rows_of
+from oppload_cli.native.library import LANES, address, aligned, compiled
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,25 +39,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.presynaptic import Live
 
 LAYERS = 5  # of the outputs, from here on: what the models need no more once they have S
-
-
-class _Change(ctypes.Structure):
-    """``struct change`` of presynaptic.c."""
-
-    _fields_ = (
-        ("luma", ctypes.c_void_p),
-        ("stride", ctypes.c_ssize_t),
-        ("before", ctypes.c_void_p),
-        ("kept", ctypes.c_void_p),
-        ("photoreceptors", ctypes.c_void_p),
-        ("photoreceptor_stride", ctypes.c_ssize_t),
-        ("codes", ctypes.c_void_p),
-        ("code_stride", ctypes.c_ssize_t),
-        ("totals", ctypes.c_void_p),
-        ("width", ctypes.c_int),
-        ("levels", ctypes.c_int),
-        ("whole", ctypes.c_int),
-    )
 
 
 class _Job(ctypes.Structure):
@@ -116,7 +98,6 @@ class DirectSums:
         strips = math.lcm(strip, of_whole or 1)
         padded = -(-width // strips) * strips
         stride, self._inside = with_zeros(height, padded, max(reach), width)
-        self._luma: list[Map] = list(aligned((2, height, width)))
         live = np.zeros((height, padded // LANES), np.uint8)
         self.live: Live | None = live
         maps = aligned((OUTPUTS, height, padded))
@@ -158,14 +139,7 @@ class DirectSums:
             for (first, last), scratch in zip(rows, self._scratch, strict=True)
         ]
         self._addresses = [address(each) for each in self._inside]
-        self._totals = np.zeros(height)
-        self._change = _Change(
-            photoreceptor_stride=stride, totals=address(self._totals), width=width
-        )
-        change = ctypes.addressof(self._change)
-        self._changes: list[Callable[[], object]] = [
-            partial(loops.change, change, *band) for band in rows
-        ]
+        self._change = Change(shape, stride, crew)
         self._latest = 0
         self._whole = None
         if of_whole:
@@ -186,28 +160,16 @@ class DirectSums:
 
     def begin(self, luma: Map) -> None:
         """Keep L of the first frame."""
-        np.copyto(self._luma[0], luma)
+        self._change.begin(luma)
 
     def change(self, luma: Map) -> float:
         """Compute P(t) from L(t) and the L that was kept; return its mean."""
-        if luma.strides[1] != luma.itemsize:
-            luma = np.ascontiguousarray(luma)
-        job, whole = self._change, self._whole
-        job.luma, job.stride = rows_of(luma)
-        job.before, job.kept = (address(each) for each in self._luma)
-        job.photoreceptors = self._addresses[(self._latest + 1) % AGES]
-        if whole:
-            job.codes, job.code_stride = whole.following
-        for levels in [*whole.possible(), 0] if whole else [0]:
-            job.levels, job.whole = levels, True
-            self._crew(*self._changes)
-            if job.whole:
-                break
-        return float(self._totals.sum()) / luma.size
+        following = self._addresses[(self._latest + 1) % AGES]
+        return self._change.compute(luma, following, self._whole)
 
     def take(self, *, ready: bool) -> None:
         """Take what `change` has computed; compute the sums too if they are valid."""
-        self._luma.reverse()
+        self._change.take()
         self._latest = (self._latest + 1) % AGES
         if self._whole:
             self._whole.take(self._change.levels)

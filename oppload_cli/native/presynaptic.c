@@ -1,4 +1,4 @@
-/* P and the presynaptic sums: oppload_cli/models/direct.py. */
+/* P and the presynaptic sums: oppload_cli/models/change.py and direct.py. */
 #include <stdint.h>
 
 #include "presynaptic.h"
