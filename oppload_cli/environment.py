@@ -9,7 +9,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from oppload_cli.native.library import arithmetic
 from oppload_cli.version import __version__
 
 LIBRARIES = ("numpy", "opencv-python-headless", "av", "click", "pandas", "matplotlib", "tqdm")
@@ -36,6 +35,8 @@ def environment() -> dict[str, Any]:
         ``oppload``, ``python``, ``platform``, ``cores``, ``arithmetic`` (by what the
         inner loops of the models are computed) and ``libraries``.
     """
+    from oppload_cli.native.library import arithmetic  # noqa: PLC0415 - others only count cores
+
     return {
         "oppload": __version__,
         "python": platform.python_version(),

@@ -11,7 +11,8 @@ from oppload_cli.analysis import analyse
 from oppload_cli.models.opplod import OpplodResponse
 from oppload_cli.stimulus.renderer import frames
 from oppload_cli.video.frames import Frame, InputFacts, Picture
-from oppload_cli.video.working import Luminance, working_size
+from oppload_cli.video.luminance import Luminance
+from oppload_cli.video.working import working_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

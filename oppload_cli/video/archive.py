@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.video.atomic import Writer, remove
+from oppload_cli.video.atomic import remove
+from oppload_cli.video.writing import Writer
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

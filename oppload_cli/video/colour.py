@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from av.video.reformatter import VideoReformatter
 
-from oppload_cli.video.working import TURNS, luminance_table
+from oppload_cli.video.luminance import TURNS, luminance_table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

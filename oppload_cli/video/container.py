@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
-import cv2
 from av.codec.context import Flags
 
 from oppload_cli.environment import cores
@@ -271,7 +270,7 @@ class ContainerSource:
         """Return what a step of decoding gives; where it fails, count that and go on."""
         try:
             return decode()
-        except (av.error.FFmpegError, ValueError, cv2.error) as error:
+        except (av.error.FFmpegError, ValueError) as error:
             self.decode.failed(_reason(error))
             return None
 

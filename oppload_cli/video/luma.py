@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 if TYPE_CHECKING:
@@ -16,12 +15,7 @@ LIMITED, FULL = 1, 2  # AVCOL_RANGE_MPEG, AVCOL_RANGE_JPEG
 LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
 WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
 PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
-PACKED_RGB = {
-    "bgr24": cv2.COLOR_BGR2GRAY,
-    "rgb24": cv2.COLOR_RGB2GRAY,
-    "bgra": cv2.COLOR_BGRA2GRAY,
-    "rgba": cv2.COLOR_RGBA2GRAY,
-}
+PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
 
 
 def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
@@ -47,11 +41,11 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
     """
     name = frame.format.name
     if name in PACKED_RGB:
-        return cv2.cvtColor(frame.to_ndarray(), PACKED_RGB[name]), 8
+        return _grey(frame.to_ndarray(), PACKED_RGB[name]), 8
     if name in PACKED_YUV:
         frame, name = frame.reformat(format="yuv422p"), "yuv422p"
     if not name.startswith(WITH_LUMA_PLANE) or name.startswith("grayf"):
-        return cv2.cvtColor(frame.to_ndarray(format="bgr24"), cv2.COLOR_BGR2GRAY), 8
+        return _grey(frame.to_ndarray(format="bgr24"), "BGR"), 8
     # P010 and its kin hold their bits at the top of 16.
     bits = 16 if name.startswith("p") else frame.format.components[0].bits
     return _view(frame, bits, big_endian=name.endswith("be")), bits
@@ -77,6 +71,15 @@ def is_full_range(frame: VideoFrame, codec: str) -> bool:
     if name.startswith("gray") and frame.color_range != LIMITED:
         return frame.color_range == FULL or codec not in LIMITED_GREY
     return bool(frame.color_range == FULL)
+
+
+def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:
+    import cv2  # noqa: PLC0415 - most videos have a luma plane
+
+    try:
+        return np.asarray(cv2.cvtColor(colour, getattr(cv2, f"COLOR_{order}2GRAY")), np.uint8)
+    except cv2.error as error:
+        raise ValueError(str(error)) from error
 
 
 def _view(frame: VideoFrame, bits: int, *, big_endian: bool) -> NDArray[Any]:

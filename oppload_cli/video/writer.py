@@ -15,8 +15,9 @@ import numpy as np
 
 from oppload_cli.errors import OutputError, suggestion
 from oppload_cli.video.archive import NpzWriter, PngWriter
-from oppload_cli.video.atomic import Writer, remove
+from oppload_cli.video.atomic import remove
 from oppload_cli.video.sink import Sink
+from oppload_cli.video.writing import Writer
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,12 +12,13 @@ import pytest
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.video.frames import InputFacts, Picture
 from oppload_cli.video.inputs import result_stems, single_inputs
+from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.parameters import RepeatParams
 from oppload_cli.video.prefetch import Prefetch
 from oppload_cli.video.repeats import Repeats
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span, parse_position
-from oppload_cli.video.working import Luminance, WorkingSize, luminance_table, working_size
+from oppload_cli.video.working import WorkingSize, working_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,0 +1,84 @@
+"""From a decoded picture to luminance at the working size."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from oppload_cli.video.working import Resizing
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.video.frames import Picture
+    from oppload_cli.video.working import WorkingSize
+
+TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
+
+
+class Luminance:
+    """Brings pictures to luminance at the working size.
+
+    The plane is resized as it is coded (area averaging), then turned, then its
+    range is expanded, so that most work is done on few pixels of 8 bits.
+
+    Parameters
+    ----------
+    size : WorkingSize
+        The target.
+    rotation : int
+        Counter-clockwise turn to apply, in degrees.
+    """
+
+    def __init__(self, size: WorkingSize, rotation: int) -> None:
+        self._turn = TURNS.get(rotation)
+        self._resizing = Resizing(size, rotation)
+
+    def __call__(self, picture: Picture) -> NDArray[np.float32]:
+        """Return the luminance of a picture.
+
+        Parameters
+        ----------
+        picture : Picture
+            A decoded picture of any size.
+
+        Returns
+        -------
+        ndarray of float32, shape (height, width)
+            0 to 1: ``(Y - 16) / 219`` of a limited range, ``Y / 255`` of a full one.
+        """
+        plane = self._resizing(picture.plane)
+        if self._turn is not None:
+            plane = np.asarray(cv2.rotate(plane, self._turn), plane.dtype)
+        table = luminance_table(picture.bits, picture.full_range)
+        luminance = cv2.LUT(plane, table) if plane.dtype == np.uint8 else table[plane]
+        return np.asarray(luminance, np.float32)
+
+
+@lru_cache(maxsize=16)
+def luminance_table(bits: int, full_range: bool) -> NDArray[np.float32]:
+    """Return the luminance of every code value.
+
+    Parameters
+    ----------
+    bits : int
+        Bits of a sample, 8 to 16.
+    full_range : bool
+        Whether codes run from 0 to ``2^bits - 1``, or black is 16 and white 235
+        (of 8 bits; scaled for more). Codes outside are clipped.
+
+    Returns
+    -------
+    ndarray of float32, shape (256,) or (65536,)
+        0 to 1.
+    """
+    codes = np.arange(256 if bits == 8 else 65536, dtype=np.float64)
+    if full_range:
+        luminance = codes / (2**bits - 1)
+    else:
+        step = 2 ** (bits - 8)
+        luminance = (codes - 16 * step) / (219 * step)
+    return np.asarray(np.clip(luminance, 0, 1), np.float32)
