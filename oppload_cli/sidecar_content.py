@@ -69,7 +69,11 @@ def sidecar_content(task: Task, video: Video, outcome: Outcome, repeats: int) ->
             "complete": decode.complete,
             "messages": decode.messages,
         },
-        "threads": {"decoder": decode.threads, "models": cv2.getNumThreads()},
+        "threads": {
+            "decoder": decode.threads,
+            "decoder_apart": decode.apart,
+            "models": cv2.getNumThreads(),
+        },
         "stimulus": _ground_truth(Path(task.name)),
         "wall_s": round(outcome.wall_s, 3),
         "frames_per_s": round(outcome.frames / outcome.wall_s, 1) if outcome.wall_s else None,

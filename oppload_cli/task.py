@@ -9,17 +9,13 @@ from fractions import Fraction
 from importlib import import_module
 from typing import IO, TYPE_CHECKING, Any, Protocol
 
-import cv2
-
 from oppload_cli.environment import cores
 from oppload_cli.errors import OpploadError, OutputError
-from oppload_cli.models.crew import is_large
 from oppload_cli.outputs import IfExists
 from oppload_cli.results.columns import columns_for
 from oppload_cli.results.summary import ModelSummary
 from oppload_cli.results.table import Table, cannot_write
-from oppload_cli.sidecar_content import sidecar_content
-from oppload_cli.video.source import begin_opening
+from oppload_cli.video.opening import begin_opening
 from oppload_cli.video.span import Span
 from oppload_cli.writing import Writing, begun
 
@@ -30,6 +26,7 @@ if TYPE_CHECKING:
     from oppload_cli.outputs import Outputs
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.settings import Settings
+    from oppload_cli.video.apart import DecodingProcess
     from oppload_cli.video.frames import FrameSource
     from oppload_cli.video.source import Video
 
@@ -115,7 +112,9 @@ class Interrupted(KeyboardInterrupt):
     """The user stopped a task; the message says what is left of it."""
 
 
-def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
+def run_task(
+    task: Task, watcher: Watcher | None = None, apart: DecodingProcess | None = None
+) -> Outcome:
     """Analyse one input and write its results.
 
     Parameters
@@ -124,6 +123,9 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         What to do.
     watcher : Watcher, optional
         Told of each frame.
+    apart : DecodingProcess, optional
+        Decodes a video file beside this process, and is closed at the end; without it,
+        and for other inputs, a thread does.
 
     Returns
     -------
@@ -141,7 +143,6 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
     if exists_already(task):
         return Outcome(skipped=True)
     started = time.perf_counter()
-    cv2.setNumThreads(1)  # until the size of the frames is known
     opening = begin_opening(
         task.name,
         height=task.settings.height,
@@ -149,9 +150,16 @@ def run_task(task: Task, watcher: Watcher | None = None) -> Outcome:
         image_rate=task.image_rate,
         threads=task.threads,
         colour=task.outputs is not None and task.outputs.annotated is not None,
-        decoding=True,
+        apart=apart,
     )
-    import_module("oppload_cli.analysis")  # the models: loaded while the input is being opened
+    import cv2  # noqa: PLC0415 - this and the models: loaded while the input is being opened
+
+    from oppload_cli.models.crew import is_large  # noqa: PLC0415
+    from oppload_cli.native.memory import keep_freed  # noqa: PLC0415
+
+    keep_freed()
+    cv2.setNumThreads(1)  # until the size of the frames is known
+    import_module("oppload_cli.analysis")
     with opening.result() as video:
         # On small frames OpenCV's threads wait for each other longer than they work.
         cv2.setNumThreads((task.threads or cores()) if is_large(video.working.shape) else 1)
@@ -295,4 +303,6 @@ class _Run:
 
     def sidecar(self, wall_s: float) -> dict[str, Any]:
         """Return the content of the sidecar."""
+        from oppload_cli.sidecar_content import sidecar_content  # noqa: PLC0415 - see run_task
+
         return sidecar_content(self._task, self.video, self.outcome(wall_s), self._repeats)

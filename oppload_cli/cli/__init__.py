@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it within a fraction of a frame
 GARBAGE_AFTER = 50_000  # objects: what imports make stays, and looking through it takes 30 ms
+HELP = ("-h", "--help")
 WIDEST = 80  # help, in characters
 COMMANDS = {
     "run": "run both looming detectors on videos",
@@ -62,6 +63,13 @@ class LazyGroup(click.Group):
         """Find the command, suggesting the nearest one for a misspelt name."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             raise click.UsageError(f"no command '{args[0]}'{suggestion(args[0], COMMANDS)}", ctx)
+        if args[0] == "run" and not set(HELP).intersection(args):
+            from oppload_cli.video.apart import DecodingProcess  # noqa: PLC0415 - one command's
+
+            # Before all else: meanwhile it loads its libraries.
+            ctx.obj = DecodingProcess.if_possible()
+            if ctx.obj is not None:
+                ctx.call_on_close(ctx.obj.close)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
@@ -70,7 +78,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, context_settings={"help_option_names": [*HELP]})
 @click.version_option(__version__, prog_name="oppload")
 def oppload() -> None:
     r"""Run insect-inspired looming detectors on video: OppLoD and D-LGMD.

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from oppload_cli.batch.plan import Plan
     from oppload_cli.cli.selection import Selection
     from oppload_cli.task import Task
+    from oppload_cli.video.apart import DecodingProcess
 
 STANDARD_OUTPUT = "-"
 
@@ -60,7 +61,9 @@ STANDARD_OUTPUT = "-"
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 @click.option("-v", "--verbose", is_flag=True, help="Print the sizes that the models see.")
+@click.pass_obj
 def run(  # noqa: PLR0917 - click passes them by name
+    apart: DecodingProcess | None,
     inputs: tuple[str, ...],
     selection: Selection,
     output: str,
@@ -108,7 +111,7 @@ def run(  # noqa: PLR0917 - click passes them by name
     task = Task("", settings, None, span, rate, existing, command)
     if output == STANDARD_OUTPUT:
         name = _only(inputs, selection, annotate=annotate)
-        return _run_one(replace(task, name=name), verbosity, fail_on)
+        return _run_one(replace(task, name=name), verbosity, fail_on, apart)
     folder, plan = Path(output), plan_of(inputs, selection)
     tasks = _tasks(plan, folder, task, annotate=annotate)
     if selection.dry_run:
@@ -118,11 +121,13 @@ def run(  # noqa: PLR0917 - click passes them by name
         raise SourceError(plan.failures[0].message)
     _make(folder)
     if alone:
-        return _run_one(next(tasks), verbosity, fail_on)
+        return _run_one(next(tasks), verbosity, fail_on, apart)
+    if apart is not None:
+        apart.close()  # each process of a batch decodes for itself
     return Batch(plan, selection, folder, verbosity, fail_on).run(tasks)
 
 
-def _run_one(task: Task, verbosity: int, fail_on: str | None) -> int:
+def _run_one(task: Task, verbosity: int, fail_on: str | None, apart: DecodingProcess | None) -> int:
     """Run one input, showing its frames."""
     from oppload_cli.batch.report import Tally  # noqa: PLC0415
     from oppload_cli.cli.progress import Progress  # noqa: PLC0415
@@ -130,7 +135,7 @@ def _run_one(task: Task, verbosity: int, fail_on: str | None) -> int:
 
     progress = Progress(printable(task.name), verbosity, whole=task.span.open_ended)
     try:
-        outcome = run_task(task, progress)
+        outcome = run_task(task, progress, apart)
     finally:
         progress.close()
     if verbosity >= 0:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from oppload_cli import interruption
 from oppload_cli.interruption import undisturbed
+from oppload_cli.processes.endings import ending
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator
@@ -195,7 +196,7 @@ class _Crew:
             self._dismiss(connection)
             process.join(STOP_WITHIN_S)
             self._processes.remove(process)
-            yield Event(Kind.DIED, item, _ending(process.exitcode))
+            yield Event(Kind.DIED, item, ending(process.exitcode))
             yield from self._hire()
             return
         yield Event(kind, item, content)
@@ -229,11 +230,3 @@ def _serve(connection: Connection, function: Callable[[Any, Tell], object], thre
                 answer = Kind.RAISED, error
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
             connection.send(answer)
-
-
-def _ending(code: int | None) -> str:
-    if code is None or code >= 0:
-        return f"exit code {code}"
-    with suppress(ValueError):
-        return signal.Signals(-code).name
-    return f"signal {-code}"

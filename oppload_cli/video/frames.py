@@ -150,6 +150,8 @@ class DecodeFacts:
         The first few reasons.
     threads : int
         Of the decoder.
+    apart : bool
+        Whether a process of its own decoded.
     """
 
     decoded: int = 0
@@ -158,6 +160,7 @@ class DecodeFacts:
     missing: int = 0
     messages: list[str] = field(default_factory=list)
     threads: int = 1
+    apart: bool = False
 
     @property
     def complete(self) -> bool:

@@ -8,19 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from oppload_cli.errors import SourceError
-from oppload_cli.video.colour import Colour
-from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import Frame
 from oppload_cli.video.images import NUMBER, ImageSource
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
+from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.prefetch import LEAST_AHEAD, Call, Prefetch, frames_ahead
 from oppload_cli.video.span import Span
-from oppload_cli.video.working import Luminance, working_size
+from oppload_cli.video.working import working_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import TracebackType
 
+    from oppload_cli.video.colour import Colour
     from oppload_cli.video.frames import DecodeFacts, InputFacts, PictureSource
 
 DEFAULT_HEIGHT = 240
@@ -42,21 +42,35 @@ class Video:
         The part of the input to yield.
     colour : bool
         Whether the frames carry their picture in colour.
+    ahead : bool
+        Whether a thread asks for pictures ahead of the caller.
     """
 
     def __init__(
-        self, source: PictureSource, height: int | None, span: Span, *, colour: bool = False
+        self,
+        source: PictureSource,
+        height: int | None,
+        span: Span,
+        *,
+        colour: bool = False,
+        ahead: bool = True,
     ) -> None:
         self._source = source
         self._span = span
+        self._ahead = ahead
         self._prefetch: Prefetch[Frame] | None = None
+        self._iterator: Iterator[Frame] | None = None
         try:
             self.working = working_size(source.facts, height)
         except BaseException:
             source.close()
             raise
         self._luminance = Luminance(self.working, source.facts.rotation)
-        self._colour = Colour(source.facts) if colour else None
+        self._colour: Colour | None = None
+        if colour:
+            from oppload_cli.video.colour import Colour  # noqa: PLC0415 - only where needed
+
+            self._colour = Colour(source.facts)
 
     @property
     def facts(self) -> InputFacts:
@@ -83,18 +97,20 @@ class Video:
         return self.begin()
 
     def begin(self) -> Iterator[Frame]:
-        """Begin to decode, a few frames ahead of the iteration; may be called twice.
+        """Begin to decode, where it can be ahead of the iteration; may be called twice.
 
         Returns
         -------
         iterator of Frame
             The one and only.
         """
-        if self._prefetch is None:
-            # Pictures in colour are large.
-            ahead = LEAST_AHEAD if self._colour else frames_ahead(self.facts, self.working)
-            self._prefetch = Prefetch(self._frames(), ahead)
-        return self._prefetch
+        if self._iterator is None:
+            self._iterator = self._frames()
+            if self._ahead:
+                # Pictures in colour are large.
+                ahead = LEAST_AHEAD if self._colour else frames_ahead(self.facts, self.working)
+                self._iterator = self._prefetch = Prefetch(self._iterator, ahead)
+        return self._iterator
 
     def close(self) -> None:
         """Stop decoding, join its thread and close the input; may be called twice."""
@@ -104,23 +120,9 @@ class Video:
             self._source.close()
 
     def _frames(self) -> Iterator[Frame]:
-        """Yield the span's frames. There is no seeking: what comes before is decoded."""
-        started, end = self._span.start is None, self._span.end
-        for picture in self._source.pictures():
-            if self._source.stopping:
-                return
-            place = (picture.index, picture.time_s)
-            if not started:
-                if self._span.start is not None and not self._span.start.reached(*place):
-                    continue
-                started = True
-            if end is None and self._span.duration is not None:
-                end = self._span.duration.after(*place)
-            if end is not None and end.reached(*place):
-                return
+        for picture in self._span.within(self._source):
             colour = self._colour(picture) if self._colour else None
-            yield Frame(*place, self._luminance(picture), colour)
-        self._source.finish()
+            yield Frame(picture.index, picture.time_s, self._luminance(picture), colour)
 
 
 def open_video(
@@ -162,54 +164,28 @@ def open_video(
     ParameterError
         If the working size is too large.
     """
-    opening = begin_opening(
-        name,
-        height=height,
-        span=span,
-        image_rate=image_rate,
-        threads=threads,
-        colour=colour,
-        decoding=False,
-    )
-    return opening.result()
+    # In a thread: what blocks in a library would not answer Ctrl-C.
+    source = Call(lambda: source_of(str(name), image_rate, threads)).result()
+    return Video(source, height, span or Span(), colour=colour)
 
 
-def begin_opening(
-    name: str | Path,
-    *,
-    height: int | None,
-    span: Span | None,
-    image_rate: Fraction,
-    threads: int,
-    colour: bool,
-    decoding: bool,
-) -> Call[Video]:
-    """Begin to open an input, for a caller that has something else to do meanwhile.
+def source_of(name: str, image_rate: Fraction, threads: int) -> PictureSource:
+    """Return the source of an input's pictures.
 
     Parameters
     ----------
-    name, height, span, image_rate, threads, colour
+    name, image_rate, threads
         As for :func:`open_video`.
-    decoding : bool
-        Whether decoding begins as well, before anybody iterates.
 
     Returns
     -------
-    Call
-        Its result is the video, or an error of :func:`open_video`.
+    PictureSource
+
+    Raises
+    ------
+    SourceError
+        If nothing can be read from it.
     """
-
-    def open_it() -> Video:
-        source = _source(str(name), image_rate, threads)
-        video = Video(source, height, span or Span(), colour=colour)
-        if decoding:
-            video.begin()
-        return video
-
-    return Call(open_it)
-
-
-def _source(name: str, image_rate: Fraction, threads: int) -> PictureSource:
     if name.startswith("camera:"):
         from oppload_cli.video.camera import CameraSource  # noqa: PLC0415 - only where needed
 
@@ -223,4 +199,6 @@ def _source(name: str, image_rate: Fraction, threads: int) -> PictureSource:
                 f"{name}: a single image shows no motion; give its folder, or a pattern such as "
                 f"frame_%03d{path.suffix}"
             )
+    from oppload_cli.video.container import ContainerSource  # noqa: PLC0415
+
     return ContainerSource(name, threads)

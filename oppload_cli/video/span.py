@@ -5,8 +5,14 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from oppload_cli.video.frames import Picture, PictureSource
 
 CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:\.\d+)?)")
 
@@ -75,6 +81,34 @@ class Span:
     def open_ended(self) -> bool:
         """Whether the input is read to its own end."""
         return self.end is None and self.duration is None
+
+    def within(self, source: PictureSource) -> Iterator[Picture]:
+        """Yield the pictures in this part. There is no seeking: what comes before is decoded.
+
+        Parameters
+        ----------
+        source : PictureSource
+            Told to finish if this part goes to its own end.
+
+        Yields
+        ------
+        Picture
+        """
+        started, end = self.start is None, self.end
+        for picture in source.pictures():
+            if source.stopping:
+                return
+            place = (picture.index, picture.time_s)
+            if not started:
+                if self.start is not None and not self.start.reached(*place):
+                    continue
+                started = True
+            if end is None and self.duration is not None:
+                end = self.duration.after(*place)
+            if end is not None and end.reached(*place):
+                return
+            yield picture
+        source.finish()
 
 
 def parse_position(text: str) -> Position:

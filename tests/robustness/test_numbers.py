@@ -20,9 +20,10 @@ from oppload_cli.outputs import Outputs
 from oppload_cli.settings import resolve
 from oppload_cli.task import Task, run_task
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
+from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span, parse_position
-from oppload_cli.video.working import Luminance, luminance_table, working_size
+from oppload_cli.video.working import working_size
 from tests.cli.process import oppload
 from tests.media import grey_frames, looming, write_video
 
@@ -188,7 +189,7 @@ def long_run(
 ) -> Meter:
     if not Path("/proc/self/statm").exists():
         pytest.skip("NOT MEASURED: no /proc here")
-    monkeypatch.setattr("oppload_cli.video.source._source", lambda name, *_: Endless(name, count))
+    monkeypatch.setattr("oppload_cli.video.source.source_of", lambda name, *_: Endless(name, count))
     meter = Meter(500)
     task = Task("endless", settings, Outputs(folder / "a.csv", folder / "a.json"))
     outcome = run_task(task, meter)
@@ -230,7 +231,9 @@ def test_closing_on_the_long_way_to_the_start_joins_the_thread(
 ) -> None:
     import threading
 
-    monkeypatch.setattr("oppload_cli.video.source._source", lambda name, *_: Endless(name, 10**12))
+    monkeypatch.setattr(
+        "oppload_cli.video.source.source_of", lambda name, *_: Endless(name, 10**12)
+    )
     before = threading.active_count()
     with open_video("endless", span=Span(start=parse_position("f1000000000"))) as video:
         iter(video)
