@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-import atexit
 import errno
-import gc
 import importlib
 import os
 import sys
@@ -23,9 +21,8 @@ from oppload_cli.version import __version__
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-SWITCH_S = 0.0005  # a thread that waits for Python's lock gets it within a fraction of a frame
-GARBAGE_AFTER = 50_000  # objects: what imports make stays, and looking through it takes 30 ms
-HELP = ("-h", "--help")
+    from oppload_cli.video.apart import DecodingProcess
+
 WIDEST = 80  # help, in characters
 COMMANDS = {
     "run": "run both looming detectors on videos",
@@ -63,13 +60,6 @@ class LazyGroup(click.Group):
         """Find the command, suggesting the nearest one for a misspelt name."""
         if args and args[0] not in COMMANDS and not args[0].startswith("-"):
             raise click.UsageError(f"no command '{args[0]}'{suggestion(args[0], COMMANDS)}", ctx)
-        if args[0] == "run" and not set(HELP).intersection(args):
-            from oppload_cli.video.apart import DecodingProcess  # noqa: PLC0415 - one command's
-
-            # Before all else: meanwhile it loads its libraries.
-            ctx.obj = DecodingProcess.if_possible()
-            if ctx.obj is not None:
-                ctx.call_on_close(ctx.obj.close)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
@@ -78,7 +68,7 @@ class LazyGroup(click.Group):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": [*HELP]})
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="oppload")
 def oppload() -> None:
     r"""Run insect-inspired looming detectors on video: OppLoD and D-LGMD.
@@ -90,41 +80,24 @@ def oppload() -> None:
     """
 
 
-def entry() -> NoReturn:
-    """Be the process ``oppload``: run the command line, then leave at once.
-
-    Taking the interpreter apart costs a twentieth of a second, and threads of libraries
-    may still be at work meanwhile.
-    """
-    try:
-        main()
-    except SystemExit as ended:
-        interruption.ignore()
-        atexit._run_exitfuncs()
-        try:
-            sys.stdout.flush()
-            sys.stderr.flush()
-        except (OSError, ValueError, AttributeError):
-            raise ended from None  # Python says in its own way what cannot be written
-        os._exit(ended.code if isinstance(ended.code, int) else ExitCode.BUG)
-
-
-def main(arguments: Sequence[str] | None = None) -> NoReturn:
+def main(arguments: Sequence[str] | None = None, apart: DecodingProcess | None = None) -> NoReturn:
     """Run the command line and exit.
 
     Parameters
     ----------
     arguments : sequence of str, optional
         Instead of those of the process.
+    apart : DecodingProcess, optional
+        Stands by for ``oppload run``.
     """
     interruption.answer()
-    # Nothing here multiplies large matrices, and starting threads for it takes a tenth of a second.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    sys.setswitchinterval(SWITCH_S)
-    gc.set_threshold(GARBAGE_AFTER)
     try:
         code = oppload.main(
-            arguments, prog_name="oppload", standalone_mode=False, terminal_width=help_width()
+            arguments,
+            prog_name="oppload",
+            standalone_mode=False,
+            terminal_width=help_width(),
+            obj=apart,
         )
     except BaseException as error:  # the one place where all errors end
         interruption.ignore()  # what is left takes no time; a second Ctrl-C shall not garble it
