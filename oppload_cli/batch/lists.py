@@ -70,6 +70,8 @@ def read_list(source: str, *, null: bool = False) -> list[Listed]:
 
 def _content(source: str) -> bytes:
     if source == STANDARD_INPUT:
+        if sys.stdin is None:  # as Python has it after "oppload ... <&-"
+            raise ParameterError("--files-from -: standard input is closed; pipe a list into it")
         return sys.stdin.buffer.read()
     try:
         return Path(source).read_bytes()

@@ -181,6 +181,17 @@ def say(line: str) -> None:
         click.echo(printable(line), err=True)
 
 
+def on_terminal() -> bool:
+    """Tell whether standard error is a terminal, which can show progress.
+
+    Returns
+    -------
+    bool
+        False also where it is closed.
+    """
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
     while error is not None:
         yield error

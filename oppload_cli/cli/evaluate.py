@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import say
+from oppload_cli.cli import on_terminal, say
 from oppload_cli.errors import ExitCode, OutputError
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def _evaluated(
     remove(part_of(output / "report.json"))
     for fault in manifest.faults:
         say(f"oppload: {fault}")
-    hidden = quiet or not sys.stderr.isatty()
+    hidden = quiet or not on_terminal()
     total = len(manifest.entries)
     with tqdm(total=total, unit="clip", disable=hidden, file=sys.stderr) as bar:
         found = evaluate(manifest, chosen, jobs=jobs or cores(), draws=draws, progress=bar.update)

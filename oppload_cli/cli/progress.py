@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os.path
-import sys
 import time
 from typing import TYPE_CHECKING, Never
 
 import click
 
-from oppload_cli.cli import say
+from oppload_cli.cli import on_terminal, say
 from oppload_cli.errors import printable
 from oppload_cli.interruption import stop_if_asked
 
@@ -55,7 +54,7 @@ class Progress:
         """
         if self._verbosity >= 1:
             click.echo(described(video), err=True)
-        if self._verbosity >= 0 and sys.stderr.isatty():
+        if self._verbosity >= 0 and on_terminal():
             from tqdm import tqdm  # noqa: PLC0415 - only where a bar is shown
 
             total = video.facts.frames_declared if self._whole else None
@@ -103,7 +102,7 @@ class BatchProgress:
         self._started = time.monotonic()
         self._next_line = self._started + LINE_EVERY_S
         self._bar: tqdm[Never] | None = None
-        if verbosity >= 0 and sys.stderr.isatty():
+        if verbosity >= 0 and on_terminal():
             from tqdm import tqdm  # noqa: PLC0415 - only where a bar is shown
 
             self._bar = tqdm(total=total, unit="input", leave=False, dynamic_ncols=True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from oppload_cli.cli import on_terminal
 from oppload_cli.errors import OutputError
 
 
@@ -72,7 +73,7 @@ def _make(names: list[str], output: Path, *, jobs: int | None, quiet: bool) -> N
     # A folder that cannot be written shall be known before two minutes of work.
     write_atomic(part_of(output / "report.json"), [])
     remove(part_of(output / "report.json"))
-    hidden = quiet or not sys.stderr.isatty()
+    hidden = quiet or not on_terminal()
     with tqdm(total=len(names), unit="figure", disable=hidden, file=sys.stderr) as bar:
         figures = build(names, jobs=jobs or cores(), progress=bar.update)
     report = report_of(figures, time.perf_counter() - started)

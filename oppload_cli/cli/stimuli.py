@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from oppload_cli.cli import on_terminal
 from oppload_cli.errors import ExitCode, OpploadError, OutputError
 
 if TYPE_CHECKING:
@@ -214,7 +215,7 @@ def _written(
     from oppload_cli.stimulus.batch import default_jobs, write_all  # noqa: PLC0415
 
     total = sum(protocol.frame_count for protocol in protocols)
-    hidden = quiet or not sys.stderr.isatty()
+    hidden = quiet or not on_terminal()
     with tqdm(total=total, unit=" frames", disable=hidden, file=sys.stderr) as bar:
 
         def advance(frames: int) -> None:

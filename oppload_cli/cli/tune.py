@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from oppload_cli.cli import on_terminal
 from oppload_cli.cli.options import settings_options
 from oppload_cli.errors import OutputError
 
@@ -117,7 +118,7 @@ def _run(
     from oppload_cli.tuning.run import is_symmetric, tune  # noqa: PLC0415
     from oppload_cli.tuning.table import write_tuning, write_tuning_sidecar  # noqa: PLC0415
 
-    hidden = quiet or not sys.stderr.isatty()
+    hidden = quiet or not on_terminal()
     count = len(entry.values())
     with tqdm(total=count, unit="condition", disable=hidden, file=sys.stderr) as bar:
         conditions = tune(entry, settings, jobs=jobs or cores(), progress=bar.update)

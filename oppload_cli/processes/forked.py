@@ -28,8 +28,11 @@ def can_fork() -> bool:
     Returns
     -------
     bool
-        Only on Linux, which counts the threads of libraries too.
+        Only on Linux, which counts the threads of libraries too. False also where a
+        standard stream is closed: a pipe gets its number, and what libraries print.
     """
+    if None in (sys.stdin, sys.stdout, sys.stderr):
+        return False
     try:
         return sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1  # noqa: PTH208
     except OSError:

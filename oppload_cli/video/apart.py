@@ -94,7 +94,7 @@ class DecodingProcess:
             None where there is one core, or where this process cannot be copied.
         """
         if cores() > 1 and can_fork():
-            with suppress(OSError):
+            with suppress(OSError, AttributeError):  # not every C library has such memory
                 return cls()
         return None
 

@@ -84,6 +84,34 @@ def test_a_disk_that_is_full(clip: Path, command: tuple[str, ...]) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX shell")
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ('run "$CLIP" -o "$FOLDER"', 0),
+        ('run "$CLIP" "$CLIP" -o "$FOLDER"', 0),
+        ('run "$CLIP" -o -', 2),
+        ("run missing.mp4", 3),
+        ("run --files-from -", 2),
+        ('tune klapoetke2017/bar-expand-10 --over speed=40 -o "$FOLDER"', 0),
+        ('stimuli generate controls/appearing-disk -o "$FOLDER"', 0),
+    ],
+)
+def test_closed_standard_streams_are_no_bug(
+    clip: Path, tmp_path: Path, words: str, code: int
+) -> None:
+    import subprocess
+
+    done = subprocess.run(  # noqa: S602 - a shell closes streams
+        f'"{sys.executable}" -m oppload_cli {words} <&- >&- 2>&-',
+        shell=True,
+        env={**os.environ, "CLIP": str(clip), "FOLDER": str(tmp_path)},
+        check=False,
+        timeout=60,
+    )
+    assert done.returncode == code
+
+
 def test_debugging_shows_the_traceback() -> None:
     done = oppload("run", "missing.mp4", OPPLOAD_DEBUG="1")
     assert done.returncode == 3
