@@ -200,8 +200,11 @@ class ContainerSource:
         codec = self._stream.codec_context
         quick = self._codec in QUICK_CODECS and codec.width * codec.height <= QUICK_PIXELS
         # On two cores flow and models leave none idle, and threads that wait for each
-        # other cost an eighth of a run.
-        return 1 if quick and cores() <= FEW_CORES else 0
+        # other cost an eighth of a run. Where one does not do, those that have to wait
+        # for a core are evened out by one more than the decoder would choose.
+        if quick and cores() <= FEW_CORES:
+            return 1
+        return 4 if cores() == FEW_CORES else 0
 
     def _steadily(self) -> Iterator[Shown]:
         """Yield the frames so that damage has the same effect at every run.

@@ -164,19 +164,20 @@ def test_a_truncated_file_is_incomplete(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("codec", "size", "cores", "threads", "few"),
+    ("codec", "size", "cores", "threads", "expected"),
     [
-        ("libx264", (48, 64), 2, 0, True),
-        ("mpeg4", (48, 64), 1, 0, True),
-        ("libx264", (48, 64), 8, 0, False),  # more threads bring something there
-        ("libx264", (1088, 1024), 2, 0, False),  # too large
-        ("libvpx-vp9", (48, 64), 2, 0, False),  # too slow
-        ("libx264", (48, 64), 2, 3, False),  # the caller has chosen
+        ("libx264", (48, 64), 2, 0, 1),
+        ("mpeg4", (48, 64), 1, 0, 1),
+        ("libx264", (48, 64), 8, 0, 0),  # more threads bring something there
+        ("libx264", (1088, 1024), 2, 0, 4),  # too large
+        ("libvpx-vp9", (48, 64), 2, 0, 4),  # too slow
+        ("libvpx-vp9", (48, 64), 1, 0, 0),
+        ("libx264", (48, 64), 2, 3, 3),  # the caller has chosen
     ],
 )
-def test_small_quick_files_get_one_decoder_thread_on_two_cores(  # noqa: PLR0917
+def test_decoder_threads_follow_the_codec_the_size_and_the_cores(  # noqa: PLR0917
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    codec: str, size: tuple[int, int], cores: int, threads: int, few: bool,
+    codec: str, size: tuple[int, int], cores: int, threads: int, expected: int,
 ) -> None:  # fmt: skip
     monkeypatch.setattr(container, "cores", lambda: cores)
     frames = [np.zeros(size, np.uint8)] * 3
@@ -184,7 +185,7 @@ def test_small_quick_files_get_one_decoder_thread_on_two_cores(  # noqa: PLR0917
     source = ContainerSource(str(path), threads)
     asked = source._threads or source._decoder_threads()
     source.close()
-    assert asked == (1 if few else threads)
+    assert asked == expected
     if asked:
         assert source.decode.threads == asked
 
