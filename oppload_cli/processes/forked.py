@@ -7,6 +7,7 @@ import os
 import pickle
 import signal
 import sys
+import threading
 import traceback
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -125,7 +126,8 @@ class Forked:
         self._items, self._words = os.fdopen(items, "rb"), os.fdopen(words_in, "wb", buffering=0)
         self._in_use = False
         self._ended = False
-        self._process = 0
+        self._reading, self._waiting = threading.Lock(), threading.Lock()
+        self._process, self._code = 0, 0
         try:
             self._process = self._fork(make, (items_in, words))
         finally:
@@ -136,23 +138,24 @@ class Forked:
         return self
 
     def __next__(self) -> Any:
-        if self._ended:
-            raise StopIteration
-        if self._in_use:
-            with suppress(BrokenPipeError):  # what it said last may be waiting
-                self._words.write(b"\0")
-        try:
-            item = pickle.load(self._items)  # noqa: S301 - of our own copy
-        except (EOFError, pickle.UnpicklingError):
-            self._ended = True
-            raise DiedError(self._wait()) from None
-        if isinstance(item, _End):
-            self._ended = True
-            if item.error is not None:
-                raise item.error
-            raise StopIteration
-        self._in_use = True
-        return item
+        with self._reading:
+            if self._ended:
+                raise StopIteration
+            if self._in_use:
+                with suppress(BrokenPipeError):  # what it said last may be waiting
+                    self._words.write(b"\0")
+            try:
+                item = pickle.load(self._items)  # noqa: S301 - of our own copy
+            except (EOFError, pickle.UnpicklingError):
+                self._ended = True
+                raise DiedError(self._wait()) from None
+            if isinstance(item, _End):
+                self._ended = True
+                if item.error is not None:
+                    raise item.error
+                raise StopIteration
+            self._in_use = True
+            return item
 
     def tell(self, word: object) -> None:
         """Tell the copy something, before any item is asked for.
@@ -166,17 +169,22 @@ class Forked:
             _write(self._words.fileno(), pickle.dumps(word))
 
     def close(self) -> None:
-        """End the copy, at once; may be called twice."""
-        if self._process:
-            os.kill(self._process, signal.SIGKILL)
-            self._wait()
-        self._items.close()
-        self._words.close()
+        """End the copy, at once; may be called twice, also while another thread waits for items."""
+        self._wait(kill=True)
+        with self._reading:  # the end of the copy ends that
+            self._ended = True
+            self._items.close()
+            self._words.close()
 
-    def _wait(self) -> str:
-        """Wait for the copy to end; say how it did."""
-        process, self._process = self._process, 0
-        return ending(os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]))
+    def _wait(self, *, kill: bool = False) -> str:
+        """Wait for the copy to end; say how it did. Only once is there anything to wait for."""
+        with self._waiting:
+            if self._process:
+                if kill:
+                    os.kill(self._process, signal.SIGKILL)
+                self._code = os.waitstatus_to_exitcode(os.waitpid(self._process, 0)[1])
+                self._process = 0
+        return ending(self._code)
 
     @undisturbed
     def _fork(self, make: Callable[[Outlet], object], theirs: tuple[int, int]) -> int:

@@ -6,6 +6,7 @@ import faulthandler
 import os
 import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -136,6 +137,31 @@ def test_closing_ends_it_at_once() -> None:
     assert len(list(Path("/proc/self/fd").iterdir())) == files
 
 
+def test_closing_while_a_thread_waits_for_an_item() -> None:
+    def make(outlet: Outlet) -> None:
+        outlet.send(0)
+        time.sleep(60)
+
+    for _ in range(20):
+        copy = Forked(make)
+        assert next(copy) == 0
+        caught: list[BaseException] = []
+
+        def wait(copy: Forked = copy, caught: list[BaseException] = caught) -> None:
+            try:
+                next(copy)
+            except BaseException as error:
+                caught.append(error)
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        time.sleep(0.005)
+        copy.close()
+        thread.join(5)
+        assert not thread.is_alive()
+        assert isinstance(caught[0], DiedError | StopIteration)
+
+
 def test_it_ends_with_the_one_it_was_copied_from(tmp_path: Path) -> None:
     def make(outlet: Outlet) -> None:
         (tmp_path / str(os.getpid())).touch()
@@ -167,8 +193,6 @@ def test_ctrl_c_does_not_reach_it() -> None:
 
 
 def test_a_process_with_threads_is_not_copied() -> None:
-    import threading
-
     release = threading.Event()
     thread = threading.Thread(target=release.wait)
     thread.start()
