@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.video.atomic import remove
-from oppload_cli.video.writing import Writer
+from oppload_cli.video.writer_base import Writer
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

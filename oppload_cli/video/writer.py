@@ -17,7 +17,7 @@ from oppload_cli.errors import OutputError, suggestion
 from oppload_cli.video.archive import NpzWriter, PngWriter
 from oppload_cli.video.atomic import remove
 from oppload_cli.video.sink import Sink
-from oppload_cli.video.writing import Writer
+from oppload_cli.video.writer_base import Writer
 
 if TYPE_CHECKING:
     from pathlib import Path
