@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 MANY = 4096  # items that are out of use, a byte for each
-HELD = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
 def can_fork() -> bool:
@@ -42,6 +41,10 @@ def can_fork() -> bool:
 
 class DiedError(Exception):
     """The copy ended without a word; the message says how, for instance ``SIGSEGV``."""
+
+
+class GoneError(Exception):
+    """Whoever had the copy made is not there any more. No EOFError: decoders raise those, too."""
 
 
 class Outlet:
@@ -66,10 +69,13 @@ class Outlet:
 
         Raises
         ------
-        EOFError
+        GoneError
             If there is nobody left to tell anything.
         """
-        return pickle.load(self._words)  # noqa: S301 - of what this is a copy of
+        try:
+            return pickle.load(self._words)  # noqa: S301 - of what this is a copy of
+        except EOFError:
+            raise GoneError from None
 
     def send(self, item: object) -> None:
         """Pass on an item.
@@ -78,8 +84,17 @@ class Outlet:
         ----------
         item : object
             Anything that can be pickled.
+
+        Raises
+        ------
+        GoneError
+            If there is nobody left to take it.
         """
-        _write(self._items, pickle.dumps(item))
+        content = pickle.dumps(item)
+        try:
+            _write(self._items, content)
+        except BrokenPipeError:
+            raise GoneError from None
         self._in_use += 1
 
     def wait(self, most: int) -> None:
@@ -92,13 +107,13 @@ class Outlet:
 
         Raises
         ------
-        EOFError
+        GoneError
             If there is nobody left to use them.
         """
         while self._in_use > most:
             used = len(self._words.read1(MANY))
             if not used:
-                raise EOFError
+                raise GoneError
             self._in_use -= used
 
 
@@ -188,7 +203,9 @@ class Forked:
 
     @undisturbed
     def _fork(self, make: Callable[[Outlet], object], theirs: tuple[int, int]) -> int:
-        held = signal.pthread_sigmask(signal.SIG_BLOCK, HELD)
+        held = signal.pthread_sigmask(
+            signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+        )
         try:
             process = os.fork()
             if process == 0:
@@ -225,7 +242,7 @@ def _be_the_copy(
         try:
             make(outlet)
             end = _End(None)
-        except (BrokenPipeError, EOFError):
+        except GoneError:
             os._exit(0)
         except BaseException as error:
             end = _End(_portable(error))

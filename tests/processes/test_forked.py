@@ -90,6 +90,8 @@ class TwoWordsError(Exception):
     [
         (SourceError("a.mp4: is no video"), SourceError),
         (ValueError("wrong"), ValueError),
+        (EOFError("the decoder met its end"), EOFError),
+        (BrokenPipeError("the decoder lost its file"), BrokenPipeError),
         (TwoWordsError("one", "two"), RuntimeError),
     ],
 )
@@ -190,6 +192,18 @@ def test_ctrl_c_does_not_reach_it() -> None:
     assert next(copy) == "still here"
     copy.close()
     assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+
+
+def test_it_is_loaded_where_there_is_no_sighup(monkeypatch: pytest.MonkeyPatch) -> None:
+    import importlib.util
+
+    from oppload_cli.processes import forked
+
+    monkeypatch.delattr(signal, "SIGHUP")  # as on Windows, where nothing is copied
+    found = importlib.util.spec_from_file_location("forked_elsewhere", str(forked.__file__))
+    assert found is not None
+    assert found.loader is not None
+    found.loader.exec_module(importlib.util.module_from_spec(found))
 
 
 def test_a_process_with_threads_is_not_copied() -> None:
