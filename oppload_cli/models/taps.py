@@ -109,7 +109,7 @@ def with_zeros(
     width : int
         Of the frame.
     kind : dtype
-        float32 or int16.
+        float32 or uint8.
 
     Returns
     -------

@@ -13,15 +13,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oppload_cli.models.taps import (
-    AGES,
-    AGES_OF_STAGES,
-    OUTPUTS,
-    STAGES,
-    runs,
-    stage_of,
-    with_zeros,
-)
+from oppload_cli.models.screening import SCREENED, Screening
+from oppload_cli.models.taps import AGES, OUTPUTS, runs, with_zeros
 from oppload_cli.native.library import address, aligned, compiled
 
 if TYPE_CHECKING:
@@ -60,9 +53,8 @@ class _Job(ctypes.Structure):
         ("outputs", ctypes.c_void_p * OUTPUTS),
         ("output_stride", ctypes.c_ssize_t),
         ("live", ctypes.c_void_p),
-        ("excitation", _Kernel),
-        ("inhibition", _Kernel * STAGES),
-        ("ages", ctypes.c_int * STAGES),
+        ("screening", Screening),
+        ("kernels", _Kernel * AGES),
         ("first_dx", ctypes.c_int * AGES),
         ("pairs", ctypes.c_int * AGES),
         ("reach", ctypes.c_int * AGES),
@@ -110,22 +102,23 @@ class WholeSums:
         pairs = [each.pairs for each in layouts]
         slots = 1 << (2 * max(reach)).bit_length()
         height, padded = outputs[0].shape
-        furthest = max(2 * max(pairs), *reach)
-        stride, self._inside = with_zeros(height, padded, furthest, width, np.int16)
+        furthest = max(2 * max(pairs), *reach) + 1  # boxes reach one further
+        stride, self._inside = with_zeros(height, padded, furthest, width, np.uint8)
         self._addresses = [address(each) for each in self._inside]
-        groups = [group for each in layouts for group in each.groups]
-        excitation, *inhibition = self._tables = [
-            _Tables([each for each in groups if stage_of(each.age, each.dy) == n], pairs, slots)
-            for n in range(1 + STAGES)
+        self._tables = [_Tables(each.groups, pairs, slots) for each in layouts]
+        of_excitation, of_inhibition, of_directions = self._units
+        even, *odd = codes[1]
+        exact = [
+            codes[0] * of_excitation,
+            np.stack([even * of_inhibition, *(each * of_directions for each in odd)]),
         ]
         self._job = _Job(
             stride=stride,
             outputs=(ctypes.c_void_p * OUTPUTS)(*(address(each) for each in outputs)),
             output_stride=padded,
             live=address(live),
-            excitation=excitation.kernel,
-            inhibition=(_Kernel * STAGES)(*(each.kernel for each in inhibition)),
-            ages=AGES_OF_STAGES,
+            screening=Screening.of(exact, stride, diagonal=diagonal),
+            kernels=(_Kernel * AGES)(*(each.kernel for each in self._tables)),
             first_dx=(ctypes.c_int * AGES)(*(each.first_dx for each in layouts)),
             pairs=(ctypes.c_int * AGES)(*pairs),
             reach=(ctypes.c_int * AGES)(*reach),
@@ -134,10 +127,11 @@ class WholeSums:
             diagonal=diagonal,
         )
         self._scratch = aligned((len(rows), (MOST + slots * sum(pairs)) * PAIR // 2))
+        self._screening = [self._room_to_screen(last - first) for first, last in rows]
         job = ctypes.addressof(self._job)
         self._bands: list[Callable[[], object]] = [
-            partial(loops.whole_sums, job, first, last, address(scratch))
-            for (first, last), scratch in zip(rows, self._scratch, strict=True)
+            partial(loops.whole_sums, job, *band, address(scratch), address(room))
+            for band, scratch, room in zip(rows, self._scratch, self._screening, strict=True)
         ]
         self.reset()
 
@@ -148,6 +142,12 @@ class WholeSums:
         self._latest = 0
         self._levels = LEVELS[0]  # 0 for frames that have none
         self._levels_of = [0] * AGES  # of each map that was taken
+
+    def _room_to_screen(self, height: int) -> NDArray[np.uint8]:
+        """Return room for what is said of the strips of a band, and for its boxes."""
+        verdicts = 2 * height * -(-self._job.width // SCREENED)
+        rows = height + 2 * self._job.screening.reach
+        return np.zeros(verdicts + rows * self._job.stride + 2 * SCREENED, np.uint8)
 
     @property
     def ready(self) -> bool:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-INTERFACE = 5  # of the C files: another number is that of a build gone stale
+INTERFACE = 6  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
@@ -30,7 +30,7 @@ _double = ctypes.c_double
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "change": (_pointer, _count, _count),
     "sums": (_pointer, _count, _count, _pointer),
-    "whole_sums": (_pointer, _count, _count, _pointer),
+    "whole_sums": (_pointer, _count, _count, _pointer, _pointer),
     "group": (_pointer, _count, _count, _pointer, _pointer),
     "halve": (_pointer, _count, _pointer, _pointer),
     "weigh": (_pointer, _pointer, _pointer, _pointer, _distance, _pointer),

@@ -10,7 +10,7 @@ struct change {
     float *kept;         /* takes L(t), row after row */
     float *out;          /* takes P(t) */
     ptrdiff_t out_stride;
-    int16_t *codes; /* takes P(t) in code levels: see whole.c */
+    uint8_t *codes; /* takes P(t) in code levels: see whole.c */
     ptrdiff_t codes_stride;
     double *totals; /* take the sum of each row */
     int width;
@@ -26,7 +26,7 @@ void change(struct change *job, int first, int last)
     for (int y = first; y < last; y++) {
         const float *luma = job->luma + y * job->stride, *before = job->before + y * job->width;
         float *kept = job->kept + y * job->width, *out = job->out + y * job->out_stride;
-        int16_t *codes = job->codes + y * job->codes_stride;
+        uint8_t *codes = job->codes + y * job->codes_stride;
         doubles sums = {0};
         double sum = 0;
         int x = 0;
@@ -39,14 +39,14 @@ void change(struct change *job, int first, int last)
             mask code = __builtin_convertvector(p * levels + 0.5f, mask);
             broken |= ~(magnitude(p * levels - __builtin_convertvector(code, lanes)) <= 1e-3f);
             broken |= code > 255;
-            *(shorts *)(codes + x) = __builtin_convertvector(code, shorts);
+            *(bytes *)(codes + x) = __builtin_convertvector(code, bytes);
         }
         for (; x < job->width; x++) {
             kept[x] = luma[x];
             sum += out[x] = __builtin_fabsf(luma[x] - before[x]);
             int code = (int)(out[x] * levels + 0.5f);
             broken[0] |= !(__builtin_fabsf(out[x] * levels - code) <= 1e-3f) | (code > 255);
-            if (job->levels) codes[x] = (int16_t)code;
+            if (job->levels) codes[x] = (uint8_t)code;
         }
         job->totals[y] = sum + total(sums);
     }

@@ -12,7 +12,7 @@ typedef float lanes __attribute__((vector_size(4 * LANES), aligned(4)));
 typedef float half __attribute__((vector_size(2 * LANES), aligned(4)));
 typedef double doubles __attribute__((vector_size(4 * LANES)));
 typedef int mask __attribute__((vector_size(4 * LANES)));
-typedef short shorts __attribute__((vector_size(2 * LANES), aligned(2)));
+typedef unsigned char bytes __attribute__((vector_size(LANES), aligned(1)));
 #define LOAD(at) (*(const lanes *)(at))
 #define STORE(at, value) (*(lanes *)(at) = (value))
 #define HELD static inline __attribute__((always_inline))

@@ -4,19 +4,17 @@
  * four: one instruction multiplies twice as many pixels as with floats. The kernels are
  * rounded to 16 bits; all else is exact.
  */
-#include <stdint.h>
-
 #include "presynaptic.h"
 
 #if !defined(__AVX2__)
 int whole_strip(void) { return 0; } /* then floats are as fast */
 void whole_sums(void) {}
 #else
+#include "screening.h"
 
-#define STRIP 16         /* columns that are worked on at once */
+#define STRIP 16         /* columns that are worked on at once: half of those screened */
 #define PAIR (4 * STRIP) /* of two dx side by side: the sums, then the differences */
 #define MOST 4           /* pairs of a group */
-typedef __m256i codes;
 
 int whole_strip(void) { return STRIP; }
 
@@ -32,13 +30,13 @@ struct kernel {
 };
 
 struct whole_sums {
-    const int16_t *photoreceptors[AGES]; /* at pixel (0, 0), with zeros around the frame */
+    const uint8_t *photoreceptors[AGES]; /* at pixel (0, 0), with zeros around the frame */
     ptrdiff_t stride;
     float *outputs[OUTPUTS]; /* those of S alone; NULL where it is not wanted */
     ptrdiff_t output_stride; /* whole strips */
     char *live;              /* see presynaptic.h */
-    struct kernel excitation, inhibition[STAGES];
-    int ages[STAGES];   /* of the inhibition */
+    struct screening screening;
+    struct kernel kernels[AGES];
     int first_dx[AGES]; /* of the pairs in a folded row: -1, which has no weight, or 0 */
     int pairs[AGES];    /* in a folded row */
     int reach[AGES];    /* largest |dy| */
@@ -51,6 +49,10 @@ struct folded { int16_t *rows[AGES]; int next[AGES], mask; };
 struct totals { codes even[2], across[2], down[2]; };
 
 HELD codes at(const int16_t *from) { return _mm256_loadu_si256((const codes *)from); }
+HELD codes widened(const uint8_t *from)
+{
+    return _mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)from));
+}
 HELD void keep(int16_t *to, codes value) { _mm256_storeu_si256((codes *)to, value); }
 HELD codes both(const int16_t *weights)
 {
@@ -60,11 +62,11 @@ HELD codes both(const int16_t *weights)
 }
 
 /* Add and subtract what lies dx to the left and to the right, for dx and dx + 1. */
-HELD void fold_pair(const int16_t *row, int16_t *out, int dx)
+HELD void fold_pair(const uint8_t *row, int16_t *out, int dx)
 {
     codes sum[2], difference[2];
     for (int k = 0; k < 2; k++) {
-        codes left = at(row - dx - k), right = at(row + dx + k);
+        codes left = widened(row - dx - k), right = widened(row + dx + k);
         if (dx + k <= 0) right = _mm256_setzero_si256(); /* at dx = 0 both are one pixel */
         sum[k] = _mm256_add_epi16(left, right);
         difference[k] = _mm256_sub_epi16(left, right);
@@ -81,9 +83,7 @@ HELD void fold_around(const struct whole_sums *job, struct folded *to, int age, 
     int reach = job->reach[age], pairs = job->pairs[age];
     int row = to->next[age] > y - reach ? to->next[age] : y - reach;
     for (; row <= y + reach; row++) {
-        const int16_t *from = job->photoreceptors[age] + row * job->stride + x;
-        for (int k = -LANES; k < 2 * STRIP; k += 2 * STRIP)
-            __builtin_prefetch(from + ROWS_AHEAD * job->stride + k);
+        const uint8_t *from = job->photoreceptors[age] + row * job->stride + x;
         int16_t *out = to->rows[age] + (ptrdiff_t)(row & to->mask) * pairs * PAIR;
         fold_pair(from, out, job->first_dx[age]);
         for (int n = 1; n < pairs; n++)
@@ -150,9 +150,27 @@ HELD int some_left(const struct whole_sums *job, const struct totals *excitation
     return !_mm256_testz_si256((codes)any, (codes)any);
 }
 
+/* Say for the strips of rows first to last - 1 whether any S may be above 0, two at once. */
+HELD void screen(const struct whole_sums *job, int first, int last, uint8_t *boxes, char *possible)
+{
+    const ptrdiff_t stride = job->stride, reach = job->screening.reach;
+    for (ptrdiff_t y = first - reach; y < last + reach; y++)
+        sum_boxes(job->photoreceptors[1] + y * stride - reach, stride,
+                  boxes + (y - first + reach) * stride);
+    boxes += reach * stride + reach;
+    for (ptrdiff_t y = first; y < last; y++, boxes += stride)
+        for (int x = 0; x < job->width; x += SCREENED, possible += 2) {
+            int found = screened(&job->screening, job->photoreceptors[0] + y * stride + x, boxes + x);
+            possible[0] = found & 1;
+            possible[1] = found >> 1;
+        }
+}
+
 /* Compute the maps of rows first to last - 1. `scratch` begins with the zeros that lie
- * below where dy = 0, and has room for the folded rows. */
-void whole_sums(const struct whole_sums *job, int first, int last, int16_t *scratch)
+ * below where dy = 0, and has room for the folded rows; `screening` for two bytes for each
+ * SCREENED pixels of a row, and for the boxes. */
+void whole_sums(const struct whole_sums *job, int first, int last, int16_t *scratch,
+                char *screening)
 {
     struct folded rows = {.mask = job->slots - 1};
     int16_t *room = scratch + MOST * PAIR;
@@ -160,33 +178,35 @@ void whole_sums(const struct whole_sums *job, int first, int last, int16_t *scra
         rows.rows[age] = room;
         room += job->slots * job->pairs[age] * PAIR;
     }
-    for (int x = 0; x < job->width; x += STRIP) {
+    const int strips = 2 * ((job->width + SCREENED - 1) / SCREENED);
+    const char *possible = screening;
+    screen(job, first, last, (uint8_t *)screening + (last - first) * strips, screening);
+    for (int x = 0; x < job->width; x += STRIP, possible++) {
         for (int age = 0; age < AGES; age++) rows.next[age] = first - job->reach[age];
         for (int y = first; y < last; y++) {
-            ptrdiff_t here = y * job->output_stride + x;
             struct totals excitation = {0}, inhibition = {0};
-            lanes e[2], i[2], across[2], down[2];
-            if (y + ROWS_AHEAD < last)
-                fetch_ahead(job->outputs, job->output_stride, job->live, y, x, STRIP);
-            fold_around(job, &rows, 0, y, x);
-            add_up(&job->excitation, scratch, y & rows.mask, 0, &excitation);
-            codes any = _mm256_or_si256(excitation.even[0], excitation.even[1]);
-            int wanted = !_mm256_testz_si256(any, any);
-            for (int n = 0; wanted && n < STAGES; n++) {
-                fold_around(job, &rows, job->ages[n], y, x);
-                add_up(&job->inhibition[n], scratch, y & rows.mask, 1, &inhibition);
+            int wanted = possible[(y - first) * strips];
+            if (wanted) {
+                fold_around(job, &rows, 0, y, x);
+                add_up(&job->kernels[0], scratch, y & rows.mask, 0, &excitation);
+            }
+            for (int age = 1; wanted && age < AGES; age++) {
+                fold_around(job, &rows, age, y, x);
+                add_up(&job->kernels[age], scratch, y & rows.mask, 1, &inhibition);
                 wanted = some_left(job, &excitation, &inhibition);
             }
             if (!wanted) {
                 put_none(job->outputs, job->output_stride, job->live, y, x, STRIP);
                 continue;
             }
+            lanes e[2], i[2], across[2], down[2];
             in_order(excitation.even, job->units.excitation, e);
             in_order(inhibition.even, job->units.inhibition, i);
             in_order(inhibition.across, job->units.directional, across);
             in_order(inhibition.down, job->units.directional, down);
             for (int k = 0; k < 2; k++)
-                put_all(job->outputs, here + LANES * k, job->diagonal, e[k], i[k], across[k], down[k]);
+                put_all(job->outputs, y * job->output_stride + x + LANES * k, job->diagonal, e[k],
+                        i[k], across[k], down[k]);
             put_some(job->outputs, job->output_stride, job->live, y, x, STRIP, job->width);
         }
     }

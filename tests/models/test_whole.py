@@ -62,6 +62,48 @@ def test_whole_levels_agree_with_the_literal_reference(
     assert not dpc.presynaptic[shape[0] // 2 + 2 :, : max(0, shape[1] // 2 - 2)].any()
 
 
+def frames_with(changes: list[np.ndarray]) -> list[np.ndarray]:
+    """Frames whose P is these, in levels of limited range, up and down by turns."""
+    codes = [np.full(changes[0].shape, 100)]
+    for t, change in enumerate(changes):
+        codes.append(codes[-1] + (-1) ** t * change)
+    return [(each / 219).astype(np.float32) for each in codes]
+
+
+@pytest.mark.parametrize("axes", [(45, 135), (0, 90), ()])
+@pytest.mark.parametrize("empty", ["left", "right", "above", "below", "nothing"])
+def test_where_excitation_and_inhibition_are_about_equal(axes: tuple[int, ...], empty: str) -> None:
+    """E grows from the left to the right, and what inhibits lacks on one side of each block."""
+    shape = (70, 173)
+    rng = np.random.default_rng(5)
+    rows, columns = np.indices(shape)
+    sides = {"left": -columns, "right": columns, "above": -rows, "below": rows}
+    inhibits = sides[empty] % 14 < 9 if empty in sides else np.ones(shape, bool)
+    latest = rng.integers(0, 4, shape) + rng.integers(0, 2, shape) * columns // 2
+    before = rng.integers(5, 10, shape) * inhibits
+    frames = frames_with([np.zeros(shape, int), np.zeros(shape, int), before, latest])
+    dpc = Dpc(shape, DpcParams(), axes)
+    for frame in frames:
+        dpc.step(frame)
+    check(dpc, frames)
+    live = [each > 0 for each in sums_of(dpc).values()]
+    assert all(0.01 < each.mean() < 0.9 for each in live)
+
+
+def test_most_of_what_is_inhibited_is_passed_over() -> None:
+    shape = (60, 320)
+    texture = np.random.default_rng(6).integers(80, 120, shape)
+    frames = [(np.roll(texture, 3 * t, axis=1) / 219).astype(np.float32) for t in range(5)]
+    dpc = Dpc(shape, DpcParams(), (45, 135))
+    for frame in frames:
+        dpc.step(frame)
+    check(dpc, frames)
+    whole = dpc._sums._whole if isinstance(dpc._sums, DirectSums) else None
+    if whole:
+        possible = whole._screening[0][: shape[0] * shape[1] // 16]
+        assert possible.mean() < 0.3
+
+
 @pytest.mark.parametrize(
     "constants",
     [
