@@ -56,7 +56,7 @@ def _compile(folder: Path, name: str, options: tuple[str, ...]) -> bool:
     target = folder / f"loops.{name}.so"
     part = folder / f"loops.{name}.so.part"
     sources = sorted(str(each) for each in folder.glob("*.c"))
-    command = [*compiler, *OPTIONS, *options, *sources, "-o", str(part)]
+    command = [*compiler, *OPTIONS, *options, *sources, "-lm", "-o", str(part)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     except OSError:

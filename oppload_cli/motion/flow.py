@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import cv2
@@ -11,7 +9,8 @@ import numpy as np
 
 from oppload_cli.errors import FrameError
 from oppload_cli.motion.parameters import RmoParams
-from oppload_cli.motion.rmo import RmoMetrics, rmo_metrics
+from oppload_cli.motion.rmo import RmoMetrics, metrics_of
+from oppload_cli.motion.sampling import Cells, MotionVectors, reduce, sampled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,22 +20,6 @@ if TYPE_CHECKING:
 _SHORTEST_SIDE = 16
 # Room around what moved, in samples of the reduced frame.
 _MARGIN = 2
-
-
-@dataclass(frozen=True)
-class MotionVectors:
-    """Motion vectors of one frame, in px of the working frame, y down.
-
-    Attributes
-    ----------
-    starts : ndarray of float, shape (n, 2)
-        Where each vector starts (x, y): the centre of its grid cell.
-    vectors : ndarray of float, shape (n, 2)
-        Motion since the frame before (x, y), px/frame.
-    """
-
-    starts: NDArray[np.float64]
-    vectors: NDArray[np.float64]
 
 
 class DenseFlow:
@@ -85,7 +68,7 @@ class DenseFlow:
         motion = self.motion(luma)
         if motion is None:
             return None
-        return rmo_metrics(motion.starts, motion.vectors, self.params)
+        return metrics_of(motion.starts, motion.vectors, self.params)
 
     def motion(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> MotionVectors | None:
         """Take the next frame and return its motion vectors, without measuring them.
@@ -133,7 +116,7 @@ class DenseFlow:
             np.copyto(frame, grey)
         else:
             cv2.convertScaleAbs(grey, dst=frame, alpha=255.0)
-        cv2.resize(frame, reduced.shape[::-1], dst=reduced, interpolation=cv2.INTER_AREA)
+        reduce(frame, self._reduction, reduced)
 
     def _sampled(self) -> MotionVectors:
         if min(self._reduced[1].shape) < _SHORTEST_SIDE:
@@ -150,10 +133,9 @@ class DenseFlow:
             return self._vectors(self._reduced, reduction, (0, 0))
         parts = [frame[window] for frame in self._frames]
         rows, columns = (side // reduction for side in parts[0].shape)
-        reduced = [
-            np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
-            for part in parts
-        ]
+        reduced = [np.empty((rows, columns), np.uint8) for _ in parts]
+        for part, out in zip(parts, reduced, strict=True):
+            reduce(part, reduction, out)
         return self._vectors(reduced, reduction, (window[1].start, window[0].start))
 
     def _window(self, left: int, top: int, width: int, height: int) -> tuple[slice, slice]:
@@ -182,21 +164,12 @@ class DenseFlow:
     ) -> MotionVectors:
         """Search the flow between two reduced images and sample it on the grid."""
         before, now = reduced
-        height, width = (side * reduction for side in now.shape)
-        spacing = self._spacing * reduction / self._reduction
-        starts = _cell_centres(height, width, spacing)
-        flow = np.zeros((*now.shape, 2), np.float32)
-        self._search.calc(before, now, flow)
-        rows, columns = starts.shape[:2]
-        vectors = _cell_means(flow, rows, columns) * reduction
-        change = cv2.absdiff(before, now).astype(np.float32)
-        kept = np.hypot(vectors[..., 0], vectors[..., 1]) >= self.params.minimum_speed
-        kept &= _cell_means(change, rows, columns) >= 255.0 * self.params.minimum_change
-        rows_kept = np.flatnonzero(kept)  # several times as fast as a mask
-        starts, vectors = (
-            each.reshape(-1, 2).take(rows_kept, axis=0) for each in (starts, vectors)
-        )
-        return MotionVectors(starts + corner, vectors)
+        spacing = self._spacing / self._reduction  # in samples
+        rows, columns = (max(1, round(side / spacing)) for side in now.shape)
+        # No flow to begin with: the stubs do not know that there may be none.
+        found = self._search.calc(before, now, None)  # type: ignore[call-overload]
+        flow = np.asarray(found, np.float32)
+        return sampled(before, now, flow, Cells(rows, columns, reduction, *corner), self.params)
 
 
 def _nothing() -> MotionVectors:
@@ -209,18 +182,6 @@ def _inverse_search() -> cv2.DISOpticalFlow:
     search.setFinestScale(0)
     search.setPatchStride(6)
     return search
-
-
-@lru_cache(maxsize=16)
-def _cell_centres(height: int, width: int, spacing: float) -> NDArray[np.float64]:
-    rows, columns = max(1, round(height / spacing)), max(1, round(width / spacing))
-    x = (np.arange(columns) + 0.5) * width / columns - 0.5
-    y = (np.arange(rows) + 0.5) * height / rows - 0.5
-    return np.stack(np.meshgrid(x, y), axis=-1)
-
-
-def _cell_means(image: NDArray[np.float32], rows: int, columns: int) -> NDArray[np.float64]:
-    return cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA).astype(np.float64)
 
 
 def _check(luma: NDArray[np.float32] | NDArray[np.uint8], shape: tuple[int, int] | None) -> None:

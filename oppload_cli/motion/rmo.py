@@ -170,7 +170,26 @@ def rmo_metrics(
     ParameterError
         If the two arrays are not of one shape (n, 2) with finite numbers.
     """
-    params = params or _DEFAULTS
+    motion, origin = matching(starts, vectors)
+    return metrics_of(origin, motion, params or _DEFAULTS)
+
+
+def metrics_of(
+    starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
+) -> RmoMetrics:
+    """Measure as :func:`rmo_metrics` does, without checking what is given.
+
+    Parameters
+    ----------
+    starts, vectors : ndarray of float64, shape (n, 2)
+        Finite.
+    params : RmoParams
+        Tolerances and sides.
+
+    Returns
+    -------
+    RmoMetrics
+    """
     sums = (_compiled_sums if library() else _portable_sums)(starts, vectors, params)
     count, outward_pairs = sums.vectors, sums.outward_pairs
     return RmoMetrics(
@@ -194,7 +213,9 @@ class _Sums(NamedTuple):
     outward_pairs: int
 
 
-def _portable_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> _Sums:
+def _portable_sums(
+    starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
+) -> _Sums:
     moving = Moving(starts, vectors)
     outward_pairs = 0
     outward_sum = inward_sum = opposite_sum = largest = 0.0
@@ -212,13 +233,14 @@ def _portable_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> 
     return _Sums(moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, outward_pairs)
 
 
-def _compiled_sums(starts: ArrayLike, vectors: ArrayLike, params: RmoParams) -> _Sums:
-    motion, origin = (np.ascontiguousarray(each) for each in matching(starts, vectors))
-    speeds = length(motion)
-    rows = np.zeros(5 * (speeds.size + LANES))
+def _compiled_sums(
+    starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
+) -> _Sums:
+    motion, origin = np.ascontiguousarray(vectors), np.ascontiguousarray(starts)
+    rows = np.empty(5 * (len(motion) + LANES))
     sums = np.empty(6)
     compiled().opponency(
-        *(address(motion), address(origin), address(speeds), speeds.size),
+        *(address(motion), address(origin), len(motion)),
         math.tan(math.radians(params.opposite_tolerance)),
         math.tan(math.radians(params.outward_tolerance)),
         *(params.sides, address(rows), address(sums)),

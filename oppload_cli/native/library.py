@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-INTERFACE = 6  # of the C files: another number is that of a build gone stale
+INTERFACE = 7  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
@@ -38,8 +38,10 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
         *(_pointer, _pointer, _distance, _count, _count),
         *(_pointer, _pointer, _count, _pointer, _distance),
     ),
+    "reduce": (_pointer, _distance, _count, _count, _count, _pointer, _pointer),
+    "sample": (_pointer, _pointer, _pointer),
     "opponency": (
-        *(_pointer, _pointer, _pointer, _count),
+        *(_pointer, _pointer, _count),
         *(_double, _double, _double, _pointer, _pointer),
     ),
 }

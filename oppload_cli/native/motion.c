@@ -1,5 +1,8 @@
 /* Radial motion opponency over all pairs of vectors: oppload_cli/motion/rmo.py. */
 #include <math.h>
+#if defined(__AVX__)
+#include <immintrin.h>
+#endif
 
 #define LANES 4
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8)));
@@ -24,38 +27,47 @@ HELD double total(lanes values)
 
 struct opponency { double vectors, opposite, outward, inward, largest, outward_pairs; };
 
-/* Sum RMO over the pairs of n vectors (x, y) with their starts and speeds; those of speed 0
- * are left out. The tolerances are given by their tangents. `rows` has 5 times n + LANES
- * zeros. */
-void opponency(const double *vectors, const double *starts, const double *speeds, int n,
-               double opposite_tangent, double outward_tangent, double sides, double *rows,
-               struct opponency *out)
+HELD int any_of(mask chosen)
+{
+#if defined(__AVX__)
+    return _mm256_movemask_pd((__m256d)chosen);
+#else
+    long long any = 0;
+    for (int k = 0; k < LANES; k++) any |= chosen[k];
+    return any != 0;
+#endif
+}
+
+/* Sum RMO over the pairs of n vectors (x, y) with their starts; those of length 0 are left
+ * out. The tolerances are given by their tangents. `rows` has room for 5 times n + LANES. */
+void opponency(const double *vectors, const double *starts, int n, double opposite_tangent,
+               double outward_tangent, double sides, double *rows, struct opponency *out)
 {
     const int room = n + LANES;
     double *unit_x = rows, *unit_y = unit_x + room, *speed = unit_y + room;
     double *start_x = speed + room, *start_y = start_x + room;
     int count = 0;
     for (int i = 0; i < n; i++) {
-        unit_x[count] = vectors[2 * i] / speeds[i];
-        unit_y[count] = vectors[2 * i + 1] / speeds[i];
-        speed[count] = speeds[i];
+        speed[count] = hypot(vectors[2 * i], vectors[2 * i + 1]);
+        unit_x[count] = vectors[2 * i] / speed[count];
+        unit_y[count] = vectors[2 * i + 1] / speed[count];
         start_x[count] = starts[2 * i];
         start_y[count] = starts[2 * i + 1];
-        count += speeds[i] > 0;
+        count += speed[count] > 0;
     }
+    /* What has no direction is opposite to nothing. */
+    for (int k = 0; k < LANES; k++)
+        unit_x[count + k] = unit_y[count + k] = speed[count + k] = start_x[count + k] =
+            start_y[count + k] = 0;
     lanes opposite = {0}, outward = {0}, inward = {0}, largest = {0};
     long long pairs = 0;
-    mask numbers;
-    for (int k = 0; k < LANES; k++) numbers[k] = k;
     for (int i = 0; i < count; i++) {
         lanes x = (lanes){0} + unit_x[i], y = (lanes){0} + unit_y[i], own = (lanes){0} + speed[i];
         for (int j = i + 1; j < count; j += LANES) {
             lanes x2 = LOAD(unit_x + j), y2 = LOAD(unit_y + j);
             lanes against = -(x * x2 + y * y2), aside = magnitude(x * y2 - y * x2);
-            mask are_opposite = (against * opposite_tangent > aside) & (numbers < count - j);
-            long long any = 0;
-            for (int k = 0; k < LANES; k++) any |= are_opposite[k];
-            if (!any) continue;
+            mask are_opposite = against * opposite_tangent > aside;
+            if (!any_of(are_opposite)) continue;
             /* The line that they share, and how the starts lie along and across it. */
             lanes line_x = x - x2, line_y = y - y2;
             lanes apart_x = start_x[i] - LOAD(start_x + j);

@@ -9,13 +9,6 @@ enum { S, S_ONE, S_OTHER, S_ONE_OPPOSITE, S_OTHER_OPPOSITE, E, I, J_ONE, J_OTHER
 /* Kernel values of one age and one dy: at dx, dx + 1, ... */
 struct group { int age, dy, dx, count; };
 
-/* Keep a value in its register: the compiler would load it twice instead. */
-#if defined(__AVX2__)
-#define KEEP(value) __asm__("" : "+x"(value))
-#else
-#define KEEP(value)
-#endif
-
 HELD void put(float *map, ptrdiff_t at, lanes value)
 {
     if (map) STORE(map + at, value);

@@ -17,6 +17,14 @@ typedef unsigned char bytes __attribute__((vector_size(LANES), aligned(1)));
 #define STORE(at, value) (*(lanes *)(at) = (value))
 #define HELD static inline __attribute__((always_inline))
 
+/* Keep a value in its register, as it is: the compiler would load it twice, or go on with a
+ * product before it is rounded. */
+#if defined(__AVX2__)
+#define KEEP(value) __asm__("" : "+x"(value))
+#else
+#define KEEP(value)
+#endif
+
 HELD lanes where(mask chosen, lanes a, lanes b)
 {
     return (lanes)((chosen & (mask)a) | (~chosen & (mask)b));

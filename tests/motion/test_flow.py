@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import FrameError
-from oppload_cli.motion.flow import DenseFlow, MotionVectors
+from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.parameters import RmoParams
 from oppload_cli.motion.rmo import RmoMetrics, rmo_metrics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from oppload_cli.motion.sampling import MotionVectors
 
 HEIGHT, WIDTH = 240, 320
 CENTRE = (170.0, 110.0)
