@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from oppload_cli.native.library import MapOf, address, compiled, library, rows_of
+from oppload_cli.native.library import LANES, MapOf, address, compiled, library, rows_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 REACH_SIGMAS = 5  # what lies beyond weighs less than a millionth
 MOST_CALLS = 64  # that are kept prepared
+AT_ONCE = 4  # vectors: that of models.c
 LEAST_SIGMA = 3  # samples per sigma of a halved map
 
 
@@ -163,7 +164,8 @@ class _CompiledSums:
         # One for each halving: what is zero between the rows of one is not in another.
         self._scratch = np.zeros((halvings, 5 * (shape[1] + 2 * margin + 16)), np.float32)
         coarsest = self._halved[-1].shape if halvings else shape
-        self._row = np.zeros(coarsest[1] + 2 * across.reach, np.float32)
+        samples = coarsest[1] + 2 * across.reach + across.step * (AT_ONCE * LANES + 1)
+        self._row = np.zeros(2 * samples, np.float32)
         self._lines = down, across  # the jobs point at their weights
         self._jobs = [
             _LineJob(address(each.weights), each.reach, each.first, each.step, each.count)

@@ -136,45 +136,95 @@ void halve(const struct map *map, int margin, const struct map *half, float *res
 /* Weighted sums along one side: sample first + n step - reach + k has weight k. */
 struct line { const float *weights; int reach, first, step, count; };
 
+#define AT_ONCE 4 /* vectors: none of their sums waits for another one */
+
+/* Call with as many vectors as `left` values fill, but no more than are done at once. */
+#define WITH_VECTORS(left, function, ...)                                                        \
+    switch (((left) + LANES - 1) / LANES) {                                                      \
+    case 1: function(__VA_ARGS__, 1); break;                                                     \
+    case 2: function(__VA_ARGS__, 2); break;                                                     \
+    case 3: function(__VA_ARGS__, 3); break;                                                     \
+    default: function(__VA_ARGS__, AT_ONCE);                                                     \
+    }
+
+/* Weigh `count` rows from one on, `stride` apart. */
+HELD void weigh_down(const float *weights, int count, const float *from, ptrdiff_t stride,
+                     float *out, int vectors)
+{
+    lanes sums[AT_ONCE] = {0};
+    for (int k = 0; k < count; k++)
+#pragma GCC unroll 4
+        for (int n = 0; n < vectors; n++)
+            sums[n] += weights[k] * LOAD(from + k * stride + n * LANES);
+    for (int n = 0; n < vectors; n++) STORE(out + n * LANES, sums[n]);
+}
+
+/* Weigh the samples about each of some cells side by side. Every `step`th sample stands in
+ * one of as many lines, `length` apart. */
+HELD void weigh_across(const struct line *line, const float *samples, int length, int cell,
+                       float *out, int vectors)
+{
+    lanes sums[AT_ONCE] = {0};
+    const float *begin = samples + line->first / line->step + cell;
+    int which = line->first % line->step;
+    for (int k = 0; k <= 2 * line->reach; k++) {
+        const float *from = begin + which * length;
+#pragma GCC unroll 4
+        for (int n = 0; n < vectors; n++) sums[n] += line->weights[k] * LOAD(from + n * LANES);
+        if (++which == line->step) {
+            which = 0;
+            begin++;
+        }
+    }
+    int left = (line->count - cell) * (int)sizeof(float), size = vectors * (int)sizeof(lanes);
+    memcpy(out + cell, sums, (size_t)(left < size ? left : size));
+}
+
 /* Weigh a map down and across, once per cell; beyond it are zeros.
  *
- * `row` has `across->reach` zeros, room for `width`, and as many zeros again. */
+ * `row` is made of zeros: `across->reach` on either side of a row, and `AT_ONCE` vectors;
+ * then room for as much again. */
 void weigh(const struct map *map, const struct line *down, const struct line *across,
            float *restrict out, ptrdiff_t out_stride, float *restrict row)
 {
-    const int width = map->width;
-    float *inside = row + across->reach;
+    const int width = map->width, step = across->step;
+    const int length = (width + 2 * across->reach) / step + AT_ONCE * LANES;
+    float *inside = row + across->reach, *samples = row + length * step;
     for (int r = 0; r < down->count; r++, out += out_stride) {
         int first = down->first + r * down->step - down->reach;
         int top = first < 0 ? 0 : first, bottom = first + 2 * down->reach + 1;
         if (bottom > map->height) bottom = map->height;
-        int x = 0;
-        for (; x + LANES <= width; x += LANES) {
-            lanes sum = {0};
-            for (int y = top; y < bottom; y++)
-                sum += down->weights[y - first] * LOAD(map->values + y * map->stride + x);
-            STORE(inside + x, sum);
-        }
-        for (; x < width; x++) {
+        const float *weights = down->weights + top - first;
+        const float *from = map->values + top * map->stride;
+        const int count = bottom - top;
+        const int in_vectors = width / LANES * LANES;
+        for (int x = 0; x < in_vectors; x += AT_ONCE * LANES)
+            WITH_VECTORS(in_vectors - x, weigh_down, weights, count, from + x, map->stride, inside + x)
+        for (int x = in_vectors; x < width; x++) {
             inside[x] = 0;
-            for (int y = top; y < bottom; y++)
-                inside[x] += down->weights[y - first] * map->values[y * map->stride + x];
+            for (int k = 0; k < count; k++) inside[x] += weights[k] * from[k * map->stride + x];
         }
-        for (int c = 0; c < across->count; c++) {
-            const float *from = row + across->first + c * across->step;
-            int taps = 2 * across->reach + 1, k = 0;
-            lanes sums = {0};
-            for (; k + LANES <= taps; k += LANES)
-                sums += LOAD(across->weights + k) * LOAD(from + k);
-            float sum = 0;
-            for (; k < taps; k++) sum += across->weights[k] * from[k];
-            for (int n = 0; n < LANES; n++) sum += sums[n];
-            out[c] = sum;
-        }
+        for (int which = 0; which < step; which++)
+            for (int n = 0; n < length; n++) samples[which * length + n] = row[n * step + which];
+        for (int c = 0; c < across->count; c += AT_ONCE * LANES)
+            WITH_VECTORS(across->count - c, weigh_across, across, samples, length, c, out)
     }
 }
 
 /* ---- Opponent products: oppload_cli/models/pairs.py ---- */
+
+/* Sum the products at some units side by side. */
+HELD void oppose_at(const float *ahead, const float *behind, const ptrdiff_t *offsets,
+                    const float *weights, int count, float *out, int vectors)
+{
+    lanes sums[AT_ONCE] = {0};
+    for (int n = 0; n < count; n++)
+#pragma GCC unroll 4
+        for (int k = 0; k < vectors; k++)
+            sums[k] += weights[n] * (LOAD(ahead + offsets[n] + k * LANES)
+                                     * LOAD(behind - offsets[n] + k * LANES));
+    for (int k = 0; k < vectors; k++) STORE(out + k * LANES, sums[k]);
+}
 
 /* Sum weights[n] * one(c + u_n) * other(c - u_n) at each unit c.
  *
@@ -184,12 +234,7 @@ void oppose(const float *one, const float *other, ptrdiff_t stride, int rows, in
             const ptrdiff_t *offsets, const float *weights, int count, float *out,
             ptrdiff_t out_stride)
 {
-    for (int r = 0; r < rows; r++)
-        for (int c = 0; c < columns; c += LANES) {
-            const float *ahead = one + r * stride + c, *behind = other + r * stride + c;
-            lanes sum = {0};
-            for (int n = 0; n < count; n++)
-                sum += weights[n] * (LOAD(ahead + offsets[n]) * LOAD(behind - offsets[n]));
-            STORE(out + r * out_stride + c, sum);
-        }
+    for (int r = 0; r < rows; r++, one += stride, other += stride, out += out_stride)
+        for (int c = 0; c < columns; c += AT_ONCE * LANES)
+            WITH_VECTORS(columns - c, oppose_at, one + c, other + c, offsets, weights, count, out + c)
 }

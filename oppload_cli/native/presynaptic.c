@@ -39,7 +39,7 @@ void change(struct change *job, int first, int last)
             mask code = __builtin_convertvector(p * levels + 0.5f, mask);
             broken |= ~(magnitude(p * levels - __builtin_convertvector(code, lanes)) <= 1e-3f);
             broken |= code > 255;
-            *(bytes *)(codes + x) = __builtin_convertvector(code, bytes);
+            *(bytes *)(codes + x) = in_bytes(code);
         }
         for (; x < job->width; x++) {
             kept[x] = luma[x];

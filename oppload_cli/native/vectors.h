@@ -38,6 +38,18 @@ HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
 HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
 #endif
 
+/* Whole numbers from 0 to 255 as bytes. */
+HELD bytes in_bytes(mask a)
+{
+#if defined(__AVX2__)
+    __m128i words = _mm_packs_epi32(_mm256_castsi256_si128((__m256i)a),
+                                    _mm256_extracti128_si256((__m256i)a, 1));
+    return (bytes)_mm_cvtsi128_si64(_mm_packus_epi16(words, words));
+#else
+    return __builtin_convertvector(a, bytes);
+#endif
+}
+
 HELD lanes magnitude(lanes a) { return (lanes)((mask)a & 0x7fffffff); }
 HELD int any_of(mask chosen)
 {
