@@ -166,9 +166,9 @@ class DenseFlow:
         before, now = reduced
         spacing = self._spacing / self._reduction  # in samples
         rows, columns = (max(1, round(side / spacing)) for side in now.shape)
-        # No flow to begin with: the stubs do not know that there may be none.
-        found = self._search.calc(before, now, None)  # type: ignore[call-overload]
-        flow = np.asarray(found, np.float32)
+        # A flow to begin with is tried at every scale: zeros keep still what is at rest.
+        flow = np.zeros((*now.shape, 2), np.float32)
+        self._search.calc(before, now, flow)
         return sampled(before, now, flow, Cells(rows, columns, reduction, *corner), self.params)
 
 
