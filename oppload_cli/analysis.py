@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.detection.alarm import Alarm, AlarmParams
@@ -200,4 +199,4 @@ def _in_source(answer: Response | None, working: WorkingSize) -> Response | None
     if not isinstance(answer, OpplodResponse) or answer.box is None:
         return answer
     box, x, y = answer.box, working.scale_x, working.scale_y
-    return replace(answer, box=Box(box.x * x, box.y * y, box.width * x, box.height * y))
+    return answer._replace(box=Box(box.x * x, box.y * y, box.width * x, box.height * y))

@@ -40,11 +40,18 @@ def environment() -> dict[str, Any]:
     return {
         "oppload": __version__,
         "python": platform.python_version(),
-        "platform": platform.platform(),
+        "platform": _platform(),
         "cores": cores(),
         "arithmetic": arithmetic(),
         "libraries": {name: _version(name) for name in LIBRARIES},
     }
+
+
+def _platform() -> str:
+    """Return what `platform.platform` does, without the processor, which takes another process."""
+    parts = [platform.system(), platform.release(), platform.machine()]
+    library = "".join(platform.libc_ver())
+    return "-".join([*parts, "with", library] if library else parts)
 
 
 def _version(name: str) -> str | None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -18,8 +17,7 @@ LEAST_WINDOW = 3  # cells: less holds no more than one blurred point
 ROUNDS = 4  # windows that follow the size; it settles in two or three
 
 
-@dataclass(frozen=True)
-class Extent:
+class Extent(NamedTuple):
     """Half sizes of an object in working pixels, seen from its focus.
 
     Attributes

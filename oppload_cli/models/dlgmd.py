@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.models.grouping import grouping_of
 from oppload_cli.models.layers import Dpc
@@ -13,8 +12,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Map
 
 
-@dataclass(frozen=True)
-class DlgmdResponse:
+class DlgmdResponse(NamedTuple):
     """What D-LGMD answers to one frame.
 
     Attributes

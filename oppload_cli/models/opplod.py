@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opponency import PooledJudge, judge_for
@@ -14,8 +13,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Map
 
 
-@dataclass(frozen=True)
-class Box:
+class Box(NamedTuple):
     """A rectangle in pixels: its left top corner, width and height."""
 
     x: float
@@ -24,8 +22,7 @@ class Box:
     height: float
 
 
-@dataclass(frozen=True)
-class OpplodResponse:
+class OpplodResponse(NamedTuple):
     """What OppLoD answers to one frame.
 
     Attributes

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,8 +15,7 @@ if TYPE_CHECKING:
     Live = NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class Layers:
+class Layers(NamedTuple):
     """What S is made from: views that the next frame overwrites.
 
     Attributes

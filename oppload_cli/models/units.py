@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,8 +14,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.pooling import Floats
 
 
-@dataclass(frozen=True)
-class UnitMaps:
+class UnitMaps(NamedTuple):
     """What a judge saw in the latest frame, by unit: views that the next frame overwrites.
 
     Attributes

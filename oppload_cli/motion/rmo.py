@@ -8,7 +8,6 @@ angles between vectors matter, so that the direction of y changes no result.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -25,8 +24,7 @@ if TYPE_CHECKING:
 _DEFAULTS = RmoParams()
 
 
-@dataclass(frozen=True)
-class RmoMetrics:
+class RmoMetrics(NamedTuple):
     """Radial motion opponency of one set of motion vectors (``docs/rmo.md``).
 
     Attributes

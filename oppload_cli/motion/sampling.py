@@ -6,7 +6,6 @@ By compiled loops where they were built, with the same bits as by OpenCV.
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -26,8 +25,7 @@ if TYPE_CHECKING:
 CHANNELS = 4  # of what is averaged over a cell: x, y, change and nothing
 
 
-@dataclass(frozen=True)
-class MotionVectors:
+class MotionVectors(NamedTuple):
     """Motion vectors of one frame, in px of the working frame, y down.
 
     Attributes

@@ -73,7 +73,7 @@ def line_of(record: FrameRecord, detection: Detection) -> str:
         "frame": record.frame,
         "time_s": record.time_s,
         "id": detection.identity,
-        **vars(detection.box),
+        **detection.box._asdict(),
         "centre_x": detection.centre_x,
         "centre_y": detection.centre_y,
         "response": detection.response,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.models.dlgmd import DlgmdResponse
 
@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.table import Value
 
 
-@dataclass(frozen=True)
-class Detection:
+class Detection(NamedTuple):
     """One looming object in one frame: a line of ``detections.jsonl``.
 
     Attributes
@@ -97,7 +96,7 @@ class FrameRecord:
             if isinstance(response, DlgmdResponse):
                 values[f"{model}_s"] = response.s
             elif response is not None and response.box is not None:
-                values.update((f"{model}_{side}", v) for side, v in vars(response.box).items())
+                values.update((f"{model}_{side}", v) for side, v in response.box._asdict().items())
         if self.rmo is not None:
-            values.update(vars(self.rmo))
+            values.update(self.rmo._asdict())
         return values

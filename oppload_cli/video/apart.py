@@ -18,7 +18,6 @@ from oppload_cli.environment import cores
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.forked import DiedError, Forked, can_fork
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
-from oppload_cli.video.prefetch import frames_ahead
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,6 +28,9 @@ if TYPE_CHECKING:
 
 CRASHES = {"SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV"}
 WIDEST_SAMPLE = 2  # bytes
+# Pictures that wait: while the other process loads the models this one is far ahead.
+MOST_SLOTS, LEAST_SLOTS = 64, 3
+SHARED_BYTES = 1 << 24  # at most, above the least
 
 
 class _Order(NamedTuple):
@@ -142,7 +144,7 @@ class DecodingProcess:
             self.close()
             raise
         self.facts, self.decode = opened.facts, opened.decode
-        self._slots = _Slots(self._memory, opened.facts, opened.working)
+        self._slots = _Slots(self._memory, opened.working)
         return self
 
     def pictures(self) -> Iterator[Picture]:
@@ -194,10 +196,10 @@ class DecodingProcess:
 class _Slots:
     """Places for pictures in memory that two processes share, used in turn."""
 
-    def __init__(self, memory: int, facts: InputFacts, working: WorkingSize) -> None:
+    def __init__(self, memory: int, working: WorkingSize) -> None:
         page = mmap.ALLOCATIONGRANULARITY
         self._size = -(-WIDEST_SAMPLE * working.width * working.height // page) * page
-        self.count = frames_ahead(facts, working) + 1
+        self.count = max(LEAST_SLOTS, min(MOST_SLOTS, SHARED_BYTES // self._size))
         os.ftruncate(memory, self.count * self._size)
         self._memory = memoryview(mmap.mmap(memory, self.count * self._size))
 
@@ -220,7 +222,7 @@ def _stand_by(memory: int, outlet: Outlet) -> None:
     working = working_size(source.facts, order.height)
     outlet.send(_Opened(source.facts, working, source.decode))
     resizing = Resizing(working, source.facts.rotation)
-    slots = _Slots(memory, source.facts, working)
+    slots = _Slots(memory, working)
     for ordinal, picture in enumerate(order.span.within(source)):
         plane = resizing(picture.plane)
         outlet.wait(slots.count - 1)

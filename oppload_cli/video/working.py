@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,8 +21,7 @@ AREA_EXACTLY = 0x20 | 0x40000 | 0x80000  # SWS_AREA, SWS_ACCURATE_RND, SWS_BITEX
 MOST_PIXELS = 1 << 25  # of a working frame: the models need about 100 bytes for each
 
 
-@dataclass(frozen=True)
-class WorkingSize:
+class WorkingSize(NamedTuple):
     """The size at which the models see an input.
 
     Attributes

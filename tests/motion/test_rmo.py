@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -171,7 +169,7 @@ def sample(seed: int) -> tuple[Points, Points]:
 
 
 def same(one: RmoMetrics, other: RmoMetrics) -> bool:
-    return astuple(one) == pytest.approx(astuple(other), rel=1e-6, abs=1e-9)
+    return bool(tuple(one) == pytest.approx(tuple(other), rel=1e-6, abs=1e-9))
 
 
 @settings(max_examples=60, deadline=None)

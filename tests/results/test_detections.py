@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from oppload_cli.results.detections import DetectionsFile, line_of
@@ -22,7 +21,7 @@ def test_a_line_is_json_with_the_keys_in_their_order() -> None:
 
 
 def test_what_is_not_known_is_null() -> None:
-    found = replace(detection((1, 2, 3, 4)), response=1e-12, time_to_contact_s=math.inf)
+    found = detection((1, 2, 3, 4))._replace(response=1e-12, time_to_contact_s=math.inf)
     read = json.loads(line_of(record(0), found))
     assert read["time_to_contact_s"] is None
     assert json.loads(line_of(record(0), detection((1, 2, 3, 4))))["time_to_contact_s"] is None
