@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-INTERFACE = 7  # of the C files: another number is that of a build gone stale
+INTERFACE = 8  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
@@ -28,6 +28,7 @@ portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
 _pointer, _distance, _count = ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_int
 _double = ctypes.c_double
 _SIGNATURES: dict[str, tuple[Any, ...]] = {
+    "luminance": (_pointer, _distance, *4 * (_count,), _pointer),
     "change": (_pointer, _count, _count),
     "sums": (_pointer, _count, _count, _pointer),
     "whole_sums": (_pointer, _count, _count, _pointer, _pointer),

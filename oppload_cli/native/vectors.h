@@ -38,7 +38,15 @@ HELD lanes least(lanes a, lanes b) { return where(a < b, a, b); }
 HELD lanes most(lanes a, lanes b) { return where(a > b, a, b); }
 #endif
 
-/* Whole numbers from 0 to 255 as bytes. */
+/* Bytes as whole numbers, and such from 0 to 255 as bytes. */
+HELD mask of_bytes(const unsigned char *at)
+{
+#if defined(__AVX2__)
+    return (mask)_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)at));
+#else
+    return __builtin_convertvector(*(const bytes *)at, mask);
+#endif
+}
 HELD bytes in_bytes(mask a)
 {
 #if defined(__AVX2__)

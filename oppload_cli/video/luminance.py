@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from oppload_cli.native.library import address, compiled, library, rows_of
 from oppload_cli.video.working import Resizing
 
 if TYPE_CHECKING:
@@ -54,8 +55,16 @@ class Luminance:
         if self._turn is not None:
             plane = np.asarray(cv2.rotate(plane, self._turn), plane.dtype)
         table = luminance_table(picture.bits, picture.full_range)
-        luminance = cv2.LUT(plane, table) if plane.dtype == np.uint8 else table[plane]
-        return np.asarray(luminance, np.float32)
+        if plane.dtype != np.uint8:
+            return np.asarray(table[plane], np.float32)
+        if not library():
+            return np.asarray(cv2.LUT(plane, table), np.float32)
+        if plane.strides[1] != 1:
+            plane = np.ascontiguousarray(plane)
+        luminance = np.empty(plane.shape, np.float32)
+        black, white = (0, 255) if picture.full_range else (16, 235)
+        compiled().luminance(*rows_of(plane), *plane.shape, black, white, address(luminance))
+        return luminance
 
 
 @lru_cache(maxsize=16)

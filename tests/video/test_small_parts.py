@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError, SourceError
+from oppload_cli.native import library
 from oppload_cli.video.frames import InputFacts, Picture
 from oppload_cli.video.inputs import result_stems, single_inputs
 from oppload_cli.video.luminance import Luminance, luminance_table
@@ -83,6 +84,24 @@ def test_luminance_of_codes() -> None:
     assert [full[0], full[51], full[255]] == [0, np.float32(51 / 255), 1]
     ten = luminance_table(10, full_range=False)
     assert [ten[64], ten[940]] == [0, 1]
+
+
+@pytest.mark.parametrize("portable", [True, False])
+@pytest.mark.parametrize("full_range", [True, False])
+@pytest.mark.parametrize("apart", [np.s_[:, :19], np.s_[:, ::2], np.s_[::3]])
+def test_every_code_has_the_luminance_of_the_table(
+    portable: bool,
+    full_range: bool,
+    apart: tuple[slice, ...] | slice,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(library, "portable", portable)
+    codes = np.arange(120 * 37).astype(np.uint8).reshape(120, 37)[apart]
+    assert np.unique(codes).size == 256
+    height, width = codes.shape
+    convert = Luminance(WorkingSize(width, height, 1.0, 1.0), 0)
+    found = convert(Picture(0, 0.0, codes, 8, full_range))
+    np.testing.assert_array_equal(found, luminance_table(8, full_range)[codes])
 
 
 def test_enlarging_is_allowed() -> None:
