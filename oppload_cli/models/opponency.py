@@ -73,12 +73,12 @@ class PooledJudge:
         self._crew = Crew(shape)
         self._further = np.zeros(pool.shape, np.float32)
         self._kept = np.zeros(pool.shape, np.float32)
-        self._gain = np.float32(params.rate_gain())
         self._frames = 0
         self._background = Background(
             params.frames(params.adaptation_s), params.frames(params.adaptation_guard_s)
         )
-        self._selected = selected_units(shape, self.centres_y, self.centres_x, params)
+        selected = selected_units(shape, self.centres_y, self.centres_x, params)
+        self._gains = selected * np.float32(params.rate_gain())
 
     def reset(self) -> None:
         """Forget the frames that have passed."""
@@ -116,14 +116,15 @@ class PooledJudge:
             The best unit's; its response is ``c2 R^2``, 0 unless R is above T_o.
         """
         opponency = self.opponency(pathways, live)
-        opponency += self._further
-        self._further[:] = 0
+        if self._params.strides > 1:
+            opponency += self._further
+            self._further[:] = 0
         if self._params.persistence:
             cv2.accumulateWeighted(opponency, self._kept, 1 - self._params.persistence)
             opponency = self._kept.copy()
-        opponency *= self._selected
-        opponency *= self._gain
-        opponency *= self._adaptation(float(opponency.max()))
+        opponency *= self._gains
+        if self._params.adaptation_level:
+            opponency *= self._adaptation(float(opponency.max()))
         best = int(opponency.argmax())
         row, column = divmod(best, opponency.shape[1])
         value = float(opponency[row, column])
@@ -143,12 +144,11 @@ class PooledJudge:
 
         ``min(1, level / B)``, B the background of the best unit's R (``docs/robust.md``).
         """
-        level = self._params.adaptation_level
-        if not level or not best:  # rest is no background
+        if not best:  # rest is no background
             return np.float32(1)
         self._frames += 1
         background = self._background.step(best, self._frames)
-        return np.float32(min(1, level / background) if background else 1)
+        return np.float32(min(1, self._params.adaptation_level / background) if background else 1)
 
     def opponency(self, pathways: Mapping[int, Map], live: Live | None = None) -> Map:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
