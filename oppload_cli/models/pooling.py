@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import math
-from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
@@ -14,18 +13,15 @@ from numpy.lib.stride_tricks import sliding_window_view
 from oppload_cli.native.library import LANES, MapOf, address, compiled, library, rows_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     from oppload_cli.models.kernels import Map
     from oppload_cli.models.presynaptic import Live
 
     Floats = NDArray[np.float64]
-    _Calls = list[Callable[[], object]]
 
 REACH_SIGMAS = 5  # what lies beyond weighs less than a millionth
-MOST_CALLS = 64  # that are kept prepared
+MOST_JOBS = 64  # that are kept prepared
 AT_ONCE = 4  # vectors: that of models.c
 LEAST_SIGMA = 3  # samples per sigma of a halved map
 
@@ -152,13 +148,30 @@ class _LineJob(ctypes.Structure):
     )
 
 
+class _Job(ctypes.Structure):
+    """``struct pooling`` of models.c."""
+
+    _fields_ = (
+        ("maps", ctypes.POINTER(MapOf)),
+        ("halvings", ctypes.c_int),
+        ("margin", ctypes.c_int),
+        ("lines", ctypes.c_void_p),
+        ("line_stride", ctypes.c_ssize_t),
+        ("down", _LineJob),
+        ("across", _LineJob),
+        ("row", ctypes.c_void_p),
+        ("out", ctypes.c_void_p),
+        ("out_stride", ctypes.c_ssize_t),
+    )
+
+
 class _CompiledSums:
     """The sums by compiled loops."""
 
     def __init__(
         self, shape: tuple[int, int], margin: int, halvings: int, down: _Line, across: _Line
     ) -> None:
-        self._loops = compiled()
+        self._pool = compiled().pool
         self._margin = margin
         self._halved = _halves(shape[0] + 2 * margin, shape[1] + 2 * margin, halvings)
         # One for each halving: what is zero between the rows of one is not in another.
@@ -166,40 +179,32 @@ class _CompiledSums:
         coarsest = self._halved[-1].shape if halvings else shape
         samples = coarsest[1] + 2 * across.reach + across.step * (AT_ONCE * LANES + 1)
         self._row = np.zeros(2 * samples, np.float32)
-        self._lines = down, across  # the jobs point at their weights
-        self._jobs = [
-            _LineJob(address(each.weights), each.reach, each.first, each.step, each.count)
-            for each in (down, across)
-        ]
-        self._maps = [MapOf.of(each, None) for each in self._halved]
-        self._calls: dict[tuple[int, ...], tuple[tuple[object, ...], _Calls]] = {}
+        self._lines = down, across
+        self._jobs: dict[tuple[int, ...], tuple[_Job, int, tuple[object, ...]]] = {}
 
     def __call__(self, values: Map, out: Map, live: Live | None) -> None:
         key = id(values), id(out), id(live)
-        if key not in self._calls:
-            if len(self._calls) == MOST_CALLS:
-                self._calls.clear()
-            # They are kept, so that no other arrays can come to have the same identities.
-            whole = MapOf.of(values, live)
-            self._calls[key] = (values, out, live, whole), self._prepared(whole, out)
-        for call in self._calls[key][1]:
-            call()
+        if key not in self._jobs:
+            if len(self._jobs) == MOST_JOBS:
+                self._jobs.clear()
+            job = self._job(values, out, live)
+            # The arrays are kept, so that no others can come to have the same identities.
+            self._jobs[key] = job, ctypes.addressof(job), (values, out, live)
+        self._pool(self._jobs[key][1])
 
-    def _prepared(self, whole: MapOf, out: Map) -> _Calls:
-        """Return the calls that pool a map: finding out where arrays stand costs as much."""
-        maps = [ctypes.addressof(each) for each in (whole, *self._maps)]
-        margins = [self._margin, *(0 for _ in self._maps)]
-        calls: _Calls = [
-            partial(self._loops.halve, finer, margin, coarser, address(scratch))
-            for finer, margin, coarser, scratch in zip(
-                maps, margins, maps[1:], self._scratch, strict=False
-            )
-        ]
-        lines = (ctypes.addressof(job) for job in self._jobs)
-        calls.append(
-            partial(self._loops.weigh, maps[-1], *lines, *rows_of(out), address(self._row))
+    def _job(self, values: Map, out: Map, live: Live | None) -> _Job:
+        """Prepare to pool a map: finding out where arrays stand costs as much."""
+        halves = (MapOf.of(each, None) for each in self._halved)
+        lines = (
+            _LineJob(address(each.weights), each.reach, each.first, each.step, each.count)
+            for each in self._lines
         )
-        return calls
+        out_address, out_stride = rows_of(out)
+        return _Job(
+            (MapOf * (1 + len(self._halved)))(MapOf.of(values, live), *halves),
+            *(len(self._halved), self._margin, address(self._scratch), self._scratch.shape[1]),
+            *(*lines, address(self._row), out_address, out_stride),
+        )
 
 
 def _halves(height: int, width: int, count: int) -> list[Map]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FOLDER = Path(__file__).parent
-INTERFACE = 8  # of the C files: another number is that of a build gone stale
+INTERFACE = 9  # of the C files: another number is that of a build gone stale
 LANES = 8  # of a vector
 ALIGNMENT = 64  # bytes of a cache line
 
@@ -33,8 +33,7 @@ _SIGNATURES: dict[str, tuple[Any, ...]] = {
     "sums": (_pointer, _count, _count, _pointer),
     "whole_sums": (_pointer, _count, _count, _pointer, _pointer),
     "group": (_pointer, _count, _count, _pointer, _pointer),
-    "halve": (_pointer, _count, _pointer, _pointer),
-    "weigh": (_pointer, _pointer, _pointer, _pointer, _distance, _pointer),
+    "pool": (_pointer,),
     "oppose": (
         *(_pointer, _pointer, _distance, _count, _count),
         *(_pointer, _pointer, _count, _pointer, _distance),

@@ -6,7 +6,7 @@
 #include "vectors.h"
 
 /* What is agreed on with oppload_cli/native/library.py: one more with each change of it. */
-int interface(void) { return 8; }
+int interface(void) { return 9; }
 
 /* Tell whether the wider build of these files runs here. */
 int runs_wide(void)
@@ -93,7 +93,7 @@ struct map { float *values; ptrdiff_t stride; int height, width; struct live liv
  * Sample (0, 0) of the half is centred `margin`, an even number of pixels, above and left
  * of pixel (0, 0). `line` is made of zeros, and for maps of one size: `width` zeros, the
  * sums of a row with zeros about them, and their even and odd values. */
-void halve(const struct map *map, int margin, const struct map *half, float *restrict line)
+HELD void halve(const struct map *map, int margin, const struct map *half, float *restrict line)
 {
     const int width = map->width, half_width = half->width;
     const float *zeros = line;
@@ -184,8 +184,8 @@ HELD void weigh_across(const struct line *line, const float *samples, int length
  *
  * `row` is made of zeros: `across->reach` on either side of a row, and `AT_ONCE` vectors;
  * then room for as much again. */
-void weigh(const struct map *map, const struct line *down, const struct line *across,
-           float *restrict out, ptrdiff_t out_stride, float *restrict row)
+HELD void weigh(const struct map *map, const struct line *down, const struct line *across,
+                float *restrict out, ptrdiff_t out_stride, float *restrict row)
 {
     const int width = map->width, step = across->step;
     const int length = (width + 2 * across->reach) / step + AT_ONCE * LANES;
@@ -209,6 +209,25 @@ void weigh(const struct map *map, const struct line *down, const struct line *ac
         for (int c = 0; c < across->count; c += AT_ONCE * LANES)
             WITH_VECTORS(across->count - c, weigh_across, across, samples, length, c, out)
     }
+}
+
+struct pooling {
+    const struct map *maps; /* what is pooled, and its halves */
+    int halvings, margin;
+    float *lines; /* of halve, for each halving */
+    ptrdiff_t line_stride;
+    struct line down, across;
+    float *row; /* of weigh */
+    float *out;
+    ptrdiff_t out_stride;
+};
+
+/* Halve a map as often as is wanted, and weigh what is left. */
+void pool(const struct pooling *job)
+{
+    for (int n = 0; n < job->halvings; n++)
+        halve(&job->maps[n], n ? 0 : job->margin, &job->maps[n + 1], job->lines + n * job->line_stride);
+    weigh(&job->maps[job->halvings], &job->down, &job->across, job->out, job->out_stride, job->row);
 }
 
 /* ---- Opponent products: oppload_cli/models/pairs.py ---- */
