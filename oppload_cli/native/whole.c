@@ -84,6 +84,7 @@ HELD void fold_around(const struct whole_sums *job, struct folded *to, int age, 
     int row = to->next[age] > y - reach ? to->next[age] : y - reach;
     for (; row <= y + reach; row++) {
         const uint8_t *from = job->photoreceptors[age] + row * job->stride + x;
+        __builtin_prefetch(from + ROWS_AHEAD * job->stride);
         int16_t *out = to->rows[age] + (ptrdiff_t)(row & to->mask) * pairs * PAIR;
         fold_pair(from, out, job->first_dx[age]);
         for (int n = 1; n < pairs; n++)
@@ -186,6 +187,8 @@ void whole_sums(const struct whole_sums *job, int first, int last, int16_t *scra
         for (int y = first; y < last; y++) {
             struct totals excitation = {0}, inhibition = {0};
             int wanted = possible[(y - first) * strips];
+            if (y + ROWS_AHEAD < last && possible[(y + ROWS_AHEAD - first) * strips])
+                fetch_ahead(job->outputs, job->output_stride, job->live, y, x, STRIP);
             if (wanted) {
                 fold_around(job, &rows, 0, y, x);
                 add_up(&job->kernels[0], scratch, y & rows.mask, 0, &excitation);
