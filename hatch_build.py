@@ -41,7 +41,7 @@ class CompiledLoops(BuildHookInterface):  # type: ignore[type-arg]
         built = [name for name, options in BUILDS.items() if _compile(folder, name, options)]
         if not built:
             self.app.display_warning(
-                "oppload: no C compiler works here; the models will take about three times as long"
+                "oppload: no C compiler works here; the models will take about four times as long"
             )
             return
         build_data["pure_python"] = False
