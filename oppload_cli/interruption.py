@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import _frozen_importlib
 import math
 import signal
 import time
 from importlib.machinery import ExtensionFileLoader
+from types import CodeType
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -23,6 +25,10 @@ _undisturbed = {
     ExtensionFileLoader.create_module.__code__,
     ExtensionFileLoader.exec_module.__code__,
 }
+# What Python calls when a lock of an import is gone: an exception there is printed, and lost.
+_locking = getattr(_frozen_importlib, "_get_module_lock", None)
+if _locking is not None:
+    _undisturbed.update(each for each in _locking.__code__.co_consts if isinstance(each, CodeType))
 _received: list[int] = []
 _raised_s = -math.inf
 

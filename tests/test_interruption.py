@@ -40,6 +40,19 @@ own = step
 _imp.exec_dynamic = lambda module: own()
 step = lambda: ExtensionFileLoader("name", "path").exec_module(None)
 """
+# What Python calls when the lock of an import is gone.
+UNLOCKING = f"""
+{AT_ONCE.strip()}
+import _frozen_importlib
+class Locks(dict):
+    def get(self, *words):
+        own()
+        return super().get(*words)
+def unlock():
+    lock = _frozen_importlib._get_module_lock("nothing")
+    _frozen_importlib._module_locks = Locks(_frozen_importlib._module_locks)
+own, step = step, unlock
+"""
 # What the encoder's library calls from C.
 WRITING = f"""
 {AT_ONCE.strip()}
@@ -80,6 +93,7 @@ print("ignored", interruption.received())
         (AT_ONCE + AGAIN, ["whole", "interrupted"]),
         (UNDISTURBED + STEP, ["whole", "interrupted"]),
         (LOADING + STEP, ["whole", "interrupted"]),
+        (UNLOCKING + STEP, ["whole", "interrupted"]),
         (WRITING + STEP, ["whole", "interrupted"]),
         (IGNORED, ["ignored False"]),
     ],
