@@ -17,16 +17,7 @@ import numpy as np
 from oppload_cli.models.change import Change
 from oppload_cli.models.crew import bands_of
 from oppload_cli.models.presynaptic import Layers
-from oppload_cli.models.taps import (
-    AGES,
-    AGES_OF_STAGES,
-    OUTPUTS,
-    STAGES,
-    quadrants,
-    runs,
-    stage_of,
-    with_zeros,
-)
+from oppload_cli.models.taps import AGES, OUTPUTS, quadrants, runs, with_zeros
 from oppload_cli.models.whole import WholeSums
 from oppload_cli.native.library import LANES, address, aligned, compiled
 
@@ -38,6 +29,9 @@ if TYPE_CHECKING:
     from oppload_cli.models.parameters import DpcParams
     from oppload_cli.models.presynaptic import Live
 
+FIRST_ROWS = 1, 2  # of W_I1: with few values they inhibit most, and in all directions
+STAGES = 3  # of the inhibition: that of presynaptic.c
+AGES_OF_STAGES = 1, 1, 2
 LAYERS = 5  # of the outputs, from here on: what the models need no more once they have S
 
 
@@ -89,7 +83,7 @@ class DirectSums:
         self._crew = crew
         kernels = quadrants(params, axes)
         groups, taps, reach = _taps(kernels)
-        stages = [stage_of(age, dy) for age, dy, *_ in groups]
+        stages = [_stage_of(age, dy) for age, dy, *_ in groups]
         of_stage = tuple(stages.count(n) for n in range(1 + STAGES))
         self._groups, self._values = np.array(groups, np.intc), np.array(taps, np.float32)
         strip = int(loops.strip())
@@ -190,13 +184,24 @@ class DirectSums:
         self._crew(*self._bands)
 
 
+def _stage_of(age: int, dy: int) -> int:
+    """Return when a row of a kernel is summed: 0 for W_E, 1 to `STAGES` for the inhibition.
+
+    No kernel has a value below 0: once as much inhibits in every direction as excites,
+    every S is 0, and what is left of the kernels is left alone.
+    """
+    if age == 1 and dy not in FIRST_ROWS:
+        return 2
+    return (0, 1, 3)[age]
+
+
 def _taps(
     kernels: list[Kernel],
 ) -> tuple[list[tuple[int, int, int, int]], list[list[float]], list[int]]:
     """Return the kernels as ``struct group`` and ``struct tap``, and how far each reaches."""
     groups, taps, reach = [], [], [0] * AGES
     rows = [(age, dy) for age, kernel in enumerate(kernels) for dy in range(kernel.shape[1])]
-    for age, dy in sorted(rows, key=lambda row: stage_of(*row)):
+    for age, dy in sorted(rows, key=lambda row: _stage_of(*row)):
         for first, count in runs(kernels[age][0, dy] != 0):
             groups.append((age, dy, first, count))
             reach[age] = max(reach[age], dy, first + count - 1)

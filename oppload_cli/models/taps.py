@@ -21,11 +21,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.kernels import Kernel
     from oppload_cli.models.parameters import DpcParams
 
-FIRST_ROWS = 1, 2  # of W_I1: with few values they inhibit most, and in all directions
-AGES_OF_STAGES = 1, 1, 2
 # Those of presynaptic.h.
 AGES = 3  # P(t), P(t-1) and P(t-2)
-STAGES = 3  # of the inhibition
 OUTPUTS = 9  # S, the pathways of one axis and of the other, those opposite, E, I, both J
 
 
@@ -52,29 +49,6 @@ def quadrants(params: DpcParams, axes: tuple[int, ...]) -> list[Kernel]:
         np.stack([kernel, *_odd_parts(kernel, params, axes if age else ())])[:, radius:, radius:]
         for age, kernel in enumerate(kernels)
     ]
-
-
-def stage_of(age: int, dy: int) -> int:
-    """Return when a row of a kernel is summed.
-
-    No kernel has a value below 0: once as much inhibits in every direction as excites,
-    every S is 0, and what is left of the kernels is left alone.
-
-    Parameters
-    ----------
-    age : int
-        0 for W_E, 1 for W_I1, 2 for W_I2.
-    dy : int
-        Distance from the middle row.
-
-    Returns
-    -------
-    int
-        0 for the excitation, 1 to `STAGES` for the inhibition.
-    """
-    if age == 1 and dy not in FIRST_ROWS:
-        return 2
-    return (0, 1, 3)[age]
 
 
 def runs(there: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:

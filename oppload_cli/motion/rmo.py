@@ -187,6 +187,8 @@ def metrics_of(
     Returns
     -------
     RmoMetrics
+
+    Source: ``docs/rmo.md``.
     """
     sums = (_compiled_sums if library() else _portable_sums)(starts, vectors, params)
     count, outward_pairs = sums.vectors, sums.outward_pairs

@@ -63,7 +63,7 @@ struct sampling {
     int kept;
 };
 
-typedef float quad __attribute__((vector_size(16))); /* x, y, change and nothing */
+typedef float quad __attribute__((vector_size(16), aligned(4))); /* x, y, change and nothing */
 
 /* Average flow and change over the cells, and keep the vectors that move enough. `shares` has
  * room for twice as many as there are samples and cells in a row and in a column, `means` for

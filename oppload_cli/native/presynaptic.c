@@ -53,6 +53,7 @@ void change(struct change *job, int first, int last)
     if (any_of(broken)) job->whole = 0;
 }
 
+#define STAGES 3 /* in which the inhibition is summed, until nothing is left of E */
 #define VECTORS 3
 #define STRIP (VECTORS * LANES) /* columns that are worked on at once */
 #define PAIR (2 * STRIP)        /* sum and difference of what lies left and right */
@@ -61,6 +62,9 @@ int strip(void) { return STRIP; }
 
 /* Kernel values at one offset (dx, dy) and its mirror images. */
 struct tap { float even, across, down; };
+
+/* Kernel values of one age and one dy: at dx, dx + 1, ... */
+struct group { int age, dy, dx, count; };
 
 struct sums {
     const float *photoreceptors[AGES]; /* at pixel (0, 0), with zeros around the frame */

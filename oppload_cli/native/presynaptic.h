@@ -2,12 +2,8 @@
 #pragma once
 #include "vectors.h"
 
-#define AGES 3   /* P(t), P(t-1), P(t-2) */
-#define STAGES 3 /* in which the inhibition is summed, until nothing is left of E */
+#define AGES 3 /* P(t), P(t-1), P(t-2) */
 enum { S, S_ONE, S_OTHER, S_ONE_OPPOSITE, S_OTHER_OPPOSITE, E, I, J_ONE, J_OTHER, OUTPUTS };
-
-/* Kernel values of one age and one dy: at dx, dx + 1, ... */
-struct group { int age, dy, dx, count; };
 
 HELD void put(float *map, ptrdiff_t at, lanes value)
 {

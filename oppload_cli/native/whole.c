@@ -152,7 +152,7 @@ HELD int some_left(const struct whole_sums *job, const struct totals *excitation
 }
 
 /* Say for the strips of rows first to last - 1 whether any S may be above 0, two at once. */
-HELD void screen(const struct whole_sums *job, int first, int last, uint8_t *boxes, char *possible)
+HELD void screen(const struct whole_sums *job, int first, int last, uint8_t *boxes, char *verdicts)
 {
     const ptrdiff_t stride = job->stride, reach = job->screening.reach;
     for (ptrdiff_t y = first - reach; y < last + reach; y++)
@@ -160,10 +160,10 @@ HELD void screen(const struct whole_sums *job, int first, int last, uint8_t *box
                   boxes + (y - first + reach) * stride);
     boxes += reach * stride + reach;
     for (ptrdiff_t y = first; y < last; y++, boxes += stride)
-        for (int x = 0; x < job->width; x += SCREENED, possible += 2) {
+        for (int x = 0; x < job->width; x += SCREENED, verdicts += 2) {
             int found = screened(&job->screening, job->photoreceptors[0] + y * stride + x, boxes + x);
-            possible[0] = found & 1;
-            possible[1] = found >> 1;
+            verdicts[0] = found & 1;
+            verdicts[1] = found >> 1;
         }
 }
 
@@ -180,14 +180,14 @@ void whole_sums(const struct whole_sums *job, int first, int last, int16_t *scra
         room += job->slots * job->pairs[age] * PAIR;
     }
     const int strips = 2 * ((job->width + SCREENED - 1) / SCREENED);
-    const char *possible = screening;
+    const char *verdicts = screening;
     screen(job, first, last, (uint8_t *)screening + (last - first) * strips, screening);
-    for (int x = 0; x < job->width; x += STRIP, possible++) {
+    for (int x = 0; x < job->width; x += STRIP, verdicts++) {
         for (int age = 0; age < AGES; age++) rows.next[age] = first - job->reach[age];
         for (int y = first; y < last; y++) {
             struct totals excitation = {0}, inhibition = {0};
-            int wanted = possible[(y - first) * strips];
-            if (y + ROWS_AHEAD < last && possible[(y + ROWS_AHEAD - first) * strips])
+            int wanted = verdicts[(y - first) * strips];
+            if (y + ROWS_AHEAD < last && verdicts[(y + ROWS_AHEAD - first) * strips])
                 fetch_ahead(job->outputs, job->output_stride, job->live, y, x, STRIP);
             if (wanted) {
                 fold_around(job, &rows, 0, y, x);
