@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from fractions import Fraction
 from functools import partial
-from itertools import chain, islice
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -234,10 +234,14 @@ class ContainerSource:
             if self.stopping or (count and not damaged and not self._missing()):
                 return
             self._start_again()
-        yield from islice(self._decoded(), count, None)
+        for place, shown in enumerate(self._decoded()):
+            if place >= count:
+                yield shown
+            else:  # several threads may have passed it on before they knew
+                self.decode.corrupt += shown[0].is_corrupt
 
     def _start_again(self) -> None:
-        self.decode.failures = 0
+        self.decode.failures = self.decode.corrupt = 0
         self.decode.messages.clear()
         self._careful = True
         self._container.close()
