@@ -1,20 +1,34 @@
-# Each target sets up what it needs in a private .venv; only Python 3.11+, make and a C library are assumed;
-# a C compiler makes the models faster.
+# Each target sets up a private .venv by itself; it needs only Python 3.11 or later and make. A C
+# compiler makes the models faster. On Windows, run make in a POSIX shell such as Git Bash.
+ifeq ($(OS),Windows_NT)
+PYTHON ?= python
+BIN := .venv/Scripts
+else
 PYTHON ?= python3
 BIN := .venv/bin
+endif
+JOBS ?= 2
+CASES ?= 500
+SEED ?= 1
 BENCH ?=
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow bench lint docs clean
+.PHONY: help demo test test-slow attack bench lint style types format docs dist clean
 
 help:
-	@echo "make demo   install, run both detectors on a looming disk, plot the comparison"
-	@echo "make test   run the tests"
-	@echo "make lint   ruff and mypy --strict"
-	@echo "make docs   regenerate the generated pages of docs/"
+	@echo "make demo       install, run both detectors on a looming disk, plot, make a page"
+	@echo "make test       run the tests; JOBS=4 runs them in 4 processes (2 by default)"
+	@echo "make test-slow  run the tests that take more than a few seconds each"
+	@echo "make attack     damaged and hostile input, limits, signals; CASES=5000 SEED=1 (500 and 1)"
+	@echo "make lint       ruff, and mypy --strict"
+	@echo "make format     let ruff format the code"
+	@echo "make docs       refill the generated pages, and build the site into docs/_build/html"
+	@echo "make dist       build and check the source archive and a wheel for each platform"
+	@echo "make bench      measure speed against references; see benchmarks/README.md"
 
-.venv/.ready: pyproject.toml hatch_build.py $(wildcard oppload_cli/native/*.[ch])
+.venv/.ready: pyproject.toml hatch_build.py $(wildcard oppload_cli/*/*.[ch])
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[test,lint]'
+	$(PIP) --editable '.[test,lint]'
 	$(BIN)/python -m compileall -q oppload_cli stimuli
 	@touch $@
 
@@ -22,22 +36,45 @@ demo: .venv/.ready
 	$(BIN)/oppload demo --output demo --if-exists overwrite
 
 test: .venv/.ready
-	$(BIN)/python -m pytest --numprocesses 2
-
-bench: .venv/.ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check "scenedetect>=0.6"
-	$(BIN)/python -m benchmarks.bench $(BENCH)
+	$(BIN)/python -m pytest --numprocesses $(JOBS)
 
 test-slow: .venv/.ready
-	$(BIN)/python -m pytest --numprocesses 2 -m slow
+	$(BIN)/python -m pytest --numprocesses $(JOBS) -m slow
 
-lint: .venv/.ready
+attack: .venv/.ready
+	$(BIN)/python -m tools.attack --cases $(CASES) --seed $(SEED) --jobs $(JOBS)
+
+bench: .venv/.ready
+	$(PIP) "scenedetect>=0.6"
+	$(BIN)/python -m benchmarks.bench $(BENCH)
+
+lint: style types
+
+style: .venv/.ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+types: .venv/.ready
 	$(BIN)/mypy
 
-docs: .venv/.ready
+format: .venv/.ready
+	$(BIN)/ruff format .
+
+.venv/.docs: .venv/.ready
+	$(PIP) --editable '.[docs]'
+	@touch $@
+
+docs: .venv/.docs
 	$(BIN)/python docs/generate.py
+	$(BIN)/python -m tools.picture
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --jobs auto docs docs/_build/html
+
+.venv/.dist: .venv/.ready
+	$(PIP) --editable '.[dist]'
+	@touch $@
+
+dist: .venv/.dist
+	$(BIN)/python -m tools.dist
 
 clean:
-	rm -rf .venv demo .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv build demo attack dist docs/_build docs/reference/api .pytest_cache .mypy_cache .ruff_cache

@@ -1,50 +1,47 @@
-"""Measure what each part of preset `robust` brings: the tables of ``docs/robust.md``.
+"""Measure the gain from each part of preset `default`: the table of ``docs/presets.md``.
 
     python -m benchmarks.ablation MANIFEST.csv [--jobs N]
 
-Each row leaves one part of the preset out. On the clips: detection and median lead at one
-false alarm per minute, order within clips, the winning unit's place. On the catalogue's
-control stimuli: how many alarm at the threshold that the clips set. Last, the
-cross-validation: for each clip the variant that is best on all the other clips is chosen,
-with its threshold, and judged on that clip alone.
+Each row leaves one part of the preset out. On the clips it measures detection and median lead
+time at one false alarm per minute, the order within clips, and the place of the winning unit.
+On the control stimuli of the catalogue it counts the alarms at the threshold that the clips set.
+Last comes the cross-validation: for each clip, the variant that is best on all other clips is
+chosen, with its threshold, and judged on that clip alone.
 """  # fmt: skip
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from oppload_cli.analysis import analyse
-from oppload_cli.detection.alarm import ALARMS
-from oppload_cli.detection.evaluation.places import places
-from oppload_cli.detection.evaluation.thresholds import Approaches, FalseAlarms, held_out_thresholds
-from oppload_cli.detection.evaluation.windows import ordered_pairs
-from oppload_cli.evaluation.boxes import with_boxes
-from oppload_cli.evaluation.contenders import Contender
-from oppload_cli.evaluation.evaluate import view_all
-from oppload_cli.evaluation.manifest import read_manifest
-from oppload_cli.models.parameters import OpplodParams
-from oppload_cli.models.presets import PRESETS
+from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
+from oppload_cli.evaluation.evaluate import analyse_clips
+from oppload_cli.evaluation.manifest import read_manifest, with_boxes
+from oppload_cli.evaluation.metrics.alarms import Thresholds
+from oppload_cli.evaluation.metrics.measures import places
+from oppload_cli.evaluation.metrics.windows import ordered_pairs
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import StimulusVideo
 
 if TYPE_CHECKING:
-    from oppload_cli.detection.evaluation.series import Seen
+    from oppload_cli.evaluation.metrics.clips import Clip
 
 RATE = 1.0  # false alarms per minute
 FRAMES = (4, 8)
 WITHOUT: dict[str, dict[str, Any]] = {
-    "robust": {},
+    "default": {},
     "fields of 100 px": {"receptive_field": 100},
     "cells of 8 px": {"cell": 8, "pool_sigma": 1.5},
     "no compression": {"compression": 1.0, "adaptation_level": 0.0},
-    "no frames two apart": {"strides": 1},
+    "no frames at a distance of two": {"strides": 1},
     "no persistence": {"persistence": 0.0},
     "no adaptation": {"adaptation_level": 0.0},
-    "no reference rate": {"reference_rate": 0.0},
+    "no history": {"history": 0.0},
     "inward as heavy as outward": {"periphery": 1.0},
     "cone of 90 degrees": {"cone": 90.0},
     "no border": {"border": 0},
@@ -62,16 +59,14 @@ CONTROLS = (
 )
 
 
-def variants() -> list[Contender]:
-    """Return preset robust, and it without each of its parts, and preset default."""
-    preset = PRESETS["robust"]
-    alarm = ALARMS[preset.name]
+def variants() -> list[EvaluatedDetector]:
+    """Return preset default, its variants without one part each, and preset reference."""
+    default, reference, *_ = evaluated_detectors(["opplod:default", "opplod:reference"])
     made = [
-        Contender(name, name, preset.height, preset.opplod.replaced(**changes), alarm)
+        replace(default, name=name, meaning=name, params=default.params.replaced(**changes))
         for name, changes in WITHOUT.items()
     ]
-    default = PRESETS["default"]
-    return [*made, Contender("default", "", default.height, default.opplod, ALARMS["default"])]
+    return [*made, replace(reference, name="reference", meaning="")]
 
 
 def main() -> None:
@@ -82,87 +77,84 @@ def main() -> None:
     arguments = parser.parse_args()
     manifest = with_boxes(read_manifest(arguments.manifest))
     chosen = variants()
-    # One at a time: they are the same model, and would stand in one bank's way.
-    viewed: dict[str, list[Seen]] = {}
+    # One at a time, because one pass cannot hold the same model twice.
+    analysed: dict[str, list[Clip]] = {}
     for each in chosen:
-        seen = view_all(manifest.entries, [each], jobs=arguments.jobs)
-        viewed[each.name] = [one.seen for one in seen if one.seen]
+        found = analyse_clips(manifest.entries, [each], jobs=arguments.jobs)
+        analysed[each.name] = [one.clip for one in found if one.clip]
     print("| variant | detected | held out | lead (s) | pairs at 4 | at 8 | place | controls |")
     print("|---|---|---|---|---|---|---|---|")
     for each in chosen:
-        row = measured(viewed[each.name], each)
+        row = measured(analysed[each.name], each)
         print(f"| {each.name} | " + " | ".join(f"{value:.3g}" for value in row) + " |", flush=True)
     print()
-    print(cross_validated(viewed))
+    print(cross_validated(analysed))
 
 
-def measured(clips: list[Seen], contender: Contender) -> list[float]:
-    """Return a row of the table."""
-    name = contender.name
-    alarms, approaches = FalseAlarms(clips, name), Approaches(clips, name)
-    threshold = alarms.threshold(np.ones(len(clips), np.int64), RATE)
-    apart = [
-        float(approaches.detected(one)[index])
-        for index, one in enumerate(held_out_thresholds(alarms, RATE))
+def measured(clips: list[Clip], detector: EvaluatedDetector) -> list[float]:
+    """Return the values of one row of the table."""
+    name = detector.name
+    thresholds = Thresholds(clips, name)
+    threshold = thresholds.lowest(np.ones(len(clips), np.int64), RATE)
+    held_out = [
+        float(thresholds.detected(one)[index])
+        for index, one in enumerate(thresholds.held_out(RATE))
     ]
     near = [place.inside for place in places(clips, name) if place.near]
     return [
-        float(np.nanmean(approaches.detected(threshold))),
-        float(np.nanmean(apart)),
-        float(np.nanmedian(approaches.leads(threshold))),
+        float(np.nanmean(thresholds.detected(threshold))),
+        float(np.nanmean(held_out)),
+        float(np.nanmedian(thresholds.leads(threshold))),
         *(order(clips, name, frames) for frames in FRAMES),
         float(np.mean(near)),
-        alarms_on_controls(contender, threshold),
+        alarms_on_controls(detector, threshold),
     ]
 
 
-def order(clips: list[Seen], name: str, frames: int) -> float:
+def order(clips: list[Clip], name: str, frames: int) -> float:
     """Return the mean share of ordered pairs over clips."""
-    return float(np.nanmean([ordered_pairs(seen, name, frames)[0] for seen in clips]))
+    return float(np.nanmean([ordered_pairs(clip, name, frames)[0] for clip in clips]))
 
 
-def alarms_on_controls(contender: Contender, threshold: float) -> int:
-    """Return how many control stimuli alarm at a threshold."""
-    params, alarm = contender.params, contender.alarm
-    if not isinstance(params, OpplodParams) or alarm is None:
-        return 0
-    count = 0
+def alarms_on_controls(detector: EvaluatedDetector, threshold: float) -> int:
+    """Return the number of control stimuli that set off an alarm at a threshold."""
+    alarm, count = detector.alarm.replaced(opplod_floor=threshold), 0
     for protocol in (each for pattern in CONTROLS for each in load_all(pattern)):
         records = analyse(
-            StimulusVideo(protocol, contender.height),
-            [params],
-            alarm=alarm.replaced(opplod_floor=threshold),
+            StimulusVideo(protocol, detector.height),
+            [detector.params],
+            alarm=alarm,
             rmo=None,
         )
         count += any(record.alarms.get("opplod", False) for record in records)
     return count
 
 
-def cross_validated(viewed: dict[str, list[Seen]]) -> str:
-    """Return the sentence on variants chosen on the other clips."""
-    clips = len(next(iter(viewed.values())))
+def cross_validated(analysed: dict[str, list[Clip]]) -> str:
+    """Return the result of the cross-validation as a sentence."""
+    clips = len(next(iter(analysed.values())))
     others = 1 - np.eye(clips, dtype=np.int64)
-    thresholds = {n: held_out_thresholds(FalseAlarms(s, n), RATE) for n, s in viewed.items()}
+    thresholds = {name: Thresholds(own, name) for name, own in analysed.items()}
     hits = {
-        name: np.array(
-            [Approaches(seen, name).detected(each) for each in thresholds[name]]
-        )  # by clip left out, and clip
-        for name, seen in viewed.items()
-    }
+        name: np.array([each.detected(one) for one in each.held_out(RATE)])
+        for name, each in thresholds.items()
+    }  # shape: held-out clip, clip
     pairs = {
-        name: np.array([[ordered_pairs(one, name, f)[0] for f in FRAMES] for one in seen])
-        for name, seen in viewed.items()
+        name: np.array([[ordered_pairs(one, name, f)[0] for f in FRAMES] for one in own])
+        for name, own in analysed.items()
     }
     detected, ordered, picks = [], [], []
-    for left_out in range(clips):
-        kept = others[left_out] == 1
+    for held_out_clip in range(clips):
+        kept = others[held_out_clip] == 1
         best = max(
-            viewed,
-            key=lambda name: np.nanmean(hits[name][left_out][kept]) + np.nanmean(pairs[name][kept]),
+            analysed,
+            key=lambda name: (
+                np.nanmean(hits[name][held_out_clip][kept]) + np.nanmean(pairs[name][kept])
+            ),
         )
         picks.append(best)
-        detected.append(hits[best][left_out][left_out])
-        ordered.append(pairs[best][left_out])
+        detected.append(hits[best][held_out_clip][held_out_clip])
+        ordered.append(pairs[best][held_out_clip])
     shares = np.nanmean(np.array(ordered), axis=0)
     counts = {name: picks.count(name) for name in dict.fromkeys(picks)}
     return (

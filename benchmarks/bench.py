@@ -1,4 +1,4 @@
-"""Take every figure by turns with its reference; write JSON and Markdown."""
+"""Measure speed in turns with references; write JSON and Markdown."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import cv2
 import numpy as np
 
 from benchmarks import decoding, media, references
 from oppload_cli.environment import environment
-from oppload_cli.models.bank import ModelBank
-from oppload_cli.models.parameters import DlgmdParams, OpplodParams
-from oppload_cli.models.presets import PRESETS
+from oppload_cli.models.bank import DetectorBank
+from oppload_cli.models.dlgmd import DlgmdParams, group, threshold
+from oppload_cli.models.dpc import Dpc
+from oppload_cli.models.opposing_motion import PooledJudgement
+from oppload_cli.models.registry import default_names, parameters_of
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.video.source import open_video
 
@@ -32,32 +34,32 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from oppload_cli.models.opplod_parameters import OpplodParams
+
     Luma = NDArray[np.float32]
 
 RESULTS = Path(__file__).parent / "results"
-COMMAND = str(Path(sys.executable).with_name("oppload"))  # as its users start it
-LENGTHS = (600, 1800)  # frames of a whole run: the longer, the less its start counts
+COMMAND = str(Path(sys.executable).with_name("oppload"))  # the command that users call
+LENGTHS = (600, 1800)  # frames of a run: the start-up counts for less in a longer one
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One row of the table.
+class Measurement:
+    """One row of the table: a ratio to a reference, or an absolute value.
 
     Attributes
     ----------
-    what : str
-        What was measured, against what.
+    title : str
+        The thing that was measured, and its reference.
     must, aim : str
-        What it shall reach.
+        The bound that the median has to keep, and the one to come to.
     median, smallest, largest : float
-        Over the rounds.
-    unit : str
-        Of these.
+        Value over the rounds, in `unit`.
     seconds : float
         Median of the absolute times, for orientation.
     """
 
-    what: str
+    title: str
     must: str
     aim: str
     median: float
@@ -70,7 +72,7 @@ class Figure:
 def by_turns(
     a: Callable[[], object], b: Callable[[], object], rounds: int
 ) -> tuple[list[float], list[float]]:
-    """Time a and b in turn, after one uncounted round."""
+    """Return the times of a and b in s, called in turns after one round that does not count."""
     times: tuple[list[float], list[float]] = ([], [])
     for count in range(rounds + 1):
         for each, taken in zip((a, b), times, strict=True):
@@ -82,7 +84,7 @@ def by_turns(
 
 
 def ratio(  # noqa: PLR0917 - a row of the table
-    what: str,
+    title: str,
     must: str,
     aim: str,
     ours: Callable[[], object],
@@ -91,26 +93,30 @@ def ratio(  # noqa: PLR0917 - a row of the table
     *,
     faster: bool = False,
     per_call: float = 1.0,
-) -> Figure:
-    """Return ours over the other's time, or how many times as fast we are.
+) -> Measurement:
+    """Return the ratio of our time to the other's; with `faster`, the other's time to ours.
 
-    `per_call` is how many of our frames stand against one of the other's.
-    """  # fmt: skip
+    One call of `ours` processes `per_call` times as many frames as one call of `other`.
+    """
     mine, theirs = by_turns(ours, other, rounds)
     ratios = [
         per_call * b / a if faster else a / (per_call * b)
         for a, b in zip(mine, theirs, strict=True)
     ]
-    return Figure(
-        what, must, aim, statistics.median(ratios), min(ratios), max(ratios),
+    return Measurement(
+        title, must, aim, statistics.median(ratios), min(ratios), max(ratios),
         "times as fast" if faster else "ratio", statistics.median(mine),
     )  # fmt: skip
 
 
-def models(frames: Sequence[Luma], preset: str = "default") -> Callable[[], None]:
-    """Return a pass of both models over frames."""
-    chosen = PRESETS[preset]
-    bank = ModelBank(frames[0].shape, [chosen.opplod, chosen.dlgmd])
+def both(shape: tuple[int, int], preset: str = "reference") -> DetectorBank:
+    """Return both models of the paper."""
+    return DetectorBank(shape, [parameters_of(name, preset) for name in default_names()])
+
+
+def models(frames: Sequence[Luma], preset: str = "reference") -> Callable[[], None]:
+    """Return a function that passes frames through both models."""
+    bank = both(frames[0].shape, preset)
 
     def once() -> None:
         for luma in frames:
@@ -120,16 +126,16 @@ def models(frames: Sequence[Luma], preset: str = "default") -> Callable[[], None
 
 
 def run_command(path: Path, *options: str) -> list[str]:
-    """Return `oppload run` on a file as a command."""
+    """Return the command `oppload run` on a file."""
     folder = tempfile.mkdtemp(prefix="oppload-bench-")
     return [
         *(COMMAND, "run", str(path), "-o", folder, "-q"),
-        *("--if-exists", "overwrite", *options),
+        *("--preset", "reference", "--if-exists", "overwrite", *options),
     ]
 
 
-def whole(rounds: int) -> Iterator[Figure]:
-    """Whole runs against bare decoding and against PySceneDetect."""
+def runs(rounds: int) -> Iterator[Measurement]:
+    """Measure complete runs against bare decoding and against PySceneDetect."""
     for width, height, must, aim in ((1920, 1080, "1.6", "1.15"), (1280, 720, "2.2", "1.3")):
         for frames in LENGTHS:
             path = media.h264(RESULTS, width, height, frames)
@@ -152,13 +158,13 @@ def whole(rounds: int) -> Iterator[Figure]:
                 )  # fmt: skip
 
 
-def alone(rounds: int) -> Iterator[Figure]:
-    """Measure the models alone."""
+def models_alone(rounds: int) -> Iterator[Measurement]:
+    """Measure the models without decoding."""
     small = media.luminance(427, 240, 60)
     ours = models(small)  # frames of this size are left to one thread
     mine, _ = by_turns(ours, lambda: None, rounds)
     rates = [len(small) / each for each in mine]
-    yield Figure(
+    yield Measurement(
         "models alone, 427 x 240, one core: frames/s", ">= 400", "1000",
         statistics.median(rates), min(rates), max(rates), "frames/s", statistics.median(mine),
     )  # fmt: skip
@@ -173,7 +179,7 @@ def alone(rounds: int) -> Iterator[Figure]:
         ours_large, partial(references.farneback, large), rounds, faster=True,
     )  # fmt: skip
     paper = media.luminance(800, 600, 6)
-    for preset, must, aim in (("default", ">= 20", "60"), ("paper", ">= 8", "20")):
+    for preset, must, aim in (("reference", ">= 20", "60"), ("paper", ">= 8", "20")):
         is_paper = preset == "paper"
         yield ratio(
             f"preset {preset}, 800 x 600, against the literal reference", must, aim,
@@ -183,21 +189,31 @@ def alone(rounds: int) -> Iterator[Figure]:
         )  # fmt: skip
 
 
-def stages(rounds: int) -> Iterator[Figure]:
-    """Measure what each stage costs per frame at 427 x 240, in ms: where the time goes."""
+def stages(rounds: int) -> Iterator[Measurement]:
+    """Measure the time of each stage per frame of 427 x 240, in ms."""
     frames = media.luminance(427, 240, 60)
-    bank = ModelBank((240, 427), [OpplodParams(), DlgmdParams()])
-    opplod, dlgmd = bank.models["opplod"], bank.models["dlgmd"]
-    flow = DenseFlow()
+    opplod = cast("OpplodParams", parameters_of("opplod", "reference")).resolved(240)
+    shape, dlgmd = (240, 427), DlgmdParams()
+    dpc = Dpc(shape, opplod, opplod.both_axes)
+    judgement, grouped, flow = (
+        PooledJudgement(shape, opplod),
+        np.zeros(shape, np.float32),
+        DenseFlow(),
+    )
+
+    def grouping(_: Luma) -> None:
+        t = threshold(dlgmd, dpc.photoreceptors.means[2])
+        group(dpc.sums.presynaptic, dlgmd.group_size, t, dlgmd.grouped_limit, grouped)
+
     parts: list[tuple[str, Callable[[Luma], object]]] = [
-        ("P, DPC and MDE convolutions", opplod.dpc.step),
-        ("MDE rectifying, OMJ and enhancing", lambda _: opplod.respond()),
-        ("D-LGMD grouping", lambda _: dlgmd.respond()),
+        ("P, DPC and MDE", dpc.step),
+        ("OMJ and enhancing", lambda _: judgement.judge(dpc.sums.pathways)),
+        ("D-LGMD grouping", grouping),
         ("flow and RMO", flow.step),
         ("table row", lambda luma: ",".join(f"{value:.9g}" for value in luma[0, :20].tolist())),
     ]
     for luma in frames[:4]:
-        bank.step(luma)
+        dpc.step(luma)
     for name, part in parts:
 
         def once(part: Callable[[Luma], object] = part) -> None:
@@ -206,7 +222,7 @@ def stages(rounds: int) -> Iterator[Figure]:
 
         mine, _ = by_turns(once, lambda: None, rounds)
         each = [1e3 * value / len(frames) for value in mine]
-        yield Figure(
+        yield Measurement(
             f"stage: {name}", "", "", statistics.median(each), min(each), max(each), "ms/frame",
             statistics.median(mine),
         )  # fmt: skip
@@ -223,25 +239,25 @@ def stages(rounds: int) -> Iterator[Figure]:
     )  # fmt: skip
 
 
-def start(rounds: int) -> Iterator[Figure]:
-    """Start-up."""
+def start(rounds: int) -> Iterator[Measurement]:
+    """Measure the start-up of the command."""
     helped, bare = by_turns(
         lambda: references.run([COMMAND, "--help"]),
         lambda: references.run([sys.executable, "-c", "pass"]),
         4 * rounds,
     )
     extra = [1e3 * (a - b) for a, b in zip(helped, bare, strict=True)]
-    yield Figure(
+    yield Measurement(
         "oppload --help over a bare interpreter's start", "<= 60", "40",
         statistics.median(extra), min(extra), max(extra), "ms", statistics.median(helped),
     )  # fmt: skip
 
 
-def memory(_rounds: int) -> Iterator[Figure]:
-    """Peak memory of a whole run, in a pass of its own."""
+def memory(_rounds: int) -> Iterator[Measurement]:
+    """Measure the peak memory of complete runs."""
     for frames in (150, LENGTHS[0]):
         peak = _peak_mb(run_command(media.h264(RESULTS, 1920, 1080, frames)))
-        yield Figure(
+        yield Measurement(
             f"peak memory, 1080p, {frames} frames", "<= 250", "150", peak, peak, peak, "MB", 0.0
         )
 
@@ -249,7 +265,7 @@ def memory(_rounds: int) -> Iterator[Figure]:
 def _peak_mb(command: Sequence[str]) -> float:
     """Return the peaks of a process and of those that it starts, added up (Linux only).
 
-    What they share counts more than once: they need less.
+    Memory that they share counts more than once, so that the sum is an upper bound.
     """
     peaks: dict[str, int] = {}
     with subprocess.Popen(command) as run:
@@ -265,8 +281,8 @@ def _peak_mb(command: Sequence[str]) -> float:
     return sum(peaks.values()) / 1024
 
 
-def scaling(rounds: int) -> Iterator[Figure]:
-    """Cost against pixels and against frames, over two decades: the exponent of the fit."""
+def scaling(rounds: int) -> Iterator[Measurement]:
+    """Fit the cost as a power of the number of pixels, and of the number of frames."""
     sizes = [(128, 72), (256, 144), (512, 288), (1280, 720)]
     costs = []
     for width, height in sizes:
@@ -280,22 +296,22 @@ def scaling(rounds: int) -> Iterator[Figure]:
     totals = []
     for count in counts:
         once, passes = models(frames * count), counts[-1] // count
-        # As many passes as make all equally long: a short one would meet less of the noise.
+        # More passes over fewer frames: a shorter measurement would meet less of the noise.
         times, _ = by_turns(lambda: [once() for _ in range(passes)], lambda: None, rounds)  # noqa: B023
         totals.append(min(times) / passes)
     yield exponent("cost of the models against frames", counts, totals)
 
 
-def exponent(what: str, sizes: Sequence[float], costs: Sequence[float]) -> Figure:
-    """Fit cost = c size^k."""
+def exponent(title: str, sizes: Sequence[float], costs: Sequence[float]) -> Measurement:
+    """Fit cost = c size^k, and return k."""
     k = float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
-    return Figure(f"{what}: exponent", "<= 1.05", "1.0", k, k, k, "exponent", costs[-1])
+    return Measurement(f"{title}: exponent", "<= 1.05", "1.0", k, k, k, "exponent", costs[-1])
 
 
-def live(_rounds: int) -> Iterator[Figure]:
-    """Frame in to response out at 720p, paced at 30 frames/s: 99th percentile."""
+def live(_rounds: int) -> Iterator[Measurement]:
+    """Measure the time from a frame to its response at 720p and 30 frames/s, 99th percentile."""
     images = [(luma * 255).astype(np.uint8) for luma in media.luminance(1280, 720, 60)]
-    bank = ModelBank((240, 427), [OpplodParams(), DlgmdParams()])
+    bank = both((240, 427))
     flow = DenseFlow()
     latencies = []
     for index in range(150):
@@ -307,15 +323,15 @@ def live(_rounds: int) -> Iterator[Figure]:
         latencies.append(1e3 * (time.perf_counter() - begun))
         time.sleep(max(0.0, 1 / 30 - (time.perf_counter() - begun)))
     late = latencies[10:]
-    yield Figure(
+    yield Measurement(
         "live: frame in to response out, 720p at 30 frames/s, 99th percentile", "<= 33", "5",
         float(np.percentile(late, 99)), min(late), max(late), "ms", 0.0,
     )  # fmt: skip
 
 
-PARTS: dict[str, Callable[[int], Iterator[Figure]]] = {
-    "whole": whole,
-    "models": alone,
+PARTS: dict[str, Callable[[int], Iterator[Measurement]]] = {
+    "runs": runs,
+    "models": models_alone,
     "stages": stages,
     "start": start,
     "memory": memory,
@@ -324,25 +340,25 @@ PARTS: dict[str, Callable[[int], Iterator[Figure]]] = {
 }
 
 
-def table(figures: Sequence[Figure], machine: dict[str, Any]) -> str:
+def table(measured: Sequence[Measurement], machine: dict[str, Any]) -> str:
     """Return the Markdown page."""
     lines = [
         "# Benchmark",
         f"{machine['platform']}, {machine['cores']} cores, Python {machine['python']}.",
         "",
-        "| what | must | aim | median | smallest | largest | |",
+        "| measurement | must | aim | median | smallest | largest | unit |",
         "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {each.what} | {each.must} | {each.aim} | {each.median:.3g} | {each.smallest:.3g} "
+        f"| {each.title} | {each.must} | {each.aim} | {each.median:.3g} | {each.smallest:.3g} "
         f"| {each.largest:.3g} | {each.unit} |"
-        for each in figures
+        for each in measured
     ]
     return "\n".join(lines) + "\n"
 
 
 def main() -> None:
-    """Run the parts asked for."""
+    """Run the chosen parts, all by default."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--only", choices=PARTS, action="append")
@@ -351,16 +367,16 @@ def main() -> None:
     if options.cores:
         os.sched_setaffinity(0, set(sorted(os.sched_getaffinity(0))[: options.cores]))
         cv2.setNumThreads(options.cores)
-    figures = []
+    measured = []
     for name in options.only or PARTS:
-        for figure in PARTS[name](options.rounds):
-            print(f"{figure.what}: {figure.median:.3g} {figure.unit}", flush=True)
-            figures.append(figure)
+        for each in PARTS[name](options.rounds):
+            print(f"{each.title}: {each.median:.3g} {each.unit}", flush=True)
+            measured.append(each)
     machine = environment()
     RESULTS.mkdir(exist_ok=True)
-    content = {"machine": machine, "figures": [asdict(each) for each in figures]}
+    content = {"machine": machine, "measurements": [asdict(each) for each in measured]}
     (RESULTS / "bench.json").write_text(json.dumps(content, indent=2) + "\n")
-    (RESULTS / "bench.md").write_text(table(figures, machine))
+    (RESULTS / "bench.md").write_text(table(measured, machine))
     print(f"\n{RESULTS / 'bench.md'}")
 
 

@@ -1,18 +1,21 @@
-"""Bare decoding, the limit: a process of its own that imports the decoder alone.
+"""Bare decoding: a process of its own that imports only the decoder. No run can be faster.
 
-``python benchmarks/decoding.py FILE`` decodes every frame and touches its luma plane.
+``python benchmarks/decoding.py FILE`` decodes every frame and looks at the size of its luma plane.
 """
 
 from __future__ import annotations
 
 import sys
-from pathlib import Path  # noqa: TC003 - shown in a signature
+from typing import TYPE_CHECKING
 
 import av
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 
 def decode(path: str | Path) -> int:
-    """Return how many frames were decoded."""
+    """Return the number of decoded frames."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"

@@ -1,4 +1,4 @@
-"""The videos that the benchmarks read, made once from a seed."""
+"""The videos and frames of the benchmarks, made from a seed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def scene(width: int, height: int, frames: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield colour frames: a texture that drifts, and a disk that looms again and again."""
+    """Yield colour pictures: a drifting texture, and a disk that looms again and again."""
     rng = np.random.default_rng(1)
     coarse = rng.integers(0, 256, (height // 8, (width + 2 * frames) // 8 + 2, 3), np.uint8)
     ground = cv2.resize(coarse, (width + 2 * frames + 16, height), interpolation=cv2.INTER_CUBIC)
@@ -29,7 +29,7 @@ def scene(width: int, height: int, frames: int) -> Iterator[NDArray[np.uint8]]:
 
 
 def h264(folder: Path, width: int, height: int, frames: int) -> Path:
-    """Return an H.264 file of the scene, made if it is not there."""
+    """Return an H.264 file of the scene; make it if it does not exist."""
     path = folder / f"scene-{width}x{height}-{frames}.mp4"
     if path.exists():
         return path
@@ -48,7 +48,7 @@ def h264(folder: Path, width: int, height: int, frames: int) -> Path:
 
 
 def luminance(width: int, height: int, frames: int) -> list[NDArray[np.float32]]:
-    """Return frames of the scene as the models take them."""
+    """Return the luminance of the scene, frame by frame."""
     return [
         cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32) / np.float32(255)
         for image in scene(width, height, frames)

@@ -23,20 +23,23 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from oppload_cli import Opplod, OpplodParams, OpplodResponse, analyse, open_video, stimulus
+from oppload_cli import Opplod, OpplodResponse, analyse, open_video, stimulus
+from oppload_cli.detection.parameters import place_params
 from oppload_cli.detection.places import Places
+from oppload_cli.models.registry import parameters_of
+from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import frame_truth
-from oppload_cli.tuning.present import StimulusVideo
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from oppload_cli.models.opplod import Box
-    from oppload_cli.results.record import Detection
+    from oppload_cli.detection.places import Detection
+    from oppload_cli.models.detector import Box
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.stimulus.truth import ObjectTruth
     from oppload_cli.video.source import Video
 
+REFERENCE, PLACES = parameters_of("opplod", "reference"), place_params("reference")
 LAST_S = 0.5
 NEAR_CONTACT = 15  # frames
 LOOM = "klapoetke2017/loom-l-over-v"
@@ -66,7 +69,7 @@ CONDITIONS: list[tuple[str, str, dict[str, Any]]] = [
 
 @dataclass
 class Measured:
-    """What was found of one stimulus; sizes relative, focus in stimulus pixels."""
+    """The detections of one stimulus: relative errors, and distances in stimulus pixels."""
 
     frames: int = 0
     errors: list[float] = field(default_factory=list)
@@ -90,10 +93,10 @@ class Measured:
 
 
 def measured(protocol: Protocol) -> Measured:
-    """Show a stimulus, and hold every detection against the truth."""
+    """Show a stimulus to OppLoD, and compare every detection with the ground truth."""
     result = Measured()
     video = cast("Video", StimulusVideo(protocol, 240))
-    for record in analyse(video, [OpplodParams()], rmo=None):
+    for record in analyse(video, [REFERENCE], places=PLACES, rmo=None):
         truth = frame_truth(protocol, record.frame)
         result.identities |= {each.identity for each in record.detections}
         for thing in truth.objects:
@@ -105,7 +108,7 @@ def measured(protocol: Protocol) -> Measured:
 def _compare(
     result: Measured, protocol: Protocol, thing: ObjectTruth, found: tuple[Detection, ...]
 ) -> None:
-    """Add the detection whose focus lies within the object, the nearest one."""
+    """Add the nearest detection to an object, if its focus lies within the object."""
     radius = _radius(protocol, thing)
     away = [
         (math.hypot(each.centre_x - thing.centre_x_px, each.centre_y - thing.centre_y_px), each)
@@ -136,7 +139,7 @@ def _percent(values: Sequence[float], of: Any, sign: str = "") -> str:
 
 
 def contact_table() -> Iterator[str]:
-    """Yield the table of the stimuli, and the median over all of them."""
+    """Yield the table of the stimuli, with a last row for all of them."""
     yield "| stimulus | given | median error | largest | focus, px | size | numbers |"
     yield "|---|---|---|---|---|---|---|"
     everything = Measured()
@@ -151,7 +154,7 @@ def contact_table() -> Iterator[str]:
 
 
 def localisation(folder: Path) -> Iterator[str]:
-    """Yield how often the winning unit lies in the labelled box, grown by half its size."""
+    """Yield the table of the clips: winning unit within the labelled box, enlarged by half."""
     boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
     yield "| clip | labelled frames | every frame between | overlap of the box |"
     yield "|---|---|---|---|"
@@ -164,7 +167,7 @@ def localisation(folder: Path) -> Iterator[str]:
             continue
         near = _between({int(frame): box for frame, box in boxes[name].items()}, int(contact))
         with open_video(folder / name, height=240) as video:
-            records = list(analyse(video, [OpplodParams()], rmo=None))
+            records = list(analyse(video, [REFERENCE], places=PLACES, rmo=None))
         hits = {frame: _hit(records[frame].responses["opplod"], box) for frame, box in near.items()}
         labelled.append([hits[int(frame)] for frame in boxes[name] if int(frame) in hits])
         every.append(list(hits.values()))
@@ -188,12 +191,12 @@ def cost(folder: Path) -> Iterator[str]:
     for clip in _clips(folder):
         with open_video(folder / clip["file"], height=240) as video:
             model = Opplod(video.working.shape)
-            places = Places(model.judge.maps)
+            places = Places()
             frames, searched, started = 0, 0.0, time.process_time()
             for frame in video:
                 if model.step(frame.luma):
                     before = time.thread_time()  # without the decoder's threads
-                    places.step(frame.time_s)
+                    places.step(model.units, frame.time_s)
                     searched += time.thread_time() - before
                     frames += 1
             every.append((searched, time.process_time() - started, frames))
@@ -202,8 +205,8 @@ def cost(folder: Path) -> Iterator[str]:
 
 
 def _cost_row(name: str, times: list[tuple[float, float, int]]) -> str:
-    searched, whole, frames = (sum(column) for column in zip(*times, strict=True))
-    share = 100 * searched / (whole - searched)
+    searched, total, frames = (sum(column) for column in zip(*times, strict=True))
+    share = 100 * searched / (total - searched)
     return f"| {name} | {1e6 * searched / frames:.0f} | {share:.1f} % |"
 
 

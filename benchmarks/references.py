@@ -1,4 +1,4 @@
-"""What the figures are measured against."""
+"""The references that the figures are measured against."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 def decode_command(path: Path) -> list[str]:
-    """Return bare decoding as a command that imports nothing but the decoder."""
+    """Return the command of bare decoding."""
     return [sys.executable, str(Path(decoding.__file__)), str(path)]
 
 
 def divergence(flow: NDArray[Any]) -> float:
-    """Return the mean divergence of a flow field: what one takes for expansion."""
+    """Return the mean divergence of a flow field, a common measure of expansion."""
     across = cv2.Sobel(flow[..., 0], cv2.CV_32F, 1, 0, ksize=3)
     down = cv2.Sobel(flow[..., 1], cv2.CV_32F, 0, 1, ksize=3)
     return float(cv2.mean(across)[0] + cv2.mean(down)[0])
@@ -61,10 +61,10 @@ def farneback(frames: Sequence[Luma]) -> float:
 
 
 def literal(frames: Sequence[Luma], *, paper: bool) -> float:
-    """Run both models by the literal reference of the tests, one answer per frame from the fourth.
+    """Run both models by the literal reference of the tests, from the fourth frame on.
 
-    Its opponent sums over all units are loops in Python; they are left out, which
-    flatters the reference.
+    The opponent sums of preset reference are not run, because the reference has them as loops in
+    Python; this flatters the reference.
     """
     total = 0.0
     for t in range(3, len(frames)):
@@ -91,5 +91,5 @@ def scenedetect_command(path: Path) -> list[str] | None:
 
 
 def run(command: list[str]) -> None:
-    """Run a command to its end, silently."""
+    """Run a command to its end without its output."""
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from oppload_cli.cli.models import SETS
+from oppload_cli.cli.models import parameter_sets
 from oppload_cli.errors import ExitCode
-from oppload_cli.evaluation.definitions import CONDITIONS, INTERVALS, MEASURES
-from oppload_cli.results.columns import COMMON, OF_MODEL, RMO
+from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
+from oppload_cli.models.registry import detectors
+from oppload_cli.results.columns import COMMON, RMO, VIEW, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from oppload_cli.parameters import Parameters
-    from oppload_cli.results.columns import Column
+    from oppload_cli.models.detector import Column
+    from oppload_cli.schema import Parameters
 
 DOCS = Path(__file__).parent
 EXITS = {
@@ -34,8 +34,13 @@ def formats() -> str:
     """Return the page of file formats and exit codes."""
     parts = [(DOCS / "formats.in.md").read_text(encoding="utf-8")]
     parts += ["### Every result", columns(COMMON)]
-    for model, own in OF_MODEL.items():
-        parts += [f"### With model `{model}`", columns(own)]
+    for name in detectors():
+        usual = columns_of(name)
+        parts += [f"### With model `{name}`", columns(usual)]
+        details = columns_of(name, details=True)[len(usual) :]
+        parts += ["With `--columns all` also:\n", columns(details)] if details else []
+    seen = "Each detector with a box has also, with its name in front:\n"
+    parts += ["### With `--fov`, and for stimuli with ground truth", seen, columns(VIEW)]
     parts += ["### Unless `--no-rmo`", columns(RMO)]
     parts += [
         "## Exit codes",
@@ -48,14 +53,18 @@ def parameters() -> str:
     """Return the page of all parameters."""
     parts = [
         "# Parameters",
-        "Set one with `--set set.parameter=value`, or in a file: see `oppload config`.",
-        "*auto* follows from the video: its working height or its frame rate. Defaults are those of"
-        " preset `default`; `oppload models` lists what other presets have.",
+        "Set a parameter with `--set set.parameter=value`, or in a configuration file: see"
+        " `oppload config`.",
+        "The default *auto* follows from the video: from its working height or its frame rate."
+        " The defaults are those of preset `default`; `oppload models` lists the parameters of"
+        " all presets.",
         "",
     ]
-    for name, (meaning, kind) in SETS.items():
+    for name, (meaning, kind) in parameter_sets().items():
         header = ("parameter", "default", "unit", "range", "meaning")
-        parts += [f"## `{name}`", meaning, "", table(header, rows(kind))]
+        listed = list(rows(kind))
+        parts += [f"## `{name}`", meaning, ""]
+        parts += [table(header, listed) if listed else "It has no parameters.\n"]
     return "\n".join(parts) + "\n"
 
 
@@ -71,15 +80,12 @@ def evaluation() -> str:
 
 def rows(kind: type[Parameters]) -> Iterable[tuple[str, ...]]:
     """Yield a row per parameter of a set."""
-    for each in fields(kind):
-        meta = each.metadata
-        bounds = " to ".join(
-            "" if end is None else f"{end:g}" for end in (meta["low"], meta["high"])
-        )
-        allowed = ", ".join(str(choice) for choice in meta["choices"])
+    for each in kind.declared():
+        bounds = " to ".join("" if end is None else f"{end:g}" for end in (each.low, each.high))
+        allowed = ", ".join(str(choice) for choice in each.choices)
         default = "auto" if each.default is None else str(each.default)
         span = allowed or (bounds if bounds.strip() != "to" else "")
-        yield f"`{each.name}`", default, meta["unit"], span, meta["meaning"]
+        yield f"`{each.name}`", default, each.unit, span, each.meaning
 
 
 def columns(these: Iterable[Column]) -> str:

@@ -9,9 +9,10 @@ import av
 import cv2
 
 from oppload_cli import stimulus
-from oppload_cli.outputs import Outputs
-from oppload_cli.settings import resolve
-from oppload_cli.task import Task, run_task
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.outputs import Outputs
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Task
 
 STIMULUS = "controls/looming-perspective"
 PICTURE = Path(__file__).parent / "annotated.png"

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.reproduction.page import introduction, tally
+from oppload_cli.reproduction.report import introduction, presets_of, tally
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,13 +29,13 @@ def page(report: dict[str, Any]) -> str:
 def summary(report: dict[str, Any]) -> Iterator[str]:
     """Yield the introduction and the table of verdicts."""
     figures = report["figures"]
-    presets = list(dict.fromkeys(preset for each in figures for preset in each["verdicts"]))
-    yield "# What holds of the OppLoD paper"
+    presets = presets_of(report)
+    yield "# The OppLoD paper: the statements that hold"
     yield introduction(report)
     yield ""
     yield (
         "Generated from the `report.json` of `oppload reproduce` by "
-        "`docs/generate_reproduction.py`. The paper's figures of real videos are not in it: their "
+        "`docs/generate_reproduction.py`. The paper's figures of real videos are missing, as their "
         "clips are not public."
     )
     yield ""

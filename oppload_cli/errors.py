@@ -1,12 +1,13 @@
 """The exception tree, and the exit codes that the command line gives for it.
 
 Every error that a user can cause is an :class:`OpploadError`; its message is one
-sentence that says what is wrong, where, and what to do. ``oppload_cli.cli.failure``
-is the one place that prints it.
+sentence with the fault, its place, and the remedy. Only ``oppload_cli.cli.failure``
+prints it.
 """
 
 from __future__ import annotations
 
+import errno
 from enum import IntEnum
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,8 +15,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
+_NO_MEMORY = (
+    "cannot allocate memory",
+    "failed to map segment",  # of a library that is loaded
+    "insufficient memory",
+    "failed to allocate",
+    "out of memory",
+)
+
+
 class ExitCode(IntEnum):
-    """What the process returns (``docs/formats.md``)."""
+    """The exit codes of the process (``docs/formats.md``)."""
 
     DONE = 0
     BUG = 1
@@ -27,7 +37,17 @@ class ExitCode(IntEnum):
 
 
 class OpploadError(Exception):
-    """Base of every error that oppload raises on purpose."""
+    """Base of every error that oppload raises on purpose.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> try:
+    ...     oppload.run("controls/looming-perspective", preset="lgmd")
+    ... except oppload.OpploadError as error:
+    ...     print(str(error).partition(";")[0])
+    no preset 'lgmd'
+    """
 
     exit_code: ClassVar[ExitCode] = ExitCode.USAGE
 
@@ -47,7 +67,7 @@ class FrameError(OpploadError, ValueError):
 
 
 class ResultError(OpploadError):
-    """A result file cannot be read back, or does not hold what is asked of it."""
+    """A result file cannot be read back, or lacks what the command needs from it."""
 
 
 class ManifestError(OpploadError):
@@ -62,24 +82,65 @@ class BusyError(OutputError):
     """Another run is writing the same result."""
 
 
+class ShortageError(OpploadError):
+    """The machine is short of memory, processes or open files."""
+
+    exit_code: ClassVar[ExitCode] = ExitCode.NOTHING_READ
+
+
 class StimulusError(OpploadError, ValueError):
     """A stimulus protocol is not valid, or cannot be rendered as asked."""
 
 
-def printable(text: str) -> str:
-    r"""Return a text on one line, without what a terminal would obey.
+def shortage(error: BaseException | None) -> str:
+    """Return the sentence on an error that says that the machine is short of something.
 
-    Names of files go into messages, and may hold line ends and escape sequences.
+    Libraries tell of memory and threads that the system refuses in words of their own.
 
     Parameters
     ----------
-    text : str
-        Of any origin.
+    error : BaseException or None
+        Any error; those that caused it are looked at too.
 
     Returns
     -------
     str
-        With control characters and undecodable bytes as ``\\x1b``.
+        Without its place; empty for every other error.
+    """
+    seen: list[BaseException] = []
+    # An error that a thread has kept is raised again, and may then be its own cause.
+    while error is not None and error not in seen:
+        seen.append(error)
+        number, said = getattr(error, "errno", None), str(error).lower()
+        known = isinstance(error, MemoryError) or number == errno.ENOMEM
+        if known or any(words in said for words in _NO_MEMORY):
+            return (
+                "the memory is short; free some, raise its limit (ulimit -v), or use fewer --jobs"
+            )
+        if number == errno.EAGAIN or "start new thread" in said:
+            return (
+                "no further process or thread can be started; end some, raise their limit "
+                "(ulimit -u), or use fewer --jobs"
+            )
+        if number in {errno.EMFILE, errno.ENFILE}:
+            return "too many files are open; raise their limit (ulimit -n), or use fewer --jobs"
+        error = error.__cause__ or error.__context__
+    return ""
+
+
+def reason_of(error: BaseException) -> str:
+    """Return the text of an error of the system or of a parser, as a part of a sentence."""
+    said = str(getattr(error, "strerror", None) or error).strip()
+    if not said:
+        return type(error).__name__
+    first = said.splitlines()[0].rstrip(".")
+    return first[:1].lower() + first[1:]
+
+
+def printable(text: str) -> str:
+    r"""Return a text with control characters and undecodable bytes written as ``\\x1b``.
+
+    Names of files go into messages, and may hold line ends and escape sequences.
     """
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text
@@ -92,20 +153,19 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     Parameters
     ----------
     word : str
-        What the user wrote.
+        As the user wrote it.
     known : iterable of str
-        What would have been right.
+        The words that would have been right.
 
     Returns
     -------
     str
-        ``"; did you mean 'receptive_field'?"``, or the list of what there is
-        where nothing is near.
+        ``"; did you mean 'receptive_field'?"``, or all known words where none is near.
     """
     names = sorted(known)
-    import difflib  # noqa: PLC0415 - seldom needed
+    import difflib  # noqa: PLC0415 - only for a misspelt word
 
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     if near:
         return f"; did you mean '{near[0]}'?"
-    return f"; there is {', '.join(names)}" if names else ""
+    return f"; choose {', '.join(names)}" if names else ""

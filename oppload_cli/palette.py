@@ -1,11 +1,12 @@
-"""The colours and names of the models, in figures and in annotated videos alike."""
+"""The colours that figures and annotated videos have in common.
+
+Those of the detectors stand with each detector.
+"""
 
 from __future__ import annotations
 
-# Okabe and Ito's palette: told apart by the colour-blind, and in grey by their lightness.
-COLOURS = {"opplod": "#D55E00", "dlgmd": "#0072B2"}
-NAMES = {"opplod": "OppLoD", "dlgmd": "D-LGMD"}
-INK, FAINT, CALM = "#222222", "#999999", "#56B4E9"
+# Okabe and Ito's palette, as for the detectors: told apart by the colour-blind, and in grey.
+INK, FAINT = "#222222", "#999999"
 
 
 def bgr(colour: str) -> tuple[int, int, int]:

@@ -4,14 +4,30 @@ from __future__ import annotations
 
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from oppload_cli.compute import loops
+from tests.browser import browser
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+__all__ = ["browser"]  # for every test
+
 SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest leaves out what is slow
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the second runs of tests that are marked `once`, where there are compiled loops."""
+    if loops.arithmetic() == "portable":
+        return
+    for item in items:
+        of = getattr(item, "callspec", None)
+        if item.get_closest_marker("once") and of and of.params["each_arithmetic"] == "portable":
+            item.add_marker("slow")
 
 
 @pytest.fixture(scope="session")
@@ -23,22 +39,26 @@ def shared() -> Path:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _answered() -> None:
+def _answered() -> dict[int, Any]:
     """A command that a test starts inherits what is ignored, as under nohup: here nothing is."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        if number is not None and signal.getsignal(number) is signal.SIG_IGN:
-            signal.signal(
-                number, signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL
-            )
+    usual = {
+        "SIGINT": signal.default_int_handler,
+        "SIGTERM": signal.SIG_DFL,
+        "SIGHUP": signal.SIG_DFL,
+    }
+    return {getattr(signal, name): each for name, each in usual.items() if hasattr(signal, name)}
 
 
 @pytest.fixture(autouse=True)
-def _signals() -> Iterator[None]:
-    """The command ignores signals as it ends; run in this process, that would last."""
-    numbers = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]
-    before = {number: signal.getsignal(number) for number in numbers if number is not None}
+def _signals(_answered: dict[int, Any]) -> Iterator[None]:
+    """The command ignores signals as it ends; run in this process, that would last.
+
+    Fixtures of a module run commands before this one is asked, so that it sets signals first.
+    """
+    for number, handler in _answered.items():
+        signal.signal(number, handler)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, list(_answered))
     yield
-    for number, handler in before.items():
-        if signal.getsignal(number) is not handler:
-            signal.signal(number, handler)
+    for number, handler in _answered.items():
+        signal.signal(number, handler)

@@ -71,6 +71,8 @@ def write_video(
         stream: Any = container.add_stream(codec, rate=Fraction(rate), options=options or {})
         stream.height, stream.width = pictures[0].height, pictures[0].width
         stream.pix_fmt = pixel_format
+        if codec.startswith("libvpx"):  # its threads wait for each other in a loop
+            stream.codec_context.thread_count = 1
         if full_range:
             stream.codec_context.color_range = 2
         if time_base:

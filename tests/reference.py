@@ -6,7 +6,7 @@ Nothing is shared with the package. Loops and direct convolutions in float64.
 from __future__ import annotations
 
 import itertools
-from math import cos, exp, pi, radians, sin, sqrt
+from math import acos, cos, degrees, exp, hypot, pi, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,8 +23,9 @@ SIGMA_E, SIGMA_I, A, R = 1.5, 5.0, 1.5, 6
 ALPHA_TAU, BETA, LAMBDA = -0.1, 0.5, 0.7
 
 
-def kernel(value: Callable[[int, int], float]) -> Array:
-    return np.array([[value(x, y) for x in range(-R, R + 1)] for y in range(-R, R + 1)])
+def kernel(value: Callable[[int, int], float], radius: int = R) -> Array:
+    side = range(-radius, radius + 1)
+    return np.array([[value(x, y) for x in side] for y in side])
 
 
 def gaussian(x: int, y: int, sigma: float) -> float:
@@ -51,7 +52,8 @@ def mask(phi: float) -> Callable[[int, int], float]:
 
 
 def same(image: Array, weights: Array) -> Array:
-    return np.asarray(convolve2d(image, weights, mode="full")[R:-R, R:-R])
+    radius = len(weights) // 2
+    return np.asarray(convolve2d(image, weights, mode="full")[radius:-radius, radius:-radius])
 
 
 def photoreceptors(luma: Sequence[Array]) -> list[Array]:
@@ -60,36 +62,49 @@ def photoreceptors(luma: Sequence[Array]) -> list[Array]:
     return [np.abs(now - before) for before, now in itertools.pairwise(frames)]
 
 
-def excitation(p: Sequence[Array]) -> Array:
-    return same(p[-1], kernel(w_e))
+def excitation(p: Sequence[Array], radius: int = R) -> Array:
+    return same(p[-1], kernel(w_e, radius))
 
 
-def inhibition(p: Sequence[Array]) -> Array:
-    return same(p[-2], kernel(w_i(1))) + same(p[-3], kernel(w_i(2)))
+def inhibition(p: Sequence[Array], radius: int = R) -> Array:
+    return same(p[-2], kernel(w_i(1), radius)) + same(p[-3], kernel(w_i(2), radius))
 
 
-def directional_inhibition(p: Sequence[Array], phi: float) -> Array:
-    m = kernel(mask(phi))
-    return same(p[-2], kernel(w_i(1)) * m) + same(p[-3], kernel(w_i(2)) * m)
+def directional_inhibition(p: Sequence[Array], phi: float, radius: int = R) -> Array:
+    m = kernel(mask(phi), radius)
+    one, two = kernel(w_i(1), radius), kernel(w_i(2), radius)
+    return same(p[-2], one * m) + same(p[-3], two * m)
+
+
+def presynaptic(p: Sequence[Array], radius: int = R) -> Array:
+    """S."""
+    return np.asarray(np.maximum(0, excitation(p, radius) - inhibition(p, radius)))
+
+
+def pathway(p: Sequence[Array], phi: float, radius: int = R) -> Array:
+    """S_phi."""
+    i_phi = directional_inhibition(p, phi, radius)
+    return np.asarray(np.maximum(0, excitation(p, radius) - i_phi))
+
+
+def grouped(s: Array, side: int, threshold: float, limit: float) -> Array:
+    """G: MATLAB's conv2(S, ones(side), 'same') times S, with a threshold and a limit."""
+    g = np.zeros_like(s)
+    # The part of the full convolution that 'same' keeps starts at its row side / 2, rounded down.
+    ahead = side // 2 + 1
+    for y in range(s.shape[0]):
+        for x in range(s.shape[1]):
+            rows = slice(max(0, y + ahead - side), y + ahead)
+            columns = slice(max(0, x + ahead - side), x + ahead)
+            value = s[y, x] * s[rows, columns].sum()
+            g[y, x] = 0 if value < threshold else min(value, limit)
+    return g
 
 
 def dlgmd(p: Sequence[Array]) -> tuple[Array, Array]:
     """S and G."""
-    s = np.maximum(0, excitation(p) - inhibition(p))
-    height, width = s.shape
-    g = np.zeros_like(s)
-    threshold = min(1.2 * p[-3].mean(), 0.3)
-    for y in range(height):
-        for x in range(width):
-            # conv2(S, ones(4), 'same') starts at the third row of the full convolution.
-            c = s[max(0, y - 1) : y + 3, max(0, x - 1) : x + 3].sum()
-            value = s[y, x] * c
-            g[y, x] = 0 if value < threshold else min(value, 1)
-    return s, g
-
-
-def pathway(p: Sequence[Array], phi: float) -> Array:
-    return np.asarray(np.maximum(0, excitation(p) - directional_inhibition(p, phi)))
+    s = presynaptic(p)
+    return s, grouped(s, 4, min(1.2 * p[-3].mean(), 0.3), 1)
 
 
 def centres(length: int, cell: int) -> list[float]:
@@ -109,12 +124,28 @@ def pooled(s: Array, cell: int, sigma_cells: float) -> Array:
             [exp(-((k + 0.5 - centre) ** 2) / (2 * sigma**2)) / total for k in range(length)]
         )
 
-    return np.array(
-        [
-            [weights(cy, height) @ s @ weights(cx, width) for cx in centres(width, cell)]
-            for cy in centres(height, cell)
-        ]
-    )
+    down = np.array([weights(centre, height) for centre in centres(height, cell)])
+    across = np.array([weights(centre, width) for centre in centres(width, cell)])
+    return np.asarray(down @ s @ across.T)
+
+
+def opponent_products(
+    one: Array, other: Array, phi: float, reach: int, *, w_p: float, cone: float = 90
+) -> Array:
+    """out(c) - w_p in(c) of the pathways phi (one) and phi + 180 (other)."""
+    rows, columns = one.shape
+    sums = np.zeros((rows, columns))
+    for y, x, uy, ux in itertools.product(
+        range(rows), range(columns), range(-reach, reach + 1), range(-reach, reach + 1)
+    ):
+        if not all(0 <= y + s * uy < rows and 0 <= x + s * ux < columns for s in (1, -1)):
+            continue
+        along = ux * cos(radians(phi)) - uy * sin(radians(phi))
+        if abs(along) < 1e-9 or degrees(acos(min(1, abs(along) / hypot(ux, uy)))) > cone + 1e-6:
+            continue
+        product = one[y + uy, x + ux] * other[y - uy, x - ux]
+        sums[y, x] += product if along > 0 else -w_p * product
+    return sums
 
 
 def opponency(
@@ -127,33 +158,18 @@ def opponency(
     w_p: float,
     compression: float = 1,
     border: int = 0,
+    cone: float = 90,
 ) -> Array:
-    """R(c) of preset default, and of one stride of preset robust."""
+    """R(c) of preset reference, and of one stride of preset default."""
     reach = int(field / 2 / cell)
-    total: Array | None = None
+    parts = []
     for phi in (axes, axes + 90):
         one, other = (
             pooled(without_border(pathway(p, phi + turn), border), cell, sigma) ** compression
             for turn in (0, 180)
         )
-        rows, columns = one.shape
-        out, inward = np.zeros_like(one), np.zeros_like(one)
-        for y in range(rows):
-            for x in range(columns):
-                for uy in range(-reach, reach + 1):
-                    for ux in range(-reach, reach + 1):
-                        inside = all(
-                            0 <= y + s * uy < rows and 0 <= x + s * ux < columns for s in (1, -1)
-                        )
-                        along = ux * cos(radians(phi)) - uy * sin(radians(phi))
-                        if not inside or abs(along) < 1e-9:
-                            continue
-                        product = one[y + uy, x + ux] * other[y - uy, x - ux]
-                        (out if along > 0 else inward)[y, x] += product
-        part = np.maximum(0, out - w_p * inward)
-        total = part if total is None else total + part
-    assert total is not None
-    return total
+        parts.append(np.maximum(0, opponent_products(one, other, phi, reach, w_p=w_p, cone=cone)))
+    return np.asarray(sum(parts))
 
 
 def without_border(s: Array, border: int) -> Array:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
+
+import click
+
+from oppload_cli.cli import oppload
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 
@@ -20,8 +26,84 @@ def test_generated_pages_are_fresh() -> None:
 
 
 def test_links_between_pages_lead_somewhere() -> None:
-    import re
+    for page in _pages():
+        for name, heading in re.findall(r"\]\(([^)#:]*)#?([^):]*)\)", page.read_text("utf-8")):
+            target = page.parent / name if name else page
+            assert target.exists(), f"{page.name} -> {name}"
+            assert not heading or heading in _anchors(target), f"{page.name} -> {name}#{heading}"
 
-    for page in (*DOCS.glob("*.md"), DOCS.parent / "README.md"):
-        for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / target).exists(), f"{page.name} -> {target}"
+
+def test_every_page_has_its_place_in_the_site() -> None:
+    listed = {DOCS / "index.md"}
+    for page in _pages():
+        for block in re.findall(r"^```{toctree}\n(.*?)^```", page.read_text("utf-8"), re.M | re.S):
+            names = [line for line in block.splitlines() if line and not line.startswith(":")]
+            assert len(names) == len(set(names)), f"{page.name} lists a page twice"
+            listed |= {(page.parent / f"{name}.md").resolve() for name in names}
+    pages = {page for page in _pages() if DOCS in page.parents and ".in." not in page.name}
+    assert {page.relative_to(DOCS).as_posix() for page in pages - listed} == set()
+
+
+def test_pages_are_short_but_for_the_reference() -> None:
+    reference = (DOCS / "reference" / "index.md").read_text("utf-8")
+    longer = {
+        page.name: count
+        for page in _pages()
+        if (count := len(re.findall(r"\S*\w\S*", page.read_text("utf-8")))) > 2000
+        and f"../{page.stem}\n" not in reference
+        and ".in." not in page.name
+    }
+    assert longer == {}
+
+
+def test_the_command_line_takes_what_the_pages_show() -> None:
+    shown = 0
+    context = click.Context(oppload)
+    for page in _pages():
+        blocks = re.findall(r"^```.*?^```|^    \S.*?$", page.read_text("utf-8"), re.M | re.S)
+        for line in "\n".join(blocks).replace("\\\n", " ").splitlines():
+            if not line.strip().startswith("oppload "):
+                continue
+            command = re.split(r" (?:\||>|&&|&|\|\|)(?: |$)", line.strip())[0]
+            # a number stands for a shell's variable
+            _, name, *words = shlex.split(re.sub(r'"\$\w+"', "1", command), comments=True)
+            sub = oppload.get_command(context, name)
+            while isinstance(sub, click.Group):
+                name, *words = words
+                sub = sub.get_command(context, name)
+            assert sub is not None, f"{page.name}: {line}"
+            try:
+                sub.make_context(name, words)
+            except click.UsageError as error:
+                if error.message.endswith("does not exist."):
+                    continue
+                raise AssertionError(f"{page.name}: {line}: {error.message}") from error
+            shown += 1
+    assert shown > 100
+
+
+def test_pages_name_only_files_of_the_project_that_exist() -> None:
+    top = DOCS.parent
+    named = 0
+    for page in _pages():
+        prose = re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL)
+        for name in re.findall(r"`((?:[\w.-]+/)+[\w.-]*\.(?:py|c|h|toml|md))`", prose):
+            if name.startswith("../"):
+                continue  # beside the project
+            places = (top / name, top / "oppload_cli" / name)
+            assert any(place.exists() for place in places), f"{page.name} names {name}"
+            named += 1
+    assert named > 5
+
+
+def _pages() -> list[Path]:
+    top = DOCS.parent
+    others = [top / "README.md", top / "CONTRIBUTING.md", top / "benchmarks" / "README.md"]
+    pages = [page for page in DOCS.rglob("*.md") if "_build" not in page.parts]
+    return [*pages, *others]
+
+
+def _anchors(page: Path) -> set[str]:
+    """Return the names under which a page's headings can be linked to."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}

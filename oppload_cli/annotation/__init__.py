@@ -1,1 +1,1 @@
-"""Annotated videos: the frames with boxes, and below them how the models respond."""
+"""Annotated videos: the frames with boxes, and below them the responses of the detectors."""

@@ -6,79 +6,64 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 
-from oppload_cli.annotation.text import width_of, write
-from oppload_cli.palette import CALM, COLOURS, INK, bgr
+from oppload_cli.annotation.layout import DARK, WHITE, width_of, write
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from oppload_cli.annotation.layout import Layout
-    from oppload_cli.results.record import Detection
+    from oppload_cli.annotation.layout import Layout, Paint
+    from oppload_cli.detection.places import Detection
     from oppload_cli.video.colour import Bgr
 
-    Paint = tuple[int, int, int]
 
-ALARM_PAINT, CALM_PAINT = bgr(COLOURS["opplod"]), bgr(CALM)
-DARK, WHITE = bgr(INK), (255, 255, 255)
-CORNER = 0.2  # length of the thick corners, of the shorter side
-MOST_CORNER = 1.5  # lines of text
+def draw_detections(
+    canvas: Bgr, layout: Layout, detections: Iterable[Detection], paint: Paint
+) -> None:
+    """Draw a box around each object, with its number above it.
 
-
-def draw_detections(canvas: Bgr, layout: Layout, detections: Iterable[Detection]) -> None:
-    """Draw a box with thick corners around each object, with its number above it.
-
-    Boxes are vermillion while they cause an alarm, and blue else; the lines lie just
-    inside the box's edges.
+    While its object causes an alarm, a box has lines of twice the thickness and the word ALARM
+    on its label. The lines are just inside its edges.
 
     Parameters
     ----------
     canvas : ndarray of uint8, shape (height, width, 3)
         The annotated frame; drawn on.
     layout : Layout
-        Where the picture is in it.
+        Of the frame.
     detections : iterable of Detection
         The first is drawn last, so that nothing covers it.
+    paint : tuple of int
+        Blue, green and red of the detector that found them.
     """
     picture = canvas[layout.picture.slices]
     for detection in reversed(list(detections)):
-        _draw(picture, layout, detection)
+        _draw(picture, layout, detection, paint)
 
 
 def label_of(detection: Detection) -> str:
-    """Return what is written beside a box.
-
-    Parameters
-    ----------
-    detection : Detection
-        The object.
-
-    Returns
-    -------
-    str
-        ``#3`` or ``#3  contact in 0.84 s``.
-    """
-    left = detection.time_to_contact_s
-    if left is None:
-        return f"#{detection.identity}"
-    # As many digits as may mean something.
-    return f"#{detection.identity}  contact in {left:.{1 if left >= 1 else 2}f} s"
+    """Return the text beside a box, such as ``#3`` or ``ALARM #3  contact in 0.84 s``."""
+    name = f"ALARM #{detection.identity}" if detection.alarm else f"#{detection.identity}"
+    seconds = detection.time_to_contact_s
+    if seconds is None:
+        return name
+    # More digits would promise more than the estimate holds.
+    return f"{name}  contact in {seconds:.{1 if seconds >= 1 else 2}f} s"
 
 
-def _draw(picture: Bgr, layout: Layout, detection: Detection) -> None:
-    paint = ALARM_PAINT if detection.alarm else CALM_PAINT
+def _draw(picture: Bgr, layout: Layout, detection: Detection, paint: Paint) -> None:
+    line = (2 if detection.alarm else 1) * layout.line
     edges = _edges(detection, layout)
-    # A dark rim, so that it shows on any picture.
-    _frame(picture, edges.grown(1), layout.line + 2, DARK)
-    _corners(picture, edges, layout, paint)
-    _frame(picture, edges, layout.line, paint)
+    # A dark rim makes the box visible on any picture.
+    _frame(picture, edges.grown(1), line + 2, DARK)
+    _frame(picture, edges, line, paint)
     x, y = round(detection.centre_x * layout.scale_x), round(detection.centre_y * layout.scale_y)
     for colour, line in ((DARK, layout.line + 2), (paint, layout.line)):
         cv2.drawMarker(picture, (x, y), colour, cv2.MARKER_CROSS, layout.text, line)
-    _label(picture, edges, layout, label_of(detection), paint)
+    _label(picture, edges, layout, detection, paint)
 
 
 class _Edges(NamedTuple):
-    """A rectangle: the pixels from left and top up to right and bottom, these not included."""
+    """A rectangle: the pixels from left and top up to right and bottom, without these two."""
 
     left: int
     top: int
@@ -109,26 +94,14 @@ def _frame(picture: Bgr, edges: _Edges, line: int, paint: Paint) -> None:
     _fill(picture, (max(right - line, left), top, right, bottom), paint)
 
 
-def _corners(picture: Bgr, edges: _Edges, layout: Layout, paint: Paint) -> None:
-    """Draw the corners twice as thick as the lines, inwards."""
-    left, top, right, bottom = edges
-    shorter = min(right - left, bottom - top)
-    long, thick = round(min(CORNER * shorter, MOST_CORNER * layout.text)), 2 * layout.line
-    for x in (left, right - long):
-        for y in (top, bottom - thick):
-            _fill(picture, (x, y, x + long, y + thick), paint)
-    for x in (left, right - thick):
-        for y in (top, bottom - long):
-            _fill(picture, (x, y, x + thick, y + long), paint)
-
-
-def _label(picture: Bgr, edges: _Edges, layout: Layout, label: str, paint: Paint) -> None:
-    """Write on a ground of the box's colour: above it, or inside where there is no room."""
+def _label(picture: Bgr, edges: _Edges, layout: Layout, detection: Detection, paint: Paint) -> None:
+    """Write above the box, or inside it at the top edge; on the detector's colour in an alarm."""
+    label = label_of(detection)
+    ground, ink = (paint, WHITE) if detection.alarm else (WHITE, paint)
     high = round(1.5 * layout.text)
     wide = width_of(label, layout.text, bold=True) + layout.text
     y = edges.top - high if edges.top >= high else max(0, edges.top)
     x = max(0, min(edges.left, picture.shape[1] - wide))
-    _fill(picture, (x, y, x + wide, y + high), paint)
-    ink = WHITE if paint == ALARM_PAINT else DARK
+    _fill(picture, (x, y, x + wide, y + high), ground)
     at = (x + layout.text // 2, y + high // 2)
     write(picture, label, at, layout.text, ink, bold=True)

@@ -1,4 +1,4 @@
-"""Where everything stands in an annotated frame."""
+"""The parts of an annotated frame, the colours in it, and the text on it."""
 
 from __future__ import annotations
 
@@ -6,24 +6,35 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+import cv2
+
+from oppload_cli import palette
+from oppload_cli.models.registry import detector_named
+from oppload_cli.palette import bgr
 from oppload_cli.video.colour import LONGEST_SIDE, colour_size
 
 if TYPE_CHECKING:
+    from oppload_cli.video.colour import Bgr
     from oppload_cli.video.frames import InputFacts
 
-SHORT_SIDE = 400  # px; a smaller picture is enlarged by a whole number
-LEAST_WIDTH = 540  # px; what the text needs
-LEAST_TEXT = 16  # px, of a capital letter's line
+
+Paint = tuple[int, int, int]  # blue, green, red
+
+DARK, DIM, WHITE = bgr(palette.INK), bgr(palette.FAINT), (255, 255, 255)
+SHORT_SIDE = 400  # px; a smaller picture is enlarged by an integer
+LEAST_WIDTH = 540  # px; the text needs it
+LEAST_TEXT = 16  # px, of a line
+LIGHT, BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
+CAPITAL = 0.7  # height of a capital letter, of the line's
+
+
+def paint_of(name: str) -> Paint:
+    """Return the colour of a detector as OpenCV has it."""
+    return bgr(detector_named(name).colour)
 
 
 class Area(NamedTuple):
-    """A part of the annotated frame, in its pixels.
-
-    Attributes
-    ----------
-    x, y, width, height : int
-        Left top corner and size.
-    """
+    """A rectangle of the annotated frame: its left top corner and its size, in pixels."""
 
     x: int
     y: int
@@ -43,13 +54,13 @@ class Layout:
     Attributes
     ----------
     width, height : int
-        Of the whole frame; both even.
+        Of the annotated frame; both even.
     picture : Area
         The source's picture.
     header : Area
-        Time, alarm and the models' names, below the picture.
+        Time, alarm and the detectors' labels, below the picture.
     plot : Area
-        The response curves, below the header.
+        The response curves, below the header; the numbers of the time axis are below them.
     scale_x, scale_y : float
         Annotated pixels per source pixel.
     text : int
@@ -70,28 +81,19 @@ class Layout:
 
 
 def layout_of(facts: InputFacts) -> Layout:
-    """Return the layout for an input.
-
-    Parameters
-    ----------
-    facts : InputFacts
-        Gives the displayed size.
-
-    Returns
-    -------
-    Layout
-        The text grows with the picture, from 16 px.
-    """
+    """Return the layout for an input; the text grows with the picture, from 16 px."""
     width, height = colour_size(facts)
-    times = enlargement(width, height)
+    times = math.ceil(SHORT_SIDE / min(width, height))
+    times = max(1, min(times, LONGEST_SIDE // max(width, height)))
     width, height = width * times, height * times
     across = _even(max(width, LEAST_WIDTH))
     text = max(LEAST_TEXT, round(min(across / 56, height / 32)))
     header, plot, gap = 2 * text, 6 * text, text // 2
+    numbers = round(1.4 * text)  # of the time axis
     gutter = round(5.5 * text)  # for the names of the levels
     return Layout(
         across,
-        _even(height + header + plot + gap),
+        _even(height + header + plot + numbers),
         Area((across - width) // 2, 0, width, height),
         Area(gap, height, across - 2 * gap, header),
         Area(gutter, height + header, across - gutter - gap, plot),
@@ -102,22 +104,42 @@ def layout_of(facts: InputFacts) -> Layout:
     )
 
 
-def enlargement(width: int, height: int) -> int:
-    """Return how many times a picture is enlarged, so that text fits on it.
+def _even(number: int) -> int:
+    return number + number % 2
+
+
+def width_of(text: str, size: int, *, bold: bool = False) -> int:
+    """Return the width in pixels of an ASCII text in lines of a height in pixels."""
+    (width, _), _ = cv2.getTextSize(text, *_font(size, bold), 1)
+    return int(width)
+
+
+def write(
+    picture: Bgr, text: str, at: tuple[int, int], size: int, paint: Paint, *, bold: bool = False
+) -> None:
+    """Write a line of text.
 
     Parameters
     ----------
-    width, height : int
-        Of the picture, in pixels.
-
-    Returns
-    -------
-    int
-        From 1; no side becomes longer than 1920 px.
+    picture : ndarray of uint8, shape (height, width, 3)
+        Drawn on.
+    text : str
+        ASCII only: the font has no other letters.
+    at : tuple of int
+        Column of its left end, and row of the middle of its capital letters.
+    size : int
+        Height of the line in pixels.
+    paint : tuple of int
+        Colour of the letters.
+    bold : bool
+        Whether it is bold.
     """
-    wanted = math.ceil(SHORT_SIDE / min(width, height))
-    return max(1, min(wanted, LONGEST_SIDE // max(width, height)))
+    foot = at[1] + round(CAPITAL * size / 2)
+    cv2.putText(picture, text, (at[0], foot), *_font(size, bold), paint, 1, cv2.LINE_AA)
 
 
-def _even(number: int) -> int:
-    return number + number % 2
+def _font(size: int, bold: bool) -> tuple[int, float]:
+    """Return OpenCV's font, and the scale that gives capital letters their height."""
+    font = BOLD if bold else LIGHT
+    (_, height), _ = cv2.getTextSize("H", font, 1.0, 1)
+    return font, CAPITAL * size / height

@@ -1,44 +1,108 @@
-"""The strip below the picture: time, alarm, and the response curves."""
+"""The strip below the picture: time, alarm, and the curves of the last seconds."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 
-from oppload_cli.annotation.text import width_of, write
-from oppload_cli.palette import COLOURS, FAINT, INK, NAMES, bgr
+from oppload_cli.annotation.layout import DARK, DIM, WHITE, paint_of, width_of, write
+from oppload_cli.models.registry import detector_named
 
 if TYPE_CHECKING:
-    from oppload_cli.annotation.history import History, Point
-    from oppload_cli.annotation.layout import Layout
+    from collections.abc import Sequence
+
+    from oppload_cli.annotation.layout import Layout, Paint
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.colour import Bgr
 
-    Paint = tuple[int, int, int]  # blue, green, red
 
-PAPER, GRID, WHITE = (255, 255, 255), (225, 225, 225), (255, 255, 255)
-DARK, DIM = bgr(INK), bgr(FAINT)
+WINDOW_S = 5.0  # shown
+LEAST_WINDOW_S = 0.1
+MOST_COPIES = 5  # repeats in a row; more of them are a scene at rest
+MOST_FRAMES = 1 << 16  # kept, in case times do not advance
+GRID, SHADE = (215, 215, 215), (236, 236, 236)  # the ground is shaded while an alarm is on
 BELOW, ABOVE = 1.5, 2.5  # decades of the threshold that the plot shows
 LEVELS = {0: "threshold", 1: "10 x", 2: "100 x"}
-SHADE = 0.25  # opacity of the ground where an alarm is on
 FINE = 4  # binary digits of a fraction of a pixel
+FURTHEST = 20_000  # columns from the plot that a curve is drawn to
+MOST_TICKS = 6  # numbers on the time axis
 
 
-def draw_ground(canvas: Bgr, layout: Layout) -> None:
-    """Draw what is the same in every frame: the strip's paper and the names of its levels.
+class Point(NamedTuple):
+    """One frame of one detector.
+
+    Attributes
+    ----------
+    time_s : float
+        Presentation time.
+    ratio : float or None
+        Response over the alarm's threshold; above 1 the frame counts for the alarm. None
+        during warm-up and where the threshold is 0.
+    alarm : bool
+        Whether the alarm is on.
+    """
+
+    time_s: float
+    ratio: float | None
+    alarm: bool
+
+
+class History:
+    """The last seconds of each detector's response relative to its alarm threshold.
 
     Parameters
     ----------
-    canvas : ndarray of uint8, shape (height, width, 3)
-        An empty frame; drawn on.
-    layout : Layout
-        Where the strip is in it.
+    detectors : sequence of str
+        Their names.
+    duration_s : float or None
+        Of the video, if it is known: a short video fills the plot.
+
+    Attributes
+    ----------
+    points : dict of str to deque of Point
+        By detector, in the order of the frames.
     """
-    canvas[layout.header.y :] = PAPER
+
+    def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
+        self.points: dict[str, deque[Point]] = {
+            name: deque(maxlen=MOST_FRAMES) for name in detectors
+        }
+        self.window_s = max(LEAST_WINDOW_S, min(WINDOW_S, duration_s or WINDOW_S))
+        self._first_s: float | None = None
+        self._now_s = 0.0
+        self._copies = 0
+
+    def add(self, record: FrameRecord) -> None:
+        """Take the next frame; repeats are passed over, as the detectors did not see them."""
+        self._first_s = record.time_s if self._first_s is None else self._first_s
+        self._now_s = record.time_s
+        self._copies = self._copies + 1 if record.repeat else 0
+        if not 0 < self._copies <= MOST_COPIES:
+            for name, points in self.points.items():
+                response, threshold = record.responses.get(name), record.thresholds.get(name)
+                ratio = None
+                if response is not None and threshold:
+                    ratio = response.response / threshold
+                points.append(Point(record.time_s, ratio, record.alarms.get(name, False)))
+        for points in self.points.values():
+            # One point more than is visible, so that the curve comes from beyond the edge.
+            while len(points) > 1 and points[1].time_s < self.start_s:
+                points.popleft()
+
+    @property
+    def start_s(self) -> float:
+        """Time at the left edge of the plot; it stays until the plot is full."""
+        return max(self._first_s or 0.0, self._now_s - self.window_s)
+
+
+def draw_ground(canvas: Bgr, layout: Layout) -> None:
+    """Draw the constant part of the strip: its white ground and the names of its levels."""
+    canvas[layout.header.y :] = WHITE
     for level, name in LEVELS.items():
         row = layout.plot.y + round(level_row(10.0**level, layout))
         x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
@@ -48,78 +112,47 @@ def draw_ground(canvas: Bgr, layout: Layout) -> None:
 def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecord) -> None:
     """Draw the strip of one frame on its ground.
 
-    The curves are logarithmic, 1/30 to 300 times the alarm's threshold. The ground is
-    shaded in a model's colour where its alarm is on, in OppLoD's where both are.
+    The curves are logarithmic, 1/30 to 300 times the alarm's threshold. While an alarm is on,
+    the ground is shaded, and the curve of its detector is thicker.
 
     Parameters
     ----------
     canvas : ndarray of uint8, shape (height, width, 3)
         The annotated frame; drawn on.
     layout : Layout
-        Where the strip is in it.
+        Of the frame.
     history : History
-        Has this frame too.
+        Up to this frame.
     record : FrameRecord
         The frame.
     """
-    _header(canvas, layout, record)
+    alarming = [name for name in record.responses if record.alarms.get(name, False)]
+    _header(canvas, layout, record, alarming)
     plot = canvas[layout.plot.slices]
+    for points in history.points.values():
+        _shade(plot, layout, history, list(points))
+    _grid(plot, layout)
+    _ticks(canvas, layout, history)
     for name, points in reversed(history.points.items()):
-        _shade(plot, layout, history, list(points), bgr(COLOURS[name]))
-    _grid(plot, layout, history)
-    for name, points in reversed(history.points.items()):
-        _curve(plot, layout, history, list(points), bgr(COLOURS[name]))
-    alarming = _alarming(record)
-    edge = bgr(COLOURS[alarming[0]]) if alarming else DIM
-    canvas[layout.header.y : layout.header.y + layout.line] = edge
+        _curve(plot, layout, history, list(points), paint_of(name))
+    edge, line = (DARK, 2 * layout.line) if alarming else (DIM, layout.line)
+    canvas[layout.header.y : layout.header.y + line] = edge
 
 
 def level_row(ratio: float, layout: Layout) -> float:
-    """Return where a ratio stands in the plot.
-
-    Parameters
-    ----------
-    ratio : float
-        Response over threshold, at least 0.
-    layout : Layout
-        Gives the plot's size.
-
-    Returns
-    -------
-    float
-        Row of the plot; what is beyond its range is put at its edge.
-    """
+    """Return the row of the plot for a response over its threshold, cut to its range."""
     level = max(-BELOW, min(ABOVE, math.log10(ratio))) if ratio > 0 else -BELOW
     margin = 2 * layout.line  # for half of a dot
     return margin + (layout.plot.height - 1 - 2 * margin) * (ABOVE - level) / (ABOVE + BELOW)
 
 
 def column_of(time_s: float, layout: Layout, history: History) -> float:
-    """Return where a time stands in the plot.
-
-    Parameters
-    ----------
-    time_s : float
-        Presentation time in seconds.
-    layout : Layout
-        Gives the plot's size.
-    history : History
-        Gives the part of the video that it shows.
-
-    Returns
-    -------
-    float
-        Column of the plot.
-    """
-    whole = layout.plot.width - 1 - 2 * layout.line
-    return whole * (time_s - history.start_s) / history.window_s
+    """Return the column of the plot for a presentation time."""
+    width = layout.plot.width - 1 - 2 * layout.line
+    return width * (time_s - history.start_s) / history.window_s
 
 
-def _alarming(record: FrameRecord) -> list[str]:
-    return [name for name in COLOURS if record.alarms.get(name, False)]
-
-
-def _header(canvas: Bgr, layout: Layout, record: FrameRecord) -> None:
+def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence[str]) -> None:
     text, area = layout.text, layout.header
     middle = area.y + layout.line + (area.height - layout.line) // 2
     clock = f"{record.time_s:.2f} s"
@@ -128,18 +161,42 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord) -> None:
     frame = f"frame {record.frame}"
     write(canvas, frame, (after, middle), text, DARK)
     after += max(width_of(frame, text), 5 * text) + text
-    alarming = _alarming(record)
     if alarming:
-        _sign(canvas, "ALARM", (after, middle), text, bgr(COLOURS[alarming[0]]))
+        _sign(canvas, "ALARM", (after, middle), text, DARK)
+    after += width_of("ALARM", text, bold=True) + 2 * text
     x = area.x + area.width
-    for name in reversed(list(record.responses)):
-        x -= width_of(NAMES[name], text, bold=True) + text
-        paint = bgr(COLOURS[name])
+    named = _fitting(list(record.responses), alarming, x - after, text)
+    left_out = len(record.responses) - len(named)
+    if left_out:
+        more = f"+{left_out}"
+        x -= width_of(more, text) + text // 2
+        write(canvas, more, (x, middle), text, DIM)
+    for name in reversed(named):
+        label, paint = detector_named(name).label, paint_of(name)
+        x -= width_of(label, text, bold=True) + text
         if name in alarming:
-            _sign(canvas, NAMES[name], (x, middle), text, paint)
+            _sign(canvas, label, (x, middle), text, paint)
         else:
-            write(canvas, NAMES[name], (x + text // 2, middle), text, paint, bold=True)
+            write(canvas, label, (x + text // 2, middle), text, paint, bold=True)
         x -= text // 2
+
+
+def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) -> list[str]:
+    """Return the detectors whose labels fit side by side: those with an alarm first."""
+    widths = {
+        name: width_of(detector_named(name).label, text, bold=True) + text + text // 2
+        for name in names
+    }
+    if sum(widths.values()) <= room:
+        return names
+    room -= width_of(f"+{len(names)}", text) + text
+    kept: set[str] = set()
+    for name in sorted(names, key=lambda each: each not in alarming):
+        if widths[name] > room:
+            break
+        room -= widths[name]
+        kept.add(name)
+    return [name for name in names if name in kept]
 
 
 def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) -> None:
@@ -151,37 +208,61 @@ def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) 
     write(canvas, word, (x + text // 2, middle), text, WHITE, bold=True)
 
 
-def _grid(plot: Bgr, layout: Layout, history: History) -> None:
-    """Draw a line per level, and a tick per second at the foot."""
+def _grid(plot: Bgr, layout: Layout) -> None:
+    """Draw a line per level, and the time axis at the foot."""
     for level in LEVELS:
         row, line = round(level_row(10.0**level, layout)), layout.line if level == 0 else 1
         plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else GRID
     plot[-1] = DIM
-    second = math.ceil(history.start_s)
-    while (column := round(column_of(second, layout, history))) < layout.plot.width:
-        plot[-layout.text // 3 :, column : column + 1] = DIM
-        second += 1
 
 
-def _shade(plot: Bgr, layout: Layout, history: History, points: list[Point], paint: Paint) -> None:
-    tint = np.rint((1 - SHADE) * np.array(PAPER) + SHADE * np.array(paint)).astype(np.uint8)
+def tick_step(window_s: float) -> float:
+    """Return the seconds between numbers of a time axis: 1, 2 or 5 times a power of ten."""
+    least = window_s / MOST_TICKS
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(step * power for step in (1, 2, 5, 10) if step * power >= least * (1 - 1e-9))
+
+
+def _ticks(canvas: Bgr, layout: Layout, history: History) -> None:
+    """Draw the ticks of the time axis, each with its number in seconds."""
+    plot, text = layout.plot, layout.text
+    step = tick_step(history.window_s)
+    digits = max(0, -math.floor(math.log10(step)))
+    number = math.ceil(history.start_s / step - 1e-9)
+    while (column := round(column_of(number * step, layout, history))) < plot.width:
+        x, foot = plot.x + column, plot.y + plot.height
+        canvas[foot - text // 3 : foot, x : x + 1] = DIM
+        label = f"{number * step:.{digits}f} s"
+        wide = width_of(label, text)
+        at = min(x - wide // 2, layout.width - wide - 1)
+        write(canvas, label, (at, foot + round(0.7 * text)), text, DIM)
+        number += 1
+
+
+def _shade(plot: Bgr, layout: Layout, history: History, points: list[Point]) -> None:
     for point, following in pairwise([*points, *points[-1:]]):
         if point.alarm:
             first = math.floor(column_of(point.time_s, layout, history))
             last = math.ceil(column_of(following.time_s, layout, history))
-            plot[:, max(0, first) : max(0, last + 1)] = tint
+            plot[:, max(0, first) : max(0, last + 1)] = SHADE
 
 
 def _curve(plot: Bgr, layout: Layout, history: History, points: list[Point], paint: Paint) -> None:
+    """Draw a line for each stretch of known ratios, thick in an alarm; a dot at the latest one."""
     for known, group in groupby(points, key=lambda each: each.ratio is not None):
         if not known:
             continue
+        stretch = list(group)
         places = [
             (column_of(each.time_s, layout, history), level_row(each.ratio or 0.0, layout))
-            for each in group
+            for each in stretch
         ]
-        fine = np.rint(np.array(places) * (1 << FINE)).astype(np.int32)
+        # Times of a damaged file may jump far beyond the plot.
+        near = np.clip(places, -FURTHEST, FURTHEST)
+        fine = np.rint(near * (1 << FINE)).astype(np.int32)
         cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, FINE)
+        thick = [fine[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]
+        cv2.polylines(plot, thick, False, paint, 2 * layout.line, cv2.LINE_AA, FINE)
     if points and points[-1].ratio is not None:
         x, y = fine[-1].tolist()
         cv2.circle(plot, (x, y), 2 * layout.line << FINE, paint, -1, cv2.LINE_AA, FINE)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import queue
-import threading
 from collections import deque
-from contextlib import suppress
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
 from oppload_cli.annotation.boxes import draw_detections
-from oppload_cli.annotation.history import History
-from oppload_cli.annotation.layout import layout_of
-from oppload_cli.annotation.strip import draw_ground, draw_strip
+from oppload_cli.annotation.layout import DARK, layout_of
+from oppload_cli.annotation.strip import History, draw_ground, draw_strip
 from oppload_cli.errors import OpploadError
-from oppload_cli.palette import INK, bgr
-from oppload_cli.results.table import naming
+from oppload_cli.files.atomic import PartFile, output_errors
+from oppload_cli.models.registry import placing_detector
+from oppload_cli.palette import bgr
 from oppload_cli.video.recording import Recording
 
 if TYPE_CHECKING:
@@ -26,70 +24,15 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.colour import Bgr
-    from oppload_cli.video.frames import Frame, InputFacts
+    from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
     from oppload_cli.video.source import Video
-    from oppload_cli.video.working import WorkingSize
-
-AHEAD = 4  # frames that wait to be drawn
 
 
-class Painter:
-    """Draws annotated frames.
-
-    Parameters
-    ----------
-    facts : InputFacts
-        Of the input.
-    models : sequence of str
-        Whose responses are shown.
-    """
-
-    def __init__(self, facts: InputFacts, models: Sequence[str]) -> None:
-        self.layout = layout_of(facts)
-        self._blank = np.empty((self.layout.height, self.layout.width, 3), np.uint8)
-        self._blank[:] = bgr(INK)
-        draw_ground(self._blank, self.layout)
-        rate, count = facts.frame_rate, facts.frames_declared
-        self._history = History(models, float(count / rate) if rate and count else None)
-
-    def draw(self, picture: Bgr, record: FrameRecord) -> Bgr:
-        """Return the next frame, annotated.
-
-        Parameters
-        ----------
-        picture : ndarray of uint8, shape (rows, columns, 3)
-            The frame in colour, of the size of :func:`oppload_cli.video.colour.colour_size`.
-        record : FrameRecord
-            What is known of it.
-
-        Returns
-        -------
-        ndarray of uint8, shape (height, width, 3)
-            Of the layout's size.
-        """
-        layout = self.layout
-        canvas = self._blank.copy()
-        size = (layout.picture.width, layout.picture.height)
-        # Enlarged by a whole number, if at all.
-        canvas[layout.picture.slices] = (
-            picture
-            if picture.shape[1::-1] == size
-            else cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
-        )
-        draw_detections(canvas, layout, record.detections)
-        self._history.add(record)
-        draw_strip(canvas, layout, self._history, record)
-        return canvas
+AHEAD = 4  # frames that wait to be encoded
 
 
-class Shown:
-    """Frames on their way to the models; their pictures are kept until they are asked for.
-
-    Parameters
-    ----------
-    video : Video
-        Opened with ``colour=True``.
-    """
+class _Frames:
+    """The frames of a video on their way to the detectors; it keeps their pictures."""
 
     def __init__(self, video: Video) -> None:
         self._video = video
@@ -97,12 +40,12 @@ class Shown:
 
     @property
     def facts(self) -> InputFacts:
-        """What is known of the input."""
+        """Facts of the input."""
         return self._video.facts
 
     @property
     def working(self) -> WorkingSize:
-        """Size at which the models see them."""
+        """Working size of the frames."""
         return self._video.working
 
     def __iter__(self) -> Iterator[Frame]:
@@ -111,17 +54,7 @@ class Shown:
             yield frame
 
     def picture(self, index: int) -> Bgr | None:
-        """Return a frame's picture; those before it are forgotten.
-
-        Parameters
-        ----------
-        index : int
-            Of a frame that has been yielded and not asked for.
-
-        Returns
-        -------
-        ndarray of uint8, shape (rows, columns, 3), or None
-        """
+        """Return the picture of a frame, once; those of the frames before it are dropped."""
         frame = self._waiting.popleft()
         while frame.index < index:
             frame = self._waiting.popleft()
@@ -129,106 +62,115 @@ class Shown:
 
 
 class AnnotatedVideo:
-    """Draws and encodes in a thread of its own, a few frames behind the models.
+    """Draws and encodes in a thread of its own, a few frames behind the detectors.
 
     Parameters
     ----------
-    path, part : Path
-        Its final name, and the one that it has while it is written.
+    path : Path
+        Its final name.
     video : Video
         Opened with ``colour=True``.
-    models : sequence of str
-        Whose responses are shown.
+    detectors : sequence of str
+        Names of the detectors whose responses are shown.
+    boxes : str
+        Objects with a box: ``alarm``, those that cause one; ``all``; or ``none``.
 
     Attributes
     ----------
-    frames : Shown
-        What the models shall take their frames from.
+    frames : iterable of Frame
+        The detectors must take their frames from it.
 
     Raises
     ------
     OutputError
-        If the file cannot be written, or there is no encoder; also by `write`,
+        If the file cannot be written, or no encoder is installed; also by `write`,
         `finish` and `commit`.
     """
 
-    def __init__(self, path: Path, part: Path, video: Video, models: Sequence[str]) -> None:
-        self.frames = Shown(video)
-        self._path, self._part = path, part
-        self._painter = Painter(video.facts, models)
-        size = (self._painter.layout.width, self._painter.layout.height)
-        with naming(path):
-            self._recording = Recording(part, *size, video.facts.frame_rate)
-        self._queue: queue.Queue[tuple[Bgr, FrameRecord] | None] = queue.Queue(AHEAD)
-        self._error: BaseException | None = None
+    def __init__(
+        self, path: Path, video: Video, detectors: Sequence[str], boxes: str = "alarm"
+    ) -> None:
+        self.frames = _Frames(video)
+        self._boxes = boxes
+        self._path = path
+        facts = video.facts
+        self._layout = layout = layout_of(facts)
+        self._blank = np.full((layout.height, layout.width, 3), DARK, np.uint8)
+        draw_ground(self._blank, layout)
+        rate, count = facts.frame_rate, facts.frames_declared
+        self._history = History(detectors, float(count / rate) if rate and count else None)
+        self._file = PartFile(path)
+        try:
+            with output_errors(path):
+                self._recording = Recording(self._file, layout.width, layout.height, rate)
+        except BaseException:
+            self._file.discard()
+            raise
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="oppload-annotate")
+        self._waiting: deque[Future[None]] = deque()
         self._finished = False
-        self._thread = threading.Thread(target=self._run, name="oppload-annotate", daemon=True)
-        self._thread.start()
 
     def write(self, record: FrameRecord) -> None:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        record : FrameRecord
-            What is known of it.
-        """
-        self._check()
+        """Take the record of the next frame."""
+        self._await(AHEAD)
         picture = self.frames.picture(record.frame)
         if picture is not None:
-            self._queue.put((picture, record))
+            self._waiting.append(self._thread.submit(self._encode, picture, record))
 
     def finish(self) -> None:
         """Wait until every frame is encoded, and finish the file; may be called twice."""
-        self._end()
-        self._check()
+        self._await(0)
         if not self._finished:
-            with naming(self._path):
+            self._thread.shutdown()
+            with output_errors(self._path):
                 self._recording.finish()
         self._finished = True
 
     def commit(self) -> None:
-        """Give the finished file its name; a video without a frame is none."""
-        with naming(self._path):
-            if self._recording.frames:
-                self._part.replace(self._path)
-            else:
-                self._part.unlink()
+        """Give the finished file its name; a video without a frame is removed."""
+        if self._recording.frames:
+            self._file.commit()
+        else:
+            self._file.discard()
+            with output_errors(self._path):
                 self._path.unlink(missing_ok=True)
 
     def keep(self) -> None:
         """Leave the file as its ``.part``, finished, so that it can be played; else remove it."""
         try:
             self.finish()
+            self._file.keep()
         except OpploadError:
             self.discard()
 
     def discard(self) -> None:
         """Stop, and remove the file."""
-        self._error = self._error or InterruptedError("given up")
-        self._end()
+        self._thread.shutdown(cancel_futures=True)
         self._recording.abandon()
-        with suppress(OSError):
-            self._part.unlink()
+        self._file.discard()
 
-    def _end(self) -> None:
-        """Wait until the thread has done what waits; may be called twice."""
-        if self._thread.is_alive():
-            self._queue.put(None)
-        while self._thread.is_alive():
-            self._thread.join(0.1)  # without a limit it could not be interrupted everywhere
+    def _await(self, most: int) -> None:
+        """Wait until no more than a number of frames are waiting; raise the thread's error."""
+        while len(self._waiting) > most:
+            with output_errors(self._path):
+                self._waiting[0].result()  # one that failed stays, and fails the next call too
+            self._waiting.popleft()
 
-    def _check(self) -> None:
-        if self._error is not None:
-            with naming(self._path):
-                raise self._error
+    def _encode(self, picture: Bgr, record: FrameRecord) -> None:
+        self._recording.write(self._drawn(picture, record), record.time_s)
 
-    def _run(self) -> None:
-        # After an error the queue is still emptied: nobody shall wait for a place in it.
-        while (item := self._queue.get()) is not None:
-            if self._error is None:
-                try:
-                    picture, record = item
-                    self._recording.write(self._painter.draw(picture, record), record.time_s)
-                except BaseException as error:
-                    self._error = error
+    def _drawn(self, picture: Bgr, record: FrameRecord) -> Bgr:
+        layout, canvas = self._layout, self._blank.copy()
+        size = (layout.picture.width, layout.picture.height)
+        canvas[layout.picture.slices] = (
+            picture
+            if picture.shape[1::-1] == size
+            else cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
+        )
+        placing = placing_detector(record.responses)
+        if placing is not None and self._boxes != "none":
+            shown = (each for each in record.detections if each.alarm or self._boxes == "all")
+            draw_detections(canvas, layout, shown, bgr(placing.colour))
+        self._history.add(record)
+        draw_strip(canvas, layout, self._history, record)
+        return canvas

@@ -1,13 +1,14 @@
-"""A batch on a dask.distributed cluster that is there already.
+"""A batch on a dask.distributed cluster that is running already.
 
 Its workers read the inputs and write the results on storage that they share. The
-scheduler gives the inputs of a worker that dies to another one.
+scheduler gives the inputs of a worker that dies to another worker.
 """
 
 from __future__ import annotations
 
 import logging
 import os
+import pkgutil
 import queue
 import uuid
 from contextlib import contextmanager, suppress
@@ -16,24 +17,28 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.batch.attempt import attempt, failed
-from oppload_cli.batch.counting import Counting
-from oppload_cli.errors import OpploadError, ParameterError
-from oppload_cli.outputs import IfExists
-from oppload_cli.task import exists_already
+from oppload_cli.batch.local import Counting, attempt, failed
+from oppload_cli.errors import OpploadError, ParameterError, reason_of
+from oppload_cli.files.names import is_file
+from oppload_cli.pipeline.execute import exists_already
+from oppload_cli.pipeline.outputs import IfExists
+from oppload_cli.processes.signals import stop_if_asked
+from oppload_cli.processes.threads import Call
 from oppload_cli.version import __version__
-from oppload_cli.video.prefetch import Call
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from oppload_cli.batch.attempt import Observer
+    from oppload_cli.batch.local import Observer
     from oppload_cli.batch.plan import Failure
-    from oppload_cli.task import Outcome, Task
+    from oppload_cli.pipeline.task import Outcome, Task
 
-ANSWER_WITHIN_S = 8.0  # so that with the start of Python an error is there within 10 s
+
+ANSWER_WITHIN_S = 8.0  # with the start of Python, an error is printed within 10 s
 STOP_WITHIN_S = 3.0
 TELL_EVERY_S = 1.0
+# Each has a level of its own by the library's configuration.
+_TALKATIVE = ("distributed", "distributed.client", "tornado.application", "asyncio")
 IN_FLIGHT = 1000  # inputs that the scheduler knows of at a time: memory stays flat
 
 
@@ -43,7 +48,7 @@ def run_on_cluster(tasks: Iterable[Task], scheduler: str, observer: Observer) ->
     Parameters
     ----------
     tasks : iterable of Task
-        What to do; taken as they are needed.
+        Taken as they are needed.
     scheduler : str
         The scheduler's address such as ``tcp://host:8786``, or its scheduler file.
     observer : Observer
@@ -53,13 +58,13 @@ def run_on_cluster(tasks: Iterable[Task], scheduler: str, observer: Observer) ->
     ------
     ParameterError
         If dask.distributed is missing here, the scheduler does not answer, has no
-        worker, or a worker has no oppload or another version of it; nothing is
+        worker, or a worker has no oppload or another version of it; no task is
         begun then.
     KeyboardInterrupt
-        If the user stops it; what runs on the workers is stopped first.
+        If the user stops it; the tasks that run on workers are stopped first.
     """
-    with connected(scheduler) as client:
-        check_workers(client, scheduler)
+    with _connected(scheduler) as client:
+        _check_workers(client, scheduler)
         run = _Run(client, iter(tasks), observer)
         try:
             run.run()
@@ -69,78 +74,53 @@ def run_on_cluster(tasks: Iterable[Task], scheduler: str, observer: Observer) ->
 
 
 @contextmanager
-def connected(scheduler: str) -> Iterator[Any]:
-    """Connect to a scheduler.
-
-    Parameters
-    ----------
-    scheduler : str
-        Its address or file.
-
-    Yields
-    ------
-    distributed.Client
-
-    Raises
-    ------
-    ParameterError
-        If dask.distributed is missing, or nobody answers within 8 s.
-    """
+def _connected(scheduler: str) -> Iterator[Any]:
+    """Connect to a scheduler; yield a distributed.Client."""
     try:
         import distributed  # noqa: PLC0415 - an optional extra
     except ImportError as error:
         raise ParameterError(
             "--scheduler needs dask.distributed; pip install 'oppload[distributed]'"
         ) from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the sentence below says it
+    for name in _TALKATIVE:  # the sentences below say it
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     where = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
-    if "://" not in scheduler and not Path(scheduler).is_file():
+    if "://" not in scheduler and not is_file(Path(scheduler)):
         raise ParameterError(
             f"--scheduler {scheduler}: no such file; give tcp://host:port or a scheduler file"
         )
     connect = partial(distributed.Client, **where, timeout=ANSWER_WITHIN_S, set_as_default=False)
     try:
-        # Dask waits for ever where nobody says a word.
+        # Dask waits for ever for a scheduler that accepts a connection and stays silent.
         client = Call(connect).result(ANSWER_WITHIN_S)
     except Exception as error:
         raise ParameterError(
-            f"--scheduler {scheduler}: does not answer ({_first_line(error)}); "
+            f"--scheduler {scheduler}: does not answer ({reason_of(error)}); "
             f"check the address, and that the scheduler runs"
         ) from error
     try:
         yield client
     finally:
-        with suppress(Exception):  # a scheduler that has gone shall not hide what was wrong
-            client.close(timeout=STOP_WITHIN_S)
+        # One that has gone must not hide the first error, and one that has stopped answers nothing.
+        Call(partial(client.close, timeout=STOP_WITHIN_S)).wait(STOP_WITHIN_S)
 
 
-def check_workers(client: Any, scheduler: str) -> None:
-    """Check that every worker has this version of oppload.
-
-    Parameters
-    ----------
-    client : distributed.Client
-        Connected.
-    scheduler : str
-        For the messages.
-
-    Raises
-    ------
-    ParameterError
-        If there is no worker within 8 s, or one has no oppload or another version.
-    """
+def _check_workers(client: Any, scheduler: str) -> None:
+    """Check that workers are connected, and that each has this version of oppload."""
     try:
         client.wait_for_workers(1, timeout=ANSWER_WITHIN_S)
     except TimeoutError as error:
         raise ParameterError(
             f"--scheduler {scheduler}: has no worker; start some with 'dask worker {scheduler}'"
         ) from error
-    import pkgutil  # noqa: PLC0415 - only here
-
-    # A function of Python's own: one of oppload's would not arrive where there is none.
-    versions = client.run(
-        pkgutil.resolve_name, "oppload_cli.version:__version__", on_error="return"
-    )
+    # A function of Python's own: a worker without oppload could not load one of oppload's.
+    asked = partial(client.run, pkgutil.resolve_name, "oppload_cli.version:__version__")
+    try:
+        versions = Call(partial(asked, on_error="return")).result(ANSWER_WITHIN_S)
+    except Exception as error:
+        raise ParameterError(
+            f"--scheduler {scheduler}: does not answer ({reason_of(error)}); restart it"
+        ) from error
     for worker, version in sorted(versions.items()):
         if isinstance(version, ImportError | AttributeError):
             raise ParameterError(
@@ -148,7 +128,7 @@ def check_workers(client: Any, scheduler: str) -> None:
             )
         if isinstance(version, BaseException):
             raise ParameterError(
-                f"worker {worker}: does not answer ({_first_line(version)}); restart it"
+                f"worker {worker}: does not answer ({reason_of(version)}); restart it"
             )
         if version != __version__:
             raise ParameterError(
@@ -157,24 +137,20 @@ def check_workers(client: Any, scheduler: str) -> None:
             )
 
 
-def do_there(task: Task, topic: str, version: str) -> Outcome | Failure:
+def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
     """Do one task on a worker.
 
     Parameters
     ----------
     task : Task
-        What to do.
+        The task.
     topic : str
-        Under which the worker tells how it gets on.
+        Under which the worker reports its progress.
     version : str
         Of oppload where the batch was started.
-
-    Returns
-    -------
-    Outcome or Failure
     """
     import cv2  # noqa: PLC0415 - only on the worker
-    import distributed  # noqa: PLC0415
+    import distributed  # noqa: PLC0415 - an optional extra
 
     if version != __version__:  # a worker that came later
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"
@@ -206,7 +182,7 @@ class _Run:
         self._tasks = tasks
         self._observer = observer
         self._topic = f"oppload-{uuid.uuid4().hex}"
-        self._said: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
+        self._messages: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._under_way: dict[str, tuple[Task, Any]] = {}
 
     def run(self) -> None:
@@ -222,11 +198,14 @@ class _Run:
                 self._client.unsubscribe_topic(self._topic)
 
     def cancel(self) -> None:
-        """Drop what waits, stop what runs, and wait a moment for it to end."""
-        # The scheduler may be what has failed; a second Ctrl-C ends the waiting.
-        with suppress(Exception, KeyboardInterrupt), self._client.as_current():
-            import distributed  # noqa: PLC0415
+        """Cancel the tasks that wait, stop those that run, and wait a moment for them to end."""
+        # The scheduler itself may have failed, or have stopped.
+        Call(self._cancel).wait(STOP_WITHIN_S + 1)  # of which the workers get most
 
+    def _cancel(self) -> None:
+        import distributed  # noqa: PLC0415 - an optional extra
+
+        with self._client.as_current():
             futures = [future for _, future in self._under_way.values()]
             processing = {key for keys in self._client.processing().values() for key in keys}
             distributed.Event(self._topic).set()
@@ -236,7 +215,7 @@ class _Run:
             self._client.cancel(running)
 
     def _heard(self, event: tuple[float, tuple[str, Any]]) -> None:
-        self._said.put(event[1])
+        self._messages.put(event[1])
 
     def _submit(self) -> bool:
         task = next(self._tasks, None)
@@ -248,7 +227,7 @@ class _Run:
             self._observer.ended(task, failed(task, str(error), error.exit_code))
             return True
         future = self._client.submit(
-            do_there,
+            _do_on_worker,
             sent,
             self._topic,
             __version__,
@@ -256,12 +235,13 @@ class _Run:
             pure=False,
         )
         self._under_way[future.key] = (task, future)
-        future.add_done_callback(lambda done: self._said.put(("ended", done.key)))
+        future.add_done_callback(lambda done: self._messages.put(("ended", done.key)))
         return True
 
     def _wait(self) -> None:
+        stop_if_asked()
         try:
-            kind, value = self._said.get(timeout=0.5)
+            kind, value = self._messages.get(timeout=0.5)
         except queue.Empty:
             self._check_scheduler()
             return
@@ -282,10 +262,10 @@ class _Run:
 
 
 def _for_a_worker(task: Task) -> Task:
-    """Return a task as a worker needs it: with whole paths, and so that it can be repeated."""
+    """Return a task as a worker needs it: with absolute paths, and so that it can be repeated."""
     if task.if_exists is IfExists.ERROR:
         exists_already(task)
-        # From here on only this batch writes it: what a dead worker left is gone over.
+        # From here on only this batch writes it: the files of a dead worker are written again.
         task = replace(task, if_exists=IfExists.SKIP)
     name = task.name
     if "://" not in name and not name.startswith("camera:"):
@@ -295,21 +275,16 @@ def _for_a_worker(task: Task) -> Task:
 
 def _result(task: Task, future: Any) -> Outcome | Failure:
     if future.status == "finished":
-        result: Outcome | Failure = future.result()
+        # In a thread, as the scheduler may stop meanwhile.
+        result: Outcome | Failure = Call(future.result).result()
         return result
     if future.status == "cancelled":
         return failed(task, f"{task.name}: was cancelled on the cluster; try it again")
-    error = future.exception()
+    error = Call(future.exception).result()
     kind = type(error).__name__
     if kind == "KilledWorker":
         return failed(
             task,
             f"{task.name}: several workers died of it; check their memory, or run it alone",
         )
-    return failed(
-        task, f"{task.name}: the worker failed ({kind}: {_first_line(error)}); see its log"
-    )
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0].lower().rstrip(".")
+    return failed(task, f"{task.name}: the worker failed ({kind}: {reason_of(error)}); see its log")

@@ -1,21 +1,45 @@
-"""The plan of a batch: which inputs, in which order, and what their results are called."""
+"""The plan of a batch: which inputs, in which order, and the names of their results."""
 
 from __future__ import annotations
 
+import csv
+import io
+import os
 import re
+import sys
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from oppload_cli.batch.lists import Listed
-from oppload_cli.errors import ParameterError
-from oppload_cli.video.inputs import each_once, found_inputs, result_stems
+from oppload_cli.errors import ExitCode, ParameterError
+from oppload_cli.files.names import fault_of_stem
+from oppload_cli.files.reading import content_of, reading
+from oppload_cli.video.inputs import each_once, found_inputs, result_stem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
+
+
+STANDARD_INPUT = "-"
+FAILURE_COLUMNS = ("input", "stem", "exit_code", "error")  # of failures.csv
+
+
+class Listed(NamedTuple):
+    """One entry of a list of inputs.
+
+    Attributes
+    ----------
+    name : str
+        A file, a folder, a pattern or an address.
+    stem : str
+        The stem of its results, where an earlier batch has chosen it; else empty.
+    """
+
+    name: str
+    stem: str = ""
 
 
 @dataclass(frozen=True)
-class Planned:
+class _Planned:
     """One input of a batch.
 
     Attributes
@@ -37,13 +61,13 @@ class Failure:
     Attributes
     ----------
     name : str
-        The input, as it was named.
+        The input, as the user named it.
     stem : str
         Of its results; empty where no input was found under the name.
     code : int
         The exit code that it has alone (``docs/formats.md``).
     message : str
-        What was wrong, where, and what to do: one sentence.
+        One sentence: the fault, its place, and the remedy.
     """
 
     name: str
@@ -58,84 +82,75 @@ class Plan:
 
     Attributes
     ----------
-    inputs : list of Planned
-        What is to be done.
+    inputs : list of _Planned
+        The inputs to analyse.
     failures : list of Failure
-        What was named and is not there.
+        Names under which no input was found.
     """
 
-    inputs: list[Planned] = field(default_factory=list)
+    inputs: list[_Planned] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
 
     def __len__(self) -> int:
         return len(self.inputs) + len(self.failures)
 
     def shard(self, number: int, of: int) -> Plan:
-        """Return the part of the plan that is one shard's.
+        """Return every `of`-th input, from the `number`-th (from 1) on.
 
-        Parameters
-        ----------
-        number, of : int
-            Which one, from 1, of how many.
-
-        Returns
-        -------
-        Plan
-            Every `of`-th input: the same list gives the same shards, they never
-            overlap, and together they are the plan. The names of the results are
-            those of the whole plan. What is not there fails in the first shard.
+        The same list gives the same shards; they never overlap, and together they are
+        the plan. Results keep the names of the complete plan. A name without an input
+        fails in the first shard.
         """
         return Plan(self.inputs[number - 1 :: of], self.failures if number == 1 else [])
 
 
-def planned(named: Iterable[str | Listed], *, recursive: bool = False) -> Plan:
-    """Return the plan for what the user names.
+def planned(named: Iterable[str | Listed | Failure], *, recursive: bool = False) -> Plan:
+    """Return the plan for the names that the user gives.
 
     Parameters
     ----------
-    named : iterable of str or Listed
-        Files, folders, patterns and addresses; a listed one with a stem keeps it.
+    named : iterable of str, Listed or Failure
+        Files, folders, patterns and addresses; a listed one with a stem keeps it. A
+        failure of a list is passed on.
     recursive : bool
         Whether folders are searched to any depth.
-
-    Returns
-    -------
-    Plan
     """
     stems: dict[str, str] = {}
-    failures: dict[str, Failure] = {}
+    failures: list[Failure] = []
     names: list[str] = []
     for entry in dict.fromkeys(named):
+        if isinstance(entry, Failure):
+            failures.append(entry)
+            continue
         each = entry if isinstance(entry, Listed) else Listed(entry)
         if each.stem:
             stems[each.name] = each.stem
             names.append(each.name)
             continue
-        for name, error in found_inputs(each.name, recursive=recursive):
+        for name, error, folder in found_inputs(each.name, recursive=recursive):
             if error is None:
                 names.append(name)
+                stems.setdefault(name, result_stem(name, folder))
             else:
-                failures[name] = Failure(name, "", error.exit_code, str(error))
-    names = sorted(each_once(names))
-    inputs = [
-        Planned(name, stems.get(name, stem))
-        for name, stem in zip(names, result_stems(names), strict=True)
-    ]
-    return Plan(inputs, list(failures.values()))
+                failures.append(Failure(name, "", error.exit_code, str(error)))
+    inputs: list[_Planned] = []
+    holders: dict[str, str] = {}
+    for name in sorted(each_once(names)):
+        stem = stems[name]
+        holder = holders.setdefault(stem.casefold(), name)
+        if holder == name:
+            inputs.append(_Planned(name, stem))
+            continue
+        message = (
+            f"{name}: its results would have the names of those of {holder}; give a folder of "
+            f"both with --recursive, or each an --output of its own"
+        )
+        failures.append(Failure(name, "", ExitCode.USAGE, message))
+    return Plan(inputs, list(dict.fromkeys(failures)))
 
 
 def parse_shard(text: str) -> tuple[int, int]:
-    """Read which shard is meant.
-
-    Parameters
-    ----------
-    text : str
-        ``I/N``: the I-th of N, from 1.
-
-    Returns
-    -------
-    tuple of int
-        I and N.
+    """Read a shard ``I/N``, the I-th of N from 1; return I and N.
 
     Raises
     ------
@@ -149,3 +164,72 @@ def parse_shard(text: str) -> tuple[int, int]:
             f"--shard must be I/N with I from 1 to N, such as 1/8 to 8/8, not '{text}'"
         )
     return number, of
+
+
+def read_list(source: str, *, null: bool = False) -> list[Listed | Failure]:
+    """Read a list of inputs.
+
+    Parameters
+    ----------
+    source : str
+        A file, or ``-`` for standard input, with a name on each line (empty lines are
+        passed over); or the ``failures.csv`` of a batch.
+    null : bool
+        Whether the names end in NUL, as ``find -print0`` writes them.
+
+    Returns
+    -------
+    list of Listed or Failure
+        A row with a stem that may not be used is a failure.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read, or names nothing.
+    """
+    entries: list[Listed | Failure]
+    text = os.fsdecode(_content(source))
+    if null:
+        entries = [Listed(name) for name in text.split("\0") if name]
+    elif text.startswith(",".join(FAILURE_COLUMNS)):
+        entries = list(_failed_before(source, text))
+    else:
+        # Only line ends separate: a name may hold any other character.
+        lines = (line.removesuffix("\r") for line in text.split("\n"))
+        entries = [Listed(line) for line in lines if line]
+    if not entries:
+        raise ParameterError(f"--files-from {source}: names no input; put a name on each line")
+    if any("\0" in entry.name for entry in entries):
+        raise ParameterError(f"--files-from {source}: its names end in NUL; add -0")
+    return entries
+
+
+def _failed_before(source: str, text: str) -> Iterator[Listed | Failure]:
+    """Yield the rows of a ``failures.csv``.
+
+    It may come from elsewhere: a result stays in the folder of the batch, and apart from others.
+    """
+    holders: dict[str, str] = {}
+    with reading(f"--files-from {source}", ParameterError, form="CSV"):
+        for number, row in enumerate(csv.DictReader(io.StringIO(text, newline="")), 2):
+            name, stem = row["input"] or "", row["stem"] or ""
+            fault = fault_of_stem(stem) if stem else ""
+            fault = fault and f"is no plain name, as it {fault}"
+            holder = holders.setdefault(stem.casefold(), name)
+            if stem and holder != name:
+                fault = f"is that of {holder} already"
+            if fault:
+                place = f"--files-from {source}: row {number}"
+                message = f"{place}: the stem '{stem}' {fault}; correct the row"
+                yield Failure(name, "", ExitCode.USAGE, message)
+            else:
+                yield Listed(name, stem)
+
+
+def _content(source: str) -> bytes:
+    if source == STANDARD_INPUT:
+        if sys.stdin is None:  # as Python has it after "oppload ... <&-"
+            raise ParameterError("--files-from -: standard input is closed; pipe a list into it")
+        return sys.stdin.buffer.read()
+    with reading(f"--files-from {source}", ParameterError):
+        return content_of(source, pipes=True)

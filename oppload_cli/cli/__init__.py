@@ -14,40 +14,66 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from oppload_cli import interruption
-from oppload_cli.errors import ExitCode, OpploadError, OutputError, printable, suggestion
+from oppload_cli.errors import (
+    ExitCode,
+    OpploadError,
+    OutputError,
+    ParameterError,
+    ShortageError,
+    printable,
+    shortage,
+    suggestion,
+)
+from oppload_cli.processes import signals
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
-    from oppload_cli.video.apart import DecodingProcess
+    from click.shell_completion import CompletionItem
 
-WIDEST = 80  # help, in characters
+
+LIBRARY_BYTES = 150 << 20  # of address space: fewer than any command takes in the end
+_WIDEST = 80  # characters of help
 COMMANDS = {
-    "run": "run both looming detectors on videos",
-    "collect": "many results into one table",
+    "run": "run looming detectors on videos",
+    "collect": "join many results into one table",
     "plot": "plot results",
-    "tune": "a stimulus over directions, speeds, sizes or places",
-    "evaluate": "labelled clips: detection, lead time, false alarms",
-    "reproduce": "every synthetic figure of the OppLoD paper, with verdicts",
-    "demo": "show it at work on a looming disk",
-    "stimuli": "the catalogue of looming stimuli",
-    "models": "the models, their parameters and presets",
-    "config": "every setting of a run, and where it came from",
-    "info": "versions, for a bug report",
+    "report": "make a page per result: video, curves and alarms in sync",
+    "tune": "measure responses to a stimulus over directions, speeds, sizes",
+    "evaluate": "measure detection, lead time and false alarms on labelled clips",
+    "benchmark": "compare all detectors on one set of stimuli",
+    "reproduce": "reproduce the synthetic figures of the OppLoD paper",
+    "demo": "show the detectors at work on a looming disk",
+    "stimuli": "list, show and make looming stimuli",
+    "models": "list the models, their parameters and presets",
+    "config": "print every setting of a run, and where it came from",
+    "info": "print versions, for a bug report",
 }
 
 
-class LazyGroup(click.Group):
+class _ReaderGoneError(Exception):
+    """The reader of standard output has gone; for a BrokenPipeError, Click itself exits with 1."""
+
+
+class _LazyGroup(click.Group):
     """A group that imports a command's module when the command is called."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        """Call the command."""
+        _check_memory()
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError as error:
+            raise _ReaderGoneError from error
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Return the commands' names, in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return a command, or None if there is none of that name."""
+        """Return a command, or None if none has that name."""
         if cmd_name not in COMMANDS:
             return None
         module = importlib.import_module(f"oppload_cli.cli.{cmd_name}")
@@ -62,63 +88,77 @@ class LazyGroup(click.Group):
             raise click.UsageError(f"no command '{args[0]}'{suggestion(args[0], COMMANDS)}", ctx)
         return super().resolve_command(ctx, args)
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete the name of a command without importing any."""
+        from click.shell_completion import CompletionItem
+
+        named = [
+            CompletionItem(name, help=text)
+            for name, text in COMMANDS.items()
+            if name.startswith(incomplete)
+        ]
+        return named or click.Command.shell_complete(self, ctx, incomplete)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the commands without importing any."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+# \b keeps the lines of a paragraph as they are.
+_HELP = """Run insect-inspired looming detectors on video: OppLoD and D-LGMD.
+
+\b
+oppload demo                   see it work
+oppload run video.mp4          says when an object looms; writes video.frames.csv
+oppload plot video.frames.csv  writes video.frames.png
+"""
+
+
+@click.group(cls=_LazyGroup, help=_HELP, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="oppload")
 def oppload() -> None:
-    r"""Run insect-inspired looming detectors on video: OppLoD and D-LGMD.
-
-    \b
-    oppload demo                   see it work
-    oppload run video.mp4          writes video.frames.csv and video.oppload.json
-    oppload plot video.frames.csv  writes video.frames.png
-    """
+    """Take the options before the command."""
 
 
-def main(arguments: Sequence[str] | None = None, apart: DecodingProcess | None = None) -> NoReturn:
-    """Run the command line and exit.
-
-    Parameters
-    ----------
-    arguments : sequence of str, optional
-        Instead of those of the process.
-    apart : DecodingProcess, optional
-        Stands by for ``oppload run``.
-    """
-    interruption.answer()
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command line, with other arguments than those of the process if given, and exit."""
+    signals.answer()
     try:
         code = oppload.main(
-            arguments,
-            prog_name="oppload",
-            standalone_mode=False,
-            terminal_width=help_width(),
-            obj=apart,
+            arguments, prog_name="oppload", standalone_mode=False, terminal_width=_help_width()
         )
+        signals.stop_if_asked()
     except BaseException as error:  # the one place where all errors end
-        interruption.ignore()  # what is left takes no time; a second Ctrl-C shall not garble it
+        signals.ignore()  # a second Ctrl-C must not garble the last lines
         sys.exit(failure(error))
     sys.exit(code or ExitCode.DONE)
 
 
-def help_width() -> int:
-    """Return how wide the help is, as Click has it but without what Click loads to know.
-
-    Returns
-    -------
-    int
-        Characters, 50 to 78.
-    """
+def _help_width() -> int:
+    """Return the width of the help, 50 to 78 characters, without the imports that Click needs."""
     columns = 0
     with suppress(OSError, ValueError, AttributeError):  # no number, no terminal, no stream
         columns = int(os.environ.get("COLUMNS") or 0)
     with suppress(OSError, ValueError, AttributeError):
         columns = columns or os.get_terminal_size(sys.__stdout__.fileno()).columns  # type: ignore[union-attr]
-    return max(min(columns or WIDEST, WIDEST) - 2, 50)
+    return max(min(columns or _WIDEST, _WIDEST) - 2, 50)
+
+
+def _check_memory() -> None:
+    """Raise OSError if a limit of memory leaves no room for the libraries of the commands.
+
+    OpenBLAS, which NumPy loads, takes memory as it is loaded, and ends the process if it
+    cannot: no error could be caught.
+    """
+    try:
+        import resource
+    except ImportError:  # Windows has no such limits
+        return
+    if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
+        import mmap
+
+        mmap.mmap(-1, LIBRARY_BYTES).close()
 
 
 def failure(error: BaseException) -> int:
@@ -127,34 +167,33 @@ def failure(error: BaseException) -> int:
     Parameters
     ----------
     error : BaseException
-        Whatever ended the command.
+        The error that ended the command.
 
     Returns
     -------
     int
-        The exit code of ``docs/formats.md``.
+        As in ``docs/formats.md``.
     """
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else ExitCode.BUG
     if os.environ.get("OPPLOAD_DEBUG"):
-        import traceback  # noqa: PLC0415 - seldom needed
+        import traceback
 
         traceback.print_exception(error)
-    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
-        error = OutputError("the output cannot be written (no space left on device); free some")
-    if isinstance(error, BrokenPipeError | OutputError) and sys.stdout is not None:
-        # What could not be written shall not be tried again, and fail again, at exit.
-        with suppress(OSError):
+    error = _explained(error)
+    if isinstance(error, _ReaderGoneError | OutputError) and sys.stdout is not None:
+        try:
             sys.stdout.flush()
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    if isinstance(error, BrokenPipeError):
+        except OSError:  # else Python would try once more at exit, and fail once more
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if isinstance(error, _ReaderGoneError):
         return ExitCode.INTERRUPTED
-    if interruption.received() or isinstance(error, KeyboardInterrupt | click.Abort):
-        # Click turns an interruption into an Abort, and an import into any other error.
-        left = next(
+    if signals.received() or isinstance(error, KeyboardInterrupt | click.Abort):
+        # Click turns an interruption into an Abort.
+        kept = next(
             (str(each) for each in _causes(error) if isinstance(each, KeyboardInterrupt)), ""
         )
-        say(f"oppload: interrupted{': ' if left else ''}{left}")
+        say(f"oppload: interrupted{': ' if kept else ''}{kept}")
         return ExitCode.INTERRUPTED
     if isinstance(error, click.ClickException):
         error.show()
@@ -169,27 +208,43 @@ def failure(error: BaseException) -> int:
     return ExitCode.BUG
 
 
-def say(line: str) -> None:
-    """Print one line on standard error, whatever the names in it hold.
+def _explained(error: BaseException) -> BaseException:
+    """Return an error of this package for one by which the system refuses something."""
+    if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        return OutputError("the output cannot be written (no space left on device); free some")
+    if isinstance(error, Exception) and not isinstance(
+        error, OpploadError | click.ClickException | click.Abort | _ReaderGoneError
+    ):
+        short = shortage(error)
+        return ShortageError(short) if short else error
+    return error
 
-    Parameters
-    ----------
-    line : str
-        What to say.
-    """
-    with suppress(OSError):  # there may be nobody to read it
+
+def say(line: str) -> None:
+    """Print one line on standard error; the names in it may hold any character."""
+    with suppress(OSError):  # its reader may have gone
         click.echo(printable(line), err=True)
 
 
 def on_terminal() -> bool:
-    """Tell whether standard error is a terminal, which can show progress.
-
-    Returns
-    -------
-    bool
-        False also where it is closed.
-    """
+    """Tell whether standard error is a terminal, which can show progress; False if closed."""
     return sys.stderr is not None and sys.stderr.isatty()
+
+
+def check_display() -> None:
+    """Raise ParameterError if this machine has no display for ``--show``."""
+    if sys.platform.startswith("linux") and not any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    ):
+        raise ParameterError(
+            "--show needs a display, and this machine has none; open the file elsewhere"
+        )
+
+
+def show_file(path: Path) -> None:
+    """Open a file in the program of the desktop; raise OutputError if none shows it."""
+    if click.launch(str(path)):
+        raise OutputError(f"{path}: no program shows it; open it yourself, without --show")
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import os.path
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from oppload_cli.cli import say
-from oppload_cli.errors import ExitCode, OutputError, ResultError
+from oppload_cli.errors import ExitCode, ResultError
+from oppload_cli.processes.signals import stop_if_asked
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
+    from oppload_cli.files.tables import Rows
     from oppload_cli.results.collecting import Row
-    from oppload_cli.results.sinks import Sink
 
 
-@click.command(short_help="many results into one table")
+@click.command(short_help="join many results into one table")
 @click.argument(
     "folders", nargs=-1, required=True, metavar="DIR...", type=click.Path(path_type=Path)
 )
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     type=click.Choice(["error", "overwrite"]),
     default="error",
     show_default=True,
-    help="What to do where the table is there already.",
+    help="What to do if the table exists already.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 def collect(
@@ -45,22 +45,22 @@ def collect(
     """Collect the results in folders, to any depth, into one table.
 
     A row per input and model, from the sidecars; or with --frames a row per frame.
-    What cannot be collected is named, and does not stop the rest.
+    A result that cannot be collected is named, and does not stop the others.
     """
-    from oppload_cli.results import collecting  # noqa: PLC0415 - keeps --help fast
-    from oppload_cli.results.sinks import sink  # noqa: PLC0415
+    from oppload_cli.files.atomic import refuse_existing
+    from oppload_cli.files.tables import open_table
+    from oppload_cli.results import collecting
 
-    if if_exists == "error" and os.path.lexists(output):
-        raise OutputError(f"{output}: exists already; choose --if-exists overwrite or another name")
-    columns = collecting.FRAME_COLUMNS if of_frames else collecting.SUMMARY_COLUMNS
+    refuse_existing([output], if_exists)
+    results = [path for folder in folders for path in collecting.found_results(folder)]
+    columns = collecting.frame_columns(results) if of_frames else collecting.SUMMARY_COLUMNS
     rows_of = collecting.frame_rows if of_frames else collecting.summary_rows
-    results = (path for folder in folders for path in collecting.found_results(folder))
-    with sink(output, columns) as table:
+    with open_table(output, columns, new=if_exists == "error") as table:
         good, bad, rows = _collected(results, rows_of, table)
         if not good:
             where = ", ".join(map(str, folders))
-            what = "no result could be read" if bad else "no result of 'oppload run' in there"
-            raise ResultError(f"{where}: {what}; check the folder")
+            reason = "no result could be read" if bad else "no result of 'oppload run' in there"
+            raise ResultError(f"{where}: {reason}; check the folder")
     if not quiet:
         say(f"{good} results, {rows} rows -> {output}")
     if bad:
@@ -69,11 +69,12 @@ def collect(
 
 
 def _collected(
-    results: Iterable[Path], rows_of: Callable[[Path], Iterator[Row]], table: Sink
+    results: Iterable[Path], rows_of: Callable[[Path], Iterator[Row]], table: Rows
 ) -> tuple[int, int, int]:
     """Collect every result; return how many were good and bad, and the rows."""
     good = bad = rows = 0
     for path in results:
+        stop_if_asked()
         try:
             for row in rows_of(path):
                 table.write(row)

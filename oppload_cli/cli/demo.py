@@ -6,12 +6,10 @@ from pathlib import Path
 
 import click
 
-STIMULUS = "opplod2023/looming-disk-centre"
-# The paper's units: fields of 200 px on its own frame.
-FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
+STIMULUS = "controls/looming-and-translating"
 
 
-@click.command(short_help="show it at work on a looming disk")
+@click.command(short_help="show the detectors at work on a looming disk")
 @click.option(
     "-o",
     "--output",
@@ -19,48 +17,54 @@ FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
     default="oppload-demo",
     show_default=True,
     metavar="DIR",
-    help="Folder of the stimulus, the results and the plot.",
+    help="Folder of the stimulus, the results, the plot and the page.",
 )
 @click.option(
     "--if-exists",
     type=click.Choice(["error", "skip", "overwrite"]),
     default="error",
     show_default=True,
-    help="What to do where a result is there already.",
+    help="What to do if a result exists already.",
 )
 def demo(output: Path, if_exists: str) -> None:
-    """Render a looming disk, run both detectors on it and plot their responses."""
-    from oppload_cli import stimulus  # noqa: PLC0415 - keeps --help fast
-    from oppload_cli.outputs import IfExists, Outputs  # noqa: PLC0415
-    from oppload_cli.plots.curves import plot_curves  # noqa: PLC0415
-    from oppload_cli.plots.style import save  # noqa: PLC0415
-    from oppload_cli.results.reading import read_result  # noqa: PLC0415
-    from oppload_cli.settings import resolve  # noqa: PLC0415
-    from oppload_cli.task import Task, exists_already, run_task  # noqa: PLC0415
+    """Show the detectors a disk that approaches while another one passes by.
 
-    stem = stimulus.file_stem(STIMULUS)
-    settings = resolve(height="native", assignments=FIELD)
+    It renders the stimulus, and does what 'oppload run', 'oppload plot' and 'oppload
+    report' do with it; the lines that it prints give the same files.
+    """
+    from oppload_cli import stimulus
+    from oppload_cli.cli.progress import report
+    from oppload_cli.pipeline.execute import exists_already, run_task
+    from oppload_cli.pipeline.outputs import IfExists, Outputs
+    from oppload_cli.pipeline.settings import resolve
+    from oppload_cli.pipeline.task import Task
+    from oppload_cli.plots.curves import plot_curves
+    from oppload_cli.plots.style import save
+    from oppload_cli.report.writing import write_report
+    from oppload_cli.results.reading import read_result
+
+    stem, settings = stimulus.file_stem(STIMULUS), resolve()
     outputs = Outputs.of(output, stem, settings.models)
-    csv = outputs.csv
     task = Task(
         name=str(output / f"{stem}.avi"),
+        stem=stem,
         settings=settings,
         outputs=outputs,
         if_exists=IfExists(if_exists),
-        command=("oppload", "demo"),
+        command=("oppload", "run", str(output / f"{stem}.avi"), "-o", str(output)),
     )
-    if exists_already(task):
-        click.echo(f"{csv} exists: nothing to do")
+    if exists_already(task) is not None:
+        click.echo(f"{outputs.csv} exists: nothing to do")
         return
-    video = stimulus.write(stimulus.load(STIMULUS), output).video
-    outcome = run_task(task)
-    figure, result = csv.with_suffix(".png"), read_result(csv)
-    save(plot_curves([result]), figure)
-    click.echo(f"{'model':<10}{'first response':>16}{'tenth of peak':>16}{'peak':>12}")
-    for name, each in outcome.summaries.items():
-        tenth = result.frames[result.frames[f"{name}_response"] >= (each.peak or 0) / 10]
-        frames = (each.first_response_frame, tenth["frame"].iloc[0], each.peak_frame)
-        click.echo("{:<10}{:>16}{:>16}{:>12}".format(name, *(f"frame {at}" for at in frames)))
-    click.echo(f"\n{outcome.frames} frames at {outcome.frames / outcome.wall_s:.0f} frames/s")
-    for path in (video, *outputs.paths(), figure):
-        click.echo(path)
+    protocol = stimulus.load(STIMULUS)
+    contact_s = stimulus.ground_truth(protocol)["contact_time_s"]
+    video = stimulus.write(protocol, output).video
+    click.echo(f"{protocol.description}; contact at {contact_s:.2f} s")
+    click.echo(f"$ oppload run {video} -o {output}")
+    for line in report(task, run_task(task)):
+        click.echo(line)
+    figure = outputs.csv.with_suffix(".png")
+    save(plot_curves([read_result(outputs.csv)])[0], figure)
+    click.echo(f"$ oppload plot {outputs.csv}\n  {figure}")
+    page = write_report([outputs.csv], output).first
+    click.echo(f"$ oppload report {outputs.csv}\n  {page}")

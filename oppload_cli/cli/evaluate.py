@@ -2,30 +2,46 @@
 
 from __future__ import annotations
 
-import sys
+import os.path
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import on_terminal, say
-from oppload_cli.errors import ExitCode, OutputError
+from oppload_cli.cli import say
+from oppload_cli.cli.options import (
+    change_option,
+    complete_models,
+    complete_stimuli,
+    jobs_option,
+    repeats_option,
+)
+from oppload_cli.errors import ExitCode, ParameterError
 
 if TYPE_CHECKING:
-    from oppload_cli.evaluation.contenders import Contender
+    from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.evaluate import Evaluation
     from oppload_cli.evaluation.manifest import Manifest
 
 
-@click.command(short_help="labelled clips: detection, lead time, false alarms")
-@click.argument("manifest", type=click.Path(path_type=Path), metavar="MANIFEST.csv")
+@click.command(short_help="measure detection, lead time and false alarms on labelled clips")
+@click.argument(
+    "inputs",
+    nargs=-1,
+    required=True,
+    metavar="MANIFEST.csv|STIMULUS...|VIDEO...",
+    shell_complete=complete_stimuli,
+)
 @click.option(
-    "--models",
+    "--model",
+    "models",
     multiple=True,
-    metavar="NAME[,NAME...]",
-    help="What to evaluate beside the baselines: opplod:PRESET, such as opplod:paper.  "
-    "[default: opplod:default, and opplod:robust where there is one]",
+    metavar="NAME[:PRESET]",
+    shell_complete=complete_models,
+    help="Detectors to evaluate: NAME, or NAME:PRESET of one that presets change, or several as "
+    "A,B; may be given again; the baselines are always evaluated.  "
+    "[default: presets default and reference]",
 )
 @click.option(
     "--boxes",
@@ -33,6 +49,15 @@ if TYPE_CHECKING:
     metavar="FILE.json",
     help="Boxes of the looming objects.  [default: boxes.json beside MANIFEST.csv]",
 )
+@click.option(
+    "--background",
+    "backgrounds",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="VIDEO",
+    help="Stage the stimuli in this video; may be given again.",
+)
+@change_option
 @click.option(
     "-o",
     "--output",
@@ -42,7 +67,8 @@ if TYPE_CHECKING:
     show_default=True,
     help="Folder of the results.",
 )
-@click.option("-j", "--jobs", type=click.IntRange(1, 64), help="Processes.  [default: the cores]")
+@repeats_option
+@jobs_option("Clips")
 @click.option(
     "--draws",
     type=click.IntRange(100, 100_000),
@@ -55,15 +81,18 @@ if TYPE_CHECKING:
     type=click.Choice(["error", "overwrite"]),
     default="error",
     show_default=True,
-    help="What to do where results are there already.",
+    help="What to do if results exist already.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 def evaluate(  # noqa: PLR0917 - click passes them by name
-    manifest: Path,
+    inputs: tuple[str, ...],
     models: tuple[str, ...],
     boxes: Path | None,
+    backgrounds: tuple[Path, ...],
+    changes: tuple[str, ...],
     output: Path,
-    jobs: int | None,
+    repeats: str | None,
+    jobs: int,
     draws: int,
     if_exists: str,
     quiet: bool,
@@ -71,57 +100,91 @@ def evaluate(  # noqa: PLR0917 - click passes them by name
     """Measure how often the detectors are right on labelled clips.
 
     MANIFEST.csv has a row per clip: file,label,onset_frame,contact_frame, with the label
-    'looming' or 'none'. OppLoD stands beside D-LGMD, the divergence of optical flow and
-    the mean change of luminance. DIR gets evaluation.html, one page with all of it,
-    report.json, the figures, responses and windows as CSV, and the plots.
-    """
-    from oppload_cli.evaluation.boxes import with_boxes  # noqa: PLC0415 - keeps --help fast
-    from oppload_cli.evaluation.contenders import contenders  # noqa: PLC0415
-    from oppload_cli.evaluation.manifest import read_manifest  # noqa: PLC0415
-    from oppload_cli.evaluation.output import FILES  # noqa: PLC0415
+    'looming' or 'none'. Instead of a manifest, name stimuli of the catalogue, such as 'staged/*',
+    or videos with their ground truth beside them.
 
-    chosen = contenders(name for text in models for name in text.split(","))
-    read = with_boxes(read_manifest(manifest), boxes)
-    there = [output / name for name in FILES if (output / name).exists()]
-    if there and if_exists == "error":
-        raise OutputError(f"{there[0]}: exists already; use --if-exists overwrite or another -o")
+    OppLoD is compared with D-LGMD, the divergence of optical flow and the mean change of
+    luminance. DIR gets evaluation.html, one page with everything, report.json, the figures,
+    responses and windows as CSV, and the plots.
+    """
+    from oppload_cli.evaluation.detectors import evaluated_detectors
+    from oppload_cli.evaluation.manifest import read_manifest, with_boxes
+    from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
+    from oppload_cli.evaluation.staged import labelled, protocols_of
+    from oppload_cli.files.atomic import claimed, refuse_existing
+    from oppload_cli.pipeline.repeats import RepeatParams
+    from oppload_cli.stimulus.catalogue import parsed_setting
+
+    handling = RepeatParams(handling=repeats) if repeats else None
+    detectors = evaluated_detectors((name for text in models for name in text.split(",")), handling)
+    manifest = _manifest(inputs)
+    _check_options(manifest, boxes, (*backgrounds, *changes))
+    if manifest is not None:
+        read = with_boxes(read_manifest(manifest), boxes)
+    else:
+        settings = dict(parsed_setting(text) for text in changes)
+        names = [name for name in inputs if not _is_video(name)]
+        protocols = protocols_of(names, settings, [str(path) for path in backgrounds])
+        videos = [Path(name) for name in inputs if _is_video(name)]
+        read = labelled(protocols, videos)
+    refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()
-    found = _evaluated(read, chosen, output, jobs=jobs, draws=draws, quiet=quiet)
-    _write(found, output, started)
+    with claimed(output / "report.json", if_exists) as claim:
+        found = _evaluated(read, detectors, jobs=jobs, draws=draws, quiet=quiet)
+        made = write_evaluation(found, output, claim, lambda: time.perf_counter() - started)
+        written = [str(path) for path in made]  # all of them, before a reader of the names goes
+    click.echo("\n".join(written))
+    if not quiet:
+        for line in printed_table(found):
+            say(line)
     return ExitCode.INCOMPLETE if found.faults else ExitCode.DONE
+
+
+def _is_video(name: str) -> bool:
+    """Tell whether an input is a file that is no protocol."""
+    return os.path.isfile(name) and not name.endswith(".toml")  # noqa: PTH113 - any name
+
+
+def _manifest(inputs: tuple[str, ...]) -> Path | None:
+    """Return the manifest, if it is what was named: one input that is no stimulus or its video."""
+    from oppload_cli.evaluation.staged import truth_beside
+
+    path = Path(inputs[0])
+    if len(inputs) > 1 or path.suffix == ".toml":
+        return None
+    if os.path.lexists(path):
+        return None if _is_video(inputs[0]) and truth_beside(path).is_file() else path
+    return path if path.suffix == ".csv" else None
+
+
+def _check_options(
+    manifest: Path | None, boxes: Path | None, of_stimuli: tuple[object, ...]
+) -> None:
+    if manifest is None and boxes is not None:
+        raise ParameterError("--boxes goes with a manifest; the boxes of stimuli are known")
+    if manifest is not None and of_stimuli:
+        raise ParameterError("--background and --change go with stimuli, not with a manifest")
 
 
 def _evaluated(
     manifest: Manifest,
-    chosen: list[Contender],
-    output: Path,
+    detectors: list[EvaluatedDetector],
     *,
-    jobs: int | None,
+    jobs: int,
     draws: int,
     quiet: bool,
 ) -> Evaluation:
-    from tqdm import tqdm  # noqa: PLC0415
+    from oppload_cli.cli.progress import progress_bar
+    from oppload_cli.evaluation.evaluate import evaluate
+    from oppload_cli.processes import cores
 
-    from oppload_cli.environment import cores  # noqa: PLC0415
-    from oppload_cli.evaluation.evaluate import evaluate  # noqa: PLC0415
-    from oppload_cli.video.atomic import part_of, remove, write_atomic  # noqa: PLC0415
-
-    # A folder that cannot be written shall be known before minutes of work.
-    write_atomic(part_of(output / "report.json"), [])
-    remove(part_of(output / "report.json"))
     for fault in manifest.faults:
         say(f"oppload: {fault}")
-    hidden = quiet or not on_terminal()
     total = len(manifest.entries)
-    with tqdm(total=total, unit="clip", disable=hidden, file=sys.stderr) as bar:
-        found = evaluate(manifest, chosen, jobs=jobs or cores(), draws=draws, progress=bar.update)
+    with progress_bar(total, "clip", quiet=quiet) as bar:
+        found = evaluate(
+            manifest, detectors, jobs=jobs or cores(), draws=draws, progress=bar.update
+        )
     for fault in found.faults[len(manifest.faults) :]:
         say(f"oppload: {fault}")
     return found
-
-
-def _write(found: Evaluation, output: Path, started: float) -> None:
-    from oppload_cli.evaluation.output import write_evaluation  # noqa: PLC0415
-
-    for path in write_evaluation(found, output, lambda: time.perf_counter() - started):
-        click.echo(path)

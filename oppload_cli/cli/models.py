@@ -3,52 +3,137 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+import time
 from typing import TYPE_CHECKING, Any
 
 import click
+import cv2
+import numpy as np
 
-from oppload_cli.detection.alarm import ALARMS, AlarmParams
-from oppload_cli.detection.parameters import PlaceParams
-from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+from oppload_cli.detection.parameters import PlaceParams, alarm_params, place_params
 from oppload_cli.models.presets import PRESETS
-from oppload_cli.motion.parameters import RmoParams
-from oppload_cli.video.parameters import RepeatParams
+from oppload_cli.models.registry import detector_named, detectors, parameters_of
+from oppload_cli.models.timebase import TimeParams, time_params
+from oppload_cli.motion.rmo import RmoParams
+from oppload_cli.pipeline.repeats import RepeatParams
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from oppload_cli.parameters import Parameters
+    from numpy.typing import NDArray
 
-SETS: dict[str, tuple[str, type[Parameters]]] = {
-    "opplod": ("OppLoD: DPC, directional inhibition, opponency, enhancing", OpplodParams),
-    "dlgmd": ("D-LGMD: DPC and grouping", DlgmdParams),
-    "alarm": ("the alarm of each model", AlarmParams),
-    "places": ("looming objects: which, where, and when they touch", PlaceParams),
-    "rmo": ("radial motion opponency of motion vectors", RmoParams),
-    "repeats": ("exact repeats of a frame", RepeatParams),
-}
+    from oppload_cli.models.detector import Detector
+    from oppload_cli.schema import Parameters
+
+MEASURED_SIZE = 240, 427  # height and width in px
+MEASURED_FRAMES, LEAD, ROUNDS = 24, 8, 3
 
 
-@click.command(short_help="the models, their parameters and presets")
+def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
+    """Return the meaning and the class of every parameter set, by its name in settings."""
+    return {
+        **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
+        "alarm": ("the alarm of each model", type(alarm_params())),
+        "places": ("looming objects: which, where, and when they touch", PlaceParams),
+        "rmo": ("radial motion opponency of motion vectors", RmoParams),
+        "repeats": ("pictures that a file repeats", RepeatParams),
+        "time": ("the time base of the models", TimeParams),
+    }
+
+
+@click.command(short_help="list the models, their parameters and presets")
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def models(as_json: bool) -> None:
-    """Describe the models, every parameter with its range and default, and the presets."""
+def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
+    """Describe the models, every parameter with its range and default, and the presets.
+
+    NAME limits it to some models, without the presets. --measure prints the processor time
+    that each model takes for a frame of 427 x 240 on one core.
+    """
+    chosen = [detector_named(name) for name in names] or list(detectors().values())
+    if measure:
+        for each in chosen:
+            click.echo(f"{each.name:<20}{measured_cost(each):>8.2f} ms per frame")
+        return
     if as_json:
         click.echo(json.dumps(_described(), indent=2))
         return
-    for name, (meaning, params) in SETS.items():
+    sets = parameter_sets()
+    for name in names or sets:
+        meaning, params = sets[name]
         click.secho(f"{name}  ({meaning})", bold=True)
+        for line in _facts(detectors()[name]) if name in detectors() else ():
+            click.echo(f"  {line}")
         for line in _lines(params):
             click.echo(f"  {line}")
         click.echo()
+    if not names:
+        _print_presets()
+
+
+def _print_presets() -> None:
     click.secho("presets", bold=True)
     for preset in PRESETS.values():
         click.echo(f"  {preset.name:<9}{preset.meaning}; working height {preset.height}")
-        chosen: dict[str, Parameters] = {"opplod": preset.opplod, "alarm": ALARMS[preset.name]}
-        for group, of_preset in chosen.items():
+        for group, of_preset in _groups(preset.name).items():
             for name, value in _changed(of_preset):
                 click.echo(f"  {'':9}{group}.{name} = {value}")
+
+
+def measured_cost(detector: type[Detector]) -> float:
+    """Return the processor time of a detector's step, in ms: the least median of some rounds.
+
+    It sees faint texture that moves, 427 x 240 px, on one core.
+    """
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        texture = cv2.GaussianBlur(np.random.default_rng(1).random(MEASURED_SIZE), (0, 0), 2)
+        texture = 0.4 + 0.2 * (texture - texture.min()) / np.ptp(texture)
+        least = min(_median_cost(detector, texture) for _ in range(ROUNDS))
+    finally:
+        cv2.setNumThreads(threads)
+    return least * 1e3
+
+
+def _median_cost(detector: type[Detector], texture: NDArray[np.float64]) -> float:
+    model, spent = detector(MEASURED_SIZE, frame_rate=30), []
+    for t in range(LEAD + MEASURED_FRAMES):
+        frame = np.roll(texture, (t, 2 * t), (0, 1)).astype(np.float32)
+        started = time.process_time()
+        model.step(frame)
+        spent.append(time.process_time() - started)
+    return float(np.median(spent[LEAD:]))
+
+
+def _facts(detector: type[Detector]) -> Iterator[str]:
+    if detector.reference:
+        yield f"source: {detector.reference}{f', {detector.year}' if detector.year else ''}"
+    if detector.answers_to:
+        yield f"answers to: {detector.answers_to}"
+    if detector.made_for:
+        yield f"made for: {detector.made_for}"
+    if detector.cost_ms:
+        yield f"cost: about {detector.cost_ms:g} ms per frame of 427 x 240 on one core"
+
+
+def _about(detector: type[Detector]) -> dict[str, Any]:
+    facts = (
+        *("label", "meaning", "by_default", "year", "reference", "answers_to", "made_for"),
+        *("cost_ms", "places"),
+    )
+    return {fact: getattr(detector, fact) for fact in facts}
+
+
+def _groups(preset: str) -> dict[str, Parameters]:
+    """Return the parameter sets that a preset may change."""
+    return {
+        **{name: parameters_of(name, preset) for name in detectors()},
+        "alarm": alarm_params(preset),
+        "places": place_params(preset),
+        "time": time_params(preset),
+    }
 
 
 def _changed(params: Parameters) -> Iterator[tuple[str, object]]:
@@ -66,26 +151,28 @@ def _lines(params: type[Parameters]) -> Iterator[str]:
 
 
 def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
-    for declared in fields(params):
-        choices = list(declared.metadata["choices"])
+    for each in params.declared():
         yield {
-            "name": declared.name,
-            "default": declared.default,
-            **declared.metadata,
-            "choices": choices,
+            "name": each.name,
+            "default": each.default,
+            "meaning": each.meaning,
+            "unit": each.unit,
+            "low": each.low,
+            "high": each.high,
+            "choices": list(each.choices),
         }
 
 
 def _described() -> dict[str, Any]:
+    sets = parameter_sets()
     return {
-        "parameters": {name: list(_entries(params)) for name, (_, params) in SETS.items()},
+        "models": {name: _about(each) for name, each in detectors().items()},
+        "parameters": {name: list(_entries(params)) for name, (_, params) in sets.items()},
         "presets": {
             preset.name: {
                 "meaning": preset.meaning,
                 "height": preset.height,
-                "opplod": preset.opplod.as_dict(),
-                "dlgmd": preset.dlgmd.as_dict(),
-                "alarm": ALARMS[preset.name].as_dict(),
+                **{name: params.as_dict() for name, params in _groups(preset.name).items()},
             }
             for preset in PRESETS.values()
         },

@@ -1,4 +1,7 @@
-"""Options that several commands share."""
+"""Options that commands share, with their completion in the shell.
+
+An option of this module has the same name, default and meaning in every command.
+"""
 
 from __future__ import annotations
 
@@ -6,60 +9,172 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from oppload_cli.models.presets import PRESETS
-from oppload_cli.results.columns import MODELS
+from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     Command = Callable[..., Any]
 
 
-def settings_options(command: Command) -> Command:
-    """Add the options that :func:`oppload_cli.settings.resolve` takes.
+def jobs_option(things: str) -> Callable[[Command], Command]:
+    """Return the option ``--jobs`` of a command that does several things at a time.
 
     Parameters
     ----------
-    command : callable
-        Takes `models`, `preset`, `assignments`, `config`, `height` and
-        `measure_rmo`.
-
-    Returns
-    -------
-    callable
+    things : str
+        What they are, for the help, such as ``Inputs``.
     """
-    for option in reversed(
-        (
+    return click.option(
+        "-j",
+        "--jobs",
+        type=click.IntRange(0, 1024),
+        default=0,
+        show_default=True,
+        help=f"{things} that are done at a time, each in a process of its own; 0: one per core.",
+    )
+
+
+def complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+    """Complete the name of a preset."""
+    return [
+        CompletionItem(name, help=each.meaning)
+        for name, each in PRESETS.items()
+        if name.startswith(text)
+    ]
+
+
+def complete_models(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+    """Complete the last of some detectors, and its preset."""
+    from oppload_cli.models.registry import detectors
+
+    before, comma, last = text.rpartition(",")
+    names = {name: each.meaning for name, each in detectors().items()}
+    if ":" in last:
+        model = last.partition(":")[0]
+        names = {f"{model}:{name}": each.meaning for name, each in PRESETS.items()}
+    return [
+        CompletionItem(before + comma + name, help=meaning)
+        for name, meaning in names.items()
+        if name.startswith(last)
+    ]
+
+
+def complete_settings(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+    """Complete ``set.parameter=value``: the parameter set, then the parameter, then its value."""
+    from oppload_cli.cli.models import parameter_sets
+
+    group, dot, rest = text.partition(".")
+    sets = parameter_sets()
+    if not dot or group not in sets:
+        return _starting(text, (f"{name}." for name in sets))
+    name, equals, _value = rest.partition("=")
+    declared = {each.name: each for each in sets[group][1].declared()}
+    if equals:
+        choices = declared[name].choices if name in declared else ()
+        return _starting(text, (f"{group}.{name}={choice}" for choice in choices))
+    return [
+        CompletionItem(f"{group}.{each.name}=", help=each.meaning)
+        for each in declared.values()
+        if each.name.startswith(rest)
+    ]
+
+
+def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+    """Complete the name of a stimulus of the catalogue, by any part of it, or a .toml file."""
+    from oppload_cli.stimulus.catalogue import catalogue_directory
+
+    root = catalogue_directory()
+    names = sorted(
+        path.relative_to(root).with_suffix("").as_posix() for path in root.rglob("*.toml")
+    )
+    found = _starting(text, names) or [CompletionItem(name) for name in names if text in name]
+    return found or [CompletionItem(text, type="file")]
+
+
+def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
+    return [CompletionItem(name) for name in names if name.startswith(text)]
+
+
+models_option = click.option(
+    "--model",
+    "models",
+    multiple=True,
+    metavar="NAME[:VARIANT|PRESET]",
+    shell_complete=complete_models,
+    help="A model to run, by its name in 'oppload models', NAME:VARIANT, A,B for several, or all; "
+    "may be given again. NAME:PRESET also chooses the preset.  [default: the paper's two]",
+)
+
+repeats_option = click.option(
+    "--repeats",
+    type=click.Choice(["near", "exact", "keep"]),
+    help="Repeated pictures that are left out: exact copies and copies coded anew (near), exact "
+    "copies only, or none (keep).  [default: near]",
+)
+
+change_option = click.option(
+    "--change",
+    "changes",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change a value of the stimulus, e.g. display.frame_rate=60 or bar.axis_deg=45.",
+)
+
+
+def settings_options(
+    *, preset: str = DEFAULT_PRESET, table: bool = True
+) -> Callable[[Command], Command]:
+    """Return a decorator that adds the options of a run's settings.
+
+    They have the names that :func:`oppload_cli.pipeline.settings.resolve` takes.
+
+    Parameters
+    ----------
+    preset : str
+        The preset of the command where none is chosen.
+    table : bool
+        Whether the command makes a table of frames, which has columns to choose.
+    """
+    options = [
+        models_option,
+        click.option(
+            "--preset",
+            metavar="NAME",
+            shell_complete=complete_presets,
+            help=f"A named parameter set: {', '.join(PRESETS)}; see 'oppload models'.  "
+            f"[default: {preset}]",
+        ),
+        click.option(
+            "--set",
+            "assignments",
+            multiple=True,
+            metavar="SET.PARAMETER=VALUE",
+            shell_complete=complete_settings,
+            help=f"One parameter, e.g. {EXAMPLE_SETTING}; see 'oppload models'.",
+        ),
+        click.option(
+            "--config",
+            type=click.Path(path_type=Path),
+            metavar="FILE.toml",
+            help="Settings from a file; see 'oppload config'.",
+        ),
+        click.option(
+            "--height",
+            metavar="PX|native",
+            help="Working height; the width follows.  [default: the preset's, 240 or 600]",
+        ),
+        repeats_option,
+    ]
+    if table:
+        options += [
             click.option(
-                "--model",
-                "models",
-                multiple=True,
-                metavar="NAME",
-                help=f"A model to run: {' or '.join(MODELS)}; may be given again.  [default: all]",
-            ),
-            click.option(
-                "--preset",
-                metavar="NAME",
-                help=f"A named parameter set: {' or '.join(PRESETS)}.  [default: default]",
-            ),
-            click.option(
-                "--set",
-                "assignments",
-                multiple=True,
-                metavar="SET.PARAMETER=VALUE",
-                help="One parameter, e.g. opplod.receptive_field=200; see 'oppload models'.",
-            ),
-            click.option(
-                "--config",
-                type=click.Path(path_type=Path),
-                metavar="FILE.toml",
-                help="Settings from a file; see 'oppload config'.",
-            ),
-            click.option(
-                "--height",
-                metavar="PX|native",
-                help="Working height; the width follows.  [default: the preset's, 240 or 600]",
+                "--fov",
+                metavar="DEGREES",
+                help="Horizontal field of view of the camera, across the frame: adds results in "
+                "degrees, and sizes may be given as 60deg.",
             ),
             click.option(
                 "--no-rmo",
@@ -69,7 +184,16 @@ def settings_options(command: Command) -> Command:
                 type=bool,
                 help="Do not measure radial motion opponency (RMO).",
             ),
-        )
-    ):
-        command = option(command)
-    return command
+            click.option(
+                "--columns",
+                metavar="usual|all",
+                help="Columns of the table; all: the inner values of the models too.",
+            ),
+        ]
+
+    def added(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return added

@@ -2,28 +2,29 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from oppload_cli.errors import OutputError, ParameterError, ResultError, suggestion
-from oppload_cli.results.columns import MODELS
+from oppload_cli.cli import check_display, show_file
+from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.models.registry import detector_named
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.plots.figures import Drawn
+    from matplotlib.figure import Figure
+
     from oppload_cli.results.reading import Result
 
-TUNING_KINDS = ("polar", "line", "heat")  # as in plots.figures, whose import costs matplotlib
+
+TUNING_KINDS = ("polar", "line", "heat", "contact")
 
 
 @click.command(short_help="plot results")
 @click.argument(
-    "results", nargs=-1, required=True, metavar="RESULT.csv...", type=click.Path(path_type=Path)
+    "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
 )
 @click.option(
     "-o",
@@ -36,13 +37,38 @@ TUNING_KINDS = ("polar", "line", "heat")  # as in plots.figures, whose import co
     "--kind",
     type=click.Choice(["curves", "rmo", "map", *TUNING_KINDS]),
     help="Responses or RMO over time, places of the winning units; of a table of 'oppload tune': "
-    "polar, line or heat.  [default: what suits the file]",
+    "polar, line or heat.  [default: the one that suits the file]",
 )
-@click.option("--model", "models", multiple=True, metavar="NAME", help="Draw only this model.")
-@click.option("--raw", is_flag=True, help="Responses in their own unit, not over the peak.")
+@click.option("--model", "models", multiple=True, metavar="NAME", help="Draw only this detector.")
+@click.option(
+    "--scale",
+    type=click.Choice(["threshold", "peak", "raw"]),
+    help="Responses over the alarm's threshold (logarithmic), over the peak, or in their own "
+    "unit.  [default: threshold; of tuning: peak]",
+)
+@click.option(
+    "--align",
+    type=click.Choice(["contact"]),
+    help="Count time from contact, where a ground truth, --contact or --manifest states it.",
+)
+@click.option("--xlim", nargs=2, type=float, metavar="FROM TO", help="First and last second.")
+@click.option("--title", help="Title of the figure.")
+@click.option(
+    "--label",
+    "labels",
+    multiple=True,
+    metavar="NAME",
+    help="Name of a result, once for each, in their order.  [default: what differs]",
+)
 @click.option("--threshold/--no-threshold", default=True, help="The alarm's threshold in curves.")
 @click.option("--onset", metavar="POSITION", help="Mark an onset: 1.5 (s) or f50.")
 @click.option("--contact", metavar="POSITION", help="Mark a contact: 2.5 (s) or f80.")
+@click.option(
+    "--manifest",
+    type=click.Path(path_type=Path),
+    metavar="FILE.csv",
+    help="Mark onsets and contacts of a manifest of 'oppload evaluate'.",
+)
 @click.option("--any-length", is_flag=True, help="Allow results of different lengths together.")
 @click.option("--video", metavar="INPUT", help="For --kind map: the video, where it has moved.")
 @click.option(
@@ -58,10 +84,15 @@ def plot(  # noqa: PLR0917 - click passes them by name
     output: Path | None,
     kind: str | None,
     models: tuple[str, ...],
-    raw: bool,
+    scale: str | None,
+    align: str | None,
+    xlim: tuple[float, float] | None,
+    title: str | None,
+    labels: tuple[str, ...],
     threshold: bool,
     onset: str | None,
     contact: str | None,
+    manifest: Path | None,
     any_length: bool,
     video: str | None,
     lplc2: str,
@@ -69,100 +100,125 @@ def plot(  # noqa: PLR0917 - click passes them by name
 ) -> None:
     """Plot results over time, or tuning.
 
-    RESULT.csv is a frames.csv of 'oppload run' or a tuning.csv of 'oppload tune'. One
-    model (--model) over several inputs shares one panel; several models get a panel
-    per input. A NAME.stimulus.json beside a result is drawn as a strip of ground truth.
+    RESULT is a frames.csv of 'oppload run', a tuning.csv of 'oppload tune', or a folder,
+    which stands for all results of 'oppload run' in it, to any depth. One
+    detector (--model) over several inputs shares one panel; several detectors get a
+    panel per input; more than six curves become small multiples, and more than 24
+    results a heat map. A NAME.stimulus.json beside a result is drawn as a strip of
+    ground truth.
     """
-    from oppload_cli.plots.style import check_suffix, save  # noqa: PLC0415 - keeps --help fast
+    from oppload_cli.plots.polar import direction_tunings
+    from oppload_cli.plots.style import check_suffix, save
+    from oppload_cli.plots.tuning import kind_of, plot_tuning
+    from oppload_cli.results.collecting import tables_in
+    from oppload_cli.results.reading import is_tuning, read_tuning
 
     if output is not None:
         check_suffix(output)
     for model in models:
-        if model not in MODELS:
-            raise ParameterError(f"no model '{model}'{suggestion(model, MODELS)}")
+        detector_named(model)
     if show:
-        _need_display()
+        check_display()
+    results = tuple(path for each in results for path in tables_in(each))
+    marks = _Marks({"onset": onset, "contact": contact}, manifest)
     groups = [(output, results)] if output else [(_beside(path), (path,)) for path in results]
-    for path, group in groups:
-        if _are_tunings(group, kind):
-            drawn = _draw_tunings(group, kind, models, raw=raw, lplc2=lplc2)
+    look: dict[str, Any] = {"title": title, "labels": labels}
+    for target, paths in groups:
+        tuned = is_tuning(paths[0])
+        if tuned and kind and kind not in TUNING_KINDS:
+            raise ResultError(
+                f"{paths[0]}: a table of 'oppload tune' has no column 'frame'; "
+                f"draw --kind {', '.join(TUNING_KINDS)}"
+            )
+        lines: list[str] = []
+        if kind in TUNING_KINDS or tuned:
+            tunings = [read_tuning(path) for path in paths]
+            look |= {"models": models, "scale": scale or "peak", "lplc2": lplc2}
+            figure, _ = plot_tuning(tunings, kind, **look)
+            if (kind or kind_of(tunings[0])) == "polar":
+                lines = [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
         else:
-            from oppload_cli.plots.curves import CurveOptions  # noqa: PLC0415
-
-            options = CurveOptions(models, raw, threshold, any_length=any_length)
-            positions = {"onset": onset, "contact": contact}
-            drawn = _draw_results(group, kind or "curves", options, positions, video)
-        save(drawn.figure, path)
-        for line in drawn.lines:
-            click.echo(line)
-        click.echo(path)
-        if show and click.launch(str(path)):
-            raise OutputError(f"{path}: no program shows it; open it yourself, without --show")
-
-
-def _are_tunings(paths: Sequence[Path], kind: str | None) -> bool:
-    from oppload_cli.results.tuning import is_tuning  # noqa: PLC0415
-
-    if kind is None:
-        return is_tuning(paths[0])
-    if kind not in TUNING_KINDS and is_tuning(paths[0]):
-        raise ResultError(
-            f"{paths[0]}: a table of 'oppload tune' has no column 'frame'; "
-            f"draw --kind {', '.join(TUNING_KINDS)}"
-        )
-    return kind in TUNING_KINDS
+            drawn: dict[str, Any] = {
+                "models": models,
+                "scale": scale or "threshold",
+                "align": align,
+            }
+            drawn |= {"threshold": threshold, "any_length": any_length}
+            figure = _plot_results(paths, kind, {**look, "xlim": xlim}, drawn, marks, video=video)
+        save(figure, target)
+        click.echo("\n".join([*lines, str(target)]))
+        if show:
+            show_file(target)
 
 
-def _draw_tunings(
-    paths: Sequence[Path], kind: str | None, models: Sequence[str], *, raw: bool, lplc2: str
-) -> Drawn:
-    from oppload_cli.plots.figures import draw_tuning  # noqa: PLC0415
-    from oppload_cli.results.tuning import read_tuning  # noqa: PLC0415
-
-    return draw_tuning(
-        [read_tuning(path) for path in paths], kind, models=models, raw=raw, lplc2=lplc2
-    )
-
-
-def _draw_results(
+def _plot_results(
     paths: Sequence[Path],
-    kind: str,
-    options: object,
-    positions: dict[str, str | None],
+    kind: str | None,
+    look: dict[str, Any],
+    curves: dict[str, Any],
+    marks: _Marks,
+    *,
     video: str | None,
-) -> Drawn:
-    from dataclasses import replace  # noqa: PLC0415
+) -> Figure:
+    """Draw results of ``oppload run``: `look` is for every kind, `curves` for curves only."""
+    from oppload_cli.plots.curves import plot_curves
+    from oppload_cli.plots.places import plot_places, still_of
+    from oppload_cli.plots.rmo import COLUMNS as RMO_COLUMNS
+    from oppload_cli.plots.rmo import plot_rmo
+    from oppload_cli.results.reading import read_result
 
-    from oppload_cli.plots.curves import CurveOptions, plot_curves  # noqa: PLC0415
-    from oppload_cli.plots.figures import Drawn  # noqa: PLC0415
-    from oppload_cli.plots.map import plot_map, still_of  # noqa: PLC0415
-    from oppload_cli.plots.rmo import plot_rmo  # noqa: PLC0415
-    from oppload_cli.results.reading import read_result  # noqa: PLC0415
-
-    read = [read_result(path) for path in paths]
+    needed = {"rmo": RMO_COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
+    results = [read_result(path, needed) for path in paths]
     if kind == "rmo":
-        return Drawn(plot_rmo(read))
+        return plot_rmo(results, **look)[0]
     if kind == "map":
-        if len(read) > 1:
+        if len(results) > 1:
             raise ResultError(f"{paths[1]}: a map shows one result; leave out --output")
-        still = still_of(read[0], video)
-        figure = plot_map(read[0], still)
+        still = still_of(results[0], video)
+        figure, _ = plot_places(results[0], still, title=look["title"])
         if still is None:
-            click.echo(f"{paths[0]}: its video is not there; give --video INPUT", err=True)
-        return Drawn(figure)
-    if not isinstance(options, CurveOptions):
-        raise TypeError(options)
-    marks: dict[str, list[float | None]] = {
-        label: [_time_of(result, text, label) for result in read]
-        for label, text in positions.items()
-        if text
-    }
-    return Drawn(plot_curves(read, replace(options, marks=marks)))
+            click.echo(f"{paths[0]}: its video is missing; give --video INPUT", err=True)
+        return figure
+    return plot_curves(results, **look, **curves, marks=marks.of(results))[0]
+
+
+class _Marks(NamedTuple):
+    """Onsets and contacts, as the user states them.
+
+    Attributes
+    ----------
+    positions : dict of str to str or None
+        ``onset`` and ``contact`` of every result, such as ``1.5`` or ``f50``.
+    manifest : Path or None
+        Of labelled clips.
+    """
+
+    positions: dict[str, str | None]
+    manifest: Path | None
+
+    def of(self, results: Sequence[Result]) -> dict[str, list[float | None]]:
+        """Return the times of each mark, one for each result."""
+        marks: dict[str, list[float | None]] = {}
+        if self.manifest:
+            from oppload_cli.evaluation.manifest import read_manifest
+
+            clips = {each.path.name: each.label for each in read_manifest(self.manifest).entries}
+            labels = [clips.get(result.title) for result in results]
+            for name in ("onset", "contact"):
+                frames = [getattr(label, name, None) for label in labels]
+                marks[name] = [
+                    None if frame is None else _time_of(result, f"f{frame}", name)
+                    for result, frame in zip(results, frames, strict=True)
+                ]
+        for name, text in self.positions.items():
+            if text:
+                marks[name] = [_time_of(result, text, name) for result in results]
+        return marks
 
 
 def _time_of(result: Result, text: str, label: str) -> float:
     """Return the time of a position such as 1.5 or f50 in a result."""
-    from oppload_cli.video.span import parse_position  # noqa: PLC0415
+    from oppload_cli.video.span import parse_position
 
     position = parse_position(text)
     if position.seconds is not None:
@@ -171,13 +227,6 @@ def _time_of(result: Result, text: str, label: str) -> float:
     if rows.empty:
         raise ParameterError(f"--{label} {text}: column 'frame' of {result.path} never holds it")
     return float(rows.iloc[0])
-
-
-def _need_display() -> None:
-    if sys.platform.startswith("linux") and not any(
-        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-    ):
-        raise ParameterError("--show needs a display, and there is none; open the file elsewhere")
 
 
 def _beside(path: Path) -> Path:

@@ -1,4 +1,7 @@
-"""Progress on standard error: a bar on a terminal, a plain line now and then elsewhere."""
+"""Progress and outcome of inputs on standard error.
+
+Progress is a bar on a terminal, and a plain line now and then elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,55 @@ import click
 
 from oppload_cli.cli import on_terminal, say
 from oppload_cli.errors import printable
-from oppload_cli.interruption import stop_if_asked
+from oppload_cli.processes.signals import stop_if_asked
+from oppload_cli.results.alarms import in_words, label_of, times
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Sequence
 
     from tqdm import tqdm
 
+    from oppload_cli.pipeline.task import Outcome, Task
+    from oppload_cli.results.alarms import Verdict
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.video.source import Video
 
+
 LINE_EVERY_S = 30.0
+_MOST_IN_A_LINE = 3  # detectors
+_WIDEST_NAME, _CELL = 40, 23  # characters of a table's columns
+
+
+def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -> tqdm[Never]:
+    """Return a bar on standard error, which is shown on a terminal only.
+
+    Parameters
+    ----------
+    total : int or None
+        At which it is full; None if that is not known.
+    unit : str
+        The word for what is counted.
+    quiet : bool
+        Whether it is not shown on a terminal either.
+    name : str
+        Put before the bar.
+    """
+    import threading
+
+    from tqdm import tqdm
+
+    # Neither its thread, which looks for bars that stand still, nor its lock for several
+    # processes is needed, and the system may refuse both.
+    tqdm.monitor_interval = 0
+    tqdm.set_lock(threading.RLock())
+    hidden = quiet or not on_terminal()
+    return tqdm(
+        total=total, unit=unit, desc=name or None, disable=hidden, leave=False, dynamic_ncols=True
+    )
 
 
 class Progress:
-    """Shows how one input gets on.
+    """Shows the progress of one input.
 
     Parameters
     ----------
@@ -32,42 +69,28 @@ class Progress:
         The input.
     verbosity : int
         -1 shows nothing, 0 the progress, 1 also the sizes that the models see.
-    whole : bool
+    to_end : bool
         Whether the input is read to its end, so that its length is the total.
     """
 
-    def __init__(self, name: str, verbosity: int, *, whole: bool) -> None:
+    def __init__(self, name: str, verbosity: int, *, to_end: bool) -> None:
         self._name = name
         self._verbosity = verbosity
-        self._whole = whole
+        self._to_end = to_end
         self._bar: tqdm[Never] | None = None
         self._frames = 0
         self._next_line = time.monotonic() + LINE_EVERY_S
 
     def opened(self, video: Video) -> None:
-        """Show the sizes, and start the bar.
-
-        Parameters
-        ----------
-        video : Video
-            The open input.
-        """
+        """Show the sizes, and start the bar."""
         if self._verbosity >= 1:
-            click.echo(described(video), err=True)
+            click.echo(_described(video), err=True)
         if self._verbosity >= 0 and on_terminal():
-            from tqdm import tqdm  # noqa: PLC0415 - only where a bar is shown
-
-            total = video.facts.frames_declared if self._whole else None
-            self._bar = tqdm(total=total, desc=self._name, unit="frame", leave=False)
+            total = video.facts.frames_declared if self._to_end else None
+            self._bar = progress_bar(total, "frame", quiet=False, name=self._name)
 
     def frame(self, record: FrameRecord) -> None:
-        """Count a frame.
-
-        Parameters
-        ----------
-        record : FrameRecord
-            The frame.
-        """
+        """Count a frame."""
         stop_if_asked()
         self._frames += 1
         if self._bar is not None:
@@ -77,14 +100,14 @@ class Progress:
             click.echo(f"{self._name}: {self._frames} frames, {record.time_s:.1f} s", err=True)
 
     def close(self) -> None:
-        """Take the bar away; its total was only what the container declared."""
+        """Take the bar away; its total was only the container's word."""
         if self._bar is not None:
             self._bar.total = self._frames
             self._bar.close()
 
 
 class BatchProgress:
-    """Shows how many inputs get on: one bar over the inputs, with those that are running.
+    """Shows the progress of many inputs: one bar over all, with the names of those that run.
 
     Parameters
     ----------
@@ -103,9 +126,7 @@ class BatchProgress:
         self._next_line = self._started + LINE_EVERY_S
         self._bar: tqdm[Never] | None = None
         if verbosity >= 0 and on_terminal():
-            from tqdm import tqdm  # noqa: PLC0415 - only where a bar is shown
-
-            self._bar = tqdm(total=total, unit="input", leave=False, dynamic_ncols=True)
+            self._bar = progress_bar(total, "input", quiet=False)
 
     @property
     def on_terminal(self) -> bool:
@@ -113,24 +134,12 @@ class BatchProgress:
         return self._bar is not None
 
     def started(self, name: str) -> None:
-        """Name an input among those that are running.
-
-        Parameters
-        ----------
-        name : str
-            The input.
-        """
+        """Name an input among those that are running."""
         self._running[name] = None
         self.frames(0)
 
     def frames(self, count: int) -> None:
-        """Count frames.
-
-        Parameters
-        ----------
-        count : int
-            How many more.
-        """
+        """Count more frames."""
         self._frames += count
         if self._bar is not None:
             self._bar.set_postfix_str(self._now(), refresh=count > 0)
@@ -139,15 +148,7 @@ class BatchProgress:
             say(f"{self._done} of {self._total} inputs, {self._now()}")
 
     def ended(self, name: str, lines: Iterable[str]) -> None:
-        """Count an input, and print what is to be said of it.
-
-        Parameters
-        ----------
-        name : str
-            The input.
-        lines : iterable of str
-            What to print.
-        """
+        """Count an input, and print lines about it."""
         self._running.pop(name, None)
         self._done += 1
         if self._bar is not None:
@@ -169,18 +170,8 @@ class BatchProgress:
         return f"{self._frames / max(seconds, 1e-3):.0f} frames/s, {running}"
 
 
-def described(video: Video) -> str:
-    """Say in one line at which size the models see an input, and what 1 px/frame means there.
-
-    Parameters
-    ----------
-    video : Video
-        The open input.
-
-    Returns
-    -------
-    str
-    """
+def _described(video: Video) -> str:
+    """Return a line with the size at which the models see an input, and the speed 1 px/frame."""
     facts, working = video.facts, video.working
     rate = float(facts.frame_rate) if facts.frame_rate else None
     timing = f" at {rate:.6g} frames/s" if rate else ""
@@ -189,4 +180,85 @@ def described(video: Video) -> str:
         f"{facts.name}: {facts.width} x {facts.height}{timing}, seen at "
         f"{working.width} x {working.height}; 1 px/frame there = "
         f"{working.scale_x:.4g} source px/frame{per_second}"
+    )
+
+
+def report(task: Task, outcome: Outcome) -> Iterator[str]:
+    """Yield the lines to print about one input that is done."""
+    table = task.outputs and task.outputs.csv
+    if outcome.skipped:
+        there = table and os.path.lexists(table)
+        reason = f"{table} exists" if there else "another run is writing it"
+        yield f"{task.name}: skipped, {reason}"
+        return
+    if len(outcome.verdicts) <= _MOST_IN_A_LINE:
+        yield f"{task.name}: {in_words(outcome.verdicts)}"
+    else:
+        yield f"{task.name}:"
+        for each in outcome.verdicts:
+            yield f"  {label_of(each.model):<26}{each}"
+    if task.outputs:
+        first, *others = task.outputs.paths()
+        names = [str(first), *(each.name for each in others)]
+        yield f"  {outcome.frames} frames{_speed(outcome)} -> {', '.join(names)}"
+    if not outcome.complete:
+        yield incomplete(task, outcome)
+    elif outcome.notes:
+        yield f"oppload: {task.name}: {'; '.join(outcome.notes)}"
+    for remark in outcome.remarks:
+        yield f"oppload: {task.name}: {remark}"
+
+
+class AlarmTable:
+    """The rows of many inputs, printed as they end: first alarm and peak of every detector.
+
+    A peak is a multiple of the threshold.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The inputs, as they are shown.
+    models : sequence of str
+        The detectors.
+    """
+
+    def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:
+        self._wide = max(5, min(_WIDEST_NAME, max(map(len, names), default=0)))
+        self._models, self._is_new = models, True
+
+    def lines(self, name: str, outcome: Outcome) -> Iterator[str]:
+        """Yield the row of an input that is done, below the header if it is the first one."""
+        if self._is_new:
+            yield from self._header()
+        self._is_new = False
+        yield self._row(name, outcome)
+
+    def _header(self) -> Iterator[str]:
+        labels = (f"{label_of(name):<{_CELL}}" for name in self._models)
+        yield f"{'':<{self._wide}}  {''.join(labels)}".rstrip()
+        titles = f"{'first alarm':<13}{'peak':<{_CELL - 13}}" * len(self._models)
+        yield f"{'input':<{self._wide}}  {titles}frames/s"
+
+    def _row(self, name: str, outcome: Outcome) -> str:
+        cells = {each.model: _cell(each) for each in outcome.verdicts}
+        shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
+        row = "".join(f"{cells.get(model, ''):<{_CELL}}" for model in self._models)
+        end = "kept" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
+        return f"{shown:<{self._wide}}  {row}{end}"
+
+
+def _cell(verdict: Verdict) -> str:
+    first = f"{verdict.alarms[0].start_s:.2f} s" if verdict.alarms else "-"
+    return f"{first:<13}{f'{times(verdict.strongest)} x' if verdict.peak is not None else '-'}"
+
+
+def _speed(outcome: Outcome) -> str:
+    return f" at {outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
+
+
+def incomplete(task: Task, outcome: Outcome) -> str:
+    """Return the sentence that says why a result is incomplete."""
+    return (
+        f"oppload: {task.name}: incomplete ({'; '.join(outcome.notes) or 'damaged frames'}); "
+        f"the rows that are there hold"
     )

@@ -3,38 +3,37 @@
 from __future__ import annotations
 
 import json
-import sys
+import os.path
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from oppload_cli.cli import on_terminal
+from oppload_cli.cli.options import change_option, complete_stimuli, jobs_option
 from oppload_cli.errors import ExitCode, OpploadError, OutputError
+from oppload_cli.stimulus.catalogue import Entry, entries, find, parsed_setting
+from oppload_cli.stimulus.protocol import Protocol, json_schema
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.stimulus.catalogue import Entry
     from oppload_cli.stimulus.files import Written
-    from oppload_cli.stimulus.protocol import Protocol
 
-# as in oppload_cli.video.writer, whose import would cost what --help must not
+
+# the keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help
 FORMATS = ("ffv1", "mkv", "mp4", "png", "npz", "gif")
 
 
 @click.group(name="stimuli")
 def stimuli() -> None:
-    """Looming stimuli with ground truth: list, look at and generate them."""
+    """List, show and generate looming stimuli with ground truth."""
 
 
 @stimuli.command(name="list")
-@click.argument("patterns", nargs=-1, metavar="[NAME|GLOB]...")
+@click.argument("patterns", nargs=-1, metavar="[NAME|GLOB]...", shell_complete=complete_stimuli)
 @click.option("--json", "as_json", is_flag=True, help="A JSON list instead of a table.")
 def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
     """List the catalogue."""
-    from oppload_cli.stimulus.catalogue import entries, find  # noqa: PLC0415
-
     listed = [entry for wanted in patterns for entry in find(wanted)] or list(entries())
     if as_json:
         rows = [
@@ -53,25 +52,24 @@ def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
 
 
 @stimuli.command()
-@click.argument("name", metavar="NAME|FILE")
+@click.argument("name", metavar="NAME|FILE", shell_complete=complete_stimuli)
 @click.option("--json", "as_json", is_flag=True, help="The resolved protocols as a JSON list.")
-@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a value.")
-def show(name: str, as_json: bool, settings: tuple[str, ...]) -> None:
-    """Show one protocol: what it is, its stimuli, and its file."""
-    from oppload_cli.stimulus.catalogue import find  # noqa: PLC0415
-
-    found = [entry.with_settings(_settings(settings)) for entry in find(name)]
-    protocols = [protocol for entry in found for protocol in entry.protocols()]
+@change_option
+def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
+    """Show a protocol: its description, its stimuli and its file."""
+    found = [entry.with_settings(_settings(changes)) for entry in find(name)]
     if as_json:
-        tables = [protocol.as_table() for protocol in protocols]
+        tables = [protocol.as_table() for entry in found for protocol in entry.protocols()]
         click.echo(json.dumps(tables, indent=2, ensure_ascii=False))
         return
     for entry in found:
-        click.echo(_shown(entry, entry.protocols()))
+        click.echo(_shown(entry))
 
 
 @stimuli.command()
-@click.argument("names", nargs=-1, required=True, metavar="NAME|FILE|GLOB...")
+@click.argument(
+    "names", nargs=-1, required=True, metavar="NAME|FILE|GLOB...", shell_complete=complete_stimuli
+)
 @click.option(
     "-o",
     "--output",
@@ -88,21 +86,15 @@ def show(name: str, as_json: bool, settings: tuple[str, ...]) -> None:
     show_default=True,
     help="ffv1 (.avi), mkv (FFV1), png (folder), npz and gif are lossless; mp4 (H.264) is lossy.",
 )
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Change a value, e.g. display.frame_rate=60 or bar.axis_deg=45.",
-)
+@change_option
 @click.option("--preview", is_flag=True, help="Also write a contact sheet NAME.preview.png.")
-@click.option("--jobs", type=click.IntRange(1, 64), help="Stimuli at a time; default: the cores.")
+@jobs_option("Stimuli")
 @click.option(
     "--if-exists",
     type=click.Choice(("error", "skip", "overwrite")),
     default="error",
     show_default=True,
-    help="What to do where a file is there already.",
+    help="What to do if a file exists already.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 @click.pass_context
@@ -111,23 +103,27 @@ def generate(  # noqa: PLR0917 - one argument per option
     names: tuple[str, ...],
     directory: Path,
     form: str,
-    settings: tuple[str, ...],
+    changes: tuple[str, ...],
     preview: bool,
-    jobs: int | None,
+    jobs: int,
     if_exists: str,
     quiet: bool,
 ) -> None:
     """Generate videos with their ground truth, NAME.stimulus.json.
 
-    NAME is an entry of the catalogue (all stimuli of its sweep) or one of its stimuli,
+    NAME is an entry of the catalogue (all stimuli of its sweep) or one of its stimuli, or
+    its last part or any part of it that no other has,
     FILE your own .toml, GLOB a pattern such as 'klapoetke2017/*'. The paths of the
     videos are printed.
     """
-    protocols, problems = _protocols(names, _settings(settings), form)
-    wanted = _not_there(protocols, directory, form, preview, if_exists)
+    protocols, problems = _protocols(names, _settings(changes), form)
+    wanted = _not_existing(protocols, directory, form, preview, if_exists)
     if form == "mp4":
         click.echo("note: mp4 (H.264) is lossy; use ffv1 for exact luminance", err=True)
-    results = _written(wanted, directory, form, preview=preview, jobs=jobs, quiet=quiet)
+    new = if_exists == "error"
+    results = _written(
+        wanted, directory, form, preview=preview, new=new, jobs=jobs or None, quiet=quiet
+    )
     for one in results:
         if isinstance(one, OpploadError):
             problems.append(one)
@@ -135,25 +131,21 @@ def generate(  # noqa: PLR0917 - one argument per option
             click.echo(str(one.video))
     made = len(protocols) - sum(isinstance(one, OpploadError) for one in results)
     if problems and not made:
-        # the last one is printed by the caller, with its exit code
-        raise _reported(problems)
+        # the caller prints the last one and takes its exit code
+        _report(problems[:-1])
+        raise problems[-1]
     if problems:
-        for problem in problems:
-            click.echo(f"oppload: {problem}", err=True)
+        _report(problems)
         context.exit(ExitCode.INCOMPLETE)
 
 
 @stimuli.command()
 def schema() -> None:
     """Print the JSON Schema of protocol files, for editors."""
-    from oppload_cli.stimulus.schema import json_schema  # noqa: PLC0415
-
     click.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
 
 
 def _settings(texts: Sequence[str]) -> dict[str, Any]:
-    from oppload_cli.stimulus.sweep import parsed_setting  # noqa: PLC0415
-
     return dict(parsed_setting(text) for text in texts)
 
 
@@ -161,8 +153,7 @@ def _protocols(
     names: Sequence[str], settings: dict[str, Any], form: str
 ) -> tuple[list[Protocol], list[OpploadError]]:
     """Resolve all names; a name that fails does not stop the others."""
-    from oppload_cli.stimulus.catalogue import find  # noqa: PLC0415
-    from oppload_cli.stimulus.files import check_fits  # noqa: PLC0415
+    from oppload_cli.stimulus.files import check_fits
 
     found: dict[str, Protocol] = {}
     problems: list[OpploadError] = []
@@ -182,21 +173,21 @@ def _protocols(
     return list(found.values()), problems
 
 
-def _not_there(
+def _not_existing(
     protocols: list[Protocol], directory: Path, form: str, preview: bool, if_exists: str
 ) -> list[Protocol]:
-    """Leave out what exists already, or complain about it before anything is drawn."""
-    from oppload_cli.stimulus.files import targets  # noqa: PLC0415
+    """Leave out stimuli whose files exist, or refuse them before the first one is drawn."""
+    from oppload_cli.stimulus.files import targets
 
     wanted = []
     for protocol in protocols:
         made = targets(protocol, directory, form, preview=preview)
-        there = [path for path in (made.video, made.truth) if path.exists()]
-        if there and if_exists == "error":
+        old = [path for path in (made.video, made.truth) if os.path.lexists(path)]
+        if old and if_exists == "error":
             raise OutputError(
-                f"{there[0]} exists already; use --if-exists skip or overwrite, or another folder"
+                f"{old[0]} exists already; use --if-exists skip or overwrite, or another folder"
             )
-        if len(there) < 2 or if_exists == "overwrite":
+        if len(old) < 2 or if_exists == "overwrite":
             wanted.append(protocol)
     return wanted
 
@@ -207,34 +198,29 @@ def _written(
     form: str,
     *,
     preview: bool,
+    new: bool,
     jobs: int | None,
     quiet: bool,
 ) -> list[Written | OpploadError]:
-    from tqdm import tqdm  # noqa: PLC0415
-
-    from oppload_cli.stimulus.batch import default_jobs, write_all  # noqa: PLC0415
+    from oppload_cli.cli.progress import progress_bar
+    from oppload_cli.stimulus.files import write_all
 
     total = sum(protocol.frame_count for protocol in protocols)
-    hidden = quiet or not on_terminal()
-    with tqdm(total=total, unit=" frames", disable=hidden, file=sys.stderr) as bar:
-
-        def advance(frames: int) -> None:
-            bar.update(frames)
-
+    with progress_bar(total, " frames", quiet=quiet) as bar:
         return write_all(
             protocols,
             directory,
             form=form,
             preview=preview,
-            jobs=jobs or default_jobs(len(protocols)),
-            progress=advance,
+            new=new,
+            jobs=jobs,
+            progress=bar.update,
         )
 
 
-def _reported(problems: list[OpploadError]) -> OpploadError:
-    for problem in problems[:-1]:
+def _report(problems: list[OpploadError]) -> None:
+    for problem in problems:
         click.echo(f"oppload: {problem}", err=True)
-    return problems[-1]
 
 
 def _table(listed: Sequence[Entry]) -> str:
@@ -246,7 +232,8 @@ def _table(listed: Sequence[Entry]) -> str:
     return "\n".join([*lines, "", f"{len(rows)} protocols, {total} stimuli"])
 
 
-def _shown(entry: Entry, protocols: Sequence[Protocol]) -> str:
+def _shown(entry: Entry) -> str:
+    protocols = entry.protocols()
     first = protocols[0]
     display = first.display
     facts = {

@@ -8,19 +8,24 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import on_terminal
-from oppload_cli.cli.options import settings_options
-from oppload_cli.errors import OutputError
+from oppload_cli.cli.options import (
+    change_option,
+    complete_stimuli,
+    jobs_option,
+    settings_options,
+)
+from oppload_cli.models.presets import STUDY_PRESET
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.settings import Settings
+    from oppload_cli.files.atomic import PartFile
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.catalogue import Entry
 
 
-@click.command(short_help="a stimulus over directions, speeds, sizes or places")
-@click.argument("stimulus", metavar="STIMULUS")
+@click.command(short_help="measure responses to a stimulus over directions, speeds, sizes")
+@click.argument("stimulus", metavar="STIMULUS", shell_complete=complete_stimuli)
 @click.option(
     "--over",
     multiple=True,
@@ -29,14 +34,8 @@ if TYPE_CHECKING:
     "bar.axis_deg; VALUES as 10,20,40 or 0:330:30 (from:to:step). Given twice: every "
     "combination.  [default: the stimulus's own sweep]",
 )
-@click.option(
-    "--stimulus-set",
-    "changes",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Change a value of the stimulus, e.g. timing.before_s=0.",
-)
-@settings_options
+@change_option
+@settings_options(preset=STUDY_PRESET, table=False)
 @click.option(
     "-o",
     "--output",
@@ -53,13 +52,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Format of the matching plot.",
 )
-@click.option("--jobs", type=click.IntRange(1, 64), help="Processes.  [default: the cores]")
+@jobs_option("Conditions")
 @click.option(
     "--if-exists",
     type=click.Choice(["error", "overwrite"]),
     default="error",
     show_default=True,
-    help="What to do where a result is there already.",
+    help="What to do if a result exists already.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 def tune(  # noqa: PLR0917 - click passes them by name
@@ -71,71 +70,73 @@ def tune(  # noqa: PLR0917 - click passes them by name
     assignments: tuple[str, ...],
     config: Path | None,
     height: str | None,
+    repeats: str | None,
     output: Path,
     figure: str,
-    jobs: int | None,
+    jobs: int,
     if_exists: str,
     quiet: bool,
 ) -> None:
-    """Measure the models' tuning to one stimulus; no video is written.
+    """Measure the tuning of detectors to one stimulus; no video is written.
 
     STIMULUS is a name of the catalogue ('oppload stimuli list') or a .toml file. DIR
-    gets NAME.tuning.csv, a row per condition and model, NAME.tuning.json with all
+    gets NAME.tuning.csv, a row per condition and detector, NAME.tuning.json with all
     settings, and the plot: polar over directions, a line over one parameter, a heat
     map over two.
     """
-    from oppload_cli.settings import resolve  # noqa: PLC0415 - keeps --help fast
-    from oppload_cli.stimulus.files import file_stem  # noqa: PLC0415
-    from oppload_cli.stimulus.sweep import parsed_setting  # noqa: PLC0415
-    from oppload_cli.tuning.sweep import entry_named, swept  # noqa: PLC0415
+    from oppload_cli.files.atomic import claimed, refuse_existing
+    from oppload_cli.pipeline.settings import resolve
+    from oppload_cli.stimulus.catalogue import parsed_setting
+    from oppload_cli.stimulus.files import file_stem
+    from oppload_cli.tuning.run import entry_named, swept
 
     settings = resolve(
-        preset=preset, config=config, models=models, height=height, assignments=assignments
+        preset=preset,
+        config=config,
+        models=models,
+        height=height,
+        repeats=repeats,
+        assignments=assignments,
+        usual=STUDY_PRESET,
     )
     entry = entry_named(stimulus)
     entry = swept(entry.with_settings(dict(parsed_setting(text) for text in changes)), over)
     table = output / f"{file_stem(entry.name)}.tuning.csv"
     kept = [table, table.with_suffix(".json")]
     kept += [table.with_suffix(f".{figure}")] if figure != "none" else []
-    there = [path for path in kept if path.exists()]
-    if there and if_exists == "error":
-        raise OutputError(f"{there[0]}: exists already; use --if-exists overwrite or another -o")
-    _run(entry, settings, kept, jobs=jobs, quiet=quiet)
+    refuse_existing(kept, if_exists)
+    with claimed(table, if_exists) as claim:
+        _run(entry, settings, claim, kept, jobs=jobs, quiet=quiet)
     for path in kept:
         click.echo(path)
 
 
-# A tuning table has no motion vectors to switch off.
-tune.params = [option for option in tune.params if option.name != "measure_rmo"]
-
-
 def _run(
-    entry: Entry, settings: Settings, paths: Sequence[Path], *, jobs: int | None, quiet: bool
+    entry: Entry,
+    settings: Settings,
+    table: PartFile,
+    paths: Sequence[Path],
+    *,
+    jobs: int,
+    quiet: bool,
 ) -> None:
-    from tqdm import tqdm  # noqa: PLC0415
+    from oppload_cli.cli.progress import progress_bar
+    from oppload_cli.processes import cores
+    from oppload_cli.tuning.run import tune, write_tuning, write_tuning_sidecar
 
-    from oppload_cli.environment import cores  # noqa: PLC0415
-    from oppload_cli.tuning.run import is_symmetric, tune  # noqa: PLC0415
-    from oppload_cli.tuning.table import write_tuning, write_tuning_sidecar  # noqa: PLC0415
-
-    hidden = quiet or not on_terminal()
     count = len(entry.values())
-    with tqdm(total=count, unit="condition", disable=hidden, file=sys.stderr) as bar:
+    with progress_bar(count, "condition", quiet=quiet) as bar:
         conditions = tune(entry, settings, jobs=jobs or cores(), progress=bar.update)
-    write_tuning(paths[0], conditions)
-    write_tuning_sidecar(
-        paths[1],
-        entry,
-        settings,
-        symmetric=is_symmetric(entry),
-        command=["oppload", *sys.argv[1:]],
-    )
+    write_tuning(table, conditions)
+    write_tuning_sidecar(paths[1], entry, settings, command=["oppload", *sys.argv[1:]])
     if len(paths) > 2:
-        from oppload_cli.plots.figures import draw_tuning  # noqa: PLC0415
-        from oppload_cli.plots.style import save  # noqa: PLC0415
-        from oppload_cli.results.tuning import read_tuning  # noqa: PLC0415
+        from oppload_cli.plots.polar import direction_tunings
+        from oppload_cli.plots.style import save
+        from oppload_cli.plots.tuning import kind_of, plot_tuning
+        from oppload_cli.results.reading import read_tuning
 
-        drawn = draw_tuning([read_tuning(paths[0])])
-        save(drawn.figure, paths[2])
-        for line in drawn.lines:
-            click.echo(line, err=True)
+        tuning = read_tuning(paths[0])
+        save(plot_tuning(tuning)[0], paths[2])
+        if kind_of(tuning) == "polar":
+            for curve in direction_tunings([tuning]):
+                click.echo(curve.line(), err=True)

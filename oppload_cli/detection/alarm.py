@@ -4,113 +4,59 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from oppload_cli.errors import ParameterError, suggestion
+import numpy as np
+
+from oppload_cli.detection.parameters import AlarmParams
 from oppload_cli.models.background import Background
-from oppload_cli.parameters import Parameters, parameter
 
-
-@dataclass(frozen=True, kw_only=True)
-class AlarmParams(Parameters):
-    """Parameters of the alarm; each model has its own alarm with these."""
-
-    opplod_floor: float = parameter(
-        8e-4, "response of OppLoD at or below which it never alarms", low=0, high=1e9
-    )
-    dlgmd_floor: float = parameter(
-        0.01, "response of D-LGMD at or below which it never alarms", low=0, high=1e9
-    )
-    factor: float = parameter(
-        30.0, "response over the median of the background that alarms", low=0, high=1e6
-    )
-    background_s: float = parameter(
-        4.0, "how far back the background reaches", unit="s", low=0.1, high=3600
-    )
-    guard_s: float = parameter(
-        0.2, "the latest time that is not yet background", unit="s", low=0, high=60
-    )
-    enough: int = parameter(2, "frames above the threshold that alarm", unit="frames", low=1)
-    window: int = parameter(3, "latest frames among which they are", unit="frames", low=1, high=999)
-    release: float = parameter(
-        0.5, "share of the threshold above which an alarm stays on", low=0, high=1
-    )
-    hold_s: float = parameter(
-        0.5, "how long an alarm stays on after its last frame above", unit="s", low=0, high=60
-    )
-    refractory_s: float = parameter(
-        0.5, "how long no alarm goes on once one has gone off", unit="s", low=0, high=60
-    )
-    cut_ratio: float = parameter(
-        4.0,
-        "luminance change over the largest of the 5 frames before that is a cut; 0: none is",
-        low=0,
-        high=1e6,
-    )
-    cut_share: float = parameter(0.5, "share of the frame that a cut changes", low=0, high=1)
-    rest: float = parameter(5e-4, "luminance change up to which a scene is at rest", low=0, high=1)
-    blind: int = parameter(
-        10,
-        "frames from a cut or the end of a rest that do not count",
-        unit="frames",
-        low=0,
-        high=1000,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.enough > self.window:
-            raise ParameterError(
-                f"parameter 'enough' of alarm must be at most 'window' ({self.window}), "
-                f"not {self.enough}"
-            )
-
-
-# By preset: their responses differ in size.
-ALARMS = {
-    "default": AlarmParams(),
-    "paper": AlarmParams(),
-    "robust": AlarmParams(opplod_floor=0.02, factor=8.0, enough=1, window=1),
-}
+if TYPE_CHECKING:
+    from oppload_cli.models.dpc import Map
 
 
 class Alarm:
-    """The alarm of one model over one video.
+    """The alarm of one detector over one video.
 
-    It knows only frames that have passed, so that it says the same on a robot as
-    on a file. A frame counts when its response is above the threshold: `factor`
-    times the median response of the background, the last `background_s` seconds
-    without the latest `guard_s`, and at least the model's floor.
+    It uses only frames that have passed, so that it says the same on a robot as on a file. A
+    frame counts when its response is above the threshold: `factor` times the median response of
+    the background, which is the last `background_s` seconds without the latest `guard_s`, and at
+    least the detector's floor.
 
     Parameters
     ----------
-    model : str
-        Whose responses these are: ``opplod`` or ``dlgmd``.
+    name : str
+        The detector whose responses these are.
     params : AlarmParams, optional
-        Its parameters.
+        As from :func:`~oppload_cli.detection.parameters.alarm_params`.
 
     Attributes
     ----------
     threshold : float
-        The response above which the latest frame sets the alarm off; above `release`
-        times this it keeps it on.
+        The response above which the latest frame sets the alarm off; above `release` times
+        this it keeps the alarm on. Infinite where `params` has no alarm.
 
     Raises
     ------
     ParameterError
-        If there is no such model.
+        If no detector has that name.
 
     Source: ``docs/alarms.md``.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> alarm = oppload.Alarm("opplod", oppload.alarm_params("default"))
+    >>> alarm.step(0.0, time_s=0.0), alarm.step(0.5, time_s=0.1), alarm.threshold
+    (False, True, 0.024)
     """
 
-    def __init__(self, model: str, params: AlarmParams | None = None) -> None:
+    def __init__(self, name: str, params: AlarmParams | None = None) -> None:
         self.params = params or AlarmParams()
-        floors = {"opplod": self.params.opplod_floor, "dlgmd": self.params.dlgmd_floor}
-        if model not in floors:
-            raise ParameterError(f"no model '{model}' has an alarm{suggestion(model, floors)}")
-        self._floor = floors[model]
+        self._floor = self.params.floor_of(name) if self.params.on else math.inf
         self._background = Background(self.params.background_s, self.params.guard_s)
-        self._above: deque[bool] = deque(maxlen=self.params.window)
+        self._above: deque[tuple[float, float]] = deque()
+        self._before_s: float | None = None
         self._until_s = self._ready_s = -math.inf
         self._on = False
         self.threshold = self._floor
@@ -121,11 +67,11 @@ class Alarm:
         Parameters
         ----------
         response : float
-            The model's response, at least 0.
+            The detector's response, at least 0.
         time_s : float
             The frame's presentation time in seconds.
         blind : bool
-            Whether the frame shall not count (see :class:`oppload_cli.detection.cuts.Cuts`).
+            Whether the frame does not count (see :class:`Cuts`).
 
         Returns
         -------
@@ -135,10 +81,84 @@ class Alarm:
         background = self._background.step(response, time_s)
         self.threshold = max(self._floor, self.params.factor * background)
         share = self.params.release if self._on else 1.0
-        self._above.append(response > share * self.threshold and not blind)
-        if sum(self._above) >= self.params.enough and (self._on or time_s >= self._ready_s):
+        above = response > share * self.threshold and not blind
+        if self._long_enough(above, time_s) and (self._on or time_s >= self._ready_s):
             self._until_s = time_s + self.params.hold_s
         was_on, self._on = self._on, time_s <= self._until_s
         if was_on and not self._on:
             self._ready_s = time_s + self.params.refractory_s
         return self._on
+
+    def _long_enough(self, above: bool, time_s: float) -> bool:
+        """Tell whether the responses were above for long enough: from the first such frame on."""
+        before_s = time_s if self._before_s is None else self._before_s
+        oldest = time_s - self.params.window_s
+        if self.params.enough_s:  # that takes two frames at least, at the lowest rates too
+            oldest = min(oldest, before_s)
+        while self._above and self._above[0][0] < oldest:
+            self._above.popleft()
+        if above:
+            self._above.append((time_s, time_s - before_s))
+        self._before_s = time_s
+        if not self._above:
+            return False
+        first_s = self._above[0][1]
+        return sum(lasted for _, lasted in self._above) - first_s >= self.params.enough_s
+
+
+class Cuts:
+    """Tells hard cuts, flashes, steps of luminance and motion out of rest from looming.
+
+    The first three change most of the frame at once, far more than any of the frames
+    before; an object that approaches takes many frames to fill the picture. Where the scene
+    was at rest there is no inhibition yet: motion that begins, in any direction, excites all
+    pathways for as long as the detectors look back.
+
+    Parameters
+    ----------
+    params : AlarmParams, optional
+        Its `cut_ratio`, `cut_share`, `rest` and `blind_s`.
+
+    Source: ``docs/alarms.md``.
+    """
+
+    MEMORY_S = 0.18  # how far back the changes reach that a luminance change is compared with
+
+    def __init__(self, params: AlarmParams | None = None) -> None:
+        self._params = params or AlarmParams()
+        self._changes: deque[tuple[float, float]] = deque()
+        self._cut_s = -math.inf
+
+    def step(self, photoreceptors: Map, change: float, time_s: float) -> bool:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        photoreceptors : ndarray of float32, shape (height, width)
+            P(t), 0 to 1.
+        change : float
+            Its mean, 0 to 1.
+        time_s : float
+            The frame's presentation time in seconds.
+
+        Returns
+        -------
+        bool
+            Whether the detectors may answer to such a change, of this frame or of a recent one.
+        """
+        while len(self._changes) > 1 and self._changes[0][0] < time_s - self.MEMORY_S:
+            self._changes.popleft()
+        if self._is_cut(photoreceptors, change):
+            self._cut_s = time_s
+        self._changes.append((time_s, change))
+        return time_s - self._cut_s < self._params.blind_s
+
+    def _is_cut(self, photoreceptors: Map, change: float) -> bool:
+        before = max((earlier for _, earlier in self._changes), default=0.0)
+        if not self._params.cut_ratio or change <= self._params.cut_ratio * before:
+            return False
+        if before <= self._params.rest:
+            return True
+        # In a cut most pixels change about as much as the mean; near an object few change much.
+        changed = np.count_nonzero(photoreceptors > change / 4)
+        return bool(changed >= self._params.cut_share * photoreceptors.size)

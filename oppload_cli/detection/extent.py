@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from oppload_cli.models.kernels import Map
-    from oppload_cli.models.pooling import Floats
-    from oppload_cli.models.units import UnitMaps
+    from numpy.typing import NDArray
 
-WINDOW = 2.0  # sizes: how far around an object its own motion is looked for
-LEAST_WINDOW = 3  # cells: less holds no more than one blurred point
-ROUNDS = 4  # windows that follow the size; it settles in two or three
+    from oppload_cli.models.detector import UnitMaps
+    from oppload_cli.models.dpc import Map
+
+    Floats = NDArray[np.float64]
+
+
+_WINDOW = 2.0  # sizes: how far around an object its own motion is looked for
+_LEAST_WINDOW = 3  # cells: less holds no more than one blurred point
+_ROUNDS = 4  # windows that follow the size; it settles in two or three
 
 
 class Extent(NamedTuple):
@@ -43,7 +48,7 @@ class Extent(NamedTuple):
 
 
 class Products:
-    """The opponent products about any one unit, over the whole frame.
+    """The opponent products about any one unit of the latest frame, over all of the frame.
 
     ``O(u) = S_phi(c + u) S_(phi+180)(c - u)``, summed over both axis pairs, as in
     ``docs/model.md``, section 5, but not cut off by the receptive field.
@@ -61,7 +66,7 @@ class Products:
         self._offsets_x = np.arange(-columns, columns + 1)
         self._middle = rows, columns
         self._pairs = [
-            (maps.pathways[phi], maps.pathways[(phi + 180) % 360], self._signs(phi))
+            (maps.pathways[phi], maps.pathways[(phi + 180) % 360], _signs(rows, columns, phi))
             for phi in maps.pathways
             if phi < 180
         ]
@@ -88,7 +93,7 @@ class Products:
             None where nothing moves outward on both sides.
         """
         found = None
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             reach_y, reach_x, cut = self._reach(row, column, x, y)
             moments = self._moments(row, column, reach_y, reach_x)
             if moments is None:
@@ -133,8 +138,8 @@ class Products:
     def _reach(self, row: int, column: int, x: float, y: float) -> tuple[int, int, bool]:
         """Return the window in cells to each side, and whether the frame cuts it."""
         rows, columns = self._maps.responses.shape
-        wanted_y = max(LEAST_WINDOW, math.ceil(WINDOW * y / self._cell_y))
-        wanted_x = max(LEAST_WINDOW, math.ceil(WINDOW * x / self._cell_x))
+        wanted_y = max(_LEAST_WINDOW, math.ceil(_WINDOW * y / self._cell_y))
+        wanted_x = max(_LEAST_WINDOW, math.ceil(_WINDOW * x / self._cell_x))
         reach_y = min(wanted_y, row, rows - 1 - row)
         reach_x = min(wanted_x, column, columns - 1 - column)
         return reach_y, reach_x, reach_y < wanted_y or reach_x < wanted_x
@@ -165,11 +170,13 @@ class Products:
         """Return the half size of an ellipse, at least half of the blur."""
         return math.sqrt(max(2 * square - self._maps.spread**2, (self._maps.spread / 2) ** 2))
 
-    def _signs(self, phi: int) -> Map:
-        """Return 1 at the offsets u with u . u_phi > 0, -1 where it is below 0."""
-        across, up = math.cos(math.radians(phi)), math.sin(math.radians(phi))
-        along = self._offsets_x[None, :] * across - self._offsets_y[:, None] * up
-        return np.asarray(np.sign(np.round(along, 6)), np.float32)
+
+@cache
+def _signs(rows: int, columns: int, phi: int) -> Map:
+    """Return 1 at the offsets u with u . u_phi > 0, -1 where it is below 0."""
+    across, up = math.cos(math.radians(phi)), math.sin(math.radians(phi))
+    y, x = np.mgrid[-rows : rows + 1, -columns : columns + 1]
+    return np.asarray(np.sign(np.round(x * across - y * up, 6)), np.float32)
 
 
 def _spacing(centres: Floats) -> float:

@@ -1,10 +1,177 @@
-"""Parameters of the places of looming objects."""
+"""Parameters of the alarms and of the places of looming objects."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
+from functools import cache
 
-from oppload_cli.parameters import Parameters, parameter
+from oppload_cli.errors import ParameterError
+from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
+from oppload_cli.models.registry import alarm_floor_of, detector_named, detectors
+from oppload_cli.schema import Parameters, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlarmParams(Parameters):
+    """Parameters of the alarm; each detector has its own alarm with these.
+
+    :func:`alarm_params` adds the floor of every detector, as ``NAME_floor``.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.AlarmParams(hold_s=1).hold_s
+    1.0
+    >>> oppload.AlarmParams(hold_s=-1)  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    oppload_cli.errors.ParameterError: ...
+    """
+
+    on: bool = parameter(True, "whether there are alarms at all")
+    factor: float = parameter(
+        8.0,
+        "an alarm needs a response of this many times the median of the background",
+        low=0,
+        high=1e6,
+    )
+    background_s: float = parameter(
+        4.0, "length of the background, back from the latest frame", unit="s", low=0.1, high=3600
+    )
+    guard_s: float = parameter(
+        0.2,
+        "latest part of this time that does not yet count as background",
+        unit="s",
+        low=0,
+        high=60,
+    )
+    enough_s: float = parameter(
+        0.0,
+        "time that the response must be above the threshold until the alarm starts; 0: one frame",
+        unit="s",
+        low=0,
+        high=60,
+    )
+    window_s: float = parameter(
+        0.0,
+        "time within which the response must be above the threshold for enough_s",
+        unit="s",
+        low=0,
+        high=60,
+    )
+    release: float = parameter(
+        0.5,
+        "an alarm continues while the response is above this share of the threshold",
+        low=0,
+        high=1,
+    )
+    hold_s: float = parameter(
+        0.5,
+        "time for which an alarm continues after its last frame above that share",
+        unit="s",
+        low=0,
+        high=60,
+    )
+    refractory_s: float = parameter(
+        0.5, "time after the end of an alarm in which no other one starts", unit="s", low=0, high=60
+    )
+    cut_ratio: float = parameter(
+        4.0,
+        "a frame is a cut if its luminance change is above this many times the largest one of the "
+        "0.18 s before; 0: no frame is",
+        low=0,
+        high=1e6,
+    )
+    cut_share: float = parameter(
+        0.5, "least share of the pixels that change in a cut", low=0, high=1
+    )
+    rest: float = parameter(
+        5e-4, "a scene is at rest while its luminance change is at most this", low=0, high=1
+    )
+    blind_s: float = parameter(
+        0.33,
+        "time after a cut, or after the end of a rest, in which frames do not count",
+        unit="s",
+        low=0,
+        high=60,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.enough_s > self.window_s:
+            raise ParameterError(
+                f"parameter 'enough_s' of alarm must be at most 'window_s' ({self.window_s:g}), "
+                f"not {self.enough_s:g}"
+            )
+
+    def floor_of(self, name: str) -> float:
+        """Return the response at or below which a detector never alarms."""
+        floor: float | None = getattr(self, f"{name}_floor", None)
+        return alarm_floor_of(name) if floor is None else floor
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # The class with the floors is made at run time: another process makes it again.
+        names = tuple(name.removesuffix("_floor") for name in self.names() if "_floor" in name)
+        return _restored, (names, self.as_dict())
+
+
+# Presets whose responses ask for another alarm than those of the default one.
+_ALARMS: dict[str, dict[str, float]] = {
+    "reference": {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09},
+    "paper": {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09},
+}
+
+
+def alarm_params(preset: str = DEFAULT_PRESET, **values: float) -> AlarmParams:
+    """Return the parameters of the alarms under a preset, with the floor of every detector.
+
+    Parameters
+    ----------
+    preset : str
+        Name of the preset.
+    **values : float
+        Parameters that differ from it, such as ``factor=10`` or ``opplod_floor=0.01``.
+
+    Raises
+    ------
+    ParameterError
+        If the preset or a name is unknown, or a value is out of range.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.alarm_params("reference").factor, oppload.alarm_params("default").factor
+    (30.0, 8.0)
+    >>> oppload.alarm_params(opplod_floor=0.1).floor_of("opplod")
+    0.1
+    """
+    floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in detectors()}
+    defaults = _alarm_class(tuple(detectors()))()
+    on = not preset_named(preset).no_alarm
+    return defaults.replaced(**{"on": on, **floors, **_ALARMS.get(preset, {}), **values})
+
+
+@cache
+def _alarm_class(names: tuple[str, ...]) -> type[AlarmParams]:
+    """Return the class of the alarms' parameters with a floor for each detector."""
+    floors = [
+        (
+            f"{name}_floor",
+            float,
+            parameter(
+                alarm_floor_of(name),
+                f"an alarm of {detector_named(name).label} needs a response above this",
+                low=0,
+                high=1e9,
+            ),
+        )
+        for name in names
+    ]
+    return make_dataclass("AlarmParams", floors, bases=(AlarmParams,), frozen=True, kw_only=True)
+
+
+def _restored(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
+    return (_alarm_class(names) if names else AlarmParams)(**values)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -12,31 +179,48 @@ class PlaceParams(Parameters):
     """What is an object, when it is the same one, and when its contact is determined.
 
     Source: ``docs/places.md``.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> few = oppload.PlaceParams(most=1)
+    >>> records = oppload.analyse("controls/two-looming-disks", places=few, rmo=False)
+    >>> max(len(record.detections) for record in records)
+    1
     """
 
-    floor: float = parameter(
-        1e-6, "response of OppLoD below which nothing is an object", low=0, high=1e9
-    )
+    floor: float = parameter(1e-3, "least response of an object", low=0, high=1e9)
     share: float = parameter(
-        0.01, "least response of an object over the frame's largest", low=0, high=1
+        0.01,
+        "least response of an object, as a share of the largest response of the frame",
+        low=0,
+        high=1,
     )
     most: int = parameter(5, "most objects in a frame", unit="objects", low=1, high=100)
     gap_s: float = parameter(
-        0.2, "how long an object keeps its number unseen", unit="s", low=0, high=60
+        0.2, "time for which an object that is not seen keeps its number", unit="s", low=0, high=60
     )
     memory_s: float = parameter(
-        0.4, "how far back the growth of an object is followed", unit="s", low=0.01, high=60
+        0.4, "time over which the growth of an object is measured", unit="s", low=0.01, high=60
     )
     least_frames: int = parameter(
-        4, "frames that the time to contact needs", unit="frames", low=3, high=1000
+        4, "number of frames that a time to contact needs", unit="frames", low=3, high=1000
     )
     least_growth: float = parameter(
-        1.15, "growth of the size over them that it needs", low=1, high=100
+        1.15,
+        "least growth of the size over these frames that a time to contact needs",
+        low=1,
+        high=100,
     )
     largest_error: float = parameter(
-        0.2, "largest standard error of a time to contact over it", low=0.001, high=10
+        0.2, "largest standard error of a time to contact, as a share of it", low=0.001, high=10
     )
 
 
-# Responses of preset robust are on another scale.
-PLACES = {"default": PlaceParams(), "paper": PlaceParams(), "robust": PlaceParams(floor=1e-3)}
+# Their responses are on another scale than those of the default one.
+_PLACES = dict.fromkeys(("reference", "paper"), PlaceParams(floor=1e-6))
+
+
+def place_params(preset: str = DEFAULT_PRESET) -> PlaceParams:
+    """Return the parameters of the looming objects under a preset."""
+    return _PLACES.get(preset, PlaceParams())

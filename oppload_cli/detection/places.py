@@ -2,21 +2,259 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from oppload_cli.detection.contact import Contact
+import cv2
+import numpy as np
+
 from oppload_cli.detection.extent import Extent, Products
 from oppload_cli.detection.parameters import PlaceParams
-from oppload_cli.detection.peaks import focus, peaks
+from oppload_cli.models.detector import Box
 
 if TYPE_CHECKING:
-    from oppload_cli.detection.peaks import Peak
-    from oppload_cli.models.units import UnitMaps
+    from numpy.typing import NDArray
 
-NEAR = 0.25  # receptive fields: a focus that near to an object's is always its own
-RESOLVED = 1.5  # spreads of the pooling: an object smaller than that has no size yet
-GROWTH = 1.25  # from one frame to the next, shortly before contact
+    from oppload_cli.models.detector import Response, UnitMaps
+    from oppload_cli.models.dpc import Map
+    from oppload_cli.video.frames import WorkingSize
+    from oppload_cli.video.optics import Optics, View
+
+    Floats = NDArray[np.float64]
+    from numpy.typing import NDArray
+
+    _Series = NDArray[np.float64]
+
+
+MOST_SAMPLES = 256  # in case times stand still
+TOO_FAR = 2.5  # standard deviations: a size off the line by more is left out once
+
+
+class Contact:
+    """The growth of one object, and when it will touch.
+
+    In a camera's picture the size of what approaches at constant speed is
+    ``s = A / (T - t)``: ``1 / s`` falls on a straight line that meets 0 at the time of
+    contact T. An error e of s is one of ``e / s^2`` in ``1 / s``, so that the least
+    squares weigh by ``s^4``.
+
+    Parameters
+    ----------
+    params : PlaceParams
+        When the estimate is determined.
+    """
+
+    def __init__(self, params: PlaceParams) -> None:
+        self._params = params
+        self._samples: deque[tuple[float, float]] = deque(maxlen=MOST_SAMPLES)
+
+    def add(self, time_s: float, size: float) -> None:
+        """Take the size at a time.
+
+        Parameters
+        ----------
+        time_s : float
+            Seconds.
+        size : float
+            Any measure in pixels, above 0.
+        """
+        self._samples.append((time_s, size))
+        while self._samples[0][0] < time_s - self._params.memory_s:
+            self._samples.popleft()
+
+    def remaining(self, time_s: float) -> float | None:
+        """Return the time to contact.
+
+        Parameters
+        ----------
+        time_s : float
+            Now, in seconds.
+
+        Returns
+        -------
+        float or None
+            Seconds, above 0; None unless it is determined: enough frames, enough
+            growth, and a standard error of the fit below `largest_error` of it.
+        """
+        if len(self._samples) < self._params.least_frames:
+            return None
+        times, sizes = np.array(self._samples).T
+        times -= time_s
+        estimate = self._fitted(times, sizes)
+        if estimate is None:
+            return None
+        contact, error = estimate
+        return contact if contact > 0 and error < self._params.largest_error * contact else None
+
+    def _fitted(self, times: _Series, sizes: _Series) -> tuple[float, float] | None:
+        """Return the time of contact and its standard error; None where nothing grows."""
+        contact, error, residuals = _line(times, sizes)
+        spread = math.sqrt(float(residuals @ residuals) / len(times))
+        kept = np.abs(residuals) <= TOO_FAR * spread
+        if self._params.least_frames <= kept.sum() < len(times):
+            times, sizes = times[kept], sizes[kept]
+            contact, error, _ = _line(times, sizes)
+        if not math.isfinite(contact) or times[0] >= contact:
+            return None
+        grown = (contact - times[0]) / (contact - times[-1]) if contact > times[-1] else math.inf
+        return (contact, error) if grown >= self._params.least_growth else None
+
+
+def _line(times: _Series, sizes: _Series) -> tuple[float, float, _Series]:
+    """Fit 1/s = slope (t - T): return T, its standard error, and the residuals of s."""
+    weights = sizes**4
+    inverse = 1 / sizes
+    total = weights.sum()
+    mean_t, mean_y = weights @ times / total, weights @ inverse / total
+    t, y = times - mean_t, inverse - mean_y
+    about = weights @ t**2
+    slope = weights @ (t * y) / about if about > 0 else 0.0
+    residuals = (y - slope * t) * sizes**2
+    if slope >= 0:
+        return math.inf, math.inf, residuals
+    contact = mean_t - mean_y / slope
+    variance = residuals @ residuals / (len(times) - 2)
+    # T = mean_t - mean_y / slope: errors of the mean and of the slope add.
+    error = math.sqrt(variance * (1 / total + (mean_y / slope) ** 2 / about)) / -slope
+    return float(contact), error, residuals
+
+
+class Detection(NamedTuple):
+    """One looming object in one frame: a line of ``detections.jsonl``.
+
+    Attributes
+    ----------
+    identity : int
+        The same object has the same number in all its frames; from 1.
+    box : Box
+        Where it is, in source pixels, within the frame.
+    centre_x, centre_y : float
+        Focus of its expansion in source pixels.
+    response : float
+        The detector's response there, at least 0.
+    alarm : bool
+        Whether the alarm is on, and because of this object.
+    time_to_contact_s : float or None
+        Estimate in seconds, above 0; None where it is not determined.
+    view : View or None
+        The same in degrees; None where the field of view is not known.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> records = oppload.analyse("controls/looming-perspective", rmo=False)
+    >>> found = [each for record in records for each in record.detections if each.alarm]
+    >>> found[0].identity, 0 < found[0].box.width < found[-1].box.width
+    (1, True)
+    """
+
+    identity: int
+    box: Box
+    centre_x: float
+    centre_y: float
+    response: float
+    alarm: bool
+    time_to_contact_s: float | None
+    view: View | None = None
+
+    def seen_through(self, optics: Optics) -> Detection:
+        """Return the same object with its view in degrees."""
+        centre = self.centre_x, self.centre_y
+        return self._replace(view=optics.view(self.box, centre, self.time_to_contact_s))
+
+    def after(self, passed_s: float) -> Detection:
+        """Return the same object so many seconds later, when nothing new was seen of it."""
+        left = self.time_to_contact_s and self.time_to_contact_s - passed_s
+        return self._replace(time_to_contact_s=left if left and left > 0 else None)
+
+
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+_NEAR = 0.25  # receptive fields: a focus that near to an object's is always its own
+_RESOLVED = 1.5  # spreads of the pooling: an object smaller than that has no size yet
+_GROWTH = 1.25  # from one frame to the next, shortly before contact
+
+
+class Peak(NamedTuple):
+    """A unit that answers more than those around it."""
+
+    row: int
+    column: int
+    response: float
+
+
+def peaks(maps: UnitMaps, params: PlaceParams) -> list[Peak]:
+    """Find the units that answer more than every other one in their receptive field.
+
+    Parameters
+    ----------
+    maps : UnitMaps
+        Of the frame.
+    params : PlaceParams
+        Their floor, share and number.
+
+    Returns
+    -------
+    list of Peak
+        The largest response first: the winning unit of the frame, if it is above
+        the floor. None lies in the receptive field of one before it.
+    """
+    responses = maps.responses
+    largest = float(responses.max())
+    least = max(params.floor, params.share * largest)
+    if largest == 0 or largest < least:
+        return []
+    tops = (
+        (responses >= cv2.dilate(responses, _NEIGHBOURS)) & (responses >= least) & (responses > 0)
+    )
+    rows, columns = np.nonzero(tops)
+    order = np.argsort(-responses[rows, columns], kind="stable")
+    found: list[Peak] = []
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        if len(found) == params.most:
+            break
+        if not any(_shares_field(maps, row, column, each) for each in found):
+            found.append(Peak(row, column, float(responses[row, column])))
+    return found
+
+
+def focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
+    """Refine a peak to less than a cell: the top of a parabola through log R.
+
+    Parameters
+    ----------
+    maps : UnitMaps
+        Of the frame.
+    row, column : int
+        The peak.
+
+    Returns
+    -------
+    tuple of float
+        (x, y) in working pixels; within half a cell of the unit.
+    """
+    x = _top(maps.responses[row], maps.centres_x, column)
+    y = _top(maps.responses[:, column], maps.centres_y, row)
+    return x, y
+
+
+def _shares_field(maps: UnitMaps, row: int, column: int, peak: Peak) -> bool:
+    apart_x = abs(maps.centres_x[column] - maps.centres_x[peak.column])
+    apart_y = abs(maps.centres_y[row] - maps.centres_y[peak.row])
+    return bool(max(apart_x, apart_y) < maps.field / 2)
+
+
+def _top(values: Map, centres: Floats, index: int) -> float:
+    here = float(centres[index])
+    if not 0 < index < len(centres) - 1 or not (values[index - 1 : index + 2] > 0).all():
+        return here
+    before, top, after = np.log(values[index - 1 : index + 2].astype(np.float64))
+    bend = before - 2 * top + after
+    if bend >= 0:
+        return here
+    shift = min(0.5, max(-0.5, 0.5 * float((before - after) / bend)))
+    return here + shift * float(centres[1] - centres[0])
 
 
 @dataclass(eq=False)
@@ -54,7 +292,7 @@ class Track:
 
     def holds(self, x: float, y: float, near: float) -> float | None:
         """Return how far off its focus a point of it is, 0 to 1; None for one outside."""
-        reach_x, reach_y = (max(near, GROWTH * half) for half in (self.extent.x, self.extent.y))
+        reach_x, reach_y = (max(near, _GROWTH * half) for half in (self.extent.x, self.extent.y))
         away = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
         return away if away <= 1 else None
 
@@ -62,30 +300,33 @@ class Track:
 class Places:
     """The looming objects of one video, from one frame to the next.
 
-    It knows only frames that have passed, and no more of them than the objects that
-    are still there.
+    It uses only frames that have passed, and remembers nothing of them but the objects.
 
     Parameters
     ----------
-    maps : UnitMaps
-        Of the judge; read anew at every step.
     params : PlaceParams, optional
         Its parameters.
+    interval_s : float
+        Time in seconds over which the units see motion; 0: from frame to frame.
     """
 
-    def __init__(self, maps: UnitMaps, params: PlaceParams | None = None) -> None:
-        self._maps = maps
+    _maps: UnitMaps
+
+    def __init__(self, params: PlaceParams | None = None, interval_s: float = 0.0) -> None:
         self._params = params or PlaceParams()
-        self._products = Products(maps) if maps.pathways else None
+        self._interval_s = interval_s
+        self._products: Products | None = None
         self._tracks: list[Track] = []
         self._count = 0
         self._before_s: float | None = None
 
-    def step(self, time_s: float) -> list[Track]:
-        """Find the objects of the frame that the judge has just seen.
+    def step(self, maps: UnitMaps, time_s: float) -> list[Track]:
+        """Find the objects of the latest frame.
 
         Parameters
         ----------
+        maps : UnitMaps
+            The units at that frame.
         time_s : float
             The frame's presentation time in seconds.
 
@@ -95,12 +336,15 @@ class Places:
             Those that it shows, the largest response first; the first one holds the
             frame's winning unit.
         """
+        self._maps = maps
+        found = peaks(maps, self._params)
+        self._products = Products(maps) if found and maps.pathways else None
         oldest = time_s - self._params.gap_s
         if self._before_s is not None:
             oldest = min(oldest, self._before_s)
         self._tracks = [track for track in self._tracks if track.seen_s >= oldest]
         shown: list[Track] = []
-        for peak in peaks(self._maps, self._params):
+        for peak in found:
             track = self._owner(peak)
             if track is None:
                 track = self._new(peak, time_s)
@@ -114,7 +358,7 @@ class Places:
     def _owner(self, peak: Peak) -> Track | None:
         """Return the object that a peak belongs to."""
         x, y = self._maps.centres_x[peak.column], self._maps.centres_y[peak.row]
-        near = NEAR * self._maps.field
+        near = _NEAR * self._maps.field
         held = [(track.holds(x, y, near), track) for track in self._tracks]
         own = [(away, track.identity, track) for away, track in held if away is not None]
         return min(own)[2] if own else None
@@ -165,9 +409,99 @@ class Places:
 
     def _time(self, track: Track, time_s: float) -> None:
         track.time_to_contact_s = None
-        resolved = track.extent.size >= RESOLVED * self._maps.spread
+        resolved = track.extent.size >= _RESOLVED * self._maps.spread
         if resolved and not track.extent.limited:
-            # What moves is seen where it was half a frame ago.
-            lag = (time_s - self._before_s) / 2 if self._before_s is not None else 0.0
+            # What moves is seen where it was half an interval ago.
+            step_s = 0.0 if self._before_s is None else time_s - self._before_s
+            lag = max(step_s, self._interval_s) / 2 if step_s else 0.0
             track.contact.add(time_s - lag, track.extent.size)
             track.time_to_contact_s = track.contact.remaining(time_s)
+
+
+class Detections:
+    """The looming objects of one video, in source pixels (``docs/places.md``).
+
+    Parameters
+    ----------
+    working : WorkingSize
+        Size of the working frames, and its scale.
+    params : PlaceParams, optional
+        What is an object.
+    interval_s : float
+        As for :class:`Places`.
+    """
+
+    def __init__(
+        self, working: WorkingSize, params: PlaceParams | None = None, interval_s: float = 0.0
+    ) -> None:
+        self._places = Places(params, interval_s)
+        self._working = working
+        self._cause: int | None = None
+
+    def step(
+        self, maps: UnitMaps, time_s: float, *, alarm: bool, threshold: float
+    ) -> tuple[Detection, ...]:
+        """Find the objects of the latest frame.
+
+        Parameters
+        ----------
+        maps : UnitMaps
+            The units at that frame.
+        time_s : float
+            The frame's presentation time in seconds.
+        alarm : bool
+            Whether the detector's alarm is on.
+        threshold : float
+            The response above which this frame sets it off.
+
+        Returns
+        -------
+        tuple of Detection
+            The largest response first. The alarm is that of the objects above the
+            threshold, and of the one that was the largest when it went on.
+        """
+        tracks = self._places.step(maps, time_s)
+        if not alarm:
+            self._cause = None
+        elif self._cause is None and tracks:
+            self._cause = tracks[0].identity
+        return tuple(
+            self._detection(
+                track,
+                alarm and (track.identity == self._cause or track.response > threshold),
+            )
+            for track in tracks
+        )
+
+    def of_box(self, answer: Response, *, alarm: bool) -> tuple[Detection, ...]:
+        """Return the one object of a detector without units: where its response comes from.
+
+        Parameters
+        ----------
+        answer : Response
+            With a box in working pixels, or without one.
+        alarm : bool
+            Whether the detector's alarm is on.
+        """
+        if answer.box is None:
+            return ()
+        box = answer.box
+        source, centre = self._in_source(*box.centre, box.width / 2, box.height / 2)
+        return (Detection(1, source, *centre, answer.response, alarm, None),)
+
+    def _detection(self, track: Track, alarm: bool) -> Detection:
+        box, centre = self._in_source(track.x, track.y, track.extent.x, track.extent.y)
+        return Detection(
+            track.identity, box, *centre, track.response, alarm, track.time_to_contact_s
+        )
+
+    def _in_source(
+        self, x: float, y: float, half_width: float, half_height: float
+    ) -> tuple[Box, tuple[float, float]]:
+        """Return a box cut to the frame, and its centre before that, in source pixels."""
+        scale_x, scale_y = self._working.scale_x, self._working.scale_y
+        left, top = max(0.0, x - half_width), max(0.0, y - half_height)
+        right = min(float(self._working.width), x + half_width)
+        bottom = min(float(self._working.height), y + half_height)
+        size = (right - left) * scale_x, (bottom - top) * scale_y
+        return Box(left * scale_x, top * scale_y, *size), (x * scale_x, y * scale_y)

@@ -1,88 +1,98 @@
-"""The evaluation of several contenders on the clips of a manifest."""
+"""Detectors run over the clips of a manifest, and their measurements."""
 
 from __future__ import annotations
 
+import threading
+from collections import deque
+from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, cast
 
-from oppload_cli.detection.evaluation.intervals import DRAWS, draws_of
-from oppload_cli.detection.evaluation.measures import measured, place_figures
-from oppload_cli.detection.evaluation.places import FRAME_CENTRE
-from oppload_cli.errors import SourceError
-from oppload_cli.evaluation.viewing import view
-from oppload_cli.processes.outcomes import results
+import numpy as np
+
+from oppload_cli.errors import SourceError, StimulusError
+from oppload_cli.evaluation.manifest import RowError
+from oppload_cli.evaluation.metrics.clips import Clip, Output
+from oppload_cli.evaluation.metrics.intervals import DRAWS, draws_of
+from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, measured, of_places
+from oppload_cli.models.registry import detector_named
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.processes.pool import results
+from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+    from contextlib import AbstractContextManager
 
-    from oppload_cli.detection.evaluation.measures import Figure, Measured
-    from oppload_cli.detection.evaluation.series import Seen
-    from oppload_cli.evaluation.contenders import Contender
+    from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.manifest import Entry, Manifest
-    from oppload_cli.evaluation.viewing import Viewed
+    from oppload_cli.evaluation.metrics.clips import Label, Numbers
+    from oppload_cli.evaluation.metrics.intervals import Measurement
+    from oppload_cli.evaluation.metrics.measures import Performance
+    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.video.frames import DecodedSource, Frame, FrameSource
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What is known once all clips are seen.
+    """Everything known after all clips were analysed.
 
     Attributes
     ----------
     manifest : Manifest
-        The clips that were named.
-    contenders : list of Contender
-        Who saw them.
+        All clips that were named.
+    detectors : list of EvaluatedDetector
+        The evaluated detectors.
     entries : list of Entry
-        The rows that could be used.
-    clips : list of Seen
-        What was seen of each of them.
-    measured : dict of str to Measured
-        By contender.
-    figures : list of Figure
-        All of them, with those of always pointing at the frame's centre.
+        The rows of the manifest that could be used.
+    clips : list of Clip
+        The clip of each of them, with the detectors' outputs.
+    performances : dict of str to Performance
+        By detector.
+    measurements : list of Measurement
+        Of all detectors, and of always pointing at the frame's centre.
     faults : list of str
-        What was wrong with the manifest and its clips.
+        What is wrong with the manifest and its clips, a sentence each.
     draws : int
         Of the bootstrap.
     """
 
     manifest: Manifest
-    contenders: list[Contender]
+    detectors: list[EvaluatedDetector]
     entries: list[Entry]
-    clips: list[Seen]
-    measured: dict[str, Measured]
-    figures: list[Figure]
+    clips: list[Clip]
+    performances: dict[str, Performance]
+    measurements: list[Measurement]
     faults: list[str]
     draws: int
 
 
 def evaluate(
     manifest: Manifest,
-    contenders: Sequence[Contender],
+    detectors: Sequence[EvaluatedDetector],
     *,
     jobs: int = 1,
     draws: int = DRAWS,
     progress: Callable[[], object] | None = None,
 ) -> Evaluation:
-    """Show the clips of a manifest to contenders, and measure them.
+    """Run detectors over the clips of a manifest, and measure them.
 
     Parameters
     ----------
     manifest : Manifest
         The clips, with their boxes.
-    contenders : sequence of Contender
-        Who is evaluated.
+    detectors : sequence of EvaluatedDetector
+        The detectors to evaluate.
     jobs : int
         Processes; the result does not depend on it.
     draws : int
         Of the bootstrap.
     progress : callable, optional
         Called after each clip.
-
-    Returns
-    -------
-    Evaluation
 
     Raises
     ------
@@ -93,56 +103,244 @@ def evaluate(
     """
     faults = list(manifest.faults)
     entries, clips = [], []
-    viewed = view_all(manifest.entries, contenders, jobs=jobs, progress=progress)
-    for entry, each in zip(manifest.entries, viewed, strict=True):
+    analysed = analyse_clips(manifest.entries, detectors, jobs=jobs, progress=progress)
+    for entry, each in zip(manifest.entries, analysed, strict=True):
         faults += [f"{manifest.path}: row {entry.row}: {fault}" for fault in each.faults]
-        if each.seen is not None:
+        if each.clip is not None:
             entries.append(entry)
-            clips.append(each.seen)
+            clips.append(each.clip)
     if not clips:
         reason = f"; {faults[0].removeprefix(f'{manifest.path}: ')}" if faults else ""
         raise SourceError(f"{manifest.path}: names no clip that can be used{reason}")
-    weights = draws_of([seen.label.looming for seen in clips], draws)
-    found = {each.name: measured(clips, each.name, weights) for each in contenders}
-    figures = [figure for each in found.values() for figure in each.figures]
-    figures += place_figures(clips, FRAME_CENTRE, weights)
-    return Evaluation(manifest, list(contenders), entries, clips, found, figures, faults, draws)
+    weights = draws_of([clip.label.looming for clip in clips], draws)
+    performances = {each.name: measured(clips, each.name, weights) for each in detectors}
+    measurements = [one for each in performances.values() for one in each.measurements]
+    measurements += of_places(clips, FRAME_CENTRE, weights)
+    return Evaluation(
+        manifest, list(detectors), entries, clips, performances, measurements, faults, draws
+    )
 
 
-def view_all(
+class _Analysed(NamedTuple):
+    """The analysis of one clip.
+
+    Attributes
+    ----------
+    clip : Clip or None
+        None if the clip cannot be used.
+    faults : list of str
+        What is wrong with the clip, a sentence each, without its row.
+    """
+
+    clip: Clip | None
+    faults: list[str]
+
+
+def analyse_clips(
     entries: Sequence[Entry],
-    contenders: Sequence[Contender],
+    detectors: Sequence[EvaluatedDetector],
     *,
     jobs: int = 1,
     progress: Callable[[], object] | None = None,
-) -> list[Viewed]:
-    """Show clips to contenders, in one or several processes.
-
-    Parameters
-    ----------
-    entries : sequence of Entry
-        The clips.
-    contenders : sequence of Contender
-        Who sees them.
-    jobs : int
-        Processes; the result does not depend on it.
-    progress : callable, optional
-        Called after each clip.
-
-    Returns
-    -------
-    list of Viewed
-        In the order of `entries`.
+) -> list[_Analysed]:
+    """Run detectors over clips in up to `jobs` processes; `progress` is called after each clip.
 
     Raises
     ------
     OutputError
         If a process is ended from outside.
     """
+    threads = 1 if min(jobs, len(entries)) > 1 else 0
     return results(
-        partial(view, contenders=contenders, threads=1 if min(jobs, len(entries)) > 1 else 0),
+        partial(analyse_clip, detectors=detectors, threads=threads),
         entries,
         jobs,
         named=lambda entry: entry.label.name,
         progress=lambda _: progress() if progress else None,
     )
+
+
+def analyse_clip(
+    entry: Entry, detectors: Sequence[EvaluatedDetector], threads: int = 0
+) -> _Analysed:
+    """Run detectors over one clip, which is decoded once for each working height.
+
+    A clip that cannot be used is a fault, not an error. With 0 `threads` the decoder
+    chooses their number.
+    """
+    outputs: dict[str, Output] = {}
+    faults: list[str] = []
+    try:
+        for height in dict.fromkeys(each.height for each in detectors):
+            same = [each for each in detectors if each.height == height]
+            with opened(entry.path, height, threads) as video:
+                times, found = outputs_of(video, same)
+                outputs.update(found)
+                complete, facts = video.decode.complete, video.facts
+        ordered = {each.name: outputs[each.name] for each in detectors}
+        clip = Clip(entry.label, times, facts.width, facts.height, ordered)
+        _check(clip)
+    except (SourceError, StimulusError, RowError) as error:
+        return _Analysed(None, [str(error)])
+    if not complete:
+        faults.append(f"{entry.label.name}: is damaged or cut; what could be decoded is used")
+    faults += _boxes_beyond(entry.label, len(clip))
+    return _Analysed(clip, faults)
+
+
+def opened(
+    path: Path | Protocol, height: int, threads: int = 0
+) -> AbstractContextManager[DecodedSource]:
+    """Open a clip, or a stimulus, which is drawn frame by frame."""
+    if isinstance(path, Path):
+        return open_video(path, height=height, threads=threads)
+    return nullcontext(StimulusVideo(path, height))
+
+
+def _check(clip: Clip) -> None:
+    name, contact = clip.label.name, clip.label.contact
+    if clip.first == len(clip):
+        raise RowError(f"{name}: has {len(clip)} frames, too few for any response; leave it out")
+    if contact is not None and contact >= len(clip):
+        raise RowError(
+            f"{name}: its contact, frame {contact}, is beyond its last frame, {len(clip) - 1}; "
+            "correct it"
+        )
+    if contact is not None and contact < clip.first:
+        raise RowError(
+            f"{name}: its contact, frame {contact}, is before the first response, frame "
+            f"{clip.first}; leave it out"
+        )
+
+
+def _boxes_beyond(label: Label, frames: int) -> list[str]:
+    return [
+        f"{label.name}: the box of frame {frame} is beyond its last frame, {frames - 1}; correct it"
+        for frame in sorted(label.boxes)
+        if frame >= frames
+    ]
+
+
+def outputs_of(
+    video: FrameSource, detectors: Sequence[EvaluatedDetector]
+) -> tuple[Numbers, dict[str, Output]]:
+    """Run detectors of one working height over a video, in step.
+
+    Parameters
+    ----------
+    video : FrameSource
+        At that height.
+    detectors : sequence of EvaluatedDetector
+        With their parameters and alarms.
+
+    Returns
+    -------
+    times : ndarray, shape (n,)
+        Of the frames, in seconds.
+    outputs : dict of str to Output
+        By the detectors' names.
+    """
+    groups = _groups(detectors)
+    feed = _Feed(video, len(groups))
+    with ExitStack() as stack:
+        passes = []
+        for reader, group in enumerate(groups):
+            params = [each.params for each in group]
+            first = group[0]
+            records = analyse(
+                feed.reader(reader),
+                params,
+                alarm=first.alarm,
+                rmo=None,
+                repeats=first.repeats,
+                time=first.time,
+            )
+            passes.append(
+                stack.enter_context(closing(cast("Generator[FrameRecord, None, None]", records)))
+            )
+        table = list(zip(*passes, strict=True))
+    found = {
+        each.name: _output([row[index] for row in table], each)
+        for index, group in enumerate(groups)
+        for each in group
+    }
+    return np.array([record.time_s for record, *_ in table]), found
+
+
+def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetector]]:
+    """Group detectors that can share one analysis: different ones, alike in all else."""
+    groups: list[list[EvaluatedDetector]] = []
+    for each in detectors:
+        for group in groups:
+            other = all(member.detector != each.detector for member in group)
+            first = group[0]
+            alike = (first.alarm, first.repeats, first.time) == (
+                each.alarm,
+                each.repeats,
+                each.time,
+            )
+            if other and alike:
+                group.append(each)
+                break
+        else:
+            groups.append([each])
+    return groups
+
+
+def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
+    found = [record.responses.get(detector.detector) for record in records]
+    response = _numbers(None if each is None else each.response for each in found)
+    alarm = np.array([record.alarms.get(detector.detector, False) for record in records], bool)
+    if not detector_named(detector.detector).places:
+        return Output(response, alarm)
+    boxes = [None if each is None else each.box for each in found]
+    winner = [
+        [np.nan] * 4 if one is None else [one.x, one.y, one.width, one.height] for one in boxes
+    ]
+    objects = [record.objects.get(detector.detector) for record in records]
+    seen = [[np.nan] * 4 if one is None else list(one.box) for one in objects]
+    left = _numbers(None if one is None else one.time_to_contact_s for one in objects)
+    return Output(response, alarm, np.array(winner, float), np.array(seen, float), left)
+
+
+def _numbers(values: Iterable[float | None]) -> Numbers:
+    return np.array([np.nan if value is None else value for value in values], float)
+
+
+class _Part:
+    """A video for one reader: everything that an analysis asks of a video."""
+
+    def __init__(self, video: FrameSource, frames: Iterator[Frame]) -> None:
+        self.facts, self.working = video.facts, video.working
+        self._frames = frames
+
+    def __iter__(self) -> Iterator[Frame]:
+        return self._frames
+
+
+class _Feed:
+    """One video for several readers, each in a thread of its own.
+
+    The readers go in step, so that few frames wait.
+    """
+
+    def __init__(self, video: FrameSource, readers: int) -> None:
+        self._video, self._frames = video, iter(video)
+        self._waiting: list[deque[Frame]] = [deque() for _ in range(readers)]
+        self._lock = threading.Lock()
+
+    def reader(self, number: int) -> _Part:
+        """Return the video for one reader."""
+        return _Part(self._video, self._read(number))
+
+    def _read(self, number: int) -> Iterator[Frame]:
+        own = self._waiting[number]
+        while True:
+            with self._lock:
+                if not own:
+                    frame = next(self._frames, None)
+                    if frame is None:
+                        return
+                    for waiting in self._waiting:
+                        waiting.append(frame)
+            yield own.popleft()

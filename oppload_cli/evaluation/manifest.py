@@ -1,25 +1,34 @@
-"""Manifests: which clips there are, and what is known of each (``docs/evaluation.md``)."""
+"""Manifests: the clips to evaluate on, and the label of each (``docs/evaluation.md``)."""
 
 from __future__ import annotations
 
 import csv
 import io
+import json
+import math
 import os.path
 import re
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
-from oppload_cli.detection.evaluation.series import Label
 from oppload_cli.errors import ManifestError, suggestion
+from oppload_cli.evaluation.metrics.clips import Label
+from oppload_cli.files.names import is_file
+from oppload_cli.files.reading import reading, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
+    from oppload_cli.evaluation.metrics.clips import Box
+    from oppload_cli.stimulus.protocol import Protocol
+
+
 REQUIRED = ("file", "label", "onset_frame", "contact_frame")
-PASSED_OVER = ("fps", "frames", "width", "height", "source", "licence")
-KNOWN = (*REQUIRED, "motion", *PASSED_OVER)
+IGNORED = ("fps", "frames", "width", "height", "source", "licence")
+KNOWN = (*REQUIRED, "motion", *IGNORED)
 LOOMING, NONE = "looming", "none"
+USUAL_BOXES = "boxes.json"
 
 
 @dataclass(frozen=True)
@@ -30,20 +39,20 @@ class Entry:
     ----------
     row : int
         Its number; the header is row 1.
-    path : Path
-        The clip.
+    path : Path or Protocol
+        The clip, or the stimulus to draw.
     label : Label
-        What is known of it.
+        From the row, and from the file of boxes.
     """
 
     row: int
-    path: Path
+    path: Path | Protocol
     label: Label
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a manifest names.
+    """A manifest, as read.
 
     Attributes
     ----------
@@ -52,7 +61,7 @@ class Manifest:
     entries : list of Entry
         Its usable rows, in their order.
     faults : list of str
-        What was wrong with it, a sentence each; the rest stands.
+        A sentence for each row or box that cannot be used.
     rows : int
         Rows below the header that are not empty.
     """
@@ -64,7 +73,7 @@ class Manifest:
 
 
 class RowError(ValueError):
-    """What is wrong with one row or one box; the message says what, and what to do."""
+    """A row or a box that cannot be used; the message names the fault and its repair."""
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -86,32 +95,25 @@ def read_manifest(path: Path) -> Manifest:
     ManifestError
         If it cannot be read, is no CSV, or lacks a column.
     """
-    rows = _rows(path)
+    with reading(path, ManifestError, form="CSV in UTF-8"):
+        text = text_of(path, pipes=True)
+        rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))
     header = [cell.strip() for cell in rows[0]] if rows else []
     _check_header(path, header)
-    manifest = Manifest(path, [], list(_unknown(path, header)))
-    seen: dict[str, int] = {}
-    count = 0
-    for number, cells in enumerate(rows[1:], 2):
-        if not any(cell.strip() for cell in cells):
-            continue
-        count += 1
+    entries: list[Entry] = []
+    faults = [
+        f"{path}: row 1: unknown column '{name}'{suggestion(name, KNOWN)}"
+        for name in dict.fromkeys(header)
+        if name not in KNOWN
+    ]
+    row_of: dict[str, int] = {}
+    filled = {at: row for at, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)}
+    for number, cells in filled.items():
         try:
-            manifest.entries.append(_entry(path, number, header, cells, seen))
+            entries.append(_entry(path, number, header, cells, row_of))
         except RowError as fault:
-            manifest.faults.append(f"{path}: row {number}: {fault}")
-    return Manifest(path, manifest.entries, manifest.faults, count)
-
-
-def _rows(path: Path) -> list[list[str]]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        return list(csv.reader(io.StringIO(text, newline=""), strict=True))
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ManifestError(f"{path}: cannot be read ({reason}); check the path") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ManifestError(f"{path}: is no CSV in UTF-8 ({error}); correct the file") from error
+            faults.append(f"{path}: row {number}: {fault}")
+    return Manifest(path, entries, faults, len(filled))
 
 
 def _check_header(path: Path, header: Sequence[str]) -> None:
@@ -125,34 +127,27 @@ def _check_header(path: Path, header: Sequence[str]) -> None:
         raise ManifestError(f"{path}: its first row has {twice[0]} twice; keep one")
 
 
-def _unknown(path: Path, header: Sequence[str]) -> Iterator[str]:
-    for name in dict.fromkeys(header):
-        if name not in KNOWN:
-            yield f"{path}: row 1: unknown column '{name}'{suggestion(name, KNOWN)}"
-
-
 def _entry(
-    manifest: Path, number: int, header: Sequence[str], cells: list[str], seen: dict[str, int]
+    manifest: Path, number: int, header: Sequence[str], cells: list[str], row_of: dict[str, int]
 ) -> Entry:
     if len(cells) != len(header):
         raise RowError(f"has {len(cells)} cells, not {len(header)}; give one for each column")
     row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
-    path = _file(manifest, row["file"])
-    same = os.path.realpath(path)
-    if same in seen:
-        raise RowError(f"{row['file']} is in row {seen[same]} already; keep one of them")
-    label = _label(row)
-    seen[same] = number
-    return Entry(number, path, label)
-
-
-def _file(manifest: Path, name: str) -> Path:
-    if not name:
+    if not row["file"]:
         raise RowError("names no file; fill in its first column, file")
-    path = manifest.parent / name
+    path = manifest.parent / row["file"]
+    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):  # noqa: PTH110, PTH112, PTH113
+        raise RowError(f"{row['file']}: is a pipe or a device; give a file or a folder of images")
     if not os.path.exists(path):  # noqa: PTH110 - it says no to any name
-        raise RowError(f"{name}: there is no such file; check the path, from the manifest's folder")
-    return path
+        raise RowError(
+            f"{row['file']}: there is no such file; check the path, from the manifest's folder"
+        )
+    same = os.path.realpath(path)
+    if same in row_of:
+        raise RowError(f"{row['file']} is in row {row_of[same]} already; keep one of them")
+    label = _label(row)
+    row_of[same] = number
+    return Entry(number, path, label)
 
 
 def _label(row: dict[str, str]) -> Label:
@@ -184,3 +179,82 @@ def _frame(name: str, row: dict[str, str], column: str) -> int:
     if not re.fullmatch(r"[0-9]{1,9}", text):
         raise RowError(f"{name}: {column} must be a whole number from 0, not '{text}'")
     return int(text)
+
+
+def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
+    """Return a manifest with the boxes of its clips.
+
+    Parameters
+    ----------
+    manifest : Manifest
+        The clips.
+    path : Path, optional
+        A JSON file ``{file: {frame: [left, top, width, height]}}`` in source pixels;
+        else ``boxes.json`` beside the manifest, if it exists. Clips that are not in
+        the manifest are ignored: several manifests may share the boxes.
+
+    Returns
+    -------
+    Manifest
+        A box that is wrong is a fault, not an error.
+
+    Raises
+    ------
+    ManifestError
+        If the file cannot be read, or is no such JSON.
+    """
+    if path is None:
+        path = manifest.path.with_name(USUAL_BOXES)
+        if not is_file(path):
+            return manifest
+    content = _content(path)
+    faults = list(manifest.faults)
+    entries = []
+    for entry in manifest.entries:
+        name = entry.label.name
+        boxes: dict[int, Box] = {}
+        for found in _boxes(content.get(name, {})):
+            if isinstance(found, RowError):
+                faults.append(f"{path}: {name}: {found}")
+            else:
+                boxes[found[0]] = found[1]
+        entries.append(replace(entry, label=replace(entry.label, boxes=boxes)))
+    return replace(manifest, entries=entries, faults=faults)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    with reading(path, ManifestError, form="JSON", check="check --boxes"):
+        content = json.loads(text_of(path))
+    if not isinstance(content, dict):
+        raise ManifestError(
+            f"{path}: must be an object of clips such as "
+            '{"clip.mp4": {"12": [left, top, width, height]}}; correct the file'
+        )
+    return content
+
+
+def _boxes(of_clip: object) -> Iterator[tuple[int, Box] | RowError]:
+    if not isinstance(of_clip, dict):
+        yield RowError("must be an object of frames; correct it")
+        return
+    for frame, box in of_clip.items():
+        if not re.fullmatch(r"[0-9]{1,9}", frame):
+            yield RowError(f"frame '{frame}' must be a whole number from 0; correct it")
+        elif not _is_box(box):
+            yield RowError(
+                f"frame {frame}: a box must be [left, top, width, height] in pixels with a width "
+                f"and height above 0, not {json.dumps(box)[:60]}"
+            )
+        else:
+            yield int(frame), (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
+
+
+def _is_box(box: object) -> bool:
+    return (
+        isinstance(box, list)
+        and len(box) == 4
+        and all(isinstance(side, int | float) and not isinstance(side, bool) for side in box)
+        and all(math.isfinite(side) and abs(side) < 1e9 for side in box)
+        and box[2] > 0
+        and box[3] > 0
+    )

@@ -1,56 +1,105 @@
-"""The files of an evaluation, each written as a whole or not at all."""
+"""The files of an evaluation: tables, plots, ``report.json`` and the page."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+import math
+from typing import TYPE_CHECKING, Any
 
-from oppload_cli.evaluation.definitions import displayed
-from oppload_cli.evaluation.page import PLOTS, page_of
-from oppload_cli.evaluation.report import report_json, report_of
-from oppload_cli.evaluation.stills import pictures, worst
-from oppload_cli.evaluation.tables import write_tables
-from oppload_cli.plots.evaluation import (
-    Drawn,
-    plot_detection,
-    plot_false_alarms,
-    plot_leads,
-    plot_order,
-    plot_precision_recall,
-    plot_roc,
+from oppload_cli.environment import environment
+from oppload_cli.evaluation.detectors import label_of
+from oppload_cli.evaluation.metrics.alarms import (
+    RATES,
+    RULE_OF_THREE,
+    SHIPPED,
+    SILENCE_S,
+    condition_of,
 )
-from oppload_cli.plots.style import png_bytes
-from oppload_cli.video.atomic import disk_errors, remove, write_atomic
+from oppload_cli.evaluation.metrics.groups import KIND
+from oppload_cli.evaluation.metrics.intervals import LEVEL, SEED
+from oppload_cli.evaluation.metrics.measures import GROWN, NEAR_CONTACT
+from oppload_cli.evaluation.metrics.windows import (
+    AHEAD,
+    LEAST_S,
+    WINDOW_S,
+    before_contact,
+    tiled,
+    without_approach,
+)
+from oppload_cli.evaluation.page import NOTHING, number, page_of
+from oppload_cli.evaluation.plots import PLOTS, drawn
+from oppload_cli.evaluation.stills import pictures, worst
+from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
+from oppload_cli.files.tables import open_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.evaluation.metrics.clips import Clip
+    from oppload_cli.evaluation.metrics.intervals import Measurement
+    from oppload_cli.evaluation.metrics.windows import Window
+    from oppload_cli.files.tables import Cell
 
+
+SCHEMA = "oppload.evaluation/1"
+# The files call a detector a contender: their readers rely on it.
+MEASUREMENTS: dict[str, type] = {
+    "contender": str,
+    "measure": str,
+    "condition": str,
+    "value": float,
+    "low": float,
+    "high": float,
+    "n": int,
+}
+RESPONSES: dict[str, type] = {
+    "clip": str,
+    "frame": int,
+    "time_s": float,
+    "contender": str,
+    "response": float,
+    "alarm": bool,
+    "x": float,
+    "y": float,
+    "width": float,
+    "height": float,
+}
+WINDOWS: dict[str, type] = {
+    "clip": str,
+    "use": str,
+    "frames_before_contact": int,
+    "first_frame": int,
+    "last_frame": int,
+    "contender": str,
+    "score": float,
+}
 TABLES = ("evaluation.csv", "responses.csv", "windows.csv")
 FILES = (*TABLES, *PLOTS, "report.json", "evaluation.html")
-DPI = 160
 
 
 def write_evaluation(
-    evaluation: Evaluation, folder: Path, wall_s: Callable[[], float]
+    evaluation: Evaluation, folder: Path, claim: PartFile, wall_s: Callable[[], float]
 ) -> Iterator[Path]:
-    """Write everything that an evaluation gives.
+    """Write all files of an evaluation.
 
     Parameters
     ----------
     evaluation : Evaluation
-        What was measured.
+        Of all clips.
     folder : Path
-        Where it goes.
+        For the files.
+    claim : PartFile
+        The file ``report.json`` in it, which keeps other runs away.
     wall_s : callable
-        Returns the seconds that it took so far: the one thing in the files that is
-        not the same for the same clips, under ``timing`` in ``report.json``.
+        Returns the seconds that it took so far. They are all that differs from one run
+        over the same clips to the next, under ``timing`` in ``report.json``.
 
     Yields
     ------
     Path
-        Each file once it is there.
+        Each file once it is written.
 
     Raises
     ------
@@ -61,43 +110,231 @@ def write_evaluation(
     page = page_of(evaluation, report, plots, moments, pictures(evaluation, moments))
     # Old files must never stand beside new ones, however this ends; the page comes last.
     for name in FILES:
-        with disk_errors(folder / name):
+        with output_errors(folder / name):
             remove(folder / name)
-    yield from write_tables(evaluation, folder)
+    tables: Iterable[tuple[dict[str, type], Iterator[dict[str, Cell]]]] = (
+        (MEASUREMENTS, map(_row, evaluation.measurements)),
+        (RESPONSES, _responses(evaluation)),
+        (WINDOWS, _windows(evaluation)),
+    )
+    for name, (columns, rows) in zip(TABLES, tables, strict=True):
+        with open_table(folder / name, columns) as table:
+            for row in rows:
+                table.write({key: _known(value) for key, value in row.items()})
+        yield folder / name
     for name, png in plots.items():
-        write_atomic(folder / name, [png])
+        write_atomic(folder / name, png)
         yield folder / name
-    frames = report["manifest"]["frames"]
-    seconds = wall_s()
+    frames, seconds = report["manifest"]["frames"], wall_s()
     timing = {"wall_s": round(seconds, 1), "frames_per_s": round(frames / seconds, 1)}
-    for name, text in (
-        ("report.json", report_json({**report, "timing": timing})),
-        ("evaluation.html", page),
+    for target, text in (
+        (claim, report_json({**report, "timing": timing})),
+        (folder / "evaluation.html", page),
     ):
-        write_atomic(folder / name, [text.encode("utf-8", "backslashreplace")])
-        yield folder / name
+        write_atomic(target, text)
+        yield target.path if isinstance(target, PartFile) else target
 
 
-def drawn(evaluation: Evaluation) -> dict[str, bytes]:
-    """Draw the figures.
+def printed_table(evaluation: Evaluation) -> Iterator[str]:
+    """Yield the lines to print: what each detector found, and how often it was wrong.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-        What was measured.
-
-    Returns
-    -------
-    dict of str to bytes
-        PNG by file name.
+    Intervals are those of ``evaluation.csv``.
     """
-    contenders = [Drawn(n, displayed(n), each) for n, each in evaluation.measured.items()]
-    plots = {
-        "detection.png": plot_detection,
-        "roc.png": plot_roc,
-        "precision-recall.png": plot_precision_recall,
-        "within-clip.png": plot_order,
-        "lead-time.png": plot_leads,
-        "false-alarms.png": plot_false_alarms,
+    found = {(one.detector, one.measure, one.condition): one for one in evaluation.measurements}
+    minutes = sum(clip.seconds(*clip.quiet) for clip in evaluation.clips) / 60
+    approaches = sum(clip.label.looming for clip in evaluation.clips)
+    yield (
+        f"{approaches} approaches, {len(evaluation.clips) - approaches} clips without one, "
+        f"{minutes:.1f} minutes without an approach"
+    )
+    wide = max(len(label_of(each.name)) for each in evaluation.detectors)
+    for title, condition in (("alarm as shipped", SHIPPED), ("1 per minute", condition_of(1.0))):
+        yield f"{title:<{wide}}  {'detected':<24}{'lead (s)':<10}false alarms per minute"
+        for each in evaluation.detectors:
+            rate, lead, false = (
+                found.get((each.name, measure, condition))
+                for measure in ("detection_rate", "lead_time_s", "false_alarms_per_minute")
+            )
+            detected = f"{rate.value * rate.n:.0f} of {rate.n}" if rate else ""
+            yield (
+                f"{label_of(each.name):<{wide}}  {detected + _interval(rate):<24}"
+                f"{number(lead.value if lead else None):<10}"
+                f"{number(false.value if false else None)}{_interval(false)}"
+            )
+    yield from _by_kind(evaluation, found)
+    if any(
+        one.value == 0
+        for (_, measure, condition), one in found.items()
+        if measure == "false_alarms_per_minute" and condition == SHIPPED
+    ):
+        bound = number(RULE_OF_THREE / minutes) if minutes else NOTHING
+        yield (
+            f"No false alarm in {minutes:.1f} minutes still allows up to {bound} per minute "
+            f"(the rule of three, 95 %)."
+        )
+
+
+def _by_kind(
+    evaluation: Evaluation, found: dict[tuple[str, str, str], Measurement]
+) -> Iterator[str]:
+    """Yield lines on clips of stimuli: the share of each kind with an alarm, by detector."""
+    start = f"{condition_of(1.0)}, {KIND} "
+    rows = [one for one in evaluation.measurements if one.condition.startswith(start)]
+    kinds = dict.fromkeys(one.condition for one in rows if one.measure == "alarmed_share")
+    if not kinds:
+        return
+    yield "share of clips with a false alarm, at 1 per minute"
+    names = [kind.removeprefix(start) for kind in kinds]
+    wide_kind = max(map(len, names))
+    labels = [label_of(each.name) for each in evaluation.detectors]
+    yield "  ".join([" " * wide_kind, *labels])
+    for name, condition in zip(names, kinds, strict=True):
+        shares = [found.get((one.name, "alarmed_share", condition)) for one in evaluation.detectors]
+        cells = [
+            f"{number(share.value if share else None):<{len(label)}}"
+            for share, label in zip(shares, labels, strict=True)
+        ]
+        yield "  ".join([f"{name:<{wide_kind}}", *cells])
+
+
+def _interval(one: Measurement | None) -> str:
+    return f" ({number(one.low)} to {number(one.high)})" if one else ""
+
+
+def _row(measurement: Measurement) -> dict[str, Cell]:
+    return dict(zip(MEASUREMENTS, measurement, strict=True))
+
+
+def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
+    """Yield a row per clip, detector and frame."""
+    for clip in evaluation.clips:
+        for name, output in clip.outputs.items():
+            for frame, response in enumerate(output.response):
+                row: dict[str, Cell] = {
+                    "clip": clip.label.name,
+                    "frame": frame,
+                    "time_s": float(clip.time_s[frame]),
+                    "contender": name,
+                    "response": float(response),
+                }
+                if output.alarm is not None and not math.isnan(response):
+                    row["alarm"] = bool(output.alarm[frame])
+                if output.winner is not None:
+                    sides = map(float, output.winner[frame])
+                    row.update(zip(("x", "y", "width", "height"), sides, strict=True))
+                yield row
+
+
+def _windows(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
+    """Yield a row per window and detector, for each use of the window."""
+    for clip in evaluation.clips:
+        for use, ahead, window in _uses(clip):
+            for name, output in clip.outputs.items():
+                yield {
+                    "clip": clip.label.name,
+                    "use": use,
+                    "frames_before_contact": ahead,
+                    "first_frame": window.start,
+                    "last_frame": window.stop - 1,
+                    "contender": name,
+                    "score": window.score(output.response),
+                }
+
+
+def _uses(clip: Clip) -> Iterator[tuple[str, int | None, Window]]:
+    for window in without_approach(clip):
+        yield "without approach", None, window
+    for frames in AHEAD:
+        approach = before_contact(clip, frames)
+        if approach is not None:
+            yield "approach", frames, approach
+            for window in tiled(clip, clip.first, approach.start):
+                yield "earlier", frames, window
+
+
+def _known(value: Cell) -> Cell:
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def report_of(evaluation: Evaluation) -> dict[str, Any]:
+    """Return the report without its timing: every figure, parameter and fault."""
+    clips = evaluation.clips
+    return {
+        "schema": SCHEMA,
+        "tool": environment(),
+        "manifest": {
+            "path": str(evaluation.manifest.path),
+            "rows": evaluation.manifest.rows,
+            "clips": len(clips),
+            "looming": sum(clip.label.looming for clip in clips),
+            "none": sum(not clip.label.looming for clip in clips),
+            "frames": sum(len(clip) for clip in clips),
+            "boxed_frames": sum(len(clip.label.boxes) for clip in clips),
+            "minutes_without_approach": sum(clip.seconds(*clip.quiet) for clip in clips) / 60,
+        },
+        "faults": evaluation.faults,
+        "settings": {
+            "false_alarm_rates_per_minute": list(RATES),
+            "silence_s": SILENCE_S,
+            "window_s": WINDOW_S,
+            "shortest_window_s": LEAST_S,
+            "frames_before_contact": list(AHEAD),
+            "near_contact_frames": NEAR_CONTACT,
+            "box_grown_times": GROWN,
+            "bootstrap": {"draws": evaluation.draws, "seed": SEED, "level_percent": LEVEL},
+        },
+        "contenders": {each.name: each.as_dict() for each in evaluation.detectors},
+        "figures": [_row(each) for each in evaluation.measurements],
+        "clips": list(_clips(evaluation)),
     }
-    return {name: png_bytes(plot(contenders), DPI) for name, plot in plots.items()}
+
+
+def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
+    """Yield the label and length of each clip, and its outcomes by detector and condition."""
+    for index, (entry, clip) in enumerate(zip(evaluation.entries, evaluation.clips, strict=True)):
+        outcomes = {
+            name: {
+                each.condition: {
+                    "detected": _integer(each.outcomes.detected[index], bool),
+                    "lead_s": float(each.outcomes.lead_s[index]),
+                    "false_alarms": _integer(each.outcomes.false_alarms[index], int),
+                }
+                for each in performance.decisions
+            }
+            for name, performance in evaluation.performances.items()
+        }
+        yield {
+            "file": clip.label.name,
+            "row": entry.row,
+            "label": "looming" if clip.label.looming else "none",
+            "kind": clip.label.kind,
+            "conditions": clip.label.conditions,
+            "onset_frame": clip.label.onset,
+            "contact_frame": clip.label.contact,
+            "frames": len(clip),
+            "first_frame": clip.first,
+            "seconds": clip.seconds(0, len(clip)),
+            "seconds_without_approach": clip.seconds(*clip.quiet),
+            "width": clip.width,
+            "height": clip.height,
+            "outcomes": outcomes,
+        }
+
+
+def report_json(report: dict[str, Any]) -> str:
+    """Return the report as JSON; NaN and infinity become null."""
+    return json.dumps(_finite(report), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _integer(value: float, kind: type[int]) -> int | None:
+    return None if math.isnan(value) else kind(value)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_finite(one) for one in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

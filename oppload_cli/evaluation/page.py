@@ -2,24 +2,161 @@
 
 from __future__ import annotations
 
-import base64
 import math
-from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from oppload_cli.evaluation.definitions import CONDITIONS, INTERVALS, MEASURES
-from oppload_cli.evaluation.look import STYLE
-from oppload_cli.evaluation.stills import RATE
-from oppload_cli.evaluation.strip import overlay, strip
-from oppload_cli.evaluation.text import NOTHING, cell, duration, marked_up, named, number
+from oppload_cli.evaluation.detectors import label_of
+from oppload_cli.evaluation.plots import PLOTS
+from oppload_cli.evaluation.stills import HEIGHT, RATE, WIDTH, Strip, strip, winner_of
+from oppload_cli.files.html import embedded, rendered
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.evaluation.metrics.clips import Box, Clip
     from oppload_cli.evaluation.stills import Moment
 
-Figures = dict[tuple[str, str], dict[str, dict[str, Any]]]  # measure, condition; contender
+    Pictures = Mapping[tuple[int, int], bytes]  # JPEG by clip and frame
+
+
+class Definition(NamedTuple):
+    """A measure.
+
+    Attributes
+    ----------
+    title, unit : str
+        For the reader; the unit is empty for a share.
+    text : str
+        How it is measured, in plain words.
+    """
+
+    title: str
+    unit: str
+    text: str
+
+
+CONDITIONS = {
+    "at 0.5, 1, 2 per minute": "The alarm is one fixed threshold on the response: the lowest that, "
+    "like every higher one, gives no more false alarms per minute than that over all footage "
+    "without an approach. It is chosen on the same clips, so it flatters; in each draw of the "
+    "bootstrap it is chosen again.",
+    "held out at 0.5, 1, 2 per minute": "The threshold for each clip is chosen on all "
+    "other clips (leave one out): the figures to expect on a new clip.",
+    "alarm as shipped": "The detector's own causal alarm, as `oppload run` has it; nothing is "
+    "chosen on these clips.",
+}
+MEASURES = {
+    "detection_rate": Definition(
+        "detection rate",
+        "",
+        "Share of the approaches with a response above the threshold, or the alarm on, at some "
+        "frame from onset to contact, both included. n: approaches.",
+    ),
+    "lead_time_s": Definition(
+        "lead time",
+        "s",
+        "Time from the first such frame to contact, median over the detected approaches. Compare "
+        "it only at similar detection rates: a detector that finds only the easy ones is early. "
+        "n: detected approaches.",
+    ),
+    "false_alarms_per_minute": Definition(
+        "false alarms per minute",
+        "1/min",
+        "Upward crossings of the threshold, or beginnings of the alarm, in footage without an "
+        "approach: clips labelled none, and the others before their onset, clear of warm-up. "
+        "A crossing without a second of silence before it belongs to the same false alarm. By kind "
+        "of motion, as the manifest names it. n: clips with such footage.",
+    ),
+    "threshold": Definition(
+        "threshold",
+        "response",
+        "A response above it is an alarm; in the detector's own unit. n: clips with footage "
+        "without an approach.",
+    ),
+    "roc_auc": Definition(
+        "area under the ROC curve",
+        "",
+        "Over one-second windows, scored by their largest response. Positive: the last second "
+        "before contact. Negative: windows that tile the footage without an approach. Half a "
+        "second is enough for a window; ties count half. n: windows.",
+    ),
+    "average_precision": Definition(
+        "average precision",
+        "",
+        "Precision averaged over the steps of recall, over the same windows; it depends on the "
+        "share of positive windows. n: windows.",
+    ),
+    "ordered_pairs": Definition(
+        "ordered pairs within clips",
+        "",
+        "The one-second window that ends some frames before contact is set against each earlier "
+        "window of the same clip, tiled back from its start. Share of pairs in which its largest "
+        "response is the larger; ties count half; mean over clips. Chance is 0.5. n: pairs.",
+    ),
+    "distinct_ratio": Definition(
+        "distinct ratio",
+        "",
+        "Largest response from onset to contact over the largest before onset; over the median of "
+        "the clips labelled none if less than half a second comes before. Median over clips. The "
+        "responses have different scales (OppLoD's is squared by its enhancing), so that the "
+        "ratio compares clips and settings rather than detectors. n: approaches.",
+    ),
+    "place_inside": Definition(
+        "winning unit inside the box",
+        "",
+        "Share of the boxed frames in which the centre of the winning unit's field lies in the "
+        "labelled box, made 1.5 times as large about its centre; without a winner it does not. "
+        "'frame_centre' always points at the middle of the frame. n: frames.",
+    ),
+    "place_distance_px": Definition(
+        "distance to the box's centre",
+        "source px",
+        "From the centre of the winning unit's field to that of the labelled box, median over the "
+        "boxed frames with a winner. n: these frames.",
+    ),
+    "place_distance_diagonals": Definition(
+        "distance to the box's centre",
+        "box diagonals",
+        "The same over the diagonal of the box.",
+    ),
+    "alarmed_share": Definition(
+        "clips with a false alarm",
+        "",
+        "Share of the clips without an approach that have at least one alarm, by kind; clips of "
+        "stimuli only. n: clips.",
+    ),
+    "box_overlap": Definition(
+        "overlap of the boxes",
+        "",
+        "Intersection over union of the box of the strongest looming object and the true box "
+        "within the frame, 5 frames before contact; 0 without an object. Median over the "
+        "approaches; clips of stimuli only. n: approaches with a true box there.",
+    ),
+    "contact_within": Definition(
+        "time to contact within 20 %",
+        "",
+        "Share of the approaches whose times to contact in the last half second have a median "
+        "error of at most 20 %; an approach for which none is given counts as an error. n: "
+        "approaches.",
+    ),
+    "contact_error": Definition(
+        "error of the time to contact",
+        "",
+        "Median over the frames of the last half second with a time to contact, of its error over "
+        "the true time; median over the approaches with such frames. n: these approaches.",
+    ),
+}
+INTERVALS = (
+    "The clips are drawn with replacement, as many with and without an approach as there are "
+    "(`--draws`, 1000 by default, from a fixed seed); 95 % of the draws give a value in the "
+    "interval. It says how far a figure depends on the choice of clips of these kinds, and nothing "
+    "about other kinds. Where there was no false alarm in T minutes, the upper bound is 3 / T "
+    "(the rule of three): a detector with more would have had one with a chance of 95 %."
+)
+
+
+NOTHING = "\N{EN DASH}"
 HEADLINE = (
     ("detected", "detection_rate", "at 1 per minute"),
     ("lead (s)", "lead_time_s", "at 1 per minute"),
@@ -30,18 +167,6 @@ HEADLINE = (
     ("ordered pairs, 4 frames ahead", "ordered_pairs", "4 frames before contact"),
     ("inside the box", "place_inside", "within 15 frames of contact"),
 )
-PLOTS = {
-    "detection.png": "Detection rate over false alarms per minute, for every fixed threshold.",
-    "roc.png": "ROC over one-second windows; area in brackets.",
-    "precision-recall.png": "Precision over recall of the same windows; average in brackets.",
-    "within-clip.png": "Correctly ordered pairs of windows within clips; bars: 95 % intervals.",
-    "lead-time.png": "Lead of each detected approach.",
-    "false-alarms.png": "False alarms per minute by kind of motion, at 1 per minute in all.",
-}
-CAUSES = {
-    True: "Worst misses",
-    False: "Largest responses without an approach",
-}
 
 
 def page_of(
@@ -49,242 +174,139 @@ def page_of(
     report: Mapping[str, Any],
     plots: Mapping[str, bytes],
     moments: Sequence[Moment],
-    pictures: Mapping[tuple[int, int], bytes],
+    pictures: Pictures,
 ) -> str:
-    """Return the page.
+    """Return the page as HTML, with every picture in it.
 
     Parameters
     ----------
     evaluation : Evaluation
-        What was measured.
+        Of all clips.
     report : mapping
-        From :func:`oppload_cli.evaluation.report.report_of`.
+        From :func:`oppload_cli.evaluation.output.report_of`.
     plots : mapping of str to bytes
         PNG by file name.
     moments : sequence of Moment
         The worst ones.
     pictures : mapping
         JPEG by clip and frame.
-
-    Returns
-    -------
-    str
-        HTML with every picture in it.
     """
-    body = "\n".join(
-        [
-            *_introduction(report),
-            *_headline(report),
-            *_plots(plots),
-            *_stills(evaluation, moments, pictures),
-            *_clips(report),
-            *_figures(report),
-            *_definitions(),
-            *_parameters(report),
-        ]
-    )
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>oppload evaluate</title>\n<style>{STYLE}</style>\n</head>\n"
-        f"<body>\n{body}\n</body>\n</html>\n"
-    )
-
-
-def _introduction(report: Mapping[str, Any]) -> Iterator[str]:
-    facts = report["manifest"]
-    yield f"<h1>Looming detectors on {facts['clips']} labelled clips</h1>"
-    yield (
-        f"<p>Clips with an approach: {facts['looming']}; without: {facts['none']}; in all "
-        f"{facts['frames']} frames, with {duration(facts['minutes_without_approach'])} of footage "
-        f"without an approach. From <code>{escape(facts['path'])}</code>. Read each figure "
-        "with its 95 % interval, which says how far it depends on which clips these happen to "
-        "be.</p>"
-    )
-    if report["faults"]:
-        items = "".join(f"<li>{escape(fault)}</li>" for fault in report["faults"])
-        yield (
-            '<div class="faults"><strong>Not everything could be used.</strong>'
-            f"<ul>{items}</ul></div>"
-        )
-    tool = report["tool"]
-    yield (
-        f'<p class="note">oppload {escape(str(tool["oppload"]))}, Python '
-        f"{escape(str(tool['python']))}. All figures: evaluation.csv and report.json.</p>"
-    )
-
-
-def _headline(report: Mapping[str, Any]) -> Iterator[str]:
-    table = _by_measure(report["figures"])
-    head = "".join(f"<th>{title}</th>" for title, _, _ in HEADLINE)
     minutes = report["manifest"]["minutes_without_approach"]
-    yield '<section id="summary">\n<h2>At one false alarm per minute</h2>'
-    yield (
-        f'<p class="note">In these {duration(minutes)} that is at most {int(RATE * minutes)} in '
-        "all, by one threshold for each model, chosen on these clips; 'held out' chooses it for "
-        "each clip on the others.</p>"
+    return rendered(
+        "evaluation.html",
+        report=report,
+        plots=[(embedded(plots[name]), plot.caption) for name, plot in PLOTS.items()],
+        stills=list(_stills(evaluation, moments, pictures)),
+        headline=HEADLINE,
+        allowed=int(RATE * minutes),
+        quiet=_duration(minutes),
+        figures=_by_measure(report["figures"]),
+        measured=list(dict.fromkeys(figure["contender"] for figure in report["figures"])),
+        parameters=_parameters,
+        conditions=CONDITIONS,
+        measures=MEASURES,
+        intervals=INTERVALS,
+        label_of=label_of,
+        number=number,
+        nothing=NOTHING,
+        strip_size=(WIDTH, HEIGHT),
     )
-    yield f'<div class="wide"><table><thead><tr><th>model</th>{head}</tr></thead><tbody>'
-    for name, contender in report["contenders"].items():
-        cells = "".join(
-            cell(found)
-            if (found := table.get((measure, condition), {}).get(name))
-            else f"<td>{NOTHING}</td>"
-            for _, measure, condition in HEADLINE
-        )
-        title = f'<th scope="row" title="{escape(contender["meaning"])}">{named(name)}</th>'
-        yield f"<tr>{title}{cells}</tr>"
-    yield "</tbody></table></div></section>"
 
 
-def _plots(plots: Mapping[str, bytes]) -> Iterator[str]:
-    yield '<section id="plots">\n<h2>Curves</h2><div class="plots">'
-    for name, caption in PLOTS.items():
-        data = base64.b64encode(plots[name]).decode("ascii")
-        yield (
-            f'<figure class="plot"><img src="data:image/png;base64,{data}" '
-            f'alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>'
-        )
-    yield "</div></section>"
+def number(value: float | None) -> str:
+    """Return a number as the page shows it: two significant digits below 1, three above.
+
+    None and NaN become a dash.
+    """
+    if value is None or math.isnan(value):
+        return NOTHING
+    if math.isinf(value):
+        return "∞"
+    if abs(value) >= 99.95:
+        return f"{value:.0f}"
+    return f"{value:.3g}" if abs(value) >= 0.995 else f"{value:.2g}"
+
+
+def _duration(minutes: float) -> str:
+    """Return a duration with its unit: seconds if it is short."""
+    return f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s"
+
+
+class _Still(NamedTuple):
+    """A moment as the page shows it.
+
+    Attributes
+    ----------
+    clip : Clip
+        The clip.
+    frame : int
+        The frame.
+    picture : str or None
+        Its address; None for a frame that could not be decoded again.
+    label, winner : tuple of float, or None
+        The labelled box, and the field of the winning unit, in source pixels.
+    strip : Strip
+        The responses over the clip.
+    time : str
+        Time before contact, or the kind of motion.
+    response : str
+        In thresholds, if the threshold is known.
+    """
+
+    clip: Clip
+    frame: int
+    picture: str | None
+    label: Box | None
+    winner: tuple[float, ...] | None
+    strip: Strip
+    time: str
+    response: str
 
 
 def _stills(
-    evaluation: Evaluation,
-    moments: Sequence[Moment],
-    pictures: Mapping[tuple[int, int], bytes],
-) -> Iterator[str]:
-    yield '<section id="stills">\n<h2>Where it fails</h2>'
-    yield (
-        '<p class="note">Solid: the field of the winning unit and its centre; dashed: the labelled '
-        "box. Below, the responses over the whole clip: shaded the approach, dashed the threshold "
-        "at 1 false alarm per minute, above three times of which they are cut; the line marks the "
-        "frame shown.</p>"
-    )
-    for name in dict.fromkeys(each.contender for each in moments):
-        for missed, title in CAUSES.items():
-            part = [e for e in moments if e.contender == name and e.missed == missed]
-            if not part:
-                continue
-            yield f'<h3>{title}: {named(name)}</h3><div class="stills">'
-            for moment in part:
-                yield _still(evaluation, moment, pictures.get((moment.clip, moment.frame)))
-            yield "</div>"
-    if not moments:
-        yield "<p>No approach was missed, and nothing responded without one.</p>"
-    yield "</section>"
+    evaluation: Evaluation, moments: Sequence[Moment], pictures: Pictures
+) -> Iterator[tuple[str, list[_Still]]]:
+    """Yield the stills by title."""
+    titles = {True: "Worst misses", False: "Largest responses without an approach"}
+    for detector in dict.fromkeys(each.detector for each in moments):
+        for missed, title in titles.items():
+            stills = [
+                _still(evaluation.clips[each.clip], each, pictures.get((each.clip, each.frame)))
+                for each in moments
+                if each.detector == detector and each.missed == missed
+            ]
+            if stills:
+                yield f"{title}: {label_of(detector)}", stills
 
 
-def _still(evaluation: Evaluation, moment: Moment, picture: bytes | None) -> str:
-    seen = evaluation.clips[moment.clip]
-    response = float(seen.answers[moment.contender].response[moment.frame])
+def _still(clip: Clip, moment: Moment, picture: bytes | None) -> _Still:
+    response = float(clip.outputs[moment.detector].response[moment.frame])
     over = response / moment.threshold if moment.threshold > 0 else math.nan
-    after = f"{number(over)} times the threshold" if not math.isnan(over) else number(response)
-    when = (
-        f"{number(seen.lead(moment.frame))} s before contact"
-        if moment.missed
-        else escape(seen.label.kind)
-    )
-    alt = f"{seen.label.name}, frame {moment.frame}"
-    image = ""
-    if picture is not None:
-        data = base64.b64encode(picture).decode("ascii")
-        image = f'<img src="data:image/jpeg;base64,{data}" alt="{escape(alt)}">'
-    return (
-        f'<figure class="still"><div class="frame">{image}{overlay(seen, moment)}</div>'
-        f"{strip(seen, moment)}<figcaption><strong>{escape(seen.label.name)}</strong>, "
-        f"frame {moment.frame} ({when}): {after}</figcaption></figure>"
+    lead = f"{number(clip.lead(moment.frame))} s before contact"
+    return _Still(
+        clip,
+        moment.frame,
+        None if picture is None else embedded(picture, "jpeg"),
+        clip.label.boxes.get(moment.frame),
+        winner_of(clip, moment),
+        strip(clip, moment),
+        lead if moment.missed else clip.label.kind,
+        number(response) if math.isnan(over) else f"{number(over)} times the threshold",
     )
 
 
-def _clips(report: Mapping[str, Any]) -> Iterator[str]:
-    names = list(report["contenders"])
-    head = "".join(f"<th>{named(name)}</th>" for name in names)
-    yield '<section id="clips">\n<h2>Clip by clip</h2>'
-    yield (
-        f'<p class="note">At {RATE:g} false alarm per minute: the lead in seconds where the '
-        "approach is detected, and the number of false alarms.</p>"
-    )
-    yield (
-        '<div class="wide"><table><thead><tr><th>clip</th><th>motion</th><th>seconds</th>'
-        f"{head}</tr></thead><tbody>"
-    )
-    for clip in report["clips"]:
-        cells = "".join(_outcome(clip["outcomes"][name]["at 1 per minute"]) for name in names)
-        yield (
-            f'<tr><th scope="row">{escape(clip["file"])}</th>'
-            f"<td>{'looming' if clip['label'] == 'looming' else escape(clip['kind'])}</td>"
-            f"<td>{number(clip['seconds'])}</td>{cells}</tr>"
-        )
-    yield "</tbody></table></div></section>"
-
-
-def _outcome(outcome: Mapping[str, Any]) -> str:
-    parts = []
-    if outcome["detected"]:
-        parts.append(f'<span class="yes">{number(outcome["lead_s"])} s</span>')
-    elif outcome["detected"] is not None:
-        parts.append('<span class="no">missed</span>')
-    false = outcome["false_alarms"]
-    if false:
-        parts.append(f'<span class="no">{false} false</span>')
-    return f"<td>{' '.join(parts) or NOTHING}</td>"
-
-
-def _figures(report: Mapping[str, Any]) -> Iterator[str]:
-    names = list(dict.fromkeys(figure["contender"] for figure in report["figures"]))
-    head = "".join(f"<th>{named(name)}</th>" for name in names)
-    yield '<section id="figures">\n<h2>All figures</h2>'
-    yield (
-        '<p class="note">With 95 % intervals, and n: how many clips, windows, pairs or frames each '
-        "figure stands on.</p>"
-    )
-    yield f'<div class="wide"><table class="all"><thead><tr><th></th>{head}</tr></thead><tbody>'
-    last = ""
-    for (measure, condition), found in _by_measure(report["figures"]).items():
-        if measure != last:
-            last, of = measure, MEASURES[measure]
-            unit = f" ({of.unit})" if of.unit else ""
-            yield (f'<tr class="measure"><th colspan="{len(names) + 1}">{of.title}{unit}</th></tr>')
-        cells = "".join(
-            cell(found[name], counted=True) if name in found else "<td></td>" for name in names
-        )
-        yield f'<tr><th scope="row">{escape(condition)}</th>{cells}</tr>'
-    yield "</tbody></table></div></section>"
-
-
-def _definitions() -> Iterator[str]:
-    yield '<section id="definitions">\n<h2>How each measure is defined</h2><dl>'
-    for name, text in CONDITIONS.items():
-        yield f"<dt>{escape(name)}</dt><dd>{marked_up(text)}</dd>"
-    for each in MEASURES.values():
-        unit = f" ({each.unit})" if each.unit else ""
-        yield f"<dt>{escape(each.title + unit)}</dt><dd>{marked_up(each.text)}</dd>"
-    yield f"<dt>intervals</dt><dd>{marked_up(INTERVALS)}</dd></dl></section>"
-
-
-def _parameters(report: Mapping[str, Any]) -> Iterator[str]:
-    yield '<section id="parameters">\n<h2>Parameters</h2>'
-    for name, contender in report["contenders"].items():
-        yield f"<details><summary>{named(name)}: {escape(contender['meaning'])}</summary><p>"
-        sets = {"working height": contender["height"], "": contender["parameters"] or {}}
-        sets["alarm"] = contender["alarm"] or {}
-        pairs = [
-            (f"{prefix}.{key}".lstrip("."), value)
-            for prefix, content in sets.items()
-            for key, value in (content.items() if isinstance(content, dict) else [("", content)])
-        ]
-        yield ", ".join(
-            f"<code>{escape(key.rstrip('.'))} = {escape(str(value))}</code>" for key, value in pairs
-        )
-        yield "</p></details>"
-    yield "</section>"
-
-
-def _by_measure(figures: Sequence[Mapping[str, Any]]) -> Figures:
-    """Return the figures by measure and condition, in the order of the definitions."""
-    order = {name: at for at, name in enumerate(MEASURES)}
-    table: Figures = {}
-    for figure in sorted(figures, key=lambda each: order[each["measure"]]):
-        key = (figure["measure"], figure["condition"])
-        table.setdefault(key, {})[figure["contender"]] = dict(figure)
+def _by_measure(
+    figures: Sequence[Mapping[str, Any]],
+) -> dict[str, dict[str, dict[str, Mapping[str, Any]]]]:
+    """Return the figures by measure, condition and detector, in the order of the definitions."""
+    table: dict[str, dict[str, dict[str, Mapping[str, Any]]]] = {name: {} for name in MEASURES}
+    for figure in figures:
+        of_condition = table[figure["measure"]].setdefault(figure["condition"], {})
+        of_condition[figure["contender"]] = figure
     return table
+
+
+def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters of one of the report's detectors, with those of its alarm."""
+    alarm = {f"alarm.{name}": value for name, value in (detector["alarm"] or {}).items()}
+    return {"working height": detector["height"], **(detector["parameters"] or {}), **alarm}

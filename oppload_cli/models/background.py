@@ -1,23 +1,23 @@
-"""The background of a response: what it has been of late, without the very latest."""
+"""The background of a response: its recent median, without the latest moment."""
 
 from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections import deque
 
-MOST = 1 << 14  # values kept: of a longer background the latest, also where times stand still
+MOST = 1 << 14  # values that are kept, also where times stand still
 
 
 class Background:
-    """The median of what a response has been, of at most the latest 16384 values.
+    """The median of the recent responses, at most 16384 of them.
 
     Parameters
     ----------
     reach : float
         How far back it reaches, in the unit of the times, above 0.
     guard : float
-        The latest time that is not yet background, at least 0: what is happening
-        now must not hide itself.
+        The latest time that is not yet background, at least 0: an event must not raise the
+        background that it is compared with.
     """
 
     def __init__(self, reach: float, guard: float) -> None:
@@ -28,7 +28,7 @@ class Background:
         self._sorted: list[float] = []
 
     def reset(self) -> None:
-        """Forget all."""
+        """Forget all values."""
         self._waiting.clear()
         self._counted.clear()
         self._sorted.clear()

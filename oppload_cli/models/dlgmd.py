@@ -2,18 +2,47 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
-from oppload_cli.models.grouping import grouping_of
-from oppload_cli.models.layers import Dpc
-from oppload_cli.models.parameters import DlgmdParams
+import cv2
+import numpy as np
+
+from oppload_cli.compute.loops import compiled_in
+from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.dpc import excitation, referred
+from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.schema import parameter
 
 if TYPE_CHECKING:
-    from oppload_cli.models.kernels import Map
+    from typing import Any
+
+    from oppload_cli.models.dpc import Map
 
 
-class DlgmdResponse(NamedTuple):
-    """What D-LGMD answers to one frame.
+@dataclass(frozen=True, kw_only=True)
+class DlgmdParams(DpcParams):
+    """Parameters of D-LGMD: the DPC constants and grouping (``docs/model.md``, section 3).
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.DlgmdParams(group_size=8).group_size
+    8
+    """
+
+    group_size: int = parameter(4, "side of the square of grouping", unit="px", low=1, high=100)
+    threshold_factor: float = parameter(
+        1.2, "threshold of grouping, as a multiple of the mean luminance change", low=0, high=1000
+    )
+    threshold_limit: float = parameter(0.3, "largest threshold of grouping", low=0, high=1000)
+    grouped_limit: float = parameter(1.0, "largest grouped value of a pixel", low=0, high=1e6)
+
+
+@dataclass(frozen=True)
+class DlgmdResponse(Response):
+    """The answer of D-LGMD to one frame.
 
     Attributes
     ----------
@@ -21,87 +50,129 @@ class DlgmdResponse(NamedTuple):
         Mean of the grouped map G over the frame, 0 to `grouped_limit`.
     s : float
         Mean of the presynaptic sum S over the frame, at least 0.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.DlgmdResponse(0.25, s=0.1).s
+    0.1
     """
 
-    response: float
-    s: float
+    s: float = 0.0
 
 
-class Dlgmd:
-    """The D-LGMD model.
+def threshold(params: DlgmdParams, change_two_ago: float) -> float:
+    """Return ``T = min(1.2 mean(P(t-2)), 0.3)``, the threshold of grouping (section 3)."""
+    return min(params.threshold_factor * change_two_ago, params.threshold_limit)
+
+
+@compiled_in("maps")
+def group(
+    presynaptic: Map, side: int, threshold: float, limit: float, out: Map
+) -> tuple[float, float]:
+    """Group S: ``C = ones(side, side) * S``, ``G = S C`` from `threshold` on, up to `limit`.
 
     Parameters
     ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : DlgmdParams, optional
-        Its parameters.
-    dpc : Dpc, optional
-        Layers shared with another model of the same DPC constants; whoever
-        shares them steps them, and calls `respond` instead of `step`.
+    presynaptic : ndarray of float32, shape (height, width)
+        S, at least 0.
+    side : int
+        Of the square of grouping in pixels, at least 1.
+    threshold, limit : float
+        G is 0 below T = `threshold`, and at most `limit`.
+    out : ndarray of float32, shape (height, width)
+        Takes G.
 
-    Source: Zhao et al. 2021 with the constants of the authors' code;
-    ``docs/model.md``, sections 1 to 3.
+    Returns
+    -------
+    float, float
+        The means of S and of G over the frame.
+
+    Source: ``docs/model.md``, section 3.
+    """
+    anchor = (side - 1) // 2  # of MATLAB's conv2(..., 'same')
+    sums = cv2.boxFilter(
+        presynaptic,
+        cv2.CV_32F,
+        (side, side),
+        anchor=(anchor, anchor),
+        normalize=False,
+        borderType=cv2.BORDER_CONSTANT,
+    )
+    np.multiply(sums, presynaptic, out=out)
+    out[out < np.float32(threshold)] = 0
+    np.minimum(out, np.float32(limit), out=out)
+    return cv2.mean(presynaptic)[0], cv2.mean(out)[0]
+
+
+class Dlgmd(Detector):
+    """The D-LGMD model; arguments as :class:`~oppload_cli.models.detector.Detector`.
+
+    Attributes
+    ----------
+    grouped : ndarray of float32, shape (height, width)
+        G of the latest frame, 0 to `grouped_limit`.
+
+    Source: Zhao et al. 2021 with the constants of the authors' code; ``docs/model.md``,
+    sections 1 to 3.
+
+    Examples
+    --------
+    >>> import numpy as np, oppload_cli as oppload
+    >>> model = oppload.Dlgmd((48, 64))
+    >>> still = np.full((48, 64), 0.5, np.float32)
+    >>> [model.step(still) for _ in range(4)]
+    [None, None, None, DlgmdResponse(response=0.0, box=None, s=0.0)]
     """
 
     name = "dlgmd"
+    label = "D-LGMD"
+    colour = "#0072B2"
+    year = 2021
+    reference = "Zhao et al., D-LGMD"
+    answers_to = "fast and growing edges, of any contrast; also to fast translation"
+    made_for = "600 px high, 30 frames/s"
+    cost_ms = 0.7
+    meaning = "D-LGMD: DPC and grouping"
+    unit = "mean of G"
+    response_column = "0 to 1", "mean over the frame of G, the grouped map of D-LGMD"
+    columns = (Column("s", "", "mean over the frame of S, the presynaptic sum of D-LGMD"),)
+    answers = DlgmdResponse
+    parameters = DlgmdParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.01}
+    by_default = True
+    warm_up = 3
+
+    params: DlgmdParams
 
     def __init__(
-        self, shape: tuple[int, int], params: DlgmdParams | None = None, *, dpc: Dpc | None = None
+        self, shape: tuple[int, int], params: DlgmdParams | None = None, **others: Any
     ) -> None:
-        self.params = params or DlgmdParams()
-        self.dpc = dpc or Dpc(shape, self.params)
-        self._grouping = grouping_of(self.dpc, self.params)
+        super().__init__(shape, params, **others)
+        self._dpc = self.layers.dpc(self.params)
+        self.grouped: Map = np.zeros(shape, np.float32)
 
     @property
-    def grouped(self) -> Map:
-        """G of the latest frame, shape (height, width), 0 to `grouped_limit`."""
-        return self._grouping.grouped
+    def maps(self) -> dict[str, Map]:
+        """P, E, I, S and G of the latest frame, shape (height, width)."""
+        return {**self._dpc.layer.maps, "G": self.grouped}
 
     def reset(self) -> None:
-        """Start over: the next frame is frame 0."""
-        self.dpc.reset()
+        """Forget all frames: the next frame is frame 0."""
+        self._dpc.reset()
 
     def step(self, luma: Map) -> DlgmdResponse | None:
-        """Take the next frame and answer to it.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance, 0 to 1.
-
-        Returns
-        -------
-        DlgmdResponse or None
-            None during warm-up, frames 0 to 2.
-
-        Raises
-        ------
-        FrameError
-            If the array is not a luminance image of the right shape.
-        """
-        return self.respond() if self.dpc.step(luma) else None
-
-    def respond(self) -> DlgmdResponse:
-        """Answer to the frame that the DPC layers hold: S, grouping, means.
-
-        Returns
-        -------
-        DlgmdResponse
-        """
-        threshold = min(
-            self.params.threshold_factor * self.dpc.luma_change_before_last,
-            self.params.threshold_limit,
-        )
-        mean_s, mean_g = self._grouping(threshold)
-        return DlgmdResponse(response=mean_g, s=mean_s)
-
-    def at_rest(self) -> DlgmdResponse:
-        """Return the answer to a frame in which nothing changed.
-
-        Returns
-        -------
-        DlgmdResponse
-            Zeros: E is 0 where P(t) is.
-        """
-        return DlgmdResponse(0.0, 0.0)
+        """Take the next frame: S, grouping, means; None for the first three intervals."""
+        if not self._dpc.step(luma):
+            return None
+        params, dpc = self.params, self._dpc.layer
+        seen, share = dpc.photoreceptors, dpc.photoreceptors.share
+        t = threshold(params, share * seen.means[2])
+        side, limit = params.group_size, params.grouped_limit
+        mean_s, mean_g = group(dpc.sums.presynaptic, side, t, limit, self.grouped)
+        if share != 1:
+            e = excitation(seen.maps, dpc.kernels)
+            mean_e, grouped_e = group(e, side, t, limit, np.empty_like(e))
+            mean_s = float(referred(mean_s, mean_e, share, directional=False))
+            mean_g = float(referred(mean_g, grouped_e, share, directional=False))
+        return DlgmdResponse(mean_g, s=mean_s)

@@ -2,163 +2,217 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
-from oppload_cli.models.layers import Dpc
-from oppload_cli.models.opponency import PooledJudge, judge_for
-from oppload_cli.models.parameters import OpplodParams, axes_of
-from oppload_cli.models.strides import StridedDpc
+from oppload_cli.models.arms import ArmsJudgement
+from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
+from oppload_cli.models.dpc import MEMORY
+from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
+from oppload_cli.models.presets import DEFAULT_PRESET
 
 if TYPE_CHECKING:
-    from oppload_cli.models.kernels import Map
+    from typing import Any
+
+    from oppload_cli.models.dpc import Map
 
 
-class Box(NamedTuple):
-    """A rectangle in pixels: its left top corner, width and height."""
-
-    x: float
-    y: float
-    width: float
-    height: float
-
-
-class OpplodResponse(NamedTuple):
-    """What OppLoD answers to one frame.
+@dataclass(frozen=True)
+class OpplodResponse(Response):
+    """The answer of OppLoD to one frame.
 
     Attributes
     ----------
     response : float
         The enhanced response of the frame, at least 0.
+    box : Box or None
+        Receptive field of the winning unit in working pixels, centred where the object is
+        looming; it may reach over the frame's edge. None where the response is 0.
     opponency : float
         R of the winning unit before enhancing, at least 0.
-    box : Box or None
-        Receptive field of the winning unit in working pixels, centred where the
-        object is looming; it may reach over the frame's edge. None when the
-        response is 0.
+    calcium : float or None
+        The largest calcium signal of all units, at least 0; None where there is none
+        (``calcium_s`` is 0).
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.OpplodResponse(0.5, opponency=0.7).opponency
+    0.7
     """
 
-    response: float
-    opponency: float
-    box: Box | None
+    opponency: float = 0.0
+    calcium: float | None = None
 
 
-class Opplod:
-    """The OppLoD model.
+# The paper's model, made to work: none of the additions for real footage.
+_REFERENCE = OpplodParams(
+    field_share=5 / 12,
+    cell_share=1 / 30,
+    pool_sigma=1.5,
+    border=0,
+    compression=1.0,
+    strides=1,
+    persistence=0.0,
+    adaptation_level=0.0,
+    cone=90.0,
+    periphery=1.0,
+)
 
-    Parameters
+# As LPLC2 neurons answer (``docs/lplc2.md``): fields of 60 degrees on a display of 72 degrees.
+_LPLC2 = _REFERENCE.replaced(
+    judgement="arms",
+    axes=0,
+    kernel_height=240,
+    field_share=5 / 6,
+    cell_share=11 / 240,
+    pool_sigma=0.5,
+    arm_cone=90.0,
+    suppression_cone=33.0,
+    suppression_field=1.8,
+    inward=13.0,
+    lateral=15.0,
+    surround=0.38,
+    suppression_s=0.14,
+    half_saturation=4.5e-5,
+    saturation=0.67,
+    threshold=0.1,
+    arm_power=2.67,
+    calcium_s=0.98,
+)
+
+
+class Opplod(Detector):
+    """The OppLoD model; arguments as :class:`~oppload_cli.models.detector.Detector`.
+
+    Attributes
     ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : OpplodParams, optional
-        Its parameters; what follows from the height is filled in.
-    dpc : Dpc, optional
-        Layers shared with another model of the same DPC constants, made with
-        this model's axes; whoever shares them steps them, and calls `respond`
-        instead of `step`.
+    judgement : PooledJudgement, PixelwiseJudgement or ArmsJudgement
+        The opposing motion judgement that the parameters ask for.
 
     Source: the OppLoD paper; ``docs/model.md``, sections 1, 2, 4 and 5.
+
+    Examples
+    --------
+    >>> import numpy as np, oppload_cli as oppload
+    >>> model = oppload.Opplod((240, 320), frame_rate=30)
+    >>> with oppload.open_source("controls/looming-perspective") as frames:
+    ...     responses = [model.step(frame.luma) for frame in frames]
+    >>> responses[0] is None, responses[80].response > 0
+    (True, True)
     """
 
     name = "opplod"
+    label = "OppLoD"
+    colour = "#D55E00"
+    year = 2023
+    reference = "Shuang et al., OppLoD"
+    answers_to = "edges that move outward from a centre on opposite sides"
+    made_for = "240 px high, 30 frames/s; other rates by its presentation times"
+    cost_ms = 3.4
+    meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing"
+    response_column = "", "enhanced response of OppLoD; empty during warm-up"
+    answers = OpplodResponse
+    parameters = OpplodParams
+    presets: ClassVar = {
+        "reference": _REFERENCE,
+        "paper": _REFERENCE.replaced(
+            judgement="pixelwise",
+            receptive_field=200,
+            cell=1,
+            pool_sigma=0.0,
+            periphery=0.0,
+            history=0.0,
+            units="5x5",
+        ),
+        "lplc2": _LPLC2,
+    }
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.024, "reference": 8e-4}
+    by_default = True
+    warm_up = MEMORY
+    columns: ClassVar = (
+        Column(
+            "calcium",
+            "",
+            "response as a calcium indicator shows it: the largest low-passed one of all units",
+            "lplc2",
+        ),
+    )
+    places = True
+
+    params: OpplodParams
 
     def __init__(
-        self, shape: tuple[int, int], params: OpplodParams | None = None, *, dpc: Dpc | None = None
+        self, shape: tuple[int, int], params: OpplodParams | None = None, **others: Any
     ) -> None:
-        self.params = (params or OpplodParams()).resolved(shape[0])
-        self.dpc = dpc or Dpc(shape, self.params, axes_of(self.params))
-        # The widest stride first: what the judge has pooled last is that of stride 1.
+        super().__init__(shape, params, **others)
+        axes = self.params.both_axes
+        self._dpc = self.layers.dpc(self.params, axes)
+        # Edges too slow to be seen over one interval are seen over several.
         self._strided = [
-            StridedDpc(shape, self.params, axes_of(self.params), stride)
+            self.layers.dpc(self.params, axes, stride)
             for stride in range(self.params.strides, 1, -1)
         ]
-        self.judge = judge_for(shape, self.params)
+        self.judgement = self._judgement()
+
+    def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:
+        per_second = self.layers.clock.per_second
+        if self.params.judgement == "pooled":
+            return PooledJudgement(self.shape, self.params, per_second)
+        if self.params.judgement == "arms":
+            return ArmsJudgement(self.shape, self.params, per_second)
+        return PixelwiseJudgement(self.shape, self.params)
+
+    @property
+    def units(self) -> UnitMaps:
+        """The units at the latest frame."""
+        return self.judgement.maps
+
+    @property
+    def maps(self) -> dict[str, Map]:
+        """P, E, I, S and S_phi (``S_45`` ...) of the latest frame, shape (height, width)."""
+        return self._dpc.layer.maps
 
     @property
     def pathways(self) -> dict[int, Map]:
         """S_phi of the latest frame, shape (height, width), by direction phi in degrees."""
-        return self.dpc.pathways
+        return self._dpc.layer.sums.pathways
 
     def reset(self) -> None:
-        """Start over: the next frame is frame 0."""
-        self.dpc.reset()
-        self.judge.reset()
+        """Forget all frames: the next frame is frame 0."""
+        self._dpc.reset()
         for strided in self._strided:
             strided.reset()
+        self.judgement.reset()
 
     def step(self, luma: Map) -> OpplodResponse | None:
-        """Take the next frame and answer to it.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance, 0 to 1.
-
-        Returns
-        -------
-        OpplodResponse or None
-            None during warm-up, frames 0 to 2.
-
-        Raises
-        ------
-        FrameError
-            If the array is not a luminance image of the right shape.
-        """
-        ready = self.dpc.step(luma)
-        self.see(luma)
-        return self.respond() if ready else None
-
-    def see(self, luma: Map) -> None:
-        """Take the next frame into the layers that are this model's own.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance, 0 to 1, as the shared layers took it.
-
-        Raises
-        ------
-        FrameError
-            If the array is not a luminance image of the right shape.
-        """
-        for strided in self._strided:
-            strided.step(luma)
-
-    def respond(self) -> OpplodResponse:
-        """Answer to the frame that the DPC layers hold: MDE, OMJ, enhancing.
-
-        Returns
-        -------
-        OpplodResponse
-        """
-        if isinstance(self.judge, PooledJudge):
-            for strided in self._strided:
-                if strided.latest.ready:
-                    # S is referred to the time of one frame.
-                    share = strided.stride ** (-2 * self.params.compression)
-                    dpc = strided.latest
-                    self.judge.add(self._inside_border(dpc), share, dpc.live)
-        verdict = self.judge.judge(self._inside_border(self.dpc), self.dpc.live)
-        if verdict.response == 0:
-            return OpplodResponse(0.0, verdict.opponency, None)
+        """Take the next frame: MDE, OMJ, enhancing; None for the first three intervals."""
+        ready = self._dpc.step(luma)
+        strided_ready = [strided.step(luma) for strided in self._strided]
+        if not ready:
+            return None
+        seen = self._dpc.layer.photoreceptors
+        if isinstance(self.judgement, PixelwiseJudgement):
+            judgement = self.judgement.judge(self.pathways, seen.share)
+        elif isinstance(self.judgement, ArmsJudgement):
+            judgement = self.judgement.judge(self.pathways, seen, self._dpc.layer.kernels)
+        else:
+            judgement = self.judgement.judge(self.pathways, self._further(strided_ready), seen)
+        if judgement.response == 0:
+            return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
         field = float(self.params.receptive_field or 0)
-        box = Box(verdict.centre_x - field / 2, verdict.centre_y - field / 2, field, field)
-        return OpplodResponse(verdict.response, verdict.opponency, box)
+        box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
+        return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
 
-    def at_rest(self) -> OpplodResponse:
-        """Return the answer to a frame in which nothing changed.
-
-        Returns
-        -------
-        OpplodResponse
-            Zeros: E is 0 where P(t) is.
-        """
-        return OpplodResponse(0.0, 0.0, None)
-
-    def _inside_border(self, dpc: Dpc) -> dict[int, Map]:
-        """Return the S_phi, 0 where what comes into the frame meets no inhibition yet."""
-        border = self.params.border
-        if border:
-            for values in dpc.pathways.values():
-                values[:border] = values[-border:] = 0
-                values[:, :border] = values[:, -border:] = 0
-        return dpc.pathways
+    def _further(self, ready: list[bool]) -> Map | None:
+        """Return R over several intervals each, summed (``docs/presets.md``)."""
+        total: Map | None = None
+        for strided, is_ready in zip(self._strided, ready, strict=True):
+            if is_ready and isinstance(self.judgement, PooledJudgement):
+                seen, sums = strided.layer.photoreceptors, strided.layer.sums
+                # S is referred to the time of one interval.
+                share = seen.stride ** (-2 * self.params.compression)
+                r = self.judgement.opponency(sums.pathways, seen) * share
+                total = r if total is None else total + r
+        return total

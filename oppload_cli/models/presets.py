@@ -1,24 +1,42 @@
-"""The presets: named parameter sets (``docs/model.md``)."""
+"""The presets by name: their working height and their purpose.
+
+Their parameters stand with each detector. This module needs no NumPy, so that a video can be
+opened at its working height before the detectors are loaded.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ParameterError, suggestion
-from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 DEFAULT_PRESET = "default"
+STUDY_PRESET = "reference"  # of commands that study the model itself
+EXAMPLE_SETTING = "opplod.receptive_field=200"  # for help texts and messages
 
 
-@dataclass(frozen=True)
-class Preset:
-    """A named parameter set, with the working height that it was made for."""
+class Preset(NamedTuple):
+    """A name for a set of parameters.
+
+    Attributes
+    ----------
+    name : str
+        As in ``--preset``.
+    meaning : str
+        Whom it suits, and what it is, in one line.
+    height : int
+        Working height in pixels that its parameters are made for.
+    no_alarm : str
+        Why its alarms are off; empty where they are calibrated.
+    """
 
     name: str
     meaning: str
     height: int
-    opplod: OpplodParams
-    dlgmd: DlgmdParams
+    no_alarm: str = ""
 
 
 PRESETS = {
@@ -26,65 +44,63 @@ PRESETS = {
     for preset in (
         Preset(
             "default",
-            "the model made to work: pooled opponency, a unit at every cell, outward minus inward",
+            "for videos of cameras: large fields, compressed contrast, adaptation to the scene",
             240,
-            OpplodParams(),
-            DlgmdParams(),
+        ),
+        Preset(
+            "reference",
+            "for studies of the model: the paper's OppLoD made to work, with nothing added",
+            240,
         ),
         Preset(
             "paper",
-            "the paper to the letter: 25 units of 200 x 200 px, products pixel by pixel",
+            "for comparison with the paper: its text to the letter, 25 units of 200 x 200 px",
             600,
-            OpplodParams(
-                judgement="pixelwise",
-                receptive_field=200,
-                cell=1,
-                pool_sigma=0.0,
-                periphery=0.0,
-                units="5x5",
-            ),
-            DlgmdParams(),
+            "it responds to inward as to outward motion, so that no threshold tells an approach",
         ),
         Preset(
-            "robust",
-            "for real footage: large fields, compressed contrast, frames one and two apart",
+            "lplc2",
+            "for neuroscience: tuned like LPLC2 neurons of the fruit fly, with a calcium signal",
             240,
-            OpplodParams(
-                receptive_field=240,
-                cell=12,
-                pool_sigma=1.0,
-                border=6,
-                compression=0.5,
-                strides=2,
-                cone=60.0,
-                periphery=1.1,
-                reference_rate=30.0,
-                persistence=0.5,
-                adaptation_level=0.035,
-            ),
-            DlgmdParams(),
+            "it answers as a neuron does, and nobody has measured which answer warns of a contact",
         ),
     )
 }
 
 
-def preset_named(name: str) -> Preset:
-    """Return a preset by its name.
+def preset_in(models: Iterable[str]) -> str:
+    """Return the preset that some ``NAME:PRESET`` name, empty if none does.
 
     Parameters
     ----------
-    name : str
-        ``default``, ``paper`` or ``robust``.
-
-    Returns
-    -------
-    Preset
+    models : iterable of str
+        As for ``--model``, several with commas between them.
 
     Raises
     ------
     ParameterError
-        If there is none of that name.
+        If they name different ones, which one run cannot have.
     """
+    named = [each.partition(":")[2].strip() for text in models for each in text.split(",")]
+    presets = list(dict.fromkeys(name for name in named if name in PRESETS))
+    if len(presets) > 1:
+        raise ParameterError(
+            f"--model names the presets '{presets[0]}' and '{presets[1]}'; give each a run of its "
+            f"own, or compare them with 'oppload evaluate'"
+        )
+    return presets[0] if presets else ""
+
+
+def preset_named(name: str) -> Preset:
+    """Return a preset by its name.
+
+    Raises
+    ------
+    ParameterError
+        If no preset has that name.
+    """
+    if name == "robust":
+        raise ParameterError("preset 'robust' is called 'default' since 1.0; leave --preset out")
     if name not in PRESETS:
         raise ParameterError(f"no preset '{name}'{suggestion(name, PRESETS)}")
     return PRESETS[name]

@@ -2,24 +2,133 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 
+from oppload_cli.compute.loops import compiled_in
 from oppload_cli.errors import FrameError
-from oppload_cli.motion.parameters import RmoParams
-from oppload_cli.motion.rmo import RmoMetrics, metrics_of
-from oppload_cli.motion.sampling import Cells, MotionVectors, reduce, sampled
+from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, metrics_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-# Shortest side, in px of the reduced frame, that inverse search gets: it refuses
-# below 8 to 12 px, and its patches of 8 px say nothing there.
+    Grey = NDArray[np.uint8]
+    Points = NDArray[np.float64]  # shape (..., 2): x, y
+
+
+# Shortest side in px of a reduced frame that is searched: inverse search refuses sides below
+# 8 to 12 px, and its patches of 8 px mean nothing there.
 _SHORTEST_SIDE = 16
-# Room around what moved, in samples of the reduced frame.
+# Room around the part that moved, in samples of the reduced frame.
 _MARGIN = 2
+
+
+class MotionVectors(NamedTuple):
+    """Motion vectors of one frame, in px of the working frame, y down.
+
+    Attributes
+    ----------
+    starts : ndarray of float, shape (n, 2)
+        Where each vector starts (x, y): the centre of its grid cell.
+    vectors : ndarray of float, shape (n, 2)
+        Motion since the frame before (x, y), px/frame.
+    """
+
+    starts: Points
+    vectors: Points
+
+
+class Cells(NamedTuple):
+    """A grid of cells over a part of the frame.
+
+    Attributes
+    ----------
+    rows, columns : int
+        At least 1.
+    reduction : int
+        Pixels per sample of the reduced part.
+    left, top : int
+        Where the part begins, in pixels.
+    """
+
+    rows: int
+    columns: int
+    reduction: int
+    left: int
+    top: int
+
+
+@compiled_in("flow")
+def reduce(frame: Grey, reduction: int, out: Grey) -> None:
+    """Average squares of pixels.
+
+    Parameters
+    ----------
+    frame : ndarray of uint8, shape (rows * reduction, columns * reduction)
+        Its rows may have a gap between them.
+    reduction : int
+        Side of a square: 1, 2 or 4 pixels.
+    out : ndarray of uint8, shape (rows, columns)
+        Takes the means, rounded as OpenCV does it.
+    """
+    rows, columns = (side // reduction for side in frame.shape)
+    cv2.resize(frame, (columns, rows), dst=out, interpolation=cv2.INTER_AREA)
+
+
+def sampled(
+    before: Grey, now: Grey, flow: NDArray[np.float32], cells: Cells, params: RmoParams
+) -> MotionVectors:
+    """Average flow over cells, and keep the vectors of those that move and change enough.
+
+    Parameters
+    ----------
+    before, now : ndarray of uint8, shape (h, w)
+        Reduced frames.
+    flow : ndarray of float32, shape (h, w, 2)
+        From the one to the other (x, y), in their pixels.
+    cells : Cells
+        The grid.
+    params : RmoParams
+        Gives minimum speed and change.
+
+    Returns
+    -------
+    MotionVectors
+        In pixels of the working frame.
+    """
+    sides = now.shape[0] / cells.rows, now.shape[1] / cells.columns  # of a cell, in samples
+    # OpenCV rounds in other ways where both sides are integers, and below one sample.
+    alike = min(sides) >= 1 and not all(side.is_integer() for side in sides)
+    chosen = sample if alike else sample.__wrapped__  # type: ignore[attr-defined]
+    return MotionVectors(
+        *chosen(before, now, flow, cells, (params.minimum_speed, params.minimum_change))
+    )
+
+
+@compiled_in("flow")
+def sample(
+    before: Grey, now: Grey, flow: NDArray[np.float32], cells: Cells, least: tuple[float, float]
+) -> tuple[Points, Points]:
+    """Return starts and vectors of the cells that move and change enough.
+
+    Arguments as for `sampled`; `least` holds the minimum speed and the minimum change.
+    """
+    height, width = (side * cells.reduction for side in now.shape)
+    x = (np.arange(cells.columns) + 0.5) * width / cells.columns - 0.5 + cells.left
+    y = (np.arange(cells.rows) + 0.5) * height / cells.rows - 0.5 + cells.top
+    starts = np.stack(np.meshgrid(x, y), axis=-1)
+    vectors = _cell_means(flow, cells) * cells.reduction
+    change = _cell_means(cv2.absdiff(before, now).astype(np.float32), cells)
+    minimum_speed, minimum_change = least
+    kept = (length(vectors) >= minimum_speed) & (change >= 255.0 * minimum_change)
+    return starts[kept], vectors[kept]
+
+
+def _cell_means(image: NDArray[np.float32], cells: Cells) -> NDArray[np.float64]:
+    size = cells.columns, cells.rows
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float64)
 
 
 class DenseFlow:
@@ -139,19 +248,19 @@ class DenseFlow:
         return self._vectors(reduced, reduction, (window[1].start, window[0].start))
 
     def _window(self, left: int, top: int, width: int, height: int) -> tuple[slice, slice]:
-        """Return the part of the frame around what moved, with a patch's room on each side."""
+        """Return the part of the frame that moved, with room for a patch on each side."""
         sides = []
-        for first, extent, whole in (
+        for first, extent, side in (
             (top, height, self._reduced[1].shape[0]),
             (left, width, self._reduced[1].shape[1]),
         ):
             room = max(_MARGIN, (_SHORTEST_SIDE - extent + 1) // 2)
-            start, stop = max(0, first - room), min(whole, first + extent + room)
+            start, stop = max(0, first - room), min(side, first + extent + room)
             sides.append(slice(start * self._reduction, stop * self._reduction))
         return sides[0], sides[1]
 
     def _reduction_in(self, window: tuple[slice, slice]) -> int:
-        """Return the least reduction at which a part costs at most half of the whole frame."""
+        """Return the least reduction at which a part costs at most half of the complete frame."""
         height, width = (side.stop - side.start for side in window)
         most = self._reduced[1].size // 2
         reduction = 1
@@ -166,7 +275,7 @@ class DenseFlow:
         before, now = reduced
         spacing = self._spacing / self._reduction  # in samples
         rows, columns = (max(1, round(side / spacing)) for side in now.shape)
-        # A flow to begin with is tried at every scale: zeros keep still what is at rest.
+        # Inverse search tries the initial flow at every scale: zeros keep still parts at rest.
         flow = np.zeros((*now.shape, 2), np.float32)
         self._search.calc(before, now, flow)
         return sampled(before, now, flow, Cells(rows, columns, reduction, *corner), self.params)

@@ -8,20 +8,81 @@ angles between vectors matter, so that the direction of y changes no result.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oppload_cli.motion.parameters import RmoParams
-from oppload_cli.motion.vectors import Moving, length, matching, points
-from oppload_cli.native.library import LANES, address, compiled, library
+from oppload_cli.compute.loops import compiled_in
+from oppload_cli.errors import ParameterError
+from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
-_DEFAULTS = RmoParams()
+    Points = NDArray[np.float64]  # shape (..., 2): x, y
+    Rows = NDArray[np.intp]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RmoParams(Parameters):
+    """What counts as motion, as opposite and as outward (``docs/rmo.md``).
+
+    The first four concern the vectors taken from a video, the others the metric.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.RmoParams().names()[:2]
+    ('grid', 'reduction')
+    """
+
+    grid: int | None = parameter(
+        None,
+        "distance between motion vectors; default 1/17 of the working height",
+        unit="px",
+        low=4,
+    )
+    reduction: int = parameter(
+        4, "the flow is computed on frames reduced by this factor", choices=(1, 2, 4)
+    )
+    minimum_speed: float = parameter(
+        0.2, "slower motion vectors are dropped", unit="px/frame", low=0.0
+    )
+    minimum_change: float = parameter(
+        0.004,
+        "a vector is dropped where its cell changes less on average: there the flow is guessed "
+        "from its neighbours",
+        unit="luminance",
+        low=0.0,
+        high=1.0,
+    )
+    opposite_tolerance: float = parameter(
+        30.0,
+        "largest departure of two vectors from antiparallel (theta_T)",
+        unit="deg",
+        low=0,
+        high=90,
+    )
+    outward_tolerance: float = parameter(
+        45.0,
+        "largest angle between a pair's common line and the line through its starts (theta_R); "
+        "90 is the paper's literal reading",
+        unit="deg",
+        low=0,
+        high=90,
+    )
+    sides: int = parameter(
+        2,
+        "sides of the centre over which the symmetric length is counted; "
+        "1 is the paper's literal integral",
+        choices=(1, 2),
+    )
+
+
+DEFAULT_RMO = RmoParams()
 
 
 class RmoMetrics(NamedTuple):
@@ -40,6 +101,15 @@ class RmoMetrics(NamedTuple):
     rmo_index : float
         RMO of the outward less that of the inward pairs, over that of all opposite
         pairs: 1 for pure expansion, -1 for contraction; 0 without an opposite pair.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> records = list(oppload.analyse("controls/looming-perspective"))
+    >>> records[0].rmo is None, isinstance(records[60].rmo, oppload.RmoMetrics)
+    (True, True)
+    >>> records[60].rmo.rmo_index > 0.5
+    True
     """
 
     flow_vectors: int = 0
@@ -76,7 +146,7 @@ def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
         If `sides` is neither 1 nor 2, or the vectors are not pairs of finite numbers.
     """
     RmoParams(sides=sides)
-    one, other = points("v1", v1), points("v2", v2)
+    one, other = _points("v1", v1), _points("v2", v2)
     return _opponency(length(one), length(other), sides)
 
 
@@ -106,7 +176,7 @@ def opposite_pairs(
         If `tolerance` is out of range, or the vectors are not pairs of finite numbers.
     """
     RmoParams(opposite_tolerance=tolerance)
-    moving = Moving(vectors, vectors)
+    moving = _Moving(vectors, vectors)
     return moving.named(*_joined(moving.opposite(tolerance)))
 
 
@@ -135,8 +205,8 @@ def rom_pairs(
     ParameterError
         If the two arrays are not of one shape (n, 2) with finite numbers.
     """
-    params = params or _DEFAULTS
-    moving = Moving(starts, vectors)
+    params = params or DEFAULT_RMO
+    moving = _Moving(starts, vectors)
     first, second = _joined(moving.opposite(params.opposite_tolerance))
     outward, _ = moving.radial(first, second, params.outward_tolerance)
     return moving.named(first[outward], second[outward])
@@ -168,8 +238,8 @@ def rmo_metrics(
     ParameterError
         If the two arrays are not of one shape (n, 2) with finite numbers.
     """
-    motion, origin = matching(starts, vectors)
-    return metrics_of(origin, motion, params or _DEFAULTS)
+    motion, origin = _matching(starts, vectors)
+    return metrics_of(origin, motion, params or DEFAULT_RMO)
 
 
 def metrics_of(
@@ -190,63 +260,150 @@ def metrics_of(
 
     Source: ``docs/rmo.md``.
     """
-    sums = (_compiled_sums if library() else _portable_sums)(starts, vectors, params)
-    count, outward_pairs = sums.vectors, sums.outward_pairs
+    count, opposite, outward, inward, largest, pairs = rmo_sums(
+        starts, vectors, params.opposite_tolerance, params.outward_tolerance, params.sides
+    )
     return RmoMetrics(
         flow_vectors=count,
-        rom_pairs=outward_pairs,
-        rom_share=outward_pairs / (count * (count - 1) // 2) if outward_pairs else 0.0,
-        rmo_mean=sums.outward / outward_pairs if outward_pairs else 0.0,
-        rmo_max=sums.largest,
-        rmo_index=(sums.outward - sums.inward) / sums.opposite if sums.opposite > 0 else 0.0,
+        rom_pairs=pairs,
+        rom_share=pairs / (count * (count - 1) // 2) if pairs else 0.0,
+        rmo_mean=outward / pairs if pairs else 0.0,
+        rmo_max=largest,
+        rmo_index=(outward - inward) / opposite if opposite > 0 else 0.0,
     )
 
 
-class _Sums(NamedTuple):
-    """Vectors that are not zero, and the RMO of their pairs, summed."""
+@compiled_in("flow")
+def rmo_sums(
+    starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
+) -> tuple[int, float, float, float, float, int]:
+    """Sum the RMO of all pairs of vectors.
 
-    vectors: int
-    opposite: float
-    outward: float
-    inward: float
-    largest: float
-    outward_pairs: int
+    Parameters
+    ----------
+    starts, vectors : ndarray of float64, shape (n, 2)
+        Finite.
+    opposite_tolerance, outward_tolerance : float
+        theta_T and theta_R in degrees.
+    sides : int
+        Of the centre over which the symmetric length is counted, 1 or 2.
 
-
-def _portable_sums(
-    starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
-) -> _Sums:
-    moving = Moving(starts, vectors)
-    outward_pairs = 0
+    Returns
+    -------
+    vectors : int
+        Vectors that are not zero.
+    opposite, outward, inward : float
+        RMO of the opposite pairs, and of those that are outward and inward, summed.
+    largest : float
+        The largest RMO of an outward pair; 0 without one.
+    pairs : int
+        Outward pairs: the ROM pairs.
+    """
+    moving = _Moving(starts, vectors)
+    pairs = 0
     outward_sum = inward_sum = opposite_sum = largest = 0.0
-    for first, second in moving.opposite(params.opposite_tolerance):
-        outward, inward = moving.radial(first, second, params.outward_tolerance)
-        values = _opponency(moving.speeds[first], moving.speeds[second], params.sides)
+    for first, second in moving.opposite(opposite_tolerance):
+        outward, inward = moving.radial(first, second, outward_tolerance)
+        values = _opponency(moving.speeds[first], moving.speeds[second], sides)
         # Products rather than selections: the sum of all and of the outward ones are then
         # the same additions, and the index of a pure expansion is exactly 1.
         kept = values * outward
-        outward_pairs += int(outward.sum())
+        pairs += int(outward.sum())
         outward_sum += float(kept.sum())
         inward_sum += float((values * inward).sum())
         opposite_sum += float(values.sum())
         largest = max(largest, float(kept.max()))
-    return _Sums(moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, outward_pairs)
+    return moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, pairs
 
 
-def _compiled_sums(
-    starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
-) -> _Sums:
-    motion, origin = np.ascontiguousarray(vectors), np.ascontiguousarray(starts)
-    rows = np.empty(5 * (len(motion) + LANES))
-    sums = np.empty(6)
-    compiled().opponency(
-        *(address(motion), address(origin), len(motion)),
-        math.tan(math.radians(params.opposite_tolerance)),
-        math.tan(math.radians(params.outward_tolerance)),
-        *(params.sides, address(rows), address(sums)),
-    )
-    count, opposite, outward, inward, largest, outward_pairs = sums.tolist()
-    return _Sums(int(count), opposite, outward, inward, largest, int(outward_pairs))
+# Pairs handled at once: bounds the memory, and keeps the temporary arrays in the cache.
+_BLOCK = 4096
+
+
+class _Moving:
+    """The vectors that are not zero, sorted by direction.
+
+    So the opposites of a vector stand in one run, and no other pair is ever formed.
+    """
+
+    def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
+        motion, origin = _matching(starts, vectors)
+        speeds = length(motion)
+        rows = np.flatnonzero(speeds)
+        angles = np.arctan2(motion[rows, 1], motion[rows, 0])
+        order = np.argsort(angles, kind="stable")
+        self.rows = rows[order]
+        self.angles = angles[order]
+        self.speeds = speeds[self.rows]
+        # As complex numbers x + iy: one gather per pair for both.
+        self.units = _complex(motion[self.rows]) / self.speeds
+        self.starts = _complex(origin[self.rows])
+
+    def opposite(self, tolerance: float) -> Iterator[tuple[Rows, Rows]]:
+        """Yield the opposite pairs in blocks, as positions in the sorted arrays."""
+        wide = math.radians(tolerance)
+        if self.angles.size < 2 or self.angles[-1] - self.angles[0] <= math.pi - wide:
+            return
+        low = np.searchsorted(self.angles, self.angles + (math.pi - wide), side="right")
+        high = np.searchsorted(self.angles, self.angles + (math.pi + wide), side="left")
+        counts = np.maximum(high - low, 0)
+        block = np.cumsum(counts) // _BLOCK
+        for some in np.split(np.arange(counts.size), np.flatnonzero(np.diff(block)) + 1):
+            run = counts[some]
+            first = np.repeat(some, run)
+            offset = low[some] - (np.cumsum(run) - run)
+            second = np.arange(first.size) + np.repeat(offset, run)
+            if first.size:
+                yield first, second
+
+    def radial(
+        self, first: Rows, second: Rows, tolerance: float
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which of some pairs are outward, and which inward."""
+        line = self.units[first] - self.units[second]
+        distance = self.starts[first] - self.starts[second]
+        along = line.real * distance.real + line.imag * distance.imag
+        across = np.abs(line.real * distance.imag - line.imag * distance.real)
+        # Compares the angle between the two with the tolerance, without computing it.
+        along *= math.tan(math.radians(tolerance))
+        return along > across, -along > across
+
+    def named(self, first: Rows, second: Rows) -> tuple[Rows, Rows]:
+        """Turn positions into the caller's row numbers, in ascending order."""
+        pairs = np.sort([self.rows[first], self.rows[second]], axis=0)
+        smaller, larger = pairs[:, np.lexsort(pairs[::-1])]
+        return smaller, larger
+
+
+def _matching(starts: ArrayLike, vectors: ArrayLike) -> tuple[Points, Points]:
+    """Return vectors and their starts, of one shape (n, 2) and finite."""
+    motion, origin = _points("vectors", vectors), _points("starts", starts)
+    if motion.ndim != 2 or origin.shape != motion.shape:
+        raise ParameterError(
+            f"starts and vectors are of shapes {origin.shape} and {motion.shape}; "
+            "give two arrays of one shape (n, 2)"
+        )
+    return motion, origin
+
+
+def _points(name: str, values: ArrayLike) -> Points:
+    """Return points of the plane, shape (..., 2), that are finite."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != 2:
+        raise ParameterError(f"{name} is of shape {array.shape}; its last axis must be (x, y)")
+    if not np.isfinite(array).all():
+        raise ParameterError(f"{name} holds numbers that are not finite; leave those rows out")
+    return array
+
+
+def length(points: Points) -> NDArray[np.float64]:
+    """Return the lengths of vectors (x, y), shape (..., 2)."""
+    lengths: NDArray[np.float64] = np.hypot(points[..., 0], points[..., 1])
+    return lengths
+
+
+def _complex(points: Points) -> NDArray[np.complex128]:
+    return points[:, 0] + 1j * points[:, 1]
 
 
 def _joined(

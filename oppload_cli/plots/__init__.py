@@ -1,1 +1,1 @@
-"""Figures, from results only."""
+"""Figures, made from results only."""

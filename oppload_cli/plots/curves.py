@@ -1,290 +1,478 @@
-"""Response curves over time."""
+"""Figures of responses over time: curves, small multiples of many, or a heat map of very many."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib.lines import Line2D
 
-from oppload_cli.errors import ResultError
-from oppload_cli.plots.style import (
-    COLOURS,
-    COLUMN,
-    CYCLE,
-    DASHES,
-    INK,
-    NAMES,
-    STYLE,
-    UNITS,
-    new_figure,
+from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.models.registry import detector_named
+from oppload_cli.plots.naming import labels_of, wrapped
+from oppload_cli.plots.panels import (
+    BAR,
+    BAR_STEP,
+    FLOOR,
+    SCALES,
+    CurveOptions,
+    contact_of,
+    draw_curves,
+    log_axis,
+    panels_of,
+    scale_of,
+    time_label,
 )
-from oppload_cli.plots.threshold import alarm_params, alarm_threshold
-from oppload_cli.plots.truth import contact_of, draw_truth, find_truth
+from oppload_cli.plots.style import (
+    COLUMN,
+    FAINT,
+    INK,
+    LEGEND_WIDTH,
+    MOST_HEIGHT,
+    PAGE,
+    SHADES,
+    TITLE_WIDTH,
+    as_list,
+    norm_of,
+    styled_figure,
+)
+from oppload_cli.results.thresholds import find_truth
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from oppload_cli.plots.truth import Truth
+    from oppload_cli.plots.panels import Curve
     from oppload_cli.results.reading import Result
 
-ALARM_TOP, ALARM_STEP = 1.16, 0.07
-HEADROOM = 1.42  # over the peak, for alarms and labels
+    Series = NDArray[np.float64]
+    Truth = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class CurveOptions:
-    """How curves are drawn.
-
-    Attributes
-    ----------
-    models : tuple of str
-        The models to draw; empty for all that a result holds.
-    raw : bool
-        Responses in their own unit, a panel per model, instead of each over its peak.
-    threshold : bool
-        Whether the alarm's threshold is drawn.
-    marks : dict of str to list of float or None
-        Labelled times in seconds, one for each result, e.g. ``onset``.
-    any_length : bool
-        Whether results of different lengths may stand in one figure.
-    """
-
-    models: tuple[str, ...] = ()
-    raw: bool = False
-    threshold: bool = True
-    marks: dict[str, list[float | None]] = field(default_factory=dict)
-    any_length: bool = False
+MOST_CURVES = 6  # in a figure with a legend for each; more are small multiples
+MOST_PANELS = 24  # of small multiples; more results are a heat map
+MOST_BINS = 400  # of time, in a heat map
+MOST_NAMES = 60  # along a heat map
+ALARM = "#D55E00"
+LINE = 0.09  # inches of height for each line of a legend
 
 
-@dataclass(frozen=True)
-class _Curve:
-    """One line: a model's responses in a result, and how it is told from the others."""
-
-    result: Result
-    model: str
-    name: str
-    colour: str
-    dash: object = "-"
-
-
-def plot_curves(results: Sequence[Result], options: CurveOptions | None = None) -> Figure:
+def plot_curves(
+    results: Result | Sequence[Result],
+    *,
+    models: Sequence[str] = (),
+    scale: str = "threshold",
+    align: str | None = None,
+    xlim: tuple[float, float] | None = None,
+    title: str | None = None,
+    labels: Sequence[str] = (),
+    marks: Mapping[str, Sequence[float | None]] | None = None,
+    threshold: bool = True,
+    any_length: bool = False,
+    axes: Axes | None = None,
+) -> tuple[Figure, list[Axes]]:
     """Draw responses over time.
 
-    Several models over one input share a panel; one model over several inputs shares
-    one too. Several models over several inputs get a panel per input.
+    Up to six curves: several detectors over one input share a panel, and one detector over
+    several inputs shares one too; else each input gets a panel. More curves are small multiples,
+    and more than 24 results a heat map, a row for each.
 
     Parameters
     ----------
-    results : sequence of Result
+    results : Result or sequence of Result
         At least one.
-    options : CurveOptions, optional
-        How they are drawn.
+    models : sequence of str
+        The detectors to draw; none for all that a result holds.
+    scale : str
+        ``threshold``: over the threshold of the alarm in each frame, logarithmic, responses
+        below 0.01 of it at 0.01; ``peak``: each curve over its peak; ``raw``: in their unit.
+    align : str, optional
+        ``contact``: time counts from the contact that a ground truth or `marks` state.
+    xlim : tuple of float, optional
+        First and last time of the axis, in seconds.
+    title : str, optional
+        Of the figure.
+    labels : sequence of str
+        Names of the results; else what differs between them.
+    marks : mapping of str to sequence of float or None
+        Labelled times in seconds, one for each result, such as ``{"onset": [0.5]}``.
+    threshold : bool
+        Whether the alarm's threshold is drawn.
+    any_length : bool
+        Whether results of different lengths may share a panel.
+    axes : Axes, optional
+        Draw here, where one panel is enough.
 
     Returns
     -------
-    matplotlib.figure.Figure
-        Each curve is divided by its own peak, which the legend states, unless raw.
+    matplotlib.figure.Figure, list of Axes
+        Not saved yet; the panels and strips of ground truth from top to bottom.
 
     Raises
     ------
+    ParameterError
+        If an option has no such value, or one panel is not enough for `axes`.
     ResultError
-        If a result lacks a model that is asked for, or lengths differ.
+        If a result lacks a detector, lengths differ, a contact is not known, or a sidecar is
+        wrong.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> result = oppload.run("controls/looming-perspective", rmo=False)
+    >>> figure, (panel, truth) = oppload.plot_curves(result, models=["opplod"], align="contact")
+    >>> panel.get_ylabel(), truth.get_xlabel()
+    ('response / alarm threshold', 'time from contact (s)')
     """
-    options = options or CurveOptions()
-    _check_lengths(results, options)
+    results = as_list(results)
+    if scale not in SCALES:
+        raise ParameterError(f"no scale '{scale}'; choose {', '.join(SCALES)}")
+    if align not in {None, "contact"}:
+        raise ParameterError(f"curves cannot be aligned at '{align}'; choose contact")
+    options = CurveOptions(
+        tuple(models), scale, align, xlim, title, tuple(labels), dict(marks or {}), threshold,
+        any_length,
+    )  # fmt: skip
     truths = [find_truth(result) for result in results]
-    panels = _panels(results, options)
-    strips = {number: _shared_truth(curves, results, truths) for number, curves in panels.items()}
-    if options.raw:  # one strip under the last panel of each result is enough
-        strips = _last_of_each(panels, strips)
-    with mpl.rc_context(STYLE):
-        heights = [size for number in panels for size in _heights(panels[number], strips[number])]
-        figure = new_figure(COLUMN, 0.25 + sum(heights))
-        axes = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0]
-        used = iter(axes)
-        for number, curves in panels.items():
-            own = [next(used)]
-            draw_panel(own[0], curves, options)
-            truth = strips[number]
-            if truth is not None:
-                own.append(next(used))
-                own[1].sharex(own[0])
-                draw_truth(own[1], truth)
-                own[0].tick_params(labelbottom=False)
-            number_of = [each.path for each in results].index(curves[0].result.path)
-            marks = {label: times[number_of] for label, times in options.marks.items()}
-            truth = _shared_truth(curves, results, truths)
-            _mark(own, {**marks, "contact": marks.get("contact") or contact_of(truth)})
-        axes[-1].set_xlabel("time (s)")
-    return figure
+    panels = panels_of(results, options, truths)
+    if sum(map(len, panels)) <= MOST_CURVES or axes is not None:
+        return _draw_few(panels, options, truths, axes)
+    if len(results) <= MOST_PANELS:
+        return _draw_multiples(_one_each(panels), options)
+    return _draw_heat(_one_each(panels), options)
 
 
-def draw_panel(axes: Axes, curves: Sequence[_Curve], options: CurveOptions) -> None:
-    """Draw the curves of one panel with their peaks, thresholds and alarms."""
-    for order, curve in enumerate(curves):
-        _draw_curve(axes, curve, options, order)
-        if not options.raw:
-            _draw_alarms(axes, curve, ALARM_TOP - order % 3 * ALARM_STEP)
-    _explain(axes)
-    one_input = len({curve.result.path for curve in curves}) == 1
-    titles = curves[0].result.title if one_input else NAMES[curves[0].model]
-    axes.set_title(titles, pad=4 + 9 * len(axes.get_legend_handles_labels()[1]))
-    unit = UNITS[curves[0].model]
-    axes.set_ylabel(f"response ({unit})" if options.raw else "response / peak")
-    if not options.raw:
-        axes.set_ylim(-0.03, HEADROOM)
-        axes.set_yticks([0, 0.5, 1])
-    else:
-        axes.set_ylim(top=axes.get_ylim()[1] * 1.1)
-    axes.margins(x=0.01)
+def _draw_few(
+    panels: Sequence[Sequence[Curve]],
+    options: CurveOptions,
+    truths: Sequence[Truth | None],
+    own: Axes | None = None,
+) -> tuple[Figure, list[Axes]]:
+    """Draw curves with a legend, each panel above the ground truth of its input."""
+    _check_lengths(panels, options)
+    if own is not None:
+        if len(panels) > 1:
+            raise ParameterError(
+                f"these results have {len(panels)} panels, which do not fit into one; choose one "
+                "detector or one result, or leave out the axes"
+            )
+        _draw_panel(own, panels[0], options, own=True)
+        _mark([own], panels[0], options, _shared_truth(panels[0], truths))
+        return own.figure.figure, [own]
+    shared = [_shared_truth(curves, truths) for curves in panels]
+    strips = shared
+    if options.scale == "raw":  # one strip, under the last panel of each result
+        last = {curves[-1].number: at for at, curves in enumerate(panels)}
+        strips = [truth if at in last.values() else None for at, truth in enumerate(shared)]
+    heights: list[float] = []
+    for curves, strip in zip(panels, strips, strict=True):
+        heights += [1.75 + 0.12 * len(curves), *([] if strip is None else [0.62])]
+    with styled_figure(COLUMN, 1) as figure:
+        axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+        free, lines = iter(axes), 0
+        for curves, truth, strip in zip(panels, shared, strips, strict=True):
+            panel = [next(free)]
+            lines += _draw_panel(panel[0], curves, options, title=len(panels) == 1)
+            if strip is not None:
+                panel.append(next(free))
+                panel[1].sharex(panel[0])
+                _draw_truth(panel[1], strip, curves[0].zero_s)
+                panel[0].tick_params(labelbottom=False)
+            _mark(panel, curves, options, truth)
+        axes[-1].set_xlabel(time_label(options))
+        figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + LINE * lines))
+        if options.title and len(panels) > 1:
+            figure.suptitle(wrapped(options.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+    return figure, axes
+
+
+def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> None:
+    for first, *others in panels:
+        for other in others:
+            rows = [len(each.result.frames) for each in (first, other)]
+            if rows[0] != rows[1] and not (options.any_length or options.align):
+                raise ResultError(
+                    f"{other.result.path}: column 'frame' has {rows[1]} rows, that of "
+                    f"{first.result.path} {rows[0]}; give results of one length, or --any-length"
+                )
+
+
+def _draw_panel(
+    axes: Axes,
+    curves: Sequence[Curve],
+    options: CurveOptions,
+    *,
+    title: bool = True,
+    own: bool = False,
+) -> int:
+    """Draw the curves of a panel with its legend, and return the lines of text above it.
+
+    With `title`, the figure's title is above it too.
+    """
+    scale = scale_of(curves, options.scale)
+    notes = draw_curves(axes, curves, options, scale)
+    for note in notes:
+        axes.plot([], [], linestyle="none", label=wrapped(note, LEGEND_WIDTH))
+    one_input = len({curve.number for curve in curves}) == 1
+    label = detector_named(curves[0].detector).label
+    name = labels_of([curves[0].result], options.labels[curves[0].number :][:1])[0]
+    named = name if one_input else label
+    if title and options.title:
+        named = options.title
+    axes.set_ylabel(_value_label(scale, curves[0]))
+    if own:
+        axes.legend(fontsize="small")
+        axes.set_xlabel(time_label(options))
+        return 0
+    texts: list[str] = axes.get_legend_handles_labels()[1]
+    lines = sum(text.count("\n") + 1 for text in texts)
+    axes.set_title(wrapped(named, TITLE_WIDTH), pad=4 + 9 * lines)
     legend = axes.legend(
         loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1,
         labelspacing=0.25, handlelength=1.8,
     )  # fmt: skip
     legend.set_in_layout(False)  # a long name must not squeeze the curves
+    return lines
 
 
-def _panels(results: Sequence[Result], options: CurveOptions) -> dict[int, list[_Curve]]:
-    """Sort the curves into panels."""
-    for result in results:
-        result.need([f"{model}_response" for model in options.models])
-    models = {result.path: options.models or result.models for result in results}
-    overlaid = len(results) > 1 and {len(each) for each in models.values()} == {1}
-    if overlaid and len(set(models.values())) == 1:
-        model = next(iter(models.values()))[0]
-        lines = [
-            _Curve(result, model, _short(result.title), CYCLE[order % 7], DASHES[order // 7 % 4])
-            for order, result in enumerate(results)
-        ]
-        return {0: lines}
-    groups = [
-        [_Curve(result, model, NAMES[model], COLOURS[model]) for model in models[result.path]]
-        for result in results
-    ]
-    if options.raw:
-        groups = [[curve] for group in groups for curve in group]
-    return dict(enumerate(groups))
-
-
-def _last_of_each(
-    panels: dict[int, list[_Curve]], strips: dict[int, Truth | None]
-) -> dict[int, Truth | None]:
-    last = {curves[-1].result.path: number for number, curves in panels.items()}
-    return {number: truth if number in last.values() else None for number, truth in strips.items()}
-
-
-def _heights(curves: Sequence[_Curve], truth: Truth | None) -> list[float]:
-    panel = 1.6 + 0.12 * len(curves)
-    return [panel] if truth is None else [panel, 0.62]
-
-
-def _draw_curve(axes: Axes, curve: _Curve, options: CurveOptions, order: int) -> None:
-    time = curve.result.frames["time_s"].to_numpy(float)
-    response = curve.result.frames[f"{curve.model}_response"].to_numpy(float)
-    look = {"color": curve.colour, "linestyle": curve.dash}
-    best = int(np.nanargmax(response))
-    peak = float(response[best])
-    if peak <= 0:
-        axes.plot(time, response, **look, label=f"{curve.name}, no response")  # type: ignore[arg-type]
-        return
-    over = 1.0 if options.raw else peak
-    frame = int(curve.result.frames["frame"].iloc[best])
-    when = f"{time[best]:.3g} s"
-    when = when if len(curve.name) > 12 else f"frame {frame} ({when})"
-    label = f"{curve.name}, peak {peak:.3g} at {when}"
-    axes.plot(time, response / over, **look, label=label)  # type: ignore[arg-type]
-    # Hollow, so that two peaks in one place are both seen.
-    size = 6 - 2 * (order % 2)
-    axes.plot(time[best], peak / over, "o", markersize=size, mfc="none", mec=curve.colour)
-    if options.threshold and f"{curve.model}_alarm" in curve.result.frames.columns:
-        _draw_threshold(axes, curve, time, response, over)
-
-
-def _draw_threshold(
-    axes: Axes,
-    curve: _Curve,
-    time: NDArray[np.float64],
-    response: NDArray[np.float64],
-    over: float,
+def _mark(
+    axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOptions, truth: Truth | None
 ) -> None:
-    threshold = alarm_threshold(time, response, alarm_params(curve.result), curve.model) / over
-    # Far above the curve it tells nothing, and would squeeze the curve.
-    threshold[threshold > 1.08 * np.nanmax(response) / over] = np.nan
-    if np.isfinite(threshold).any():
-        axes.plot(
-            time, threshold, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)),
-            drawstyle="steps-mid",
-        )  # fmt: skip
+    """Draw labelled times as vertical lines; the label alone where a time is outside.
 
-
-def _draw_alarms(axes: Axes, curve: _Curve, height: float) -> None:
-    """Draw a bar over the frames with the alarm on."""
-    column = f"{curve.model}_alarm"
-    if column not in curve.result.frames.columns:
-        return
-    time = curve.result.frames["time_s"].to_numpy(float)
-    on = curve.result.frames[column].to_numpy(float) == 1
-    if not on.any():
-        return
-    step = float(np.median(np.diff(time)))
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
-    spans = [(time[a], time[b - 1] - time[a] + step) for a, b in edges.reshape(-1, 2)]
-    axes.broken_barh(spans, (height - 0.02, 0.04), facecolors=curve.colour)
-
-
-def _explain(axes: Axes) -> None:
-    """Say once, in ink, what the dots and bars of all colours are."""
-    notes = []
-    if any(line.get_drawstyle() == "steps-mid" for line in axes.lines):
-        notes.append("dotted: threshold of the alarm")
-    if axes.collections:
-        notes.append("bar: alarm on")
-    if notes:
-        axes.plot([], [], linestyle="none", label="; ".join(notes))
-
-
-def _mark(axes: Sequence[Axes], marks: dict[str, float | None]) -> None:
-    """Draw labelled times as vertical lines."""
+    Where the inputs of a panel have different times, each line has the colour of its curve.
+    """
+    of_inputs = {curve.number: curve for curve in curves}.values()
+    marks = {
+        label: {curve: times[curve.number] for curve in of_inputs}
+        for label, times in options.marks.items()
+    }
+    if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
+        contact = contact_of(truth)
+        marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
     first, last = axes[0].get_xlim()
-    known = [(label, time) for label, time in marks.items() if time is not None]
-    for row, (label, time) in enumerate(known):
-        inside = first <= time <= last
-        if inside:
-            for each in axes:
-                each.axvline(time, color=INK, lw=0.7, linestyle=(0, (4, 2)))
-        near_left = time < first + 0.2 * (last - first)
-        axes[0].annotate(
-            label if inside else f"{label} at {time:.3g} s",
-            (min(max(time, first), last), 1), xycoords=("data", "axes fraction"),
-            xytext=(2 if near_left else -2, -6.5 * row), textcoords="offset points",
-            ha="left" if near_left else "right", va="top", fontsize=6, color=INK,
-        )  # fmt: skip
+    below = 0.0 if len(of_inputs) == 1 else BAR_STEP * len(curves) + 1 - BAR  # the bars
+    row = 0
+    for label, times in marks.items():
+        known = {c: time - c.zero_s for c, time in times.items() if time is not None}
+        alike = len({round(time, 6) for time in known.values()}) == 1
+        for number, (curve, time) in enumerate(known.items()):
+            inside = first <= time <= last
+            for each in axes if inside else ():
+                each.axvline(
+                    time, color=INK if alike else curve.colour, lw=0.7, linestyle=(0, (4, 2))
+                )
+            if number:
+                continue
+            near_left = time < first + 0.2 * (last - first)
+            axes[0].annotate(
+                label if inside else f"{label} at {time:.3g} s",
+                (min(max(time, first), last), 1 - below), xycoords=("data", "axes fraction"),
+                xytext=(2 if near_left else -2, -6.5 * row - 1), textcoords="offset points",
+                ha="left" if near_left else "right", va="top", fontsize=6, color=INK,
+            )  # fmt: skip
+            row += 1
+    axes[0].set_xlim(first, last)
 
 
-def _shared_truth(
-    curves: Sequence[_Curve], results: Sequence[Result], truths: Sequence[Truth | None]
-) -> Truth | None:
-    """Return the ground truth of a panel, if all its inputs have one and the same."""
-    paths = {curve.result.path for curve in curves}
-    own = [truth for result, truth in zip(results, truths, strict=True) if result.path in paths]
+def _shared_truth(curves: Sequence[Curve], truths: Sequence[Truth | None]) -> Truth | None:
+    """Return the ground truth of a panel, if all its inputs have the same one."""
+    own = [truths[curve.number] for curve in curves]
     return own[0] if all(truth == own[0] for truth in own) else None
 
 
-def _short(name: str, most: int = 26) -> str:
-    return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-most // 2 :]}"
+def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
+    """Draw the angular size of every object over time, on grey where an object looms."""
+    frames = truth["frames"]
+    time = np.array([frame["time_s"] for frame in frames], float) - zero_s
+    looming = np.array([bool(frame["looming"]) for frame in frames])
+    for name in dict.fromkeys(each["id"] for frame in frames for each in frame["objects"]):
+        size = np.array([_size(frame, name) for frame in frames])
+        if np.isfinite(size).any():
+            axes.plot(time, size, color=INK, lw=1)
+    axes.set_ylim(bottom=0)
+    axes.fill_between(
+        time, 0, 1, where=looming, transform=axes.get_xaxis_transform(), color=FAINT, alpha=0.25,
+        lw=0, step="mid",
+    )  # fmt: skip
+    axes.set_ylabel("size (deg)")
+    if looming.any():
+        axes.set_title("grey: looming", loc="right", fontsize=6, color=INK, pad=2)
 
 
-def _check_lengths(results: Sequence[Result], options: CurveOptions) -> None:
-    first = results[0]
-    for result in results[1:]:
-        if len(result.frames) != len(first.frames) and not options.any_length:
-            raise ResultError(
-                f"{result.path}: column 'frame' has {len(result.frames)} rows, that of "
-                f"{first.path} {len(first.frames)}; give results of one length, or --any-length"
-            )
+def _size(frame: dict[str, Any], name: str) -> float:
+    found = next((each for each in frame["objects"] if each["id"] == name), None)
+    size = found["angular_size_deg"] if found and found["visible"] else None
+    return np.nan if size is None else float(size)
+
+
+def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
+    """Return panels that show one input each, or one detector each of a single input.
+
+    The curves have the colours of their detectors.
+    """
+    if len({curve.number for curves in panels for curve in curves}) == 1:
+        return [[curve] for curves in panels for curve in curves]
+    if len({curve.number for curve in panels[0]}) == 1:
+        return [list(curves) for curves in panels]
+    label, colour = (
+        getattr(detector_named(panels[0][0].detector), name) for name in ("label", "colour")
+    )
+    return [[replace(each, name=label, colour=colour, dash="-")] for each in panels[0]]
+
+
+def _names(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
+    """Return the name of each panel's input, or of its detector where there is one input."""
+    if len(panels) > 1 and len({curves[0].number for curves in panels}) == 1:
+        return [curves[0].name for curves in panels]
+    results = {curves[0].number: curves[0].result for curves in panels}
+    numbers = sorted(results)
+    labels = labels_of([results[number] for number in numbers], options.labels)
+    by_number = dict(zip(numbers, labels, strict=True))
+    return [by_number[curves[0].number] for curves in panels]
+
+
+def _draw_multiples(
+    panels: Sequence[Sequence[Curve]], options: CurveOptions
+) -> tuple[Figure, list[Axes]]:
+    """Draw a small panel for each input, all on one scale."""
+    columns = 2 if len(panels) <= 4 else 3
+    rows = -(-len(panels) // columns)
+    scales = [scale_of(curves, options.scale) for curves in panels]
+    scale = scales[0] if len(set(scales)) == 1 else options.scale
+    with styled_figure(PAGE, min(MOST_HEIGHT, 0.6 + 1.35 * rows)) as figure:
+        shared = scale != "raw" and len(set(scales)) == 1
+        truths = [find_truth(curves[0].result) for curves in panels]
+        grid = figure.subplots(rows, columns, squeeze=False, sharey=shared).ravel()
+        axes, free = list(grid[: len(panels)]), grid[len(panels) :]
+        several = len({curves[0].number for curves in panels}) > 1
+        notes: dict[str, None] = {}
+        top = 0.0
+        names = _names(panels, options)
+        for panel, curves, name, own in zip(axes, panels, names, scales, strict=True):
+            found = draw_curves(panel, curves, options, own)
+            shown = f"{name}: {curves[0].name}" if scale == "raw" and several else name
+            if own == scale:
+                notes.update(dict.fromkeys(found))
+                top = max(top, panel.get_ylim()[1])
+            else:
+                shown += ", over its peak: no threshold"
+            panel.set_title(wrapped(shown, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
+            panel.tick_params(labelsize=6)
+        for panel, curves, truth, own in zip(axes, panels, truths, scales, strict=True):
+            if own == "threshold":
+                log_axis(panel, top)
+            _mark([panel], curves, options, truth)
+        for panel in free:
+            panel.set_visible(False)
+        legend = panels if several else []
+        title = options.title or ("" if several else panels[0][0].result.title)
+        shown_notes = [note for note in notes if "above the panel" not in note]
+        _legend(figure, legend, shown_notes, wrapped(title, 2 * TITLE_WIDTH))
+        figure.supylabel(_value_label(scale, panels[0][0]), fontsize=7.5)
+        figure.supxlabel(time_label(options), fontsize=7.5)
+    return figure, axes
+
+
+def _value_label(scale: str, curve: Curve) -> str:
+    unit = detector_named(curve.detector).unit
+    return {
+        "threshold": "response / alarm threshold",
+        "peak": "response / peak",
+        "raw": f"response ({unit})",
+    }[scale]
+
+
+def _legend(
+    figure: Figure, panels: Sequence[Sequence[Curve]], notes: Sequence[str], title: str
+) -> None:
+    """Write the title and explain the colours of the detectors once, above all panels."""
+    lines = {
+        curve.name: Line2D([], [], color=curve.colour, label=curve.name)
+        for curves in panels
+        for curve in curves
+    }
+    blank = [Line2D([], [], linestyle="none", label=note) for note in notes]
+    figure.legend(
+        handles=[*lines.values(), *blank], loc="outside upper left", ncols=4,
+        title=title or None, title_fontsize=8, alignment="left",
+    )  # fmt: skip
+
+
+def _draw_heat(
+    panels: Sequence[Sequence[Curve]], options: CurveOptions
+) -> tuple[Figure, list[Axes]]:
+    """Draw a row for each input over time; a panel beside the other for each detector."""
+    detectors = list(dict.fromkeys(curve.detector for curves in panels for curve in curves))
+    by_input: dict[int, dict[str, Curve]] = {}
+    for curves in panels:
+        by_input.setdefault(curves[0].number, {}).update({each.detector: each for each in curves})
+    rows = list(by_input.values())
+    first = [[next(iter(row.values()))] for row in rows]
+    names = _names(first, options)
+    scale = scale_of([curve for row in rows for curve in row.values()], options.scale)
+    height = min(MOST_HEIGHT, 1.2 + 0.15 * len(rows))
+    with styled_figure(PAGE, height) as figure:
+        axes = list(figure.subplots(1, len(detectors), squeeze=False, sharey=True)[0])
+        for panel, detector in zip(axes, detectors, strict=True):
+            _draw_rows(panel, [row.get(detector) for row in rows], options, scale)
+            panel.set_title(detector_named(detector).label)
+            panel.set_xlabel(time_label(options))
+        step = -(-len(names) // MOST_NAMES)
+        shown = range(0, len(names), step)
+        axes[0].set_yticks(shown, [names[at] for at in shown])
+        axes[0].tick_params(axis="y", labelsize=6, length=0)
+        if step > 1:
+            axes[0].set_ylabel(f"one name in {step} is written")
+        if options.title:
+            figure.suptitle(wrapped(options.title, 2 * TITLE_WIDTH), fontsize=8, x=0.01, ha="left")
+    return figure, axes
+
+
+def _draw_rows(
+    axes: Axes, curves: Sequence[Curve | None], options: CurveOptions, scale: str
+) -> None:
+    known = [curve for curve in curves if curve is not None]
+    times = [curve.time for curve in known]
+    begin, end = options.xlim or (min(t[0] for t in times), max(t[-1] for t in times))
+    bins = min(MOST_BINS, max(len(t) for t in times))
+    values = np.full((len(curves), bins), np.nan)
+    for row, curve in enumerate(curves):
+        if curve is not None:
+            values[row] = _binned(curve.time, curve.scaled(scale), begin, end, bins)
+            for start, duration in curve.alarms():
+                axes.plot([start, start + duration], [row + 0.36] * 2, color=ALARM, lw=1.6,
+                          solid_capstyle="butt")  # fmt: skip
+    bounds = (FLOOR, 100.0) if scale == "threshold" else None
+    norm = norm_of(values, bounds)
+    image = axes.imshow(
+        values, aspect="auto", cmap=SHADES, norm=norm, interpolation="nearest",
+        extent=(begin, end, len(curves) - 0.5, -0.5),
+    )  # fmt: skip
+    axes.set_xlim(begin, end)
+    if options.align:
+        axes.axvline(0, color="white", lw=0.7, linestyle=(0, (4, 2)))
+    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", pad=0.02, aspect=30)
+    bar.outline.set_linewidth(0.5)
+    if bounds:
+        bar.set_ticks([0.01, 0.1, 1, 10, 100], labels=["≤0.01", "0.1", "1", "10", "≥100"])
+    bar.set_label(f"{_value_label(scale, known[0])}\nline in a row: alarm on")
+
+
+def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:
+    """Return the largest value in each bin of time; NaN before the first and after the last."""
+    made = np.full(bins, np.nan)
+    at = np.floor((time - begin) / max(end - begin, 1e-9) * bins).astype(int)
+    at[time == end] = bins - 1
+    inside = (at >= 0) & (at < bins) & np.isfinite(value)
+    np.fmax.at(made, at[inside], value[inside])
+    # A bin between two frames shows the frame before it.
+    filled = np.flatnonzero(np.isfinite(made))
+    if filled.size:
+        span = np.arange(filled[0], filled[-1] + 1)
+        made[span] = made[filled[np.searchsorted(filled, span, side="right") - 1]]
+    return made

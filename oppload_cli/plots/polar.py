@@ -6,33 +6,107 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from oppload_cli.errors import ResultError
-from oppload_cli.plots.selectivity import Selectivity, selectivity, whole_circle
+from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.models.registry import detector_named
+from oppload_cli.plots.naming import differences, wrapped
 from oppload_cli.plots.style import (
-    COLOURS,
     COLUMN,
     DASHES,
     FAINT,
     LPLC2,
-    NAMES,
-    STYLE,
-    UNITS,
-    new_figure,
+    MOST_HEIGHT,
+    PAGE,
+    TITLE_WIDTH,
+    styled_figure,
 )
 from oppload_cli.reference.lplc2 import BAR_WIDTHS, bar_tuning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.projections.polar import PolarAxes
     from numpy.typing import NDArray
 
-    from oppload_cli.results.tuning import Tuning
+    from oppload_cli.results.reading import Tuning
+
+    Series = NDArray[np.float64]
+
+
+TURN = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Selectivity:
+    """How strongly responses depend on direction (``docs/plots.md``).
+
+    Attributes
+    ----------
+    peak : float
+        Largest response.
+    preferred_deg : float
+        Its direction.
+    direction_index : float or None
+        (R_p - R_o) / (R_p + R_o), with R_o the response to the opposite direction; None if
+        that direction was not shown or nothing responded.
+    axis_index : float or None
+        |sum R exp(2 i theta)| / sum R: 1 for one axis, 0 for none; None if nothing responded.
+    least : float
+        Smallest response over the largest.
+    """
+
+    peak: float
+    preferred_deg: float
+    direction_index: float | None
+    axis_index: float | None
+    least: float
+
+
+def selectivity(angles_deg: Series, responses: Series) -> Selectivity:
+    """Measure directional tuning.
+
+    Parameters
+    ----------
+    angles_deg : ndarray, shape (n,)
+        Directions, evenly spread over the circle or a half of it.
+    responses : ndarray, shape (n,)
+        At least 0.
+    """
+    best = int(responses.argmax())
+    peak, preferred = float(responses[best]), float(angles_deg[best])
+    if peak <= 0:
+        return Selectivity(peak, preferred, None, None, 0.0)
+    opposite = np.flatnonzero(np.abs((angles_deg - preferred) % 360 - 180) < 1e-6)
+    index = None
+    if opposite.size:
+        other = float(responses[opposite[0]])
+        index = (peak - other) / (peak + other)
+    least = float(responses.min()) / peak
+    vector = np.sum(responses * np.exp(2j * np.deg2rad(angles_deg)))
+    return Selectivity(peak, preferred, index, float(abs(vector) / responses.sum()), least)
+
+
+def full_circle(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
+    """Repeat a half circle of directions half a turn on.
+
+    Parameters
+    ----------
+    angles_deg, responses : ndarray, shape (n,)
+        Of a stimulus that half a turn does not change.
+
+    Returns
+    -------
+    angles_deg, responses : ndarray
+        Each direction once, in rising order, 0 to 360.
+    """
+    angles = np.concatenate([angles_deg % 360, (angles_deg + 180) % 360])
+    values = np.concatenate([responses, responses])
+    _, first = np.unique(np.round(angles, 6), return_index=True)
+    return angles[first], values[first]
 
 
 @dataclass(frozen=True)
@@ -63,12 +137,7 @@ class DirectionTuning:
         return selectivity(self.angles_deg, self.responses)
 
     def line(self) -> str:
-        """Return the numbers in one line, for standard output.
-
-        Returns
-        -------
-        str
-        """
+        """Return the numbers in one line, for standard output."""
         n = self.numbers
         if n.axis_index is None:
             return f"{self.name}: no response"
@@ -81,7 +150,10 @@ class DirectionTuning:
 
 
 def direction_tunings(
-    tunings: Sequence[Tuning], models: Sequence[str] = (), lplc2: str = "auto"
+    tunings: Sequence[Tuning],
+    detectors: Sequence[str] = (),
+    lplc2: str = "auto",
+    labels: Sequence[str] = (),
 ) -> list[DirectionTuning]:
     """Collect the curves of a polar plot.
 
@@ -89,99 +161,37 @@ def direction_tunings(
     ----------
     tunings : sequence of Tuning
         Tables over a direction.
-    models : sequence of str
-        The models to draw; none for all.
+    detectors : sequence of str
+        The detectors to draw; none for all.
     lplc2 : str
-        Width of the bar whose LPLC2 reference is overlaid, ``10`` or ``60``;
-        ``none``; or ``auto``: that of the stimulus's name.
-
-    Returns
-    -------
-    list of DirectionTuning
+        Width of the bar whose LPLC2 tuning is overlaid, ``10`` or ``60``; ``none``; or
+        ``auto``: the width in the stimulus's name.
+    labels : sequence of str
+        Names of the tables; else what differs between them.
 
     Raises
     ------
     ResultError
-        If a table has no direction, more than one parameter, or not the model.
+        If a table has no direction, more than one parameter, or lacks a detector.
     """
+    names = names_of(tunings, labels)
     made = [
-        _of_model(tuning, model, number, len(tunings))
+        _of_detector(tuning, name, number, names)
         for number, tuning in enumerate(tunings)
-        for model in models or tuning.models
+        for name in detectors or tuning.models
     ]
     width = _bar_width(tunings) if lplc2 == "auto" else int(lplc2) if lplc2.isdigit() else None
     reference = bar_tuning(width) if width else {}
     if reference:
-        angles, values = whole_circle(np.array(list(reference)), np.array(list(reference.values())))
+        angles, values = full_circle(np.array(list(reference)), np.array(list(reference.values())))
         look = {"color": LPLC2, "marker": "s", "markersize": 2.5, "lw": 0.9, "linestyle": ":"}
         made.append(DirectionTuning(f"LPLC2, {width} deg bar", angles, values, "of the loom", look))
     return made
 
 
-def plot_polar(curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = "") -> Figure:
-    """Draw tuning over direction.
-
-    Parameters
-    ----------
-    curves : sequence of DirectionTuning
-        At least one.
-    raw : bool
-        A plot per curve in its own unit, instead of all over their peaks in one.
-    title : str
-        Of the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    groups = [[curve] for curve in curves] if raw else [list(curves)]
-    with mpl.rc_context(STYLE):
-        figure = new_figure(COLUMN, 0.1 + 3.3 * len(groups) + 0.13 * len(curves))
-        axes = figure.subplots(len(groups), 1, squeeze=False, subplot_kw={"projection": "polar"})[
-            :, 0
-        ]
-        for panel, group in zip(axes, groups, strict=True):
-            draw_polar(panel, group, raw=raw)
-        if title:
-            figure.suptitle(title, fontsize=8, x=0.02, ha="left")
-    return figure
-
-
-def draw_polar(axes: PolarAxes, curves: Sequence[DirectionTuning], *, raw: bool = False) -> None:
-    """Draw curves into one polar plot.
-
-    Parameters
-    ----------
-    axes : PolarAxes
-        Where to draw.
-    curves : sequence of DirectionTuning
-        What to draw.
-    raw : bool
-        In their own unit instead of over their peaks.
-    """
-    for curve in curves:
-        peak = curve.numbers.peak
-        over = 1.0 if raw or peak <= 0 else peak
-        angles, values = _closed(curve.angles_deg, curve.responses / over)
-        about = f"peak {peak:.3g} ({curve.unit})" if peak > 0 else "no response"
-        name = curve.name if raw else f"{curve.name}, {about}"
-        axes.plot(np.deg2rad(angles), values, label=name, **curve.look)
-    axes.set_thetagrids(range(0, 360, 45), [f"{angle}°" for angle in range(0, 360, 45)])
-    axes.set_rlabel_position(22.5)
-    axes.set_ylim(bottom=0)
-    axes.yaxis.set_major_locator(MaxNLocator(3))
-    if not raw:
-        axes.set_rticks([0.5, 1])
-        axes.set_ylim(0, 1.08)
-    axes.grid(color=FAINT, lw=0.4)
-    axes.spines["polar"].set_color(FAINT)
-    axes.tick_params(pad=0)
-    label = f"response ({curves[0].unit})" if raw else "response / peak"
-    axes.set_xlabel(f"radius: {label}; angle: direction of motion")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), borderaxespad=0)
-
-
-def _of_model(tuning: Tuning, model: str, number: int, count: int) -> DirectionTuning:
+def _of_detector(
+    tuning: Tuning, detector: str, number: int, names: Sequence[str]
+) -> DirectionTuning:
     direction = tuning.direction
     if direction is None:
         raise ResultError(
@@ -190,35 +200,124 @@ def _of_model(tuning: Tuning, model: str, number: int, count: int) -> DirectionT
     if len(tuning.parameters) > 1:
         other = next(name for name in tuning.parameters if name != direction)
         raise ResultError(f"{tuning.path}: column '{other}' is swept too; draw --kind heat")
-    rows = tuning.of(model)
+    rows = tuning.of(detector)
     if rows.empty:
-        raise ResultError(f"{tuning.path}: column 'model' never holds '{model}'; leave it out")
+        raise ResultError(f"{tuning.path}: column 'model' never holds '{detector}'; leave it out")
     angles, values = rows[direction].to_numpy(float) % 360, rows["peak"].to_numpy(float)
     order = np.argsort(angles, kind="stable")
     angles, values = angles[order], values[order]
     if tuning.symmetric:
-        angles, values = whole_circle(angles, values)
-    name = NAMES[model] if count == 1 else f"{NAMES[model]}, {tuning.name.rpartition('/')[2]}"
+        angles, values = full_circle(angles, values)
+    label = detector_named(detector).label
+    name = label if len(names) == 1 else f"{label}, {names[number]}"
     look = {
-        "color": COLOURS[model], "linestyle": DASHES[number % len(DASHES)],
+        "color": detector_named(detector).colour, "linestyle": DASHES[number % len(DASHES)],
         "marker": "o", "markersize": 2.2,
     }  # fmt: skip
-    return DirectionTuning(name, angles, values, UNITS[model], look)
-
-
-def _closed(
-    angles: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Join the ends where directions go all the way round."""
-    gaps = np.diff(np.append(angles, angles[0] + 360))
-    if len(angles) < 3 or gaps[-1] > 1.01 * max(gaps[:-1]):
-        return angles, values
-    return np.append(angles, angles[0]), np.append(values, values[0])
+    return DirectionTuning(name, angles, values, detector_named(detector).unit, look)
 
 
 def _bar_width(tunings: Sequence[Tuning]) -> int | None:
-    """Return the width of the expanding bar that the names speak of, if all agree."""
+    """Return the width of the expanding bar in the stimuli's names, if all have the same."""
     found = {re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings}
     widths = {int(match[1]) if match else None for match in found}
     width = widths.pop() if len(widths) == 1 else None
     return width if width in BAR_WIDTHS else None
+
+
+def names_of(tunings: Sequence[Tuning], labels: Sequence[str] = ()) -> list[str]:
+    """Return a name for each table: the given ones, or what differs between the stimuli."""
+    if labels and len(labels) != len(tunings):
+        raise ParameterError(
+            f"{len(labels)} labels for {len(tunings)} tables; give one for each, or none"
+        )
+    return list(labels) or differences([tuning.name for tuning in tunings])
+
+
+def plot_polar(
+    curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = ""
+) -> tuple[Figure, list[Axes]]:
+    """Draw tuning over direction.
+
+    Parameters
+    ----------
+    curves : sequence of DirectionTuning
+        At least one.
+    raw : bool
+        Whether each curve gets a plot in its own unit, instead of all in one over their peaks.
+    title : str
+        Of the figure.
+    """
+    groups = [[curve] for curve in curves] if raw else [list(curves)]
+    columns = 1 if len(groups) <= 2 else 2 if len(groups) <= 4 else 3
+    rows = -(-len(groups) // columns)
+    width = COLUMN if columns == 1 else PAGE
+    height = 0.1 + rows * (0.9 * width / columns + 0.4) + 0.13 * len(curves)
+    with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
+        grid = figure.subplots(
+            rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
+        ).ravel()
+        axes = list(grid[: len(groups)])
+        for panel, group in zip(axes, groups, strict=True):
+            draw_polar(panel, group, raw=raw)
+        for panel in grid[len(groups) :]:
+            panel.set_visible(False)
+        if title:
+            figure.suptitle(wrapped(title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        spread(figure)
+    return figure, axes
+
+
+def spread(figure: Figure) -> None:
+    """Leave room around polar plots: the layout overlooks how far labels of angles reach."""
+    engine: Any = figure.get_layout_engine()
+    engine.set(h_pad=0.09, w_pad=0.09)
+
+
+def draw_polar(axes: PolarAxes, curves: Sequence[DirectionTuning], *, raw: bool = False) -> None:
+    """Draw curves into one polar plot, in their own unit or over their peaks."""
+    for curve in curves:
+        peak = curve.numbers.peak
+        over = 1.0 if raw or peak <= 0 else peak
+        angles, values = _closed(curve.angles_deg, curve.responses / over)
+        about = f"peak {peak:.3g} ({curve.unit})" if peak > 0 else "no response"
+        name = curve.name if raw else f"{curve.name}, {about}"
+        axes.plot(np.deg2rad(angles), values, label=name, **curve.look)
+    axes.set_thetagrids(range(0, 360, 45), [f"{angle}°" for angle in range(0, 360, 45)])
+    top = max(float(np.max(np.asarray(line.get_ydata()), initial=0)) for line in axes.lines) or 1.0
+    ticks = [tick for tick in MaxNLocator(3).tick_values(0, top) if 0 < tick <= top]
+    axes.set_ylim(0, 1.08 * top if raw else 1.08)
+    axes.set_rticks(ticks if raw else [0.5, 1])
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+    axes.set_rlabel_position(_free_direction(axes))
+    for number in axes.get_yticklabels():
+        number.set_bbox({"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.4})
+    axes.grid(color=FAINT, lw=0.4)
+    axes.spines["polar"].set_color(FAINT)
+    axes.tick_params(pad=0)
+    label = f"response ({curves[0].unit})" if raw else "response / peak"
+    axes.set_xlabel(f"radius: {label}; angle: direction of motion")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), borderaxespad=0)
+
+
+def _free_direction(axes: PolarAxes) -> float:
+    """Return the direction in degrees in which the numbers of the radius are far from curves."""
+    ticks = axes.get_yticks()
+
+    def distance(direction: float) -> float:
+        at = np.deg2rad(direction)
+        values = [
+            np.interp(at, np.asarray(line.get_xdata()), np.asarray(line.get_ydata()), period=TURN)
+            for line in axes.lines
+        ]
+        return float(min(abs(tick - value) for tick in ticks for value in values))
+
+    return max((22.5 + 45 * turn for turn in range(8)), key=distance)
+
+
+def _closed(angles: Series, values: Series) -> tuple[Series, Series]:
+    """Join the ends of a curve whose directions go all the way round."""
+    gaps = np.diff(np.append(angles, angles[0] + 360))
+    if len(angles) < 3 or gaps[-1] > 1.01 * max(gaps[:-1]):
+        return angles, values
+    return np.append(angles, angles[0]), np.append(values, values[0])

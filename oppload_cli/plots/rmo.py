@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
 
 from oppload_cli.errors import ResultError
-from oppload_cli.plots.style import COLUMN, CYCLE, FAINT, STYLE, new_figure
+from oppload_cli.plots.naming import labels_of, wrapped
+from oppload_cli.plots.style import COLUMN, CYCLE, FAINT, TITLE_WIDTH, as_list, styled_figure
 from oppload_cli.results.reading import check_numbers
 
 if TYPE_CHECKING:
@@ -16,30 +16,58 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from oppload_cli.results.reading import Result
 
+
 COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
+MOST = 3  # results in one figure
 
 
-def plot_rmo(results: Sequence[Result]) -> Figure:
-    """Draw the RMO columns over time, three panels per result.
+def plot_rmo(
+    results: Result | Sequence[Result],
+    *,
+    labels: Sequence[str] = (),
+    title: str | None = None,
+    xlim: tuple[float, float] | None = None,
+) -> tuple[Figure, list[Axes]]:
+    """Draw RMO over time: index, mean and largest RMO, and the share of ROM pairs.
 
     Parameters
     ----------
-    results : sequence of Result
-        Of runs with RMO.
+    results : Result or sequence of Result
+        At most three, with three panels each.
+    labels : sequence of str
+        Names of the results; else what differs between them.
+    title : str, optional
+        Of the figure.
+    xlim : tuple of float, optional
+        First and last time, in seconds.
 
     Returns
     -------
-    matplotlib.figure.Figure
+    matplotlib.figure.Figure, list of Axes
+        Not saved yet; the panels from top to bottom.
 
     Raises
     ------
     ResultError
-        If a result was made with ``--no-rmo``.
+        If a result was made with ``--no-rmo``, a column is empty, or there are too many.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> result = oppload.run("controls/looming-perspective")
+    >>> figure, (index, mean, share) = oppload.plot_rmo(result)
+    >>> index.get_ylabel()
+    'RMO index'
     """
+    results = as_list(results)
+    if len(results) > MOST:
+        raise ResultError(
+            f"{results[MOST].path}: one figure shows the RMO of at most {MOST} results; "
+            "plot them separately"
+        )
     for result in results:
         missing = next((name for name in COLUMNS if name not in result.frames.columns), None)
         if missing:
@@ -49,50 +77,38 @@ def plot_rmo(results: Sequence[Result]) -> Figure:
         for name in COLUMNS:
             if np.isnan(check_numbers(result.path, result.frames, name)).all():
                 raise ResultError(f"{result.path}: column '{name}' is empty; run it again")
-    with mpl.rc_context(STYLE):
-        figure = new_figure(COLUMN, 0.3 + 3.1 * len(results))
-        panels = figure.subplots(
-            3 * len(results), 1, squeeze=False, height_ratios=[1.2, 1, 0.8] * len(results)
-        )[:, 0]
-        for number, result in enumerate(results):
-            draw_rmo(list(panels[3 * number : 3 * number + 3]), result)
+    heights = [1.2, 1, 0.8] * len(results)
+    with styled_figure(COLUMN, 0.3 + 2.9 * len(results)) as figure:
+        panels = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+        for number, label in enumerate(labels_of(results, labels)):
+            own = panels[3 * number : 3 * number + 3]
+            _draw(own, results[number])
+            own[0].set_title(wrapped(label, TITLE_WIDTH))
+            for panel in own:
+                panel.set_xlim(xlim or panel.get_xlim())
         panels[-1].set_xlabel("time (s)")
-    return figure
+        if title:
+            figure.suptitle(wrapped(title, TITLE_WIDTH))
+    return figure, panels
 
 
-def draw_rmo(panels: Sequence[Axes], result: Result) -> None:
-    """Draw one result: index, mean and largest RMO, and how much motion there was.
-
-    Parameters
-    ----------
-    panels : sequence of Axes
-        Three of them.
-    result : Result
-        What to draw.
-    """
-    frames = result.frames
-    time = frames["time_s"].to_numpy(float)
-    index, size, count = panels
+def _draw(panels: Sequence[Axes], result: Result) -> None:
+    time, *values = (
+        result.frames[name].to_numpy(float)
+        for name in ("time_s", "rmo_index", "rmo_mean", "rmo_max", "rom_share")
+    )
+    index, size, share = panels
     index.axhline(0, color=FAINT, lw=0.6)
-    index.plot(time, _values(result, "rmo_index"), color=CYCLE[0])
-    index.set_ylim(-1.08, 1.08)
-    index.set_yticks([-1, 0, 1])
-    index.set_ylabel("RMO index")
-    index.set_title(result.title)
-    for name, colour, dash in (("rmo_mean", CYCLE[1], "-"), ("rmo_max", CYCLE[2], "--")):
-        label = name.replace("rmo_", "") + " of ROM pairs"
-        size.plot(time, _values(result, name), color=colour, linestyle=dash, label=label)
-    size.set_ylim(-0.04, 1.08)
-    size.set_ylabel("RMO")
+    index.plot(time, values[0], color=CYCLE[0])
+    index.set(ylim=(-1.08, 1.08), yticks=[-1, 0, 1], ylabel="RMO index")
+    size.plot(time, values[1], color=CYCLE[1], linestyle="-", label="mean of ROM pairs")
+    size.plot(time, values[2], color=CYCLE[2], linestyle="--", label="max of ROM pairs")
+    size.set(ylim=(-0.04, 1.08), ylabel="RMO")
     size.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderpad=0, borderaxespad=0.1)
-    count.plot(time, 100 * _values(result, "rom_share"), color=CYCLE[3])
-    count.set_ylim(bottom=0)
-    count.set_ylabel("ROM pairs (%)")
+    share.plot(time, 100 * values[3], color=CYCLE[3])
+    share.set_ylim(bottom=0)
+    share.set_ylabel("ROM pairs (%)")
     for panel in panels:
         panel.set_xlim(time[0], time[-1])
-    for panel in panels[:2]:
+    for panel in (index, size):
         panel.tick_params(labelbottom=False)
-
-
-def _values(result: Result, name: str) -> NDArray[np.float64]:
-    return result.frames[name].to_numpy(float)

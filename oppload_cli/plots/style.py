@@ -1,29 +1,41 @@
-"""How every figure looks, and how it is saved: the same result gives the same bytes."""
+"""The look of every figure, and how it is saved: the same result gives the same bytes."""
 
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Any
+import warnings
+from collections.abc import Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from oppload_cli import palette
 from oppload_cli.errors import ParameterError
-from oppload_cli.results.table import cannot_write
+from oppload_cli.files.atomic import write_atomic
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
-COLOURS, NAMES, INK, FAINT = palette.COLOURS, palette.NAMES, palette.INK, palette.FAINT
-UNITS = {"opplod": "arbitrary unit", "dlgmd": "mean of G"}
+    from numpy.typing import NDArray
+
+T = TypeVar("T")
+
+INK, FAINT = palette.INK, palette.FAINT
 CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
 SHADES = "cividis"
 LPLC2 = "#000000"
-# The width of a column of a journal: 8.5 cm. What is drawn wider is not shrunk to it.
-COLUMN = 8.5 / 2.54
-STYLE: Any = {  # Any: the stubs list every key there is
+COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
+PAGE = 17.8 / 2.54  # inches: two columns
+MOST_HEIGHT = 23 / 2.54  # inches: that of a page
+TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
+DECADES = 4  # of a logarithmic heat map
+STYLE: Any = {  # Any: the stubs list every key that matplotlib has
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
     "axes.spines.top": False,
@@ -44,20 +56,61 @@ STYLE: Any = {  # Any: the stubs list every key there is
     "svg.fonttype": "path",
     "pdf.fonttype": 42,
 }
-PARAMETER_UNITS = {
-    "_deg_s": "deg/s",
-    "_deg": "deg",
-    "_ms": "ms",
-    "_hz": "Hz",
-    "_per_s": "1/s",
-    "_s": "s",
-}
-# Without these a file would carry the time at which it was made.
+# By format. Without these a file would hold the time at which it was made.
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {"Software": "oppload"},
     ".svg": {"Date": None, "Creator": "oppload"},
     ".pdf": {"CreationDate": None, "ModDate": None, "Creator": "oppload", "Producer": "oppload"},
 }
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of a size in inches; it needs no display."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+@contextmanager
+def styled_figure(width: float, height: float) -> Iterator[Figure]:
+    """Open an empty figure to draw on, with the style in effect.
+
+    Parameters
+    ----------
+    width, height : float
+        In inches.
+
+    Yields
+    ------
+    matplotlib.figure.Figure
+        It needs no display.
+    """
+    with mpl.rc_context(STYLE):
+        yield new_figure(width, height)
+
+
+def as_list(results: T | Sequence[T]) -> list[T]:
+    """Return one result, or some, as a list."""
+    return list(results) if isinstance(results, Sequence) else [results]
+
+
+def norm_of(values: NDArray[np.float64], bounds: tuple[float, float] | None = None) -> Normalize:
+    """Return the scale of a heat map: logarithmic where the values are of several decades.
+
+    Parameters
+    ----------
+    values : ndarray
+        At least 0; NaN is blank.
+    bounds : tuple of float, optional
+        Of a logarithmic scale; else it ends at the largest value, and begins at the smallest,
+        but not more than four decades below.
+    """
+    if bounds:
+        return LogNorm(*bounds, clip=True)
+    above = values[np.isfinite(values) & (values > 0)]
+    largest = float(above.max(initial=0)) or 1.0
+    smallest = max(float(above.min(initial=largest)), largest * 10.0**-DECADES)
+    if largest > 30 * smallest:
+        return LogNorm(smallest, largest, clip=True)
+    return Normalize(0, largest)
 
 
 def save(figure: Figure, path: Path) -> None:
@@ -75,92 +128,32 @@ def save(figure: Figure, path: Path) -> None:
     ParameterError
         If the suffix is none of these.
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
-    suffix = path.suffix.lower()
     check_suffix(path)
-    part = path.with_name(path.name + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with mpl.rc_context(STYLE):
-            figure.savefig(part, format=suffix[1:], metadata=METADATA[suffix])
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise cannot_write(path, error) from error
+    write_atomic(path, [_image(figure, path.suffix.lower())])
 
 
 def png_bytes(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as PNG; the same figure gives the same bytes.
+    """Return a figure as PNG with a number of pixels per inch."""
+    return _image(figure, ".png", dpi=dpi)
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    dpi : int
-        Pixels per inch.
 
-    Returns
-    -------
-    bytes
-    """
-    buffer = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        figure.savefig(buffer, format="png", dpi=dpi, metadata=METADATA[".png"])
-    return buffer.getvalue()
+def _image(figure: Figure, suffix: str, **options: Any) -> bytes:
+    image = io.BytesIO()
+    with mpl.rc_context(STYLE), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from")  # a box is drawn for it
+        figure.savefig(image, format=suffix[1:], metadata=METADATA[suffix], **options)
+    return image.getvalue()
 
 
 def check_suffix(path: Path) -> None:
     """Check that a figure can be saved under a name.
 
-    Parameters
-    ----------
-    path : Path
-        The name.
-
     Raises
     ------
     ParameterError
-        If its suffix is not ``.png``, ``.svg`` or ``.pdf``.
+        If the suffix is not ``.png``, ``.svg`` or ``.pdf``.
     """
     if path.suffix.lower() not in METADATA:
         raise ParameterError(f"{path}: a figure's name ends in .png, .svg or .pdf; rename it")
-
-
-def described(parameter: str) -> str:
-    """Return the label of an axis over a swept parameter, with its unit.
-
-    Parameters
-    ----------
-    parameter : str
-        A dotted key such as ``disk.growth.speed_deg_s``.
-
-    Returns
-    -------
-    str
-        E.g. ``speed (deg/s)``.
-    """
-    *_, owner, leaf = ("", *parameter.split("."))
-    if leaf in {"right", "up"}:  # of a place, which is in degrees
-        return f"{leaf} (deg)"
-    if leaf == "l_over_v_ms":
-        return "l/v (ms)"
-    for suffix, unit in PARAMETER_UNITS.items():
-        if leaf.endswith(suffix):
-            return f"{leaf.removesuffix(suffix).replace('_', ' ')} ({unit})"
-    return f"{owner} {leaf}".replace("_", " ").strip()
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure in the house's style; it needs no display.
-
-    Parameters
-    ----------
-    width, height : float
-        In inches.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-    """
-    return Figure(figsize=(width, height), layout="constrained")

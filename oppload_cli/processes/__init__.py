@@ -1,1 +1,12 @@
-"""Work in several processes."""
+"""Threads, processes, and the signals that stop them."""
+
+from __future__ import annotations
+
+import os
+
+
+def cores() -> int:
+    """Return how many cores this process may use, by its affinity mask."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,1 +1,1 @@
-"""Published measurements that results are set beside."""
+"""Published measurements that results are compared with."""

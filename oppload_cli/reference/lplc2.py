@@ -28,7 +28,7 @@ class Peak:
     stimulus : str
         E.g. ``bar_expand``.
     axis_deg : float or None
-        Its axis or direction, counter-clockwise, 0 = right.
+        Axis or direction of the stimulus, counter-clockwise, 0 = right.
     width_deg : float or None
         Width of the bar.
     relative : float
@@ -43,12 +43,7 @@ class Peak:
 
 @cache
 def peaks() -> tuple[Peak, ...]:
-    """Return all published peaks.
-
-    Returns
-    -------
-    tuple of Peak
-    """
+    """Return all published peaks."""
     text = resources.files("oppload_cli.reference").joinpath(FILE).read_text(encoding="utf-8")
     return tuple(
         Peak(
@@ -73,7 +68,7 @@ def bar_tuning(width_deg: float) -> dict[float, float]:
     -------
     dict of float to float
         Relative peak by axis in degrees, 0 to 180, in rising order; both ends of the
-        bar grow, so that axis + 180 is the same. Empty for another width.
+        bar grow, so that axis + 180 is the same. Empty for any other width.
     """
     found = {
         peak.axis_deg: peak.relative

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING
 import matplotlib as mpl
 import numpy as np
 
-from oppload_cli.plots.polar import DirectionTuning, draw_polar
-from oppload_cli.plots.selectivity import whole_circle
-from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, SHADES, STYLE, new_figure, png_bytes
+from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle, spread
+from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, SHADES, png_bytes, styled_figure
 from oppload_cli.reference.lplc2 import BAR_WIDTHS, SOURCE, bar_tuning
 from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict, at_least, at_most
-from oppload_cli.reproduction.material import (
+from oppload_cli.reproduction.common import (
     DPI,
     NO_PAUSE,
-    PRESET_NAMES,
+    PRESETS,
     TITLES,
     WIDE,
     peak_of,
@@ -33,20 +32,21 @@ if TYPE_CHECKING:
 
     from oppload_cli.tuning.present import Responses
 
+
 # 60 degrees across, as LPLC2's: 5 px/deg at a height of 360, so 200 px at 240.
 FIELD = ("opplod.receptive_field=200",)
 BAR, LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
 AXES = [0, 15, 45, 75, 90, 105, 135, 165]
 SPEED_DEG_S, START_DEG, FIELD_DEG = 20.0, 5.0, 30.0
 FIELD_NOTE = (
-    "Preset default has its receptive field set to 60 degrees here, that of LPLC2. The stimuli "
+    "Preset reference has its receptive field set to 60 degrees here, that of LPLC2. The stimuli "
     "start without a pause: after one, the first moving frames meet no delayed inhibition yet."
 )
 
 
 @dataclass(frozen=True)
-class Tunings:
-    """Responses of one preset to both bars, by axis, and its peak for the looming disk."""
+class _Tunings:
+    """Responses of one preset to both bars, by width and axis, and its peak for the disk."""
 
     bars: dict[int, dict[int, Responses]]
     loom: float
@@ -57,29 +57,23 @@ class Tunings:
 
 
 def bar_figures() -> list[Built]:
-    """Show both bars along several axes to both presets.
-
-    Returns
-    -------
-    list of Built
-        Over time, and in polar form.
-    """
-    tunings = {preset: _tunings(preset) for preset in PRESET_NAMES}
+    """Show both bars along several axes to both presets: over time, and in polar form."""
+    tunings = {preset: _tunings(preset) for preset in PRESETS}
     return [_over_time(tunings), _polar(tunings)]
 
 
-def _tunings(preset: str) -> Tunings:
-    settings = settings_of(preset, FIELD, models="opplod")
+def _tunings(preset: str) -> _Tunings:
+    settings = settings_of(preset, FIELD, detector="opplod")
     bars = {}
     for width in BAR_WIDTHS:
         shown = presented(BAR.format(width), settings, {**NO_PAUSE, "bar.axis_deg": AXES})
         axes = [int(name.rpartition("-")[2]) for name in shown]
         bars[width] = dict(zip(axes, (each["opplod"] for each in shown.values()), strict=True))
     loom = presented(LOOM, settings, NO_PAUSE)[LOOM]["opplod"]
-    return Tunings(bars, peak_of(loom))
+    return _Tunings(bars, peak_of(loom))
 
 
-def _over_time(tunings: dict[str, Tunings]) -> Built:
+def _over_time(tunings: dict[str, _Tunings]) -> Built:
     claims = (
         Claim(
             "The response is largest while the ends of the bar are in the middle of the "
@@ -107,8 +101,8 @@ def _over_time(tunings: dict[str, Tunings]) -> Built:
     )
 
 
-def _middle(tunings: Tunings) -> Finding:
-    ends = np.array([_reach(each)[_peak(each)] for each in _responding(tunings)])
+def _middle(tunings: _Tunings) -> Finding:
+    ends = np.array([_reach(each)[each.peak or 0] for each in _responding(tunings)])
     count = sum(len(bars) for bars in tunings.bars.values())
     good = int(np.sum((ends >= 0.25 * FIELD_DEG) & (ends <= 0.75 * FIELD_DEG)))
     low, high = (float(np.quantile(ends, q)) if ends.size else np.nan for q in (0.25, 0.75))
@@ -120,26 +114,22 @@ def _middle(tunings: Tunings) -> Finding:
     )
 
 
-def _edge(tunings: Tunings) -> Finding:
+def _edge(tunings: _Tunings) -> Finding:
     last = [
-        float(each.response[_reach(each) <= FIELD_DEG][-1] / each.response[_peak(each)])
+        float(each.response[_reach(each) <= FIELD_DEG][-1] / each.response[each.peak or 0])
         for each in _responding(tunings)
     ]
     median = float(np.median(last)) if last else float("nan")
     return Finding(
-        f"{100 * median:.2g} % of the peak is left with the ends at the edge.",
+        f"{100 * median:.2g} % of the peak remains with the ends at the edge.",
         at_most(median, 0.05, 0.25),
         {"median_at_edge_over_peak": median},
     )
 
 
-def _responding(tunings: Tunings) -> list[Responses]:
+def _responding(tunings: _Tunings) -> list[Responses]:
     every = [each for bars in tunings.bars.values() for each in bars.values()]
     return [each for each in every if peak_of(each) > 0]
-
-
-def _peak(responses: Responses) -> int:
-    return responses.peak or 0
 
 
 def _reach(responses: Responses) -> NDArray[np.float64]:
@@ -147,7 +137,7 @@ def _reach(responses: Responses) -> NDArray[np.float64]:
     return START_DEG + SPEED_DEG_S * responses.time_s
 
 
-def _polar(tunings: dict[str, Tunings]) -> Built:
+def _polar(tunings: dict[str, _Tunings]) -> Built:
     claims = (
         Claim(
             "The 10 degree bar gives about the same response along every axis.",
@@ -168,7 +158,7 @@ def _polar(tunings: dict[str, Tunings]) -> Built:
         ),
     )
     ratio, _ = _diagonal_ratios(bar_tuning(60))
-    enhanced = _likeness(tunings["default"]).numbers["largest_over_loom"] or 0.0
+    enhanced = _likeness(tunings["reference"]).numbers["largest_over_loom"] or 0.0
     return Built(
         "bar-polar",
         "Peak responses to the bars in polar form, beside LPLC2",
@@ -182,15 +172,15 @@ def _polar(tunings: dict[str, Tunings]) -> Built:
             f"diagonals respond {ratio:.2f} times as much as their other axes.",
             "The product of opposite motions is neither compressed nor normalised, so that a "
             "longer edge along a pathway's axis counts with a power of its length: up to "
-            f"{plain(enhanced)} times the looming disk in preset default, {plain(enhanced**0.5)} "
-            "times before enhancing squares it. What is missing is a normalising stage, and "
-            "suppression across axes.",
+            f"{plain(enhanced)} times the looming disk in preset reference, {plain(enhanced**0.5)} "
+            "times before enhancing squares it. A normalising stage and suppression "
+            "across axes are missing.",
             FIELD_NOTE,
         ),
     )
 
 
-def _evenness(tunings: Tunings) -> Finding:
+def _evenness(tunings: _Tunings) -> Finding:
     peaks = tunings.peaks(10).values()
     share = min(peaks) / max(peaks) if max(peaks) > 0 else float("nan")
     return Finding(
@@ -200,7 +190,7 @@ def _evenness(tunings: Tunings) -> Finding:
     )
 
 
-def _diagonal(tunings: Tunings) -> Finding:
+def _diagonal(tunings: _Tunings) -> Finding:
     mean, largest = _diagonal_ratios(tunings.peaks(60))
     partly = Verdict.IN_PART if mean > 1 else Verdict.DOES_NOT
     return Finding(
@@ -220,7 +210,7 @@ def _diagonal_ratios(peaks: Mapping[int, float] | Mapping[float, float]) -> tupl
     return diagonal / float(others.mean()), diagonal / float(others.max())
 
 
-def _likeness(tunings: Tunings) -> Finding:
+def _likeness(tunings: _Tunings) -> Finding:
     pairs = [
         (tunings.peaks(width)[int(axis)] / tunings.loom, value)
         for width in BAR_WIDTHS
@@ -241,9 +231,8 @@ def _likeness(tunings: Tunings) -> Finding:
     )
 
 
-def _draw_over_time(tunings: dict[str, Tunings]) -> Figure:
-    with mpl.rc_context(STYLE):
-        figure = new_figure(WIDE, 4.4)
+def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
+    with styled_figure(WIDE, 4.4) as figure:
         axes = figure.subplots(2, 2, sharex=True)
         shades = mpl.colormaps[SHADES].reversed()
         for row, (preset, each) in zip(axes, tunings.items(), strict=True):
@@ -265,9 +254,8 @@ def _draw_over_time(tunings: dict[str, Tunings]) -> Figure:
     return figure
 
 
-def _draw_polar(tunings: dict[str, Tunings]) -> Figure:
-    with mpl.rc_context(STYLE):
-        figure = new_figure(WIDE, 4.4)
+def _draw_polar(tunings: dict[str, _Tunings]) -> Figure:
+    with styled_figure(WIDE, 4.4) as figure:
         axes = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
         for panel, width in zip(axes, BAR_WIDTHS, strict=True):
             curves = [
@@ -279,6 +267,7 @@ def _draw_polar(tunings: dict[str, Tunings]) -> Figure:
             curves.append(_curve("LPLC2", bar_tuning(width), LPLC2, ":"))
             draw_polar(panel, curves)
             panel.set_title(f"{width} deg bar", loc="center", pad=8)
+        spread(figure)
     return figure
 
 
@@ -286,7 +275,7 @@ def _curve(name: str, peaks: dict[int, float] | dict[float, float], colour: str,
     DirectionTuning
 ):  # fmt: skip
     angles: Sequence[float] = list(peaks)
-    closed = whole_circle(np.array(angles, float), np.array(list(peaks.values())))
+    closed = full_circle(np.array(angles, float), np.array(list(peaks.values())))
     unit = "of the loom" if name == "LPLC2" else "arbitrary unit"
     look = {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
     return DirectionTuning(name, *closed, unit, look)

@@ -1,13 +1,15 @@
-"""What the paper says, what was measured, and the verdict that follows from it."""
+"""Statements of the paper, our measurements, and the verdicts that follow from them."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
 
 NO_PRESET = "any preset"
 
@@ -20,9 +22,27 @@ class Verdict(StrEnum):
     DOES_NOT = "does not hold"
 
 
+def at_most(value: float, holds: float, in_part: float) -> Verdict:
+    """Judge a measurement that should be small by the limits of the two better verdicts."""
+    if value <= holds:
+        return Verdict.HOLDS
+    return Verdict.IN_PART if value <= in_part else Verdict.DOES_NOT  # as for NaN
+
+
+def at_least(value: float, holds: float, in_part: float) -> Verdict:
+    """Judge a measurement that should be large by the limits of the two better verdicts."""
+    return at_most(-value, -holds, -in_part)
+
+
+def overall(verdicts: Iterable[Verdict]) -> Verdict:
+    """Sum up at least one verdict: all hold, none does, or in part."""
+    different = set(verdicts)
+    return different.pop() if len(different) == 1 else Verdict.IN_PART
+
+
 @dataclass(frozen=True)
 class Finding:
-    """What one preset gave.
+    """The measurement for one preset.
 
     Attributes
     ----------
@@ -37,6 +57,14 @@ class Finding:
     text: str
     verdict: Verdict
     numbers: dict[str, float | None] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding ready for JSON; NaN and infinite numbers become null."""
+        numbers = {
+            name: value if value is not None and math.isfinite(value) else None
+            for name, value in self.numbers.items()
+        }
+        return {"text": self.text, "verdict": str(self.verdict), "numbers": numbers}
 
 
 @dataclass(frozen=True)
@@ -57,26 +85,6 @@ class Claim:
     rule: str
     findings: dict[str, Finding]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the claim ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
-        return {
-            "statement": self.statement,
-            "rule": self.rule,
-            "measured": {
-                preset: {
-                    "text": finding.text,
-                    "verdict": str(finding.verdict),
-                    "numbers": finding.numbers,
-                }
-                for preset, finding in self.findings.items()
-            },
-        }
-
 
 @dataclass(frozen=True)
 class Built:
@@ -89,13 +97,15 @@ class Built:
     title : str
         For the page.
     shows : str
-        What is in the picture.
+        The content of the picture.
     claims : tuple of Claim
         At least one.
     png : bytes
         The picture.
     notes : tuple of str
-        What a reader should know besides.
+        Further remarks for the reader.
+    tables : dict of str to str
+        Further files by name: CSV text.
     """
 
     name: str
@@ -104,91 +114,30 @@ class Built:
     claims: tuple[Claim, ...]
     png: bytes
     notes: tuple[str, ...] = ()
-
-    @property
-    def command(self) -> str:
-        """The command that makes this one figure."""
-        return f"oppload reproduce --only {self.name}"
-
-    @property
-    def verdicts(self) -> dict[str, Verdict]:
-        """The verdict over all claims, by preset."""
-        presets = dict.fromkeys(preset for claim in self.claims for preset in claim.findings)
-        return {
-            preset: overall(
-                claim.findings[preset].verdict for claim in self.claims if preset in claim.findings
-            )
-            for preset in presets
-        }
+    tables: dict[str, str] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all but the picture, ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
+        """Return all but the picture, ready for JSON, with the verdict over all claims."""
+        found: dict[str, list[Verdict]] = {}
+        for claim in self.claims:
+            for preset, finding in claim.findings.items():
+                found.setdefault(preset, []).append(finding.verdict)
         return {
             "name": self.name,
             "title": self.title,
             "shows": self.shows,
             "file": f"{self.name}.png",
-            "command": self.command,
-            "verdicts": {preset: str(verdict) for preset, verdict in self.verdicts.items()},
-            "claims": [claim.as_dict() for claim in self.claims],
+            "command": f"oppload reproduce --only {self.name}",
+            "verdicts": {preset: str(overall(verdicts)) for preset, verdicts in found.items()},
+            "claims": [
+                {
+                    "statement": claim.statement,
+                    "rule": claim.rule,
+                    "measured": {
+                        preset: finding.as_dict() for preset, finding in claim.findings.items()
+                    },
+                }
+                for claim in self.claims
+            ],
             "notes": list(self.notes),
         }
-
-
-def at_most(value: float, holds: float, in_part: float) -> Verdict:
-    """Judge a value that should be small.
-
-    Parameters
-    ----------
-    value : float
-        The measurement; NaN does not hold.
-    holds, in_part : float
-        Largest values of the two better verdicts.
-
-    Returns
-    -------
-    Verdict
-    """
-    if value <= holds:
-        return Verdict.HOLDS
-    return Verdict.IN_PART if value <= in_part else Verdict.DOES_NOT
-
-
-def at_least(value: float, holds: float, in_part: float) -> Verdict:
-    """Judge a value that should be large.
-
-    Parameters
-    ----------
-    value : float
-        The measurement; NaN does not hold.
-    holds, in_part : float
-        Smallest values of the two better verdicts.
-
-    Returns
-    -------
-    Verdict
-    """
-    if value >= holds:
-        return Verdict.HOLDS
-    return Verdict.IN_PART if value >= in_part else Verdict.DOES_NOT
-
-
-def overall(verdicts: Iterable[Verdict]) -> Verdict:
-    """Sum verdicts up: all hold, none does, or in part.
-
-    Parameters
-    ----------
-    verdicts : iterable of Verdict
-        At least one.
-
-    Returns
-    -------
-    Verdict
-    """
-    different = set(verdicts)
-    return different.pop() if len(different) == 1 else Verdict.IN_PART

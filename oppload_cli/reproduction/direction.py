@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
 
 from oppload_cli.models.kernels import direction_mask, inhibition_kernels
-from oppload_cli.models.parameters import OpplodParams
-from oppload_cli.plots.style import COLOURS, SHADES, STYLE, new_figure, png_bytes
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.registry import detector_named
+from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.plots.style import FAINT, SHADES, png_bytes, styled_figure
 from oppload_cli.reproduction.claims import Built, Claim, Finding, at_least, at_most
-from oppload_cli.reproduction.material import (
-    DPI,
-    PRESET_NAMES,
-    TITLES,
-    WIDE,
-    pathway_maps,
-    settings_of,
-)
+from oppload_cli.reproduction.common import DPI, PRESETS, TITLES, WIDE, settings_of
 from oppload_cli.stimulus.catalogue import load
 
 if TYPE_CHECKING:
@@ -28,33 +22,30 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from oppload_cli.models.kernels import Map
-    from oppload_cli.settings import Settings
+    from oppload_cli.models.dpc import Map
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
 
     Shown = dict[str, Any]
 
+
 BAR, BLOCK = "opplod2023/expanding-bar-vertical", "opplod2023/approaching-block"
 SHOWN_FRAME = {BAR: 24, BLOCK: 34}
 SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
+VERTICAL = {90: "upward", 270: "downward"}
 DIAGONALS = (45, 135, 225, 315)
 
 
 def up_and_down() -> Built:
-    """Extract upward and downward motion of the expanding bar.
-
-    Returns
-    -------
-    Built
-    """
+    """Extract upward and downward motion of the expanding bar."""
     findings, shown = {}, {}
-    for preset in PRESET_NAMES:
+    for preset in PRESETS:
         settings = _with_axes(settings_of(preset), 0)
-        leaks, shown[preset] = _wrong_sides(load(BAR), settings, (90, 270), SHOWN_FRAME[BAR])
+        leaks, shown[preset] = _wrong_sides(load(BAR), settings, tuple(VERTICAL), SHOWN_FRAME[BAR])
         speed, wrong = _speed(load(BAR), settings), float(leaks.mean(axis=0).max())
         findings[preset] = Finding(
             f"At its working size an end of the bar moves {speed:.2g} px/frame; the pathway of "
-            f"the other direction keeps {100 * wrong:.1f} % of what the right one passes.",
+            f"the other direction keeps {100 * wrong:.1f} % of the S that the right one passes.",
             at_most(wrong, 0.01, 0.1),
             {"speed_px_frame": speed, "wrong_over_right": wrong},
         )
@@ -69,12 +60,12 @@ def up_and_down() -> Built:
         "up-down",
         "Extracting upward and downward motion",
         "The expanding bar with S of the upward and the downward pathway, the inhibition kernels "
-        "of both pathways, and how much of the wrong direction is left over speed.",
+        "of both pathways, and how much of the wrong direction remains over speed.",
         (claim,),
         png_bytes(_draw_up_down(shown, by_speed), DPI),
         (
             "Suppression is complete up to 3 px/frame of the working frame and fades above: at "
-            f"{SPEEDS[-1]} px/frame {100 * by_speed[SPEEDS[-1]]:.0f} % is left. The working size "
+            f"{SPEEDS[-1]} px/frame {100 * by_speed[SPEEDS[-1]]:.0f} % remains. The working size "
             "and the frame rate therefore decide whether this statement holds.",
             "The paper's formula for theta = 90 and 270 degrees gives diagonals; here a pathway "
             "is named by the direction that it passes.",
@@ -83,14 +74,9 @@ def up_and_down() -> Built:
 
 
 def diagonals() -> Built:
-    """Extract the four diagonal directions of the approaching block.
-
-    Returns
-    -------
-    Built
-    """
+    """Extract the four diagonal directions of the approaching block."""
     findings, shown = {}, {}
-    for preset in PRESET_NAMES:
+    for preset in PRESETS:
         settings = settings_of(preset)
         leaks, shown[preset] = _wrong_sides(load(BLOCK), settings, DIAGONALS, SHOWN_FRAME[BLOCK])
         shares = 1 / (1 + leaks)
@@ -122,27 +108,42 @@ def diagonals() -> Built:
 
 
 def _with_axes(settings: Settings, axes: int) -> Settings:
-    opplod = settings.opplod.replaced(axes=axes)
+    opplod = settings.group("opplod", OpplodParams).replaced(axes=axes)
     return dataclasses.replace(settings, groups={**settings.groups, "opplod": opplod})
 
 
 def _wrong_sides(
     protocol: Protocol, settings: Settings, directions: tuple[int, ...], shown_frame: int
 ) -> tuple[NDArray[np.float64], Shown]:
-    """Return S on the wrong side over that on the right one, and the maps of one frame.
+    """Return S on the wrong side over S on the right one, and the maps of one frame.
 
     The ratios are of shape (frames, directions), for the frames in which S is not 0.
     """
     ratios: list[list[float]] = []
     shown: Shown = {}
-    for index, luma, maps in pathway_maps(protocol, settings):
-        right = [float(maps[phi][_side(luma.shape[:2], phi)].sum()) for phi in directions]
-        wrong = [float(maps[phi][_side(luma.shape[:2], phi + 180)].sum()) for phi in directions]
+    video = StimulusVideo(protocol, settings.height)
+    model = Opplod(video.working.shape, settings.group("opplod", OpplodParams))
+    right_side = {phi: _side(video.working.shape, phi) for phi in directions}
+    wrong_side = {phi: _side(video.working.shape, phi + 180) for phi in directions}
+    for frame in video:
+        if model.step(frame.luma) is None:
+            continue
+        maps = model.pathways
+        right = [float(maps[phi][right_side[phi]].sum()) for phi in directions]
+        wrong = [float(maps[phi][wrong_side[phi]].sum()) for phi in directions]
         if min(right) > 0:
             ratios.append([one / other for one, other in zip(wrong, right, strict=True)])
-        if index == shown_frame:
-            shown = {"luma": luma, "maps": {phi: maps[phi].copy() for phi in directions}}
+        if frame.index == shown_frame:
+            shown = {"luma": frame.luma, "maps": {phi: maps[phi].copy() for phi in directions}}
     return np.array(ratios), shown
+
+
+def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
+    """Return the pixels that lie from the middle towards phi."""
+    rows, columns = np.indices(shape)
+    x, y = columns - (shape[1] - 1) / 2, rows - (shape[0] - 1) / 2
+    angle = np.deg2rad(phi)
+    return np.asarray(x * np.cos(angle) - y * np.sin(angle) > 1e-6)
 
 
 def _speed(protocol: Protocol, settings: Settings) -> float:
@@ -154,55 +155,42 @@ def _speed(protocol: Protocol, settings: Settings) -> float:
     return degrees * scale / float(protocol.display.frame_rate)
 
 
-@cache
-def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
-    """Return the pixels that lie from the middle towards phi."""
-    rows, columns = np.indices(shape)
-    x, y = columns - (shape[1] - 1) / 2, rows - (shape[0] - 1) / 2
-    angle = np.deg2rad(phi)
-    return np.asarray(x * np.cos(angle) - y * np.sin(angle) > 1e-6)
-
-
 def _leak_at(speed: int) -> float:
-    """Return what the wrong direction keeps at a speed in px/frame."""
+    """Return the share that the wrong direction keeps at a speed in px/frame."""
     display = {"display.width": 300, "display.height": 300}
     timing = {"timing.motion_s": 0.6}
     protocol = load(BAR, {**display, **timing, "bar.growth.speed_deg_s": 3 * speed})
-    settings = _with_axes(settings_of("default", height="native"), 0)
-    return float(_wrong_sides(protocol, settings, (90, 270), -1)[0].mean(axis=0).max())
+    settings = _with_axes(settings_of("reference", height="native"), 0)
+    return float(_wrong_sides(protocol, settings, tuple(VERTICAL), -1)[0].mean(axis=0).max())
 
 
 def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure:
-    with mpl.rc_context(STYLE):
-        figure = new_figure(WIDE, 6.2)
+    params = OpplodParams()
+    kernels = inhibition_kernels(params)
+    with styled_figure(WIDE, 6.2) as figure:
         axes = figure.subplots(3, 3)
-        for row, preset in zip(axes, PRESET_NAMES, strict=False):
+        for row, preset in zip(axes, PRESETS, strict=False):
             _picture(row[0], shown[preset]["luma"], f"{TITLES[preset]}: frame {SHOWN_FRAME[BAR]}")
-            for panel, (phi, name) in zip(
-                row[1:], ((90, "upward"), (270, "downward")), strict=True
-            ):
+            for panel, (phi, name) in zip(row[1:], VERTICAL.items(), strict=True):
                 _map(panel, shown[preset]["maps"][phi], f"S of the {name} pathway")
-        params = OpplodParams()
-        kernels = inhibition_kernels(params)
-        for panel, (phi, name) in zip(axes[2], ((90, "upward"), (270, "downward")), strict=False):
-            kernel = direction_mask(params, phi) * (kernels.one + kernels.two)
+        for panel, (phi, name) in zip(axes[2], VERTICAL.items(), strict=False):
+            kernel = direction_mask(params, phi) * (kernels[0] + kernels[1])
             image = panel.imshow(kernel, cmap=SHADES, extent=(-6.5, 6.5, 6.5, -6.5))
             panel.set(title=f"inhibition kernel, {name} pathway", xlabel="x (px)", ylabel="y (px)")
             figure.colorbar(image, ax=panel, shrink=0.8, label="weight")
         panel = axes[2, 2]
         panel.plot(list(by_speed), [100 * leak for leak in by_speed.values()], "o-",
-                   color=COLOURS["opplod"], markersize=3)  # fmt: skip
-        panel.axhline(1, color="#999999", lw=0.6, linestyle="--")
+                   color=detector_named("opplod").colour, markersize=3)  # fmt: skip
+        panel.axhline(1, color=FAINT, lw=0.6, linestyle="--")
         panel.set(title="wrong direction left over", xlabel="speed (px/frame)",
                   ylabel="of the right one (%)")  # fmt: skip
     return figure
 
 
 def _draw_diagonals(shown: dict[str, Shown]) -> Figure:
-    with mpl.rc_context(STYLE):
-        figure = new_figure(WIDE, 3.6)
+    with styled_figure(WIDE, 3.6) as figure:
         axes = figure.subplots(2, 5)
-        for row, preset in zip(axes, PRESET_NAMES, strict=True):
+        for row, preset in zip(axes, PRESETS, strict=True):
             _picture(row[0], shown[preset]["luma"], f"frame {SHOWN_FRAME[BLOCK]}")
             row[0].set_ylabel(TITLES[preset])
             for panel, phi in zip(row[1:], DIAGONALS, strict=True):
@@ -211,11 +199,10 @@ def _draw_diagonals(shown: dict[str, Shown]) -> Figure:
 
 
 def _picture(axes: Axes, luma: Map, title: str) -> None:
-    rows, columns = luma.shape  # the middle, where the object is
+    rows, columns = luma.shape  # cut to the middle, where the object is
     middle = luma[rows // 5 : -(rows // 5), columns // 5 : -(columns // 5)]
     axes.imshow(middle, cmap="gray", vmin=0, vmax=1)
-    axes.set_title(title)
-    axes.set(xticks=[], yticks=[])
+    axes.set(title=title, xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set_visible(True)
 

@@ -1,84 +1,74 @@
-"""Figures of the looming disk in the middle and off it, with the detected object boxed."""
+"""Figures of the looming disk in the middle and off it, with the winning unit's field."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from oppload_cli.plots.style import COLOURS, NAMES, STYLE, new_figure, png_bytes
+from oppload_cli.models.registry import detector_named
+from oppload_cli.plots.style import png_bytes, styled_figure
 from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict, at_most
-from oppload_cli.reproduction.material import DPI, PRESET_NAMES, TITLES, WIDE, settings_of
+from oppload_cli.reproduction.common import DPI, PRESETS, TITLES, WIDE, settings_of
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 
     Shown = dict[str, dict[str, Responses]]
 
+
 CENTRE, OFF_CENTRE = "opplod2023/looming-disk-centre", "opplod2023/looming-disk-off-centre"
 # The paper's field of 200 px, at the size at which the disk is drawn.
 FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
-PAPER_OPPLOD, PAPER_DLGMD = 22, 43
-EARLY = 0.1
+PAPER = {"opplod": 22, "dlgmd": 43}  # frame of the peak in the paper's figure
+EARLY = 0.1  # of the peak
 
 
 def looming_centre() -> Built:
-    """Show the disk in the middle of the field.
-
-    Returns
-    -------
-    Built
-    """
+    """Show the disk in the middle of the field."""
     return _figure("looming-centre", "Looming disk in the middle of the field", CENTRE)
 
 
 def looming_off_centre() -> Built:
-    """Show the disk off the middle.
-
-    Returns
-    -------
-    Built
-    """
+    """Show the disk off the middle."""
     return _figure("looming-off-centre", "Looming disk off the middle of the field", OFF_CENTRE)
 
 
 def _figure(name: str, title: str, stimulus: str) -> Built:
     protocol = load(stimulus)
     shown = {
-        preset: present(protocol, settings_of(preset, FIELD, height="native"))
-        for preset in PRESET_NAMES
+        preset: present(protocol, settings_of(preset, FIELD, height="native")) for preset in PRESETS
     }
-    claims = [
-        _peaks_near(shown, "opplod", PAPER_OPPLOD, "OppLoD's response peaks near frame 22."),
-        _peaks_near(shown, "dlgmd", PAPER_DLGMD, "D-LGMD's response peaks near frame 43."),
-        _earlier(shown),
-        _found(protocol, shown),
-    ]
+    peak = "OppLoD's response peaks near frame 22."
     notes = [
         "The paper prints no size and no speed: radius 5 + 4 t px at 600 x 600, t in frames, is "
-        "chosen here. Preset default has its field set to the paper's 200 px.",
+        "chosen here. Preset reference has its field set to the paper's 200 px.",
         "The peak comes when the edge of the disk leaves the receptive field, and D-LGMD sees the "
-        "whole frame: an earlier peak is a statement about the size of the field. Figure "
+        "entire frame: an earlier peak is a statement about the size of the field. Figure "
         "'thresholds' compares at equal false alarms.",
     ]
     if stimulus == OFF_CENTRE:
-        claims[0] = _peaks_near(
-            shown, "opplod", PAPER_OPPLOD, "Off the middle, OppLoD's peak comes as early as in it."
-        )
+        peak = "Off the middle, OppLoD's peak comes as early as in it."
         notes.append("D-LGMD's curve turns where the disk first reaches the frame's border.")
+    claims = (
+        _peaks_near(shown, "opplod", peak),
+        _peaks_near(shown, "dlgmd", "D-LGMD's response peaks near frame 43."),
+        _earlier(shown),
+        _found(protocol, shown),
+    )
     return Built(
         name,
         title,
-        "Both models' curves for both presets, and the field of the winning unit at its peak.",
-        tuple(claims),
+        "Both detectors' curves for both presets, and the field of the winning unit at its peak.",
+        claims,
         png_bytes(_draw(protocol, shown), DPI),
         tuple(notes),
     )
@@ -88,15 +78,15 @@ def _frame_of_peak(responses: Responses) -> int:
     return int(responses.frame[responses.peak or 0])
 
 
-def _peaks_near(shown: Shown, model: str, frame: int, statement: str) -> Claim:
+def _peaks_near(shown: Shown, detector: str, statement: str) -> Claim:
     findings = {}
     for preset, each in shown.items():
-        peak = _frame_of_peak(each[model])
-        away = abs(peak - frame)
+        peak, paper = _frame_of_peak(each[detector]), PAPER[detector]
         findings[preset] = Finding(
-            f"{NAMES[model]} peaks at frame {peak}; the paper's figure says {frame}.",
-            at_most(away, 1, 3),
-            {"peak_frame": peak, "paper_frame": frame},
+            f"{detector_named(detector).label} peaks at frame {peak}; "
+            f"the paper's figure says {paper}.",
+            at_most(abs(peak - paper), 1, 3),
+            {"peak_frame": peak, "paper_frame": paper},
         )
     rule = "holds: within 1 frame of the paper's, in part: within 3"
     return Claim(statement, rule, findings)
@@ -105,17 +95,14 @@ def _peaks_near(shown: Shown, model: str, frame: int, statement: str) -> Claim:
 def _earlier(shown: Shown) -> Claim:
     findings = {}
     for preset, each in shown.items():
-        onset = {model: _onset(responses) for model, responses in each.items()}
-        peak = {model: _frame_of_peak(responses) for model, responses in each.items()}
-        first = onset["opplod"] < onset["dlgmd"], peak["opplod"] < peak["dlgmd"]
-        verdict = Verdict.HOLDS if all(first) else Verdict.IN_PART if any(first) else (
-            Verdict.DOES_NOT
-        )  # fmt: skip
+        onset = {name: _onset(responses) for name, responses in each.items()}
+        peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
+        first = sum(at["opplod"] < at["dlgmd"] for at in (onset, peak))
         findings[preset] = Finding(
             f"10 % of its own peak: OppLoD at frame {onset['opplod']}, D-LGMD at {onset['dlgmd']}; "
             f"peaks at {peak['opplod']} and {peak['dlgmd']}.",
-            verdict,
-            {f"{model}_onset_frame": frame for model, frame in onset.items()},
+            (Verdict.DOES_NOT, Verdict.IN_PART, Verdict.HOLDS)[first],
+            {f"{name}_onset_frame": frame for name, frame in onset.items()},
         )
     return Claim(
         "OppLoD responds earlier than D-LGMD.",
@@ -130,12 +117,11 @@ def _onset(responses: Responses) -> int:
 
 
 def _found(protocol: Protocol, shown: Shown) -> Claim:
-    target = _target(protocol)
+    centre = _centre(protocol)
     findings = {}
     for preset, each in shown.items():
         responses = each["opplod"]
-        centre = responses.centre[responses.peak or 0]
-        away = float(np.hypot(*(centre - target)))
+        away = float(np.hypot(*(responses.centre[responses.peak or 0] - centre)))
         findings[preset] = Finding(
             f"At the peak the winning unit is {away:.0f} px from the disk's centre.",
             at_most(away, 10, 50),
@@ -148,7 +134,8 @@ def _found(protocol: Protocol, shown: Shown) -> Claim:
     )
 
 
-def _target(protocol: Protocol) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _centre(protocol: Protocol) -> NDArray[np.float64]:
+    """Return x and y of the disk's centre in pixels."""
     display = protocol.display
     right, up = protocol.objects[0].centre_deg
     x, y = display.width / 2 + right * display.scale, display.height / 2 - up * display.scale
@@ -157,30 +144,25 @@ def _target(protocol: Protocol) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 
 def _draw(protocol: Protocol, shown: Shown) -> Figure:
     renderer = Renderer(protocol)
-    with mpl.rc_context(STYLE):
-        figure = new_figure(WIDE, 4.3)
+    with styled_figure(WIDE, 4.3) as figure:
         axes = figure.subplots(2, 2, width_ratios=[2, 1])
         for (curves, still), (preset, each) in zip(axes, shown.items(), strict=True):
-            for model, responses in each.items():
-                peak = responses.peak or 0
-                label = f"{NAMES[model]}, peak {responses.response[peak]:.3g}"
-                curves.plot(
-                    responses.frame, responses.response / responses.response[peak],
-                    color=COLOURS[model], label=label,
-                )  # fmt: skip
-                curves.plot(
-                    responses.frame[peak], 1, "o", mfc="none", mec=COLOURS[model], clip_on=False
-                )
-            for model, frame in (("opplod", PAPER_OPPLOD), ("dlgmd", PAPER_DLGMD)):
-                curves.axvline(frame, color=COLOURS[model], lw=0.8, linestyle=":")
+            for name, responses in each.items():
+                peak, colour = responses.peak or 0, detector_named(name).colour
+                over = responses.response[peak]
+                label = f"{detector_named(name).label}, peak {over:.3g}"
+                curves.plot(responses.frame, responses.response / over, color=colour, label=label)
+                curves.plot(responses.frame[peak], 1, "o", mfc="none", mec=colour, clip_on=False)
+            for name, frame in PAPER.items():
+                curves.axvline(frame, color=detector_named(name).colour, lw=0.8, linestyle=":")
             curves.set(title=TITLES[preset], xlabel="frame (dotted: the paper's peaks)")
             curves.set(ylabel="response / peak", ylim=(-0.03, 1.08))
             curves.legend(loc="upper left")
             responses = each["opplod"]
-            peak = responses.peak or 0
-            still.imshow(renderer.grey(_frame_of_peak(responses)), cmap="gray", vmin=-80, vmax=255)
-            left, top, width, height = responses.box[peak]
+            frame = _frame_of_peak(responses)
+            still.imshow(renderer.grey(frame), cmap="gray", vmin=-80, vmax=255)
+            left, top, width, height = responses.box[responses.peak or 0]
             still.add_patch(Rectangle((left, top), width, height, fill=False, ec="red", lw=1.4))
-            still.set_title(f"frame {_frame_of_peak(responses)}, winning field")
+            still.set_title(f"frame {frame}, winning field")
             still.set(xlabel="x (px)", ylabel="y (px)")
     return figure

@@ -1,18 +1,18 @@
-"""First crossing of a threshold at equal false alarms: what peaks do not tell."""
+"""Figure of first crossings of a threshold at equal false alarms, which peaks do not show."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
 
-from oppload_cli.plots.style import COLOURS, FAINT, NAMES, STYLE, new_figure, png_bytes
+from oppload_cli.models.registry import detector_named
+from oppload_cli.plots.style import FAINT, png_bytes, styled_figure
 from oppload_cli.reproduction.claims import Built, Claim, Finding, at_least
-from oppload_cli.reproduction.material import (
+from oppload_cli.reproduction.common import (
     DPI,
     NO_PAUSE,
-    PRESET_NAMES,
+    PRESETS,
     TITLES,
     WIDE,
     peak_of,
@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
     from oppload_cli.tuning.present import Responses
 
-    Shown = dict[str, dict[str, Responses]]
+    Shown = dict[str, dict[str, Responses]]  # by stimulus and detector
+    First = dict[str, dict[str, float | None]]
+    Changes = dict[str, dict[str, list[int]]]
+
 
 TWO = [0, 45]
 CONTROLS = {
@@ -49,7 +52,7 @@ LOOMING = {
     "klapoetke2017/loom-speed": {"disk.growth.speed_deg_s": [20, 40, 80]},
     "klapoetke2017/loom-l-over-v": {"disk.growth.l_over_v_ms": [10, 40, 100]},
 }
-# Less of what says nothing new: of a slow beginning, of a crossing, of a full disk.
+# Shorter than in the catalogue: a slow beginning, a crossing or a full disk adds nothing.
 SHORT = {
     "controls/receding-disk": {"timing.motion_s": 1.0},
     "controls/rotating-bar": {"timing.motion_s": 1.0},
@@ -58,55 +61,53 @@ SHORT = {
     "klapoetke2017/loom-speed": {"timing.motion_s": 1.3},
     "klapoetke2017/loom-l-over-v": {"timing.motion_s": 1.0},
 }
-MODELS = ("opplod", "dlgmd")
+DETECTORS = ("opplod", "dlgmd")
 
 
 def thresholds() -> Built:
-    """Set each model's threshold by the controls, and compare first crossings.
-
-    Returns
-    -------
-    Built
-    """
+    """Set each detector's threshold by the controls, and compare first crossings."""
     controls, looming = (
-        {preset: _shown(preset, stimuli) for preset in PRESET_NAMES}
-        for stimuli in (CONTROLS, LOOMING)
+        {preset: _shown(preset, stimuli) for preset in PRESETS} for stimuli in (CONTROLS, LOOMING)
     )
-    limits = {preset: _limits(controls[preset]) for preset in PRESET_NAMES}
-    first = {preset: _crossings(looming[preset], limits[preset]) for preset in PRESET_NAMES}
+    worst = {preset: _worst(controls[preset]) for preset in PRESETS}
+    limits = {
+        preset: {detector: value for detector, (_, value) in each.items()}
+        for preset, each in worst.items()
+    }
+    first = {preset: _crossings(looming[preset], limits[preset]) for preset in PRESETS}
     claim = Claim(
         "OppLoD responds to looming objects stronger and earlier than D-LGMD, which leaves more "
         "time to avoid them.",
-        "each model's threshold is its largest response to any control, so that neither alarms "
+        "each detector's threshold is its largest response to any control, so that neither alarms "
         "falsely; share of looming stimuli in which OppLoD crosses its own first, or alone; "
         "holds: at least 90 %, in part: at least 50 %",
-        {preset: _finding(first[preset], limits[preset]) for preset in PRESET_NAMES},
+        {preset: _finding(first[preset], limits[preset]) for preset in PRESETS},
     )
-    worst = {preset: _worst(controls[preset]) for preset in PRESET_NAMES}
     return Built(
         "thresholds",
         "First crossing of a threshold at equal false alarms",
-        "For each looming stimulus, when each model first exceeds its largest response to any "
-        "control stimulus; a cross at the right is a stimulus that the model misses.",
+        "For each looming stimulus, when each detector first exceeds its largest response to any "
+        "control stimulus; a cross at the right is a stimulus that the detector misses.",
         (claim,),
         png_bytes(_draw(first), DPI),
         (
             "Peaks alone flatter OppLoD: they come when the edge leaves its field, which is "
-            "smaller than the frame that D-LGMD sees. This figure compares what a warning needs.",
+            "smaller than the frame that D-LGMD sees. This figure compares first crossings, on "
+            "which an alarm depends.",
             f"Controls: {_count(CONTROLS)} stimuli of {len(CONTROLS)} kinds (receding, "
             "translating, panning, rotating, gratings, edges), none of which looms, at each "
             "preset's own working height and without a pause before the motion.",
             *(
-                f"{TITLES[preset].capitalize()}: the threshold of {NAMES[model]} is set by "
-                f"{name} ({plain(value)})."
+                f"{TITLES[preset].capitalize()}: the threshold of {detector_named(detector).label} "
+                f"is set by {name} ({plain(value)})."
                 for preset, each in worst.items()
-                for model, (name, value) in each.items()
+                for detector, (name, value) in each.items()
             ),
         ),
     )
 
 
-def _shown(preset: str, stimuli: dict[str, dict[str, list[int]]]) -> Shown:
+def _shown(preset: str, stimuli: Changes) -> Shown:
     settings = settings_of(preset)
     made: Shown = {}
     for name, changes in stimuli.items():
@@ -114,37 +115,34 @@ def _shown(preset: str, stimuli: dict[str, dict[str, list[int]]]) -> Shown:
     return made
 
 
-def _count(stimuli: dict[str, dict[str, list[int]]]) -> int:
+def _count(stimuli: Changes) -> int:
     return sum(len(next(iter(changes.values()), [0])) for changes in stimuli.values())
 
 
 def _worst(controls: Shown) -> dict[str, tuple[str, float]]:
-    """Return the control of the largest response, and that, by model."""
+    """Return the control with the largest response, and that response, by detector."""
     return {
-        model: max(
-            ((name, peak_of(each[model])) for name, each in controls.items()),
+        detector: max(
+            ((name, peak_of(each[detector])) for name, each in controls.items()),
             key=lambda pair: pair[1],
         )
-        for model in MODELS
+        for detector in DETECTORS
     }
 
 
-def _limits(controls: Shown) -> dict[str, float]:
-    return {model: value for model, (_, value) in _worst(controls).items()}
-
-
-def _crossings(looming: Shown, limits: dict[str, float]) -> dict[str, dict[str, float | None]]:
-    """Return when each model first exceeds its limit, in seconds; None where it never does."""
-    first: dict[str, dict[str, float | None]] = {}
+def _crossings(looming: Shown, limits: dict[str, float]) -> First:
+    """Return when each detector first exceeds its limit, in seconds; None where it never does."""
+    first: First = {}
     for name, each in looming.items():
         first[name] = {}
-        for model in MODELS:
-            above = np.flatnonzero(each[model].response > limits[model])
-            first[name][model] = float(each[model].time_s[above[0]]) if above.size else None
+        for detector, limit in limits.items():
+            above = np.flatnonzero(each[detector].response > limit)
+            time = each[detector].time_s
+            first[name][detector] = float(time[above[0]]) if above.size else None
     return first
 
 
-def _finding(first: dict[str, dict[str, float | None]], limits: dict[str, float]) -> Finding:
+def _finding(first: First, limits: dict[str, float]) -> Finding:
     pairs = [(each["opplod"], each["dlgmd"]) for each in first.values()]
     earlier = sum(o is not None and (d is None or o < d) for o, d in pairs)
     later = sum(d is not None and (o is None or d < o) for o, d in pairs)
@@ -160,15 +158,14 @@ def _finding(first: dict[str, dict[str, float | None]], limits: dict[str, float]
             "stimuli": len(pairs),
             "opplod_missed": missed[0],
             "dlgmd_missed": missed[1],
-            **{f"{model}_threshold": limit for model, limit in limits.items()},
+            **{f"{name}_threshold": limit for name, limit in limits.items()},
         },
     )
 
 
-def _draw(first: dict[str, dict[str, dict[str, float | None]]]) -> Figure:
+def _draw(first: dict[str, First]) -> Figure:
     names = list(next(iter(first.values())))
-    with mpl.rc_context(STYLE):
-        figure = new_figure(WIDE, 0.9 + 0.21 * len(names))
+    with styled_figure(WIDE, 0.9 + 0.21 * len(names)) as figure:
         axes = figure.subplots(1, len(first), sharey=True)
         for panel, (preset, each) in zip(axes, first.items(), strict=True):
             _draw_crossings(panel, each)
@@ -181,16 +178,16 @@ def _draw(first: dict[str, dict[str, dict[str, float | None]]]) -> Figure:
     return figure
 
 
-def _draw_crossings(axes: Axes, first: dict[str, dict[str, float | None]]) -> None:
+def _draw_crossings(axes: Axes, first: First) -> None:
     times = [time for each in first.values() for time in each.values() if time is not None]
     end = 1.12 * max(times, default=1.0)
-    for model, marker, shift in (("opplod", "o", -0.12), ("dlgmd", "s", 0.12)):
-        seen = [(time, row) for row, each in enumerate(first.values())
-                if (time := each[model]) is not None]  # fmt: skip
-        missed = [row for row, each in enumerate(first.values()) if each[model] is None]
-        colour = COLOURS[model]
+    for name, marker, shift in zip(DETECTORS, "os", (-0.12, 0.12), strict=True):
+        crossings = [each[name] for each in first.values()]
+        seen = [(time, row) for row, time in enumerate(crossings) if time is not None]
+        missed = [row for row, time in enumerate(crossings) if time is None]
+        colour = detector_named(name).colour
         axes.plot([time for time, _ in seen], [row + shift for _, row in seen], marker,
-                  color=colour, markersize=4, label=NAMES[model])  # fmt: skip
+                  color=colour, markersize=4, label=detector_named(name).label)  # fmt: skip
         axes.plot([end] * len(missed), [row + shift for row in missed], "x", color=colour, ms=4)
     axes.grid(axis="y", color=FAINT, lw=0.3)
     axes.set_xlim(0, 1.04 * end)

@@ -1,31 +1,36 @@
-"""Many results into one table: a row per input and model, or all frames."""
+"""Many results in one table: a row per input and detector, or a row per frame."""
 
 from __future__ import annotations
 
 import csv
+import errno
 import json
 import os
-from fractions import Fraction
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.errors import ResultError
-from oppload_cli.results.columns import MODELS, columns_for
-from oppload_cli.results.sidecar import SCHEMA
-from oppload_cli.results.sinks import typed
-from oppload_cli.results.summary import ModelSummary
+from oppload_cli.errors import ResultError, reason_of
+from oppload_cli.files.names import is_file, is_folder
+from oppload_cli.files.reading import reading, text_of
+from oppload_cli.files.tables import typed
+from oppload_cli.models.registry import default_names, detectors
+from oppload_cli.results.columns import columns_for
+from oppload_cli.results.record import ModelSummary
+from oppload_cli.results.writing import SCHEMA
+from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
-    from oppload_cli.results.sinks import Cell
+    from oppload_cli.files.tables import Cell
 
     Row = dict[str, Cell]
 
 
-SIDECAR, TABLE = ".oppload.json", ".frames.csv"
+_SIDECAR, _TABLE = ".oppload.json", ".frames.csv"
 
-ABOUT_INPUT: dict[str, type] = {
+_ABOUT_INPUT: dict[str, type] = {
     "result": str,
     "input": str,
     "kind": str,
@@ -40,6 +45,8 @@ ABOUT_INPUT: dict[str, type] = {
     "analysed": int,
     "missing": int,
     "repeats": int,
+    "near_repeats": int,
+    "pictures_per_s": float,
     "complete": bool,
     "wall_s": float,
     "frames_per_s": float,
@@ -49,34 +56,46 @@ ABOUT_INPUT: dict[str, type] = {
     "contact_time_s": float,
     "model": str,
 }
-OF_MODEL: dict[str, type] = {
+_OF_MODEL: dict[str, type] = {
     name: float if name == "peak" or name.endswith("_s") else int
     for name in ModelSummary.__dataclass_fields__
 }
-SUMMARY_COLUMNS = {**ABOUT_INPUT, **OF_MODEL}
-COUNTS = ("frame", "flow_vectors", "rom_pairs", "opplod_alarm", "dlgmd_alarm")
-FRAME_COLUMNS: dict[str, type] = {
-    "result": str,
-    "input": str,
-    **{
-        column.name: int if column.name in COUNTS else float
-        for column in columns_for(MODELS, rmo=True)
-    },
-}
+SUMMARY_COLUMNS = {**_ABOUT_INPUT, **_OF_MODEL}
+_COUNTS = ("frame", "flow_vectors", "rom_pairs")
+
+
+def frame_columns(results: Iterable[Path]) -> dict[str, type]:
+    """Return the columns of the frames of some results, with the type of their values.
+
+    Parameters
+    ----------
+    results : iterable of Path
+        From :func:`found_results`. The columns of the detectors that run by default are always
+        among the columns.
+    """
+    used, presets, details, degrees = set(default_names()), set(), False, False
+    for path in results:
+        with suppress(ResultError):  # the error comes again when the rows are read
+            content = _sidecar(path)
+            models = content.get("models")
+            used.update(map(str, models if isinstance(models, list) else ()))
+            presets.add(str(content.get("preset")))
+            details = details or content.get("columns") == "all"
+            degrees = degrees or bool(content.get("field_of_view"))
+    named = [name for name in detectors() if name in used]
+    kinds = {
+        column.name: int if column.name in _COUNTS or column.name.endswith("_alarm") else float
+        for column in columns_for(
+            named, rmo=True, details=details, degrees=degrees, presets=presets
+        )
+    }
+    return {"result": str, "input": str, **kinds}
 
 
 def found_results(folder: Path) -> Iterator[Path]:
     """Yield the sidecars in a folder, and the tables that have none, to any depth.
 
-    Parameters
-    ----------
-    folder : Path
-        Where results are.
-
-    Yields
-    ------
-    Path
-        In the order of their names, folder by folder.
+    They come in the order of their names, folder by folder.
 
     Raises
     ------
@@ -85,29 +104,48 @@ def found_results(folder: Path) -> Iterator[Path]:
     """
 
     def refuse(error: OSError) -> None:
-        reason = (error.strerror or str(error)).lower()
-        raise ResultError(f"{error.filename}: cannot be read ({reason}); check the path")
+        with reading(str(error.filename), ResultError):
+            raise error
 
     for place, within, files in os.walk(folder, onerror=refuse):
         within.sort()
-        stems = {name.removesuffix(SIDECAR) for name in files if name.endswith(SIDECAR)}
-        alone = {name.removesuffix(TABLE) for name in files if name.endswith(TABLE)} - stems
+        stems = {name.removesuffix(_SIDECAR) for name in files if name.endswith(_SIDECAR)}
+        alone = {name.removesuffix(_TABLE) for name in files if name.endswith(_TABLE)} - stems
         for stem in sorted(stems | alone):
-            yield Path(place, stem + (TABLE if stem in alone else SIDECAR))
+            yield Path(place, stem + (_TABLE if stem in alone else _SIDECAR))
+
+
+def tables_in(path: Path) -> Iterator[Path]:
+    """Yield the tables that a name stands for: a file itself, or a folder's to any depth.
+
+    Raises
+    ------
+    ResultError
+        If a folder holds none, or cannot be read.
+    """
+    if not is_folder(path):
+        yield path
+        return
+    found = [table_of(each) for each in found_results(path)]
+    if not found:
+        raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")
+    yield from found
+
+
+def table_of(path: Path) -> Path:
+    """Return the table of a sidecar or table that :func:`found_results` has yielded."""
+    if path.name.endswith(_TABLE):
+        return path
+    return path.with_name(path.name.removesuffix(_SIDECAR) + _TABLE)
 
 
 def summary_rows(path: Path) -> Iterator[Row]:
-    """Yield what a sidecar says: a row per model.
+    """Yield a row per detector from a sidecar, by the names of ``SUMMARY_COLUMNS``.
 
     Parameters
     ----------
     path : Path
         From :func:`found_results`.
-
-    Yields
-    ------
-    dict
-        By the names of ``SUMMARY_COLUMNS``.
 
     Raises
     ------
@@ -117,7 +155,7 @@ def summary_rows(path: Path) -> Iterator[Row]:
     content = _sidecar(path)
     try:
         yield from list(_summaries(path, content))
-    except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise ResultError(
             f"{path}: lacks something of a sidecar ({type(error).__name__}: {error}); "
             f"run its input again"
@@ -125,52 +163,47 @@ def summary_rows(path: Path) -> Iterator[Row]:
 
 
 def frame_rows(path: Path) -> Iterator[Row]:
-    """Yield the frames of the table that belongs to a sidecar, as text.
+    """Yield the frames of the table beside a sidecar, as text, by :func:`frame_columns`.
 
     Parameters
     ----------
     path : Path
         From :func:`found_results`.
 
-    Yields
-    ------
-    dict
-        By the names of ``FRAME_COLUMNS``; those that the table lacks are left out.
-
     Raises
     ------
     ResultError
-        If there is no such table, or it is none of ``oppload run``.
+        If that table does not exist, or is none of ``oppload run``.
     """
-    name = _sidecar(path).get("input", {}).get("name", "")
-    table = path.with_name(path.name.removesuffix(SIDECAR) + TABLE)
-    stem = table.name.removesuffix(TABLE)
+    facts = _sidecar(path).get("input")
+    name = str(facts.get("name", "")) if isinstance(facts, dict) else ""
+    table = table_of(path)
+    stem = table.name.removesuffix(_TABLE)
+    kinds = frame_columns([path])
     try:
+        if not is_file(table):  # a pipe would make it wait
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
         with table.open(encoding="utf-8", newline="") as file:
             reader = csv.DictReader(file)
-            if not set(reader.fieldnames or ()) <= FRAME_COLUMNS.keys() or not reader.fieldnames:
+            if not set(reader.fieldnames or ()) <= kinds.keys() or not reader.fieldnames:
                 raise ResultError(f"{table}: is no table of 'oppload run'; run its input again")
             for row in reader:
                 for column, text in row.items():
-                    typed(text, FRAME_COLUMNS[column])
-                yield {"result": stem, "input": name, **row}
-    except (OSError, TypeError, ValueError, KeyError, csv.Error) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
+                    typed(text, kinds[column])
+                yield {"result": _text(stem), "input": _text(name), **row}
+    except (OSError, TypeError, ValueError, LookupError, ArithmeticError, csv.Error) as error:
+        reason = reason_of(error)
         raise ResultError(f"{table}: cannot be read ({reason}); run its input again") from error
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
-    if path.name.endswith(TABLE):
+    if path.name.endswith(_TABLE):
         raise ResultError(f"{path}: has no sidecar beside it; run its input again")
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ResultError(f"{path}: cannot be read ({reason}); check its rights") from error
-    except ValueError as error:  # of JSON, or of UTF-8
-        raise ResultError(f"{path}: is not valid JSON ({error}); run its input again") from error
+    again = "run its input again"
+    with reading(path, ResultError, form="JSON", check="check its rights", repair=again):
+        content = json.loads(text_of(path))
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise ResultError(f"{path}: is no sidecar of schema {SCHEMA}; run its input again")
+        raise ResultError(f"{path}: is no sidecar of schema {SCHEMA}; {again}")
     return content
 
 
@@ -179,14 +212,15 @@ def _summaries(path: Path, content: dict[str, Any]) -> Iterator[Row]:
     stimulus = content["stimulus"] or {}
     rate = facts["frame_rate"]
     about: Row = {
-        "result": path.name.removesuffix(SIDECAR),
+        "result": path.name.removesuffix(_SIDECAR),
         "input": facts["name"],
         **{name: facts[name] for name in ("kind", "codec", "width", "height")},
-        "frame_rate": float(Fraction(rate)) if rate else None,
+        "frame_rate": float(parsed_fraction(rate)) if rate else None,
         "working_width": working["width"],
         "working_height": working["height"],
         "preset": content["preset"],
         **{name: decode[name] for name in ("decoded", "analysed", "missing", "repeats")},
+        **{name: decode.get(name) for name in ("near_repeats", "pictures_per_s")},
         "complete": decode["complete"],
         "wall_s": content["wall_s"],
         "frames_per_s": content["frames_per_s"],
@@ -197,7 +231,15 @@ def _summaries(path: Path, content: dict[str, Any]) -> Iterator[Row]:
     }
     for model in content["models"]:
         summary = content["summary"][model]
-        row = {**about, "model": model, **{name: summary[name] for name in OF_MODEL}}
+        row = {**about, "model": model, **{name: summary[name] for name in _OF_MODEL}}
         for name, kind in SUMMARY_COLUMNS.items():
-            typed(row[name], kind)  # a wrong kind is found here, not in the middle of a file
+            # A wrong kind is found here, not in the middle of a file, and so is a byte of a name
+            # that is no text.
+            value = typed(row[name], kind)
+            row[name] = _text(value) if isinstance(value, str) else row[name]
         yield row
+
+
+def _text(name: str) -> str:
+    r"""Return a name whose undecodable bytes are written as ``\udcff``."""
+    return name.encode("utf-8", "backslashreplace").decode()

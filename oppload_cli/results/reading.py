@@ -1,29 +1,39 @@
-"""Reading ``frames.csv`` and its sidecar back."""
+"""Reading the tables of ``oppload run`` and ``oppload tune`` back, with their sidecars."""
 
 from __future__ import annotations
 
 import json
+import os
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from io import StringIO
+from io import BufferedReader, RawIOBase, StringIO, TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from oppload_cli.errors import ResultError
-from oppload_cli.results.columns import MODELS
+from oppload_cli.errors import ResultError, reason_of
+from oppload_cli.files.names import is_file
+from oppload_cli.files.reading import reading, text_of
+from oppload_cli.models.registry import default_names, detectors
+from oppload_cli.results.columns import columns_for
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
-WHENCE = "give a frames.csv of 'oppload run'"
+
 SUFFIXES = (".frames.csv.part", ".frames.csv", ".csv")
+DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
+CHUNK = 1 << 16  # bytes
+LARGEST = 1e15  # of a number that a curve may have
+ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
+ANOTHER_TUNING = "give a table of 'oppload tune'"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Result:
     """One result, as read.
 
@@ -34,7 +44,7 @@ class Result:
     frames : DataFrame
         A row per frame; empty cells are NaN.
     sidecar : dict
-        Empty where there is none.
+        Empty where no sidecar exists.
     """
 
     path: Path
@@ -44,39 +54,89 @@ class Result:
     @property
     def stem(self) -> str:
         """The result's name without its suffixes."""
-        return _stem(self.path)
+        return stem_of(self.path)
 
     @property
     def title(self) -> str:
-        """The input's name, as far as it is known."""
-        facts = self.sidecar.get("input")
-        name = facts.get("name") if isinstance(facts, dict) else None
+        """The input's name from the sidecar, or else the result's."""
+        name = self.part("input").get("name")
         return Path(name).name if isinstance(name, str) and name else self.stem
 
     @property
     def models(self) -> tuple[str, ...]:
-        """The models whose responses it holds."""
-        return tuple(name for name in MODELS if f"{name}_response" in self.frames.columns)
+        """The detectors whose responses it holds."""
+        return tuple(name for name in detectors() if f"{name}_response" in self.frames.columns)
+
+    def part(self, name: str) -> dict[str, Any]:
+        """Return a part of the sidecar, such as ``input``; empty where it has none."""
+        part = self.sidecar.get(name)
+        return part if isinstance(part, dict) else {}
 
     def need(self, columns: Sequence[str]) -> None:
-        """Check that columns are there.
-
-        Parameters
-        ----------
-        columns : sequence of str
-            Their names.
-
-        Raises
-        ------
-        ResultError
-            If one is missing; it is named.
-        """
-        for name in columns:
-            if name not in self.frames.columns:
-                raise ResultError(f"{self.path}: has no column '{name}'; {WHENCE}")
+        """Raise a ResultError that names the first of these columns that is missing."""
+        _need(self.path, self.frames, columns, ANOTHER_RESULT)
 
 
-def read_result(path: Path) -> Result:
+@dataclass(frozen=True)
+class Tuning:
+    """One tuning table, as read.
+
+    Attributes
+    ----------
+    path : Path
+        The CSV.
+    rows : DataFrame
+        A row per condition and detector.
+    parameters : tuple of str
+        Columns of swept values, between ``stimulus`` and ``model``.
+    sidecar : dict
+        Empty where no sidecar exists.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.Tuning.symmetric.__doc__
+    'Whether half a turn gives the same stimulus; the sidecar says so.'
+    """
+
+    path: Path
+    rows: pd.DataFrame
+    parameters: tuple[str, ...]
+    sidecar: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def models(self) -> tuple[str, ...]:
+        """The detectors that it holds, in the usual order."""
+        held = set(self.rows["model"])
+        return tuple(name for name in detectors() if name in held)
+
+    @property
+    def name(self) -> str:
+        """The stimulus without the part that names a member of the sweep."""
+        first = str(self.rows["stimulus"].iloc[0])
+        return str(self.sidecar.get("stimulus", {}).get("name") or first.rpartition("/")[0])
+
+    @property
+    def direction(self) -> str | None:
+        """The parameter that is an axis or a direction, if one is swept."""
+        return direction_of(self.parameters)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether half a turn gives the same stimulus; the sidecar says so."""
+        return self.sidecar.get("stimulus", {}).get("symmetric") is True
+
+    def of(self, model: str) -> pd.DataFrame:
+        """Return the rows of one detector, in their order."""
+        return self.rows[self.rows["model"] == model].reset_index(drop=True)
+
+
+def direction_of(parameters: Iterable[str]) -> str | None:
+    """Return the first dotted key that names an axis or a direction, such as ``bar.axis_deg``."""
+    return next((key for key in parameters if key.rpartition(".")[2] in DIRECTIONS), None)
+
+
+def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
     """Read a result.
 
     Parameters
@@ -84,79 +144,101 @@ def read_result(path: Path) -> Result:
     path : Path
         A ``frames.csv``, or the ``.part`` of an interrupted run, whose last row
         may be cut.
-
-    Returns
-    -------
-    Result
+    needed : sequence of str
+        Ends of the names of the columns to read, beside ``frame`` and ``time_s``: a table of
+        many hours is large. By default all are read.
 
     Raises
     ------
     ResultError
         If it cannot be read, or is not a result of ``oppload run``.
     """
-    result = Result(path, read_table(path, WHENCE), _sidecar(path))
+    ends = ("frame", "time_s", "_response", *needed)
+    frames = _read_table(path, ANOTHER_RESULT, lambda name: name.endswith(ends))
+    result = Result(path, frames, _sidecar(path.with_name(f"{stem_of(path)}.oppload.json")))
     result.need(("frame", "time_s"))
     if not result.models:
-        result.need((f"{MODELS[0]}_response",))
-    _check(result)
+        result.need((f"{default_names()[0]}_response",))
+    for name in ("frame", "time_s"):
+        _check_filled(path, frames, name, "run it again")
+    if len(frames) < 2:
+        raise ResultError(
+            f"{path}: column 'frame' holds one row, and a curve needs two; run a longer input"
+        )
+    known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
+    for name in known.intersection(frames.columns):
+        check_numbers(path, frames, name)
+    for model in result.models:
+        name = f"{model}_response"
+        if np.isnan(frames[name].to_numpy(float)).all():
+            raise ResultError(
+                f"{path}: column '{name}' is empty in every row, as during warm-up; "
+                f"run an input of more than 3 frames"
+            )
     return result
 
 
-def read_table(path: Path, whence: str) -> pd.DataFrame:
-    """Read a CSV whose last row may be cut.
+def stem_of(path: Path) -> str:
+    """Return the name of a result without the suffixes of its table."""
+    for suffix in SUFFIXES:
+        if path.name.endswith(suffix):
+            return path.name.removesuffix(suffix)
+    return path.stem
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    whence : str
-        What the user should give instead of a wrong file, for the messages.
 
-    Returns
-    -------
-    DataFrame
-        At least one row; empty cells are NaN.
+def is_tuning(path: Path) -> bool:
+    """Tell from its header whether a CSV is a tuning table; a file that cannot be read is none."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            header = file.readline().strip().split(",")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return header[:1] == ["stimulus"] and "model" in header
+
+
+def read_tuning(path: Path) -> Tuning:
+    """Read a ``.tuning.csv``.
 
     Raises
     ------
     ResultError
-        If it cannot be read, or is not a table.
+        If it cannot be read, a column is missing or a cell is not a number.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import oppload_cli as oppload
+    >>> oppload.read_tuning(Path("missing.tuning.csv"))  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    oppload_cli.errors.ResultError: missing.tuning.csv: cannot be read (no such file...
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ResultError(f"{path}: cannot be read ({reason}); check the path") from error
-    except UnicodeDecodeError as error:
-        raise ResultError(f"{path}: is not a text file; {whence}") from error
-    try:
-        # Only an empty cell is missing; the word "nan" is a number that went wrong.
-        whole = StringIO(text[: text.rfind("\n") + 1])
-        table = pd.read_csv(whole, keep_default_na=False, na_values=[""])
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, ValueError) as error:
-        reason = str(error).splitlines()[0].lower()
-        raise ResultError(f"{path}: is not a CSV table ({reason}); {whence}") from error
-    if table.empty:
-        raise ResultError(f"{path}: holds no row; run the input again")
-    return table
+    rows = _read_table(path, ANOTHER_TUNING)
+    _need(path, rows, ("stimulus", "model", "peak"), ANOTHER_TUNING)
+    names = list(rows.columns)
+    parameters = tuple(names[1 : names.index("model")])
+    if not parameters:
+        raise ResultError(
+            f"{path}: has no column of a swept parameter before 'model'; {ANOTHER_TUNING}"
+        )
+    unknown = sorted(set(map(str, rows["model"])) - set(detectors()))
+    if unknown:
+        raise ResultError(f"{path}: column 'model' holds '{unknown[0]}'; {ANOTHER_TUNING}")
+    _check_filled(path, rows, "peak", "make the stimulus longer than the warm-up of 4 frames")
+    return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
 
 
 def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.float64]:
-    """Check that a column holds numbers only, and return them.
+    """Return the numbers of a column, NaN where a cell is empty.
 
     Parameters
     ----------
     path : Path
-        The file, for the messages.
+        The file, for the message.
     table : DataFrame
         As read.
     name : str
         The column.
-
-    Returns
-    -------
-    ndarray
-        NaN where the cell is empty.
 
     Raises
     ------
@@ -164,50 +246,97 @@ def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.floa
         If a cell holds anything else than a finite number; its line is named.
     """
     cells = table[name]
+    if cells.dtype == object:  # it may hold whole numbers of any length
+        cells = cells.where(cells.isna(), cells.astype(str))
     values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
-    bad = cells.notna().to_numpy() & ~np.isfinite(values)
+    bad = cells.notna().to_numpy() & ~(np.abs(values) <= LARGEST)
     if bad.any():
         row = int(bad.argmax())
         raise ResultError(
-            f"{path}: column '{name}' holds '{cells.iloc[row]}' in line {row + 2}, which is no "
-            f"finite number; make the file again"
+            f"{path}: column '{name}' holds '{str(cells.iloc[row])[:40]}' in line {row + 2}, which "
+            f"is no finite number; make the file again"
         )
     return values
 
 
-def _check(result: Result) -> None:
-    path, frames = result.path, result.frames
-    for name in ("frame", "time_s"):
-        empty = np.isnan(check_numbers(path, frames, name))
-        if empty.any():
-            line = int(empty.argmax()) + 2
-            raise ResultError(f"{path}: column '{name}' is empty in line {line}; run it again")
-    if len(frames) < 2:
-        raise ResultError(
-            f"{path}: column 'frame' holds one row, and a curve needs two; run a longer input"
-        )
-    for model in result.models:
-        name = f"{model}_response"
-        if np.isnan(check_numbers(path, frames, name)).all():
-            raise ResultError(
-                f"{path}: column '{name}' is empty in every row, as during warm-up; "
-                f"run an input of more than 3 frames"
-            )
+def _check_filled(path: Path, table: pd.DataFrame, name: str, advice: str) -> None:
+    empty = np.isnan(check_numbers(path, table, name))
+    if empty.any():
+        line = int(empty.argmax()) + 2
+        raise ResultError(f"{path}: column '{name}' is empty in line {line}; {advice}")
 
 
-def _stem(path: Path) -> str:
-    for suffix in SUFFIXES:
-        if path.name.endswith(suffix):
-            return path.name.removesuffix(suffix)
-    return path.stem
+def _need(path: Path, table: pd.DataFrame, columns: Sequence[str], advice: str) -> None:
+    for name in columns:
+        if name not in table.columns:
+            raise ResultError(f"{path}: has no column '{name}'; {advice}")
+
+
+class _Beginning(RawIOBase):
+    """The first bytes of a file."""
+
+    def __init__(self, file: IO[bytes], size: int) -> None:
+        self._file, self._left = file, size
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        chunk = self._file.read(min(len(buffer), self._left))
+        buffer[: len(chunk)] = chunk
+        self._left -= len(chunk)
+        return len(chunk)
+
+
+@contextmanager
+def _complete_lines(path: Path) -> Iterator[IO[str]]:
+    """Open the complete lines of a file, which may be larger than the memory, or still grow."""
+    if not is_file(path):  # a pipe or a device has no end to look at
+        yield StringIO(text_of(path, pipes=True))
+        return
+    with path.open("rb") as file:
+        size = end = file.seek(0, os.SEEK_END)
+        tail = b""
+        while end and b"\n" not in tail:
+            end = max(0, end - CHUNK)
+            file.seek(end)
+            tail = file.read(min(CHUNK, size - end))
+        file.seek(0)
+        complete = _Beginning(file, end + tail.rfind(b"\n") + 1)
+        yield TextIOWrapper(BufferedReader(complete), encoding="utf-8", newline="")
+
+
+def _read_table(
+    path: Path, advice: str, wanted: Callable[[str], bool] | None = None
+) -> pd.DataFrame:
+    """Read a CSV whose last row may be cut; it has at least one row, and empty cells are NaN."""
+    with reading(path, ResultError, form="text in UTF-8", repair=advice):
+        try:
+            with _complete_lines(path) as lines:
+                # Only an empty cell is missing; the word "nan" is a number that went wrong.
+                table = pd.read_csv(lines, keep_default_na=False, na_values=[""], usecols=wanted)
+        except UnicodeDecodeError:
+            raise
+        except ValueError as error:  # of every kind that pandas has
+            reason = reason_of(error)
+            raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
+    if table.empty and len(table.columns):  # without any, one that is needed is named
+        raise ResultError(f"{path}: holds no row; run the input again")
+    return table
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
-    beside = path.with_name(f"{_stem(path)}.oppload.json")
     try:
-        content = json.loads(beside.read_text(encoding="utf-8"))
+        content = json.loads(text_of(path))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, RecursionError) as error:
-        raise ResultError(f"{beside}: is not a sidecar that can be read; remove it") from error
-    return content if isinstance(content, dict) else {}
+        raise ResultError(f"{path}: is not a sidecar that can be read; remove it") from error
+    if not isinstance(content, dict):
+        return {}
+    tables = ("input", "parameters", "stimulus")
+    return {
+        name: value
+        for name, value in content.items()
+        if name not in tables or isinstance(value, dict)
+    }

@@ -1,44 +1,21 @@
-"""What is known of one frame once every model has answered."""
+"""One row of ``frames.csv``, and the summary of a run."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
 
-from oppload_cli.models.dlgmd import DlgmdResponse
+from oppload_cli.models.registry import detector_named
+from oppload_cli.results.columns import RMO, VIEW
 
 if TYPE_CHECKING:
-    from oppload_cli.models.opplod import Box, OpplodResponse
+    from collections.abc import Mapping
+
+    from oppload_cli.detection.places import Detection
+    from oppload_cli.files.tables import Value
+    from oppload_cli.models.detector import Box, Response
     from oppload_cli.motion.rmo import RmoMetrics
-    from oppload_cli.results.table import Value
-
-
-class Detection(NamedTuple):
-    """One looming object in one frame: a line of ``detections.jsonl``.
-
-    Attributes
-    ----------
-    identity : int
-        The same object has the same number in all its frames; from 1.
-    box : Box
-        Where it is, in source pixels, within the frame.
-    centre_x, centre_y : float
-        Focus of its expansion in source pixels.
-    response : float
-        OppLoD's enhanced response there, at least 0.
-    alarm : bool
-        Whether the alarm is on, and because of this object.
-    time_to_contact_s : float or None
-        Estimate in seconds, above 0; None where it is not determined.
-    """
-
-    identity: int
-    box: Box
-    centre_x: float
-    centre_y: float
-    response: float
-    alarm: bool
-    time_to_contact_s: float | None
 
 
 @dataclass(frozen=True)
@@ -53,32 +30,63 @@ class FrameRecord:
         Presentation time minus that of frame 0.
     luma_change : float or None
         Mean of P; None for the first frame.
-    responses : dict of str to response or None
-        By model; None during warm-up. Boxes are in source pixels.
+    responses : mapping of str to Response or None
+        By detector; None during warm-up. Boxes are in source pixels.
     alarms : dict of str to bool
-        By model, those that have answered.
+        By detector; False during warm-up.
     rmo : RmoMetrics or None
         Radial motion opponency; None for the first frame, or if not measured.
-    repeat : bool
-        Whether the frame is an exact repeat of the one before.
+    repeat : str
+        ``exact`` or ``near`` for a frame that repeats the picture before it, else empty.
     thresholds : dict of str to float
-        By model, the response above which this frame sets the alarm off.
+        By detector, the response above which this frame sets the alarm off.
     detections : tuple of Detection
-        OppLoD's looming objects, the largest response first.
+        The looming objects that the first detector with places sees, the largest response
+        first.
+    objects : dict of str to Detection or None
+        By detector with places, its strongest looming object.
+    blind : bool
+        Whether the frame does not count for an alarm.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> first, *_, last = oppload.analyse("controls/looming-perspective", rmo=False)
+    >>> first.values().keys() == last.values().keys()
+    True
+    >>> first.values()["opplod_response"] is None, last.alarms
+    (True, {'opplod': True, 'dlgmd': True})
     """
 
     frame: int
     time_s: float
     luma_change: float | None
-    responses: dict[str, OpplodResponse | DlgmdResponse | None]
+    responses: Mapping[str, Response | None]
     alarms: dict[str, bool] = field(default_factory=dict)
     rmo: RmoMetrics | None = None
-    repeat: bool = False
+    repeat: str = ""
     thresholds: dict[str, float] = field(default_factory=dict)
     detections: tuple[Detection, ...] = ()
+    objects: dict[str, Detection | None] = field(default_factory=dict)
+    blind: bool = False
+
+    @property
+    def boxes(self) -> dict[str, Box | None]:
+        """By detector with places, the box of its strongest looming object in source pixels."""
+        return {name: None if each is None else each.box for name, each in self.objects.items()}
+
+    def over_threshold(self, model: str) -> float | None:
+        """Return a detector's response over its threshold; None where there is no threshold."""
+        response, threshold = self.responses.get(model), self.thresholds.get(model, 0.0)
+        if response is None or not 0 < threshold < math.inf:
+            return None
+        return response.response / threshold
 
     def values(self) -> dict[str, Value]:
-        """Return the values by column; what is not there is an empty cell.
+        """Return the values by column, the same columns for every frame.
+
+        What is not there is None: a response during warm-up, a box where nothing looms, RMO
+        where it was not measured, degrees where the field of view is not known.
 
         Returns
         -------
@@ -89,14 +97,93 @@ class FrameRecord:
             "time_s": self.time_s,
             "luma_change": self.luma_change,
         }
-        for model, response in self.responses.items():
-            if response is not None:
-                values[f"{model}_response"] = response.response
-                values[f"{model}_alarm"] = self.alarms[model]
-            if isinstance(response, DlgmdResponse):
-                values[f"{model}_s"] = response.s
-            elif response is not None and response.box is not None:
-                values.update((f"{model}_{side}", v) for side, v in response.box._asdict().items())
-        if self.rmo is not None:
-            values.update(self.rmo._asdict())
+        for name, response in self.responses.items():
+            detector = detector_named(name)
+            values[f"{name}_response"] = None if response is None else response.response
+            values[f"{name}_alarm"] = self.alarms.get(name, False)
+            if detector.places:
+                found = self.objects.get(name)
+                box = (None,) * 4 if found is None else found.box
+                unit = (
+                    (None,) * 2 if response is None or response.box is None else response.box.centre
+                )
+                sides = ("x", "y", "width", "height", "unit_x", "unit_y")
+                values.update(
+                    (f"{name}_{side}", value)
+                    for side, value in zip(sides, (*box, *unit), strict=True)
+                )
+                view = None if found is None else found.view
+                values.update(
+                    (f"{name}_{each.name}", getattr(view, each.name, None)) for each in VIEW
+                )
+            for column in (*detector.columns, *detector.details):
+                values[f"{name}_{column.name}"] = getattr(response, column.name, None)
+        values.update({each.name: getattr(self.rmo, each.name, None) for each in RMO})
         return values
+
+
+@dataclass
+class ModelSummary:
+    """Summary of one detector over one input.
+
+    Attributes
+    ----------
+    frames : int
+        Frames with a response.
+    peak : float or None
+        Largest response; None where there was none.
+    peak_frame, peak_time_s
+        When it was first reached.
+    first_response_frame, first_response_time_s
+        When the response was first above 0.
+    first_alarm_frame, first_alarm_time_s
+        When the alarm first went on.
+    alarm_frames : int
+        Frames with the alarm on.
+    """
+
+    frames: int = 0
+    peak: float | None = None
+    peak_frame: int | None = None
+    peak_time_s: float | None = None
+    first_response_frame: int | None = None
+    first_response_time_s: float | None = None
+    first_alarm_frame: int | None = None
+    first_alarm_time_s: float | None = None
+    alarm_frames: int = 0
+
+    def add(self, record: FrameRecord, model: str) -> None:
+        """Take one frame's record.
+
+        Parameters
+        ----------
+        record : FrameRecord
+            The frame.
+        model : str
+            The detector that this summary is of.
+        """
+        answer = record.responses[model]
+        if answer is None:
+            return
+        self.frames += 1
+        if self.peak is None or answer.response > self.peak:
+            self.peak, self.peak_frame, self.peak_time_s = (
+                answer.response,
+                record.frame,
+                record.time_s,
+            )
+        if answer.response > 0 and self.first_response_frame is None:
+            self.first_response_frame, self.first_response_time_s = record.frame, record.time_s
+        if record.alarms[model]:
+            self.alarm_frames += 1
+            if self.first_alarm_frame is None:
+                self.first_alarm_frame, self.first_alarm_time_s = record.frame, record.time_s
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the summary ready for JSON.
+
+        Returns
+        -------
+        dict
+        """
+        return asdict(self)

@@ -2,8 +2,8 @@
 
 >>> from oppload_cli import stimulus
 >>> protocol = stimulus.load("opplod2023/looming-disk-centre")
->>> for frame in stimulus.frames(protocol):
-...     response = model.step(frame.luma)
+>>> sum(1 for frame in stimulus.frames(protocol)) == protocol.frame_count
+True
 
 Names are imported when they are first used: reading protocols needs no NumPy.
 """
@@ -15,23 +15,35 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from oppload_cli.stimulus.catalogue import Entry, entries, find, load, load_all, read_entry
-    from oppload_cli.stimulus.changes import Brightness, Growth
+    from oppload_cli.stimulus.courses import Course
     from oppload_cli.stimulus.files import Written, file_stem, write
-    from oppload_cli.stimulus.objects import Object
-    from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.stimulus.protocol import Protocol, json_schema
     from oppload_cli.stimulus.renderer import Renderer, StimulusFrame, frames
-    from oppload_cli.stimulus.schema import json_schema
-    from oppload_cli.stimulus.tables import Display, Effects, Motion, Scene, Timing
+    from oppload_cli.stimulus.tables import (
+        Brightness,
+        Camera,
+        Display,
+        Effects,
+        Growth,
+        Motion,
+        Object,
+        Scene,
+        Timing,
+    )
     from oppload_cli.stimulus.truth import (
         FrameTruth,
         ObjectTruth,
+        PictureTruth,
         frame_truth,
         ground_truth,
         read_ground_truth,
     )
 
+
 __all__ = [
     "Brightness",
+    "Camera",
+    "Course",
     "Display",
     "Effects",
     "Entry",
@@ -40,6 +52,7 @@ __all__ = [
     "Motion",
     "Object",
     "ObjectTruth",
+    "PictureTruth",
     "Protocol",
     "Renderer",
     "Scene",
@@ -62,14 +75,18 @@ __all__ = [
 
 _MODULES = {
     "catalogue": ("Entry", "entries", "find", "load", "load_all", "read_entry"),
-    "changes": ("Brightness", "Growth"),
+    "courses": ("Course",),
     "files": ("Written", "file_stem", "write"),
-    "objects": ("Object",),
-    "protocol": ("Protocol",),
+    "protocol": ("Protocol", "json_schema"),
     "renderer": ("Renderer", "StimulusFrame", "frames"),
-    "schema": ("json_schema",),
-    "tables": ("Display", "Effects", "Motion", "Scene", "Timing"),
-    "truth": ("FrameTruth", "ObjectTruth", "frame_truth", "ground_truth", "read_ground_truth"),
+    "tables": (
+        *("Brightness", "Camera", "Display", "Effects", "Growth", "Motion", "Object", "Scene"),
+        "Timing",
+    ),
+    "truth": (
+        *("FrameTruth", "ObjectTruth", "PictureTruth"),
+        *("frame_truth", "ground_truth", "read_ground_truth"),
+    ),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

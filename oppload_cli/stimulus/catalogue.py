@@ -1,8 +1,11 @@
-"""The catalogue: finding protocols by name, by pattern or by file."""
+"""The catalogue: protocols found by name, by pattern or by file, and their sweeps."""
 
 from __future__ import annotations
 
 import fnmatch
+import itertools
+import math
+import re
 import tomllib
 from dataclasses import dataclass, replace
 from functools import cache
@@ -10,8 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from oppload_cli.errors import StimulusError, suggestion
+from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.protocol import Protocol
-from oppload_cli.stimulus.sweep import expanded, label_of, sweep_of, with_value
+from oppload_cli.stimulus.tables import SURROUNDINGS
+
+_TABLES = ("display", "timing", "scene", "camera", "effects")
+_MOST_MEMBERS = 10_000
+DEEPEST = 20  # dots in a swept key
 
 
 @dataclass(frozen=True)
@@ -25,7 +33,7 @@ class Entry:
     path : Path
         The file.
     table : dict
-        What it holds, the sweep and the settings applied to it taken out.
+        The contents of the file, settings applied and the sweep taken out.
     sweep : dict
         Values by dotted key.
     only : str
@@ -45,37 +53,27 @@ class Entry:
 
     @property
     def source(self) -> str:
-        """Where it was published."""
+        """Its publication or its purpose."""
         return str(self.table.get("source", ""))
 
     @property
     def tags(self) -> list[str]:
-        """Words to find it by."""
+        """Words to search for."""
         tags = self.table.get("tags", [])
         return [str(tag) for tag in tags] if isinstance(tags, list) else []
 
     def values(self) -> dict[str, dict[str, Any]]:
-        """Return the values of each member.
-
-        Returns
-        -------
-        dict of str to dict
-            Swept values by dotted key, by the member's name.
-        """
+        """Return the swept values by dotted key of each member, by the member's name."""
         named = {}
-        for values in expanded(self.sweep):
-            name = f"{self.name}/{label_of(values)}" if values else self.name
+        for chosen in itertools.product(*self.sweep.values()):
+            values = dict(zip(self.sweep, chosen, strict=True))
+            name = f"{self.name}/{_label_of(values)}" if values else self.name
             if fnmatch.fnmatchcase(name, self.only):
                 named[name] = values
         return named
 
     def protocols(self) -> list[Protocol]:
-        """Return the members, resolved.
-
-        Returns
-        -------
-        list of Protocol
-            One, or one for each combination of the sweep's values.
+        """Return a protocol for each combination of the sweep's values, at least one.
 
         Raises
         ------
@@ -86,7 +84,7 @@ class Entry:
         for name, values in self.values().items():
             table = self.table
             for dotted, value in values.items():
-                table = with_value(table, dotted, value, f"{self.path}: sweep")
+                table = _with_value(table, dotted, value, f"{self.path}: sweep")
             made.append(Protocol.from_table({**table, "name": name}, str(self.path)))
         return made
 
@@ -98,10 +96,6 @@ class Entry:
         settings : dict
             Values by dotted key, e.g. ``{"bar.axis_deg": 45}``; a swept key is then swept
             over this value only, or over a list of values.
-
-        Returns
-        -------
-        Entry
 
         Raises
         ------
@@ -115,17 +109,14 @@ class Entry:
                 sweep[dotted] = value if several and value else [value]
                 only = "*"
             else:
-                table = with_value(table, dotted, value, f"{self.path}: --set {dotted}")
+                table = _with_value(table, dotted, value, f"{self.path}: --change {dotted}")
         return replace(self, table=table, sweep=sweep, only=only)
 
 
 def catalogue_directory() -> Path:
-    """Return where the catalogue is.
+    """Return the folder of the catalogue.
 
-    Returns
-    -------
-    Path
-        In an installed wheel inside the package, otherwise at the top of the source tree.
+    In an installed wheel it is inside the package, otherwise at the top of the source tree.
 
     Raises
     ------
@@ -141,12 +132,7 @@ def catalogue_directory() -> Path:
 
 @cache
 def entries() -> tuple[Entry, ...]:
-    """Return all entries of the catalogue, by name.
-
-    Returns
-    -------
-    tuple of Entry
-    """
+    """Return all entries of the catalogue, sorted by name."""
     root = catalogue_directory()
     return tuple(
         read_entry(path, path.relative_to(root).with_suffix("").as_posix())
@@ -164,24 +150,45 @@ def read_entry(path: Path, name: str | None = None) -> Entry:
     name : str or None
         Its name; the file's stem where None.
 
-    Returns
-    -------
-    Entry
-
     Raises
     ------
     StimulusError
         If it cannot be read, is not TOML, or its sweep is not valid.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        raise StimulusError(f"{path}: cannot read: {problem.strerror}; check the path") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise StimulusError(f"{path}: not valid TOML: {problem}; correct the file") from None
+    with reading(path, StimulusError, form="TOML"):
+        table = _beside(tomllib.loads(text_of(path, pipes=True)), path.parent)
     table.pop("name", None)
-    sweep = sweep_of(table.pop("sweep", {}), str(path))
+    sweep = _sweep_of(table.pop("sweep", {}), str(path))
     return Entry(name or path.stem, path, table, sweep)
+
+
+def _beside(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Take the files that a protocol names from its own folder."""
+
+    def there(key: str, value: object) -> object:
+        own = isinstance(value, str) and value and "\0" not in value
+        if isinstance(value, list):
+            return [there(key, one) for one in value]
+        if not own or (key == "background" and value in SURROUNDINGS):
+            return value
+        return str(folder / str(value))
+
+    def changed(part: object) -> object:
+        if isinstance(part, list):
+            return [changed(one) for one in part]
+        if not isinstance(part, dict):
+            return part
+        return {
+            key: there(key.rpartition(".")[2], value)
+            if key.rpartition(".")[2] == "file" or key in {"background", "scene.background"}
+            else changed(value)
+            for key, value in part.items()
+        }
+
+    return {
+        key: changed(value) if key in {"scene", "object", "sweep"} else value
+        for key, value in table.items()
+    }
 
 
 def find(wanted: str) -> list[Entry]:
@@ -190,7 +197,8 @@ def find(wanted: str) -> list[Entry]:
     Parameters
     ----------
     wanted : str
-        A TOML file, an entry's or a member's name, or a pattern with ``*``, ``?``, ``[]``.
+        A TOML file, an entry's or a member's name, the last parts of one, a fragment that only
+        one has, or a pattern with ``*``, ``?``, ``[]``.
 
     Returns
     -------
@@ -200,7 +208,8 @@ def find(wanted: str) -> list[Entry]:
     Raises
     ------
     StimulusError
-        If there is no such file or entry; the nearest name is suggested.
+        If there is no such file or entry, and the nearest name is suggested; or if there are
+        several, and they are named.
     """
     if wanted.endswith(".toml"):
         return [read_entry(Path(wanted))]
@@ -215,6 +224,8 @@ def find(wanted: str) -> list[Entry]:
         elif entry.sweep and any(fnmatch.fnmatchcase(name, wanted) for name in entry.values()):
             found.append(replace(entry, only=wanted))
     if not found:
+        found = _by_part(wanted, known)
+    if not found:
         names = {entry.name for entry in known}
         near = {name for entry in known for name in entry.values()} | names
         hint = suggestion(wanted, near)
@@ -224,6 +235,32 @@ def find(wanted: str) -> list[Entry]:
             hint = "; see 'oppload stimuli list', or give a .toml file"
         raise StimulusError(f"no stimulus '{wanted}' in the catalogue{hint}")
     return found
+
+
+def _by_part(wanted: str, known: tuple[Entry, ...]) -> list[Entry]:
+    """Return the entry, or the member, that ends with a text or else alone holds it.
+
+    Raises
+    ------
+    StimulusError
+        If several do.
+    """
+    entry_of = {entry.name: entry for entry in known}
+    if any(name.startswith(f"{wanted}/") for name in entry_of):  # a folder
+        return []
+    member_of = {name: entry for entry in known if entry.sweep for name in entry.values()}
+    for names in (entry_of, member_of):
+        for fits in (lambda name: name.endswith(f"/{wanted}"), lambda name: wanted in name):
+            near = sorted(filter(fits, names))
+            if len(near) == 1:
+                entry = names[near[0]]
+                return [entry if near[0] == entry.name else replace(entry, only=near[0])]
+            if near and wanted:
+                more = f" and {len(near) - 3} more" if len(near) > 3 else ""
+                raise StimulusError(
+                    f"'{wanted}' could be {', '.join(near[:3])}{more}; write more of the name"
+                )
+    return []
 
 
 def load(wanted: str | Path, settings: dict[str, Any] | None = None) -> Protocol:
@@ -236,14 +273,10 @@ def load(wanted: str | Path, settings: dict[str, Any] | None = None) -> Protocol
     settings : dict or None
         Values to change, by dotted key.
 
-    Returns
-    -------
-    Protocol
-
     Raises
     ------
     StimulusError
-        If there is none such, or more than one.
+        If there is no such stimulus, or more than one.
     """
     protocols = load_all(wanted, settings)
     if len(protocols) > 1:
@@ -272,9 +305,114 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
     Raises
     ------
     StimulusError
-        If there is none such, or if one is not valid.
+        If there is no such stimulus, or if one is not valid.
     """
     found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
     return [
         protocol for entry in found for protocol in entry.with_settings(settings or {}).protocols()
     ]
+
+
+def parsed_setting(text: str) -> tuple[str, Any]:
+    """Read ``key=value`` from a command line.
+
+    Parameters
+    ----------
+    text : str
+        The value as in TOML; a value that is not TOML is taken as a text.
+
+    Returns
+    -------
+    str
+        The key.
+    object
+        The value.
+
+    Raises
+    ------
+    StimulusError
+        If there is no ``=``.
+    """
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip():
+        raise StimulusError(f"--change takes key=value, not '{text}'; e.g. display.frame_rate=60")
+    try:
+        return name.strip(), tomllib.loads(f"value = {value}")["value"]
+    except ValueError:
+        return name.strip(), value.strip()
+
+
+def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any]]:
+    """Flatten a ``[sweep]`` table to lists of values by dotted key."""
+    if not isinstance(table, dict):
+        raise StimulusError(f"{where}: sweep must be a table of lists, not {table!r}")
+    if prefix.count(".") > DEEPEST:
+        raise StimulusError(f"{where}: sweep is nested too deep; write keys such as bar.axis_deg")
+    flat: dict[str, list[Any]] = {}
+    for key, value in table.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, dict):
+            flat.update(_sweep_of(value, where, f"{name}."))
+        elif not isinstance(value, list):
+            raise StimulusError(f"{where}: sweep: {name} takes a list of values, not {value!r}")
+        elif not value:
+            raise StimulusError(f"{where}: sweep: {name} has no values; add some or remove it")
+        else:
+            flat[name] = value
+    members = math.prod(len(values) for values in flat.values())
+    if members > _MOST_MEMBERS:
+        raise StimulusError(f"{where}: sweep makes {members} stimuli; the most is {_MOST_MEMBERS}")
+    return flat
+
+
+def _label_of(values: dict[str, Any]) -> str:
+    """Part of a member's name that tells it from the others, e.g. ``speed-20_width-10``."""
+    leaves = [dotted.rpartition(".")[2] for dotted in values]
+    names = leaves if len(set(leaves)) == len(leaves) else list(values)
+    parts = [
+        f"{_word(name)}-{_text(value)}" for name, value in zip(names, values.values(), strict=True)
+    ]
+    return "_".join(parts)
+
+
+def _with_value(table: dict[str, Any], dotted: str, value: object, where: str) -> dict[str, Any]:
+    """Copy a protocol's table and put in the value of ``seed``, ``ID.growth.speed_deg_s``, ..."""
+    first, _, rest = dotted.partition(".")
+    if first in _TABLES and rest:
+        return {**table, first: _put(table.get(first, {}), rest, value, where)}
+    if dotted in {"seed", "description", "source", "tags"}:
+        return {**table, dotted: value}
+    listed = table.get("object", [])
+    objects = listed if isinstance(listed, list) else []
+    ids = [str(one.get("id")) for one in objects if isinstance(one, dict)]
+    if first not in ids or not rest:
+        known = [*(f"{name}.KEY" for name in (*_TABLES, *ids)), "seed"]
+        hint = suggestion(first, (*_TABLES, *ids, "seed")) if rest else ""
+        hint = hint if "did you mean" in hint else f"; a key starts with {', '.join(known)}"
+        raise StimulusError(f"{where}: no key '{dotted}'{hint}")
+    changed = [
+        _put(one, rest, value, where) if isinstance(one, dict) and one.get("id") == first else one
+        for one in objects
+    ]
+    return {**table, "object": changed}
+
+
+def _put(table: object, dotted: str, value: object, where: str) -> dict[str, Any]:
+    if not isinstance(table, dict):
+        raise StimulusError(f"{where}: '{dotted}' is within {table!r}, which is not a table")
+    first, _, rest = dotted.partition(".")
+    return {**table, first: _put(table.get(first, {}), rest, value, where) if rest else value}
+
+
+def _word(name: str) -> str:
+    """Take the unit off a key: ``speed_deg_s`` becomes ``speed``."""
+    plain = re.sub(r"(_px)?(_deg_s|_deg|_ms|_s|_hz|_per_s)$", "", name)
+    return re.sub(r"[._]+", "-", plain)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list):
+        return "x".join(_text(one) for one in value)
+    if isinstance(value, float):
+        return f"{value:g}"
+    return re.sub(r"[^A-Za-z0-9.+-]+", "-", str(value).lower())

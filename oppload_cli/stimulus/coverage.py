@@ -31,20 +31,7 @@ class Window:
     def around(
         cls, low: tuple[float, float], high: tuple[float, float], height: int, width: int
     ) -> Window:
-        """Return the pixels that a bounding box touches, cut to the display.
-
-        Parameters
-        ----------
-        low, high : tuple of float
-            Corners (x, y) of the box.
-        height, width : int
-            The display in pixels.
-
-        Returns
-        -------
-        Window
-            Empty where the box is outside.
-        """
+        """Return the pixels of the display that a box between two corners (x, y) touches."""
         left, top = (
             int(np.clip(np.floor(v), 0, n)) for v, n in zip(low, (width, height), strict=True)
         )
@@ -60,7 +47,7 @@ class Window:
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """What cuts the window out of a picture."""
+        """The rows and columns of the window, as an index of a picture."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
@@ -171,7 +158,7 @@ def _line_pieces(start: Floats, stop: Floats, window: Window) -> tuple[Floats, .
 
 
 def _filled(window: Window, dy: Floats, x_dy: Floats, column: Floats, row: Floats) -> Floats:
-    """Add the pieces up: what lies to the right of a piece within its row is inside."""
+    """Add the pieces up: the part of a row to the right of a piece is inside."""
     height, width = window.shape
     if not height or not width:
         return np.zeros((height, width))
@@ -179,7 +166,7 @@ def _filled(window: Window, dy: Floats, x_dy: Floats, column: Floats, row: Float
     x_dy = x_dy - window.left * dy
     inside = (row >= 0) & (row < height) & (column < width)
     dy, x_dy, column, row = dy[inside], x_dy[inside], column[inside], row[inside]
-    # left of the window only the rise counts: the whole row lies to the right
+    # left of the window only the rise counts: the complete row lies to the right
     left = column < 0
     x_dy, column = np.where(left, 0.0, x_dy), np.where(left, 0.0, column)
     cell = (row * (width + 1) + column).astype(np.intp)

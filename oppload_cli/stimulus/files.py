@@ -2,22 +2,85 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from oppload_cli.errors import StimulusError, suggestion
+from oppload_cli.files.atomic import remove, write_atomic
+from oppload_cli.processes import cores
+from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.stimulus.sheet import contact_sheet, sheet_frames
 from oppload_cli.stimulus.truth import ground_truth_text
-from oppload_cli.video.archive import png_bytes
-from oppload_cli.video.atomic import remove, write_atomic
-from oppload_cli.video.writer import FORMATS, open_writer, target_of
+from oppload_cli.video.writers import FORMATS, open_writer, png_bytes, target_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
+    from oppload_cli.errors import OpploadError
     from oppload_cli.stimulus.protocol import Protocol
+
+    Grey = NDArray[np.uint8]
+
+
+_SHOWN = 8
+_GROUND = 128
+
+
+def sheet_frames(count: int, shown: int = _SHOWN) -> list[int]:
+    """Choose evenly spaced frames of `count`, at most `shown`, the first and the last included."""
+    if count == 1 or shown == 1:
+        return [0]
+    return sorted({round(index * (count - 1) / (shown - 1)) for index in range(shown)})
+
+
+def contact_sheet(pictures: Sequence[Grey], side: int = 160, columns: int = 4) -> Grey:
+    """Put pictures side by side on a mid-grey ground, in reading order.
+
+    Parameters
+    ----------
+    pictures : sequence of ndarray
+        uint8 (h, w), all of one size.
+    side : int
+        Longer side of each in the sheet, in pixels.
+    columns : int
+        Pictures in a row.
+    """
+    small = [_reduced(picture, side) for picture in pictures]
+    height, width = small[0].shape
+    columns = min(columns, len(small))
+    rows = math.ceil(len(small) / columns)
+    sheet = np.full((rows * (height + 2) + 2, columns * (width + 2) + 2), _GROUND, dtype=np.uint8)
+    for index, picture in enumerate(small):
+        top = 2 + index // columns * (height + 2)
+        left = 2 + index % columns * (width + 2)
+        sheet[top : top + height, left : left + width] = picture
+    return sheet
+
+
+def _reduced(picture: Grey, side: int) -> Grey:
+    """Average over areas, which may end within a pixel."""
+    scale = side / max(picture.shape)
+    if scale >= 1:
+        return picture
+    rows, columns = (_averaging(size, max(1, round(size * scale))) for size in picture.shape)
+    return np.asarray(np.rint(rows @ picture @ columns.T), dtype=np.uint8)
+
+
+def _averaging(size: int, reduced: int) -> NDArray[np.float64]:
+    """Matrix whose rows average neighbouring samples: (reduced, size)."""
+    borders = np.arange(reduced + 1) * (size / reduced)
+    cells = np.arange(size)
+    overlap = np.minimum(borders[1:, None], cells + 1) - np.maximum(borders[:-1, None], cells)
+    return np.asarray(np.clip(overlap, 0, None) * (reduced / size))
 
 
 @dataclass(frozen=True)
@@ -41,18 +104,7 @@ class Written:
 
 
 def file_stem(name: str) -> str:
-    """Return the file name of a stimulus, without suffix.
-
-    Parameters
-    ----------
-    name : str
-        E.g. ``klapoetke2017/bar-expand-10/axis-45``.
-
-    Returns
-    -------
-    str
-        E.g. ``klapoetke2017_bar-expand-10_axis-45``.
-    """
+    """Return the file name of a stimulus without suffix: ``group/name/axis-45`` with ``_``."""
     return name.replace("/", "_")
 
 
@@ -64,14 +116,14 @@ def check_fits(protocol: Protocol, form: str, where: str) -> None:
     protocol : Protocol
         The stimulus.
     form : str
-        A key of :data:`oppload_cli.video.writer.FORMATS`.
+        A key of :data:`oppload_cli.video.writers.FORMATS`.
     where : str
-        Its name or file, for the message.
+        The name or the file of the stimulus, for the message.
 
     Raises
     ------
     StimulusError
-        If it cannot; the message names the key to change.
+        If the format cannot hold it; the message names the key to change.
     """
     if form not in FORMATS:
         raise StimulusError(f"no video format '{form}'{suggestion(form, FORMATS)}")
@@ -91,22 +143,7 @@ def check_fits(protocol: Protocol, form: str, where: str) -> None:
 
 
 def targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = False) -> Written:
-    """Return the files that :func:`write` makes.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    directory : Path
-        Where they go.
-    form : str
-        A key of :data:`oppload_cli.video.writer.FORMATS`.
-    preview : bool
-        Whether there is a contact sheet.
-
-    Returns
-    -------
-    Written
+    """Return the files that :func:`write`, called with the same arguments, makes.
 
     Raises
     ------
@@ -129,6 +166,7 @@ def write(
     *,
     form: str = "ffv1",
     preview: bool = False,
+    new: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> Written:
     """Write a stimulus: the video, its ground truth, maybe a contact sheet.
@@ -138,24 +176,22 @@ def write(
     protocol : Protocol
         The stimulus.
     directory : Path
-        Where the files go; made if it is not there. What is there is overwritten.
+        The folder of the files; made where it does not exist.
     form : str
-        A key of :data:`oppload_cli.video.writer.FORMATS`.
+        A key of :data:`oppload_cli.video.writers.FORMATS`.
     preview : bool
         Whether to write a contact sheet too.
+    new : bool
+        Whether a video that exists is an error; else existing files are overwritten.
     progress : callable or None
         Called with 1 after each frame.
-
-    Returns
-    -------
-    Written
 
     Raises
     ------
     StimulusError
         If the format cannot hold the stimulus.
     OutputError
-        If it cannot be written; nothing of this stimulus is left then.
+        If a file cannot be written; then no file of this stimulus remains.
     """
     made = targets(protocol, directory, form, preview=preview)
     display, renderer = protocol.display, Renderer(protocol)
@@ -168,6 +204,7 @@ def write(
         height=display.height,
         frame_rate=display.frame_rate,
         count=protocol.frame_count,
+        new=new,
     ) as video:
         for index in range(protocol.frame_count):
             grey = renderer.grey(index)
@@ -181,8 +218,65 @@ def write(
         if made.preview is not None:
             write_atomic(made.preview, [png_bytes(contact_sheet(kept))])
     except BaseException:
-        # a video without its truth would be taken for a whole result
+        # a video without its truth would be taken for a complete result
         for path in (made.video, made.truth):
             remove(path)
         raise
+    return made
+
+
+def write_all(
+    protocols: Sequence[Protocol],
+    directory: Path,
+    *,
+    form: str = "ffv1",
+    preview: bool = False,
+    new: bool = False,
+    jobs: int | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> list[Written | OpploadError]:
+    """Write stimuli; one that fails does not stop the others.
+
+    Parameters
+    ----------
+    protocols : sequence of Protocol
+        The stimuli.
+    directory : Path
+        The folder of the files.
+    form : str
+        A key of :data:`oppload_cli.video.writers.FORMATS`.
+    preview : bool
+        Whether to write contact sheets too.
+    new : bool
+        Whether a video that exists is an error.
+    jobs : int, optional
+        Stimuli written at a time, each by a process; default: one per core.
+    progress : callable or None
+        Called with the number of frames done since the last call.
+
+    Returns
+    -------
+    list of Written or OpploadError
+        In the order of `protocols`.
+    """
+    one = partial(_written, directory=directory, form=form, preview=preview, new=new)
+    # starting a process takes as long as writing one or two stimuli
+    jobs = jobs or max(1, min(len(protocols) // 2, cores()))
+    with closing(outcomes(one, protocols, jobs, named=attrgetter("name"), told=progress)) as coming:
+        done: dict[int, Written | OpploadError] = dict(coming)
+    return [done[position] for position in range(len(protocols))]
+
+
+def _written(
+    protocol: Protocol,
+    tell: Callable[[int], object],
+    *,
+    directory: Path,
+    form: str,
+    preview: bool,
+    new: bool,
+) -> Written:
+    count = Seldom(tell)
+    made = write(protocol, directory, form=form, preview=preview, new=new, progress=count)
+    count.flush()
     return made

@@ -1,4 +1,4 @@
-"""From degrees of the field to pixels of the display."""
+"""From degrees of the field to pixels of the display: positions, lengths and outlines."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from oppload_cli.stimulus.tables import Display
+    from oppload_cli.stimulus.kinematics import Pose
+    from oppload_cli.stimulus.tables import Display, Object
 
-# tan() beyond this is too large to draw, and a figure that large fills every display
+    Point = tuple[float, float]
+
+
+# tan() beyond this is too large to draw, and a shape that large fills every display
 WIDEST_DEG = 89.9
 
 
@@ -19,7 +23,7 @@ class Projection:
 
     Flat: pixels per degree are constant. Perspective: a point at the eccentricity e lies
     ``f tan(e)`` from the middle, in its direction, with ``f`` the distance of the eye in
-    pixels; figures are parallel to the screen, and their size is the angle that they
+    pixels; shapes are parallel to the screen, and their size is the angle that they
     would span in the middle of the field.
 
     Attributes
@@ -32,23 +36,13 @@ class Projection:
         Whether the projection is the tangent.
     """
 
-    middle: tuple[float, float]
+    middle: Point
     scale: float
     perspective: bool
 
     @classmethod
     def of(cls, display: Display) -> Projection:
-        """Return the projection of a display.
-
-        Parameters
-        ----------
-        display : Display
-            The screen.
-
-        Returns
-        -------
-        Projection
-        """
+        """Return the projection of a display."""
         middle = (display.width / 2, display.height / 2)
         return cls(middle, display.scale, display.projection == "perspective")
 
@@ -58,37 +52,21 @@ class Projection:
         return self.scale * 180 / math.pi
 
     def reach(self, angle_deg: float) -> float:
-        """Return the length that an angle from the middle spans.
-
-        Parameters
-        ----------
-        angle_deg : float
-            Degrees.
-
-        Returns
-        -------
-        float
-            Pixels.
-        """
+        """Return the length in pixels that an angle from the middle, in degrees, spans."""
         if not self.perspective:
             return self.scale * angle_deg
         capped = min(max(angle_deg, -WIDEST_DEG), WIDEST_DEG)
         return self.eye_px * math.tan(math.radians(capped))
 
     def reach_speed(self, angle_deg: float, speed_deg_s: float) -> float:
-        """Return how fast :meth:`reach` grows.
+        """Return how fast :meth:`reach` grows, in pixels per second.
 
         Parameters
         ----------
         angle_deg : float
-            Degrees.
+            The angle from the middle.
         speed_deg_s : float
             How fast the angle grows.
-
-        Returns
-        -------
-        float
-            Pixels per second.
         """
         if not self.perspective:
             return self.scale * speed_deg_s
@@ -96,21 +74,82 @@ class Projection:
             return 0.0
         return self.scale * speed_deg_s / math.cos(math.radians(angle_deg)) ** 2
 
-    def to_px(self, x_deg: float, y_deg: float) -> tuple[float, float]:
-        """Return the pixel position of a point of the field.
+    def to_px(self, x_deg: float, y_deg: float) -> Point:
+        """Return the pixel position (x, y), y down, of a point of the field.
 
         Parameters
         ----------
         x_deg, y_deg : float
             Degrees right and up from the middle.
-
-        Returns
-        -------
-        tuple of float
-            (x, y) in pixels, y down.
         """
         eccentricity = math.hypot(x_deg, y_deg)
         scale = self.scale
         if self.perspective and eccentricity > 0:
             scale = self.reach(eccentricity) / eccentricity
         return self.middle[0] + scale * x_deg, self.middle[1] - scale * y_deg
+
+
+def middle_of(projection: Projection, pose: Pose) -> tuple[Point, tuple[float, float]]:
+    """Return the middle of a shape as drawn, and its reach from its anchor.
+
+    Returns
+    -------
+    tuple of float
+        (x, y) of the middle in pixels, y down.
+    tuple of float
+        Reach along the axis and against it, in pixels.
+    """
+    x, y = projection.to_px(*pose.centre_deg)
+    ahead, behind = projection.reach(pose.extent.forward), projection.reach(pose.extent.backward)
+    shift = (ahead - behind) / 2
+    if shift:
+        angle = math.radians(pose.orientation_deg)
+        x, y = x + shift * math.cos(angle), y - shift * math.sin(angle)
+    return (x, y), (ahead, behind)
+
+
+def corners_of(
+    projection: Projection, obj: Object, pose: Pose, height: int, width: int
+) -> list[Point]:
+    """Return the corners of a shape with straight sides.
+
+    Parameters
+    ----------
+    projection : Projection
+        From degrees to pixels.
+    obj : Object
+        A square, bar, cross or edge.
+    pose : Pose
+        Its pose.
+    height, width : int
+        The display in pixels.
+
+    Returns
+    -------
+    list of tuple of float
+        (x, y) in pixels, in order around the shape.
+    """
+    (x, y), (ahead, behind) = middle_of(projection, pose)
+    half = (ahead + behind) / 2
+    if obj.kind == "edge":
+        # the covered side of an edge reaches beyond every corner of the display
+        far = 2.0 * (height + width + math.hypot(x, y))
+        outline = [(0.0, far), (-far, far), (-far, -far), (0.0, -far)]
+    elif obj.kind == "cross":
+        arm = min(projection.reach((obj.width_deg or 0.0) / 2), half)
+        quarter = [(half, arm), (arm, arm), (arm, half)]
+        outline = []
+        for _ in range(4):
+            outline += quarter
+            quarter = [(-v, u) for u, v in quarter]
+    else:
+        across = projection.reach((obj.width_deg or 0.0) / 2) if obj.kind == "bar" else half
+        outline = [(half, across), (-half, across), (-half, -across), (half, -across)]
+    angle = math.radians(pose.orientation_deg)
+    cosine, sine = _exact(math.cos(angle)), _exact(math.sin(angle))
+    return [(x + u * cosine - v * sine, y - u * sine - v * cosine) for u, v in outline]
+
+
+def _exact(value: float) -> float:
+    """Take the rounding error off the sines of multiples of 90 degrees."""
+    return float(round(value)) if abs(value - round(value)) < 1e-12 else value

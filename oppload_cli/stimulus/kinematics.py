@@ -1,24 +1,56 @@
-"""Where an object is, how large, and how fast it changes, at any time of the clip.
+"""The pose of an object at any time of the clip: its place, size, speeds and luminance.
 
 Closed forms of time, never steps: the same protocol has the same sizes at the same
-times whatever its frame rate.
+times at every frame rate.
 """
 
 from __future__ import annotations
 
+import bisect
 import math
+import random
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.growth import Extent, extent_of
-from oppload_cli.stimulus.movement import luminance_at, movement
-from oppload_cli.stimulus.objects import FIELDS, LOOMING
+from oppload_cli.stimulus.tables import FIELDS, LOOMING
 
 if TYPE_CHECKING:
-    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.tables import Timing
+    from oppload_cli.stimulus.tables import Brightness, Camera, Growth, Motion, Object, Timing
+
+
+_Vector = tuple[float, float]
+_STILL: _Vector = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Reach of a shape to both sides of its anchor, along its axis.
+
+    Attributes
+    ----------
+    forward, backward : float
+        Degrees, at least 0.
+    forward_speed, backward_speed : float
+        How fast they grow, in deg/s.
+    """
+
+    forward: float
+    backward: float
+    forward_speed: float = 0.0
+    backward_speed: float = 0.0
+
+    @property
+    def size(self) -> float:
+        """The full size in degrees."""
+        return self.forward + self.backward
+
+    def times(self, sign: float) -> Extent:
+        """Return the same reach, its speeds times 1 (forwards in time), -1 (backwards) or 0."""
+        return Extent(
+            self.forward, self.backward, sign * self.forward_speed, sign * self.backward_speed
+        )
 
 
 @dataclass(frozen=True)
@@ -44,7 +76,7 @@ class Pose:
     contact_in_s : float or None
         Time to contact while it approaches.
     looming : bool
-        Whether its whole outline grows.
+        Whether its complete outline grows.
     """
 
     visible: bool
@@ -66,96 +98,56 @@ class Pose:
         return (self.visible, self.luminance, *reach, *place)
 
 
-def motion_times(timing: Timing, thing: Object) -> tuple[float, float]:
-    """Return when an object's motion starts and ends.
-
-    Parameters
-    ----------
-    timing : Timing
-        The clip's.
-    thing : Object
-        The object.
-
-    Returns
-    -------
-    tuple of float
-        Seconds of the clip.
-    """
-    start = timing.before_s + thing.onset_s
-    end = timing.end_s if thing.duration_s is None else start + thing.duration_s
+def motion_times(timing: Timing, obj: Object) -> tuple[float, float]:
+    """Return when an object's motion starts and ends, in seconds of the clip."""
+    start = timing.before_s + obj.onset_s
+    end = timing.end_s if obj.duration_s is None else start + obj.duration_s
     return start, end
 
 
-def pose_of(protocol: Protocol, thing: Object, time: float) -> Pose:
-    """Return an object's pose at a time.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    thing : Object
-        One of its objects.
-    time : float
-        Seconds of the clip.
-
-    Returns
-    -------
-    Pose
-    """
-    start, end = motion_times(protocol.timing, thing)
+def pose_of(protocol: Protocol, obj: Object, time: float) -> Pose:
+    """Return the pose of an object of the protocol at a time, in seconds of the clip."""
+    start, end = motion_times(protocol.timing, obj)
     moving = start <= time < end
     elapsed = min(max(time - start, 0.0), end - start)
     # backwards, the growth and the movement run from their end to their start
-    phase = end - start - elapsed if thing.reverse else elapsed
-    sign = (-1.0 if thing.reverse else 1.0) if moving else 0.0
-    extent = extent_of(thing, phase, start, end).times(sign)
-    travel, velocity, turn = movement(
-        thing.motion, phase, thing.axis_deg, f"{protocol.seed}/{thing.id}"
-    )
-    x, y = thing.centre_deg[0] + travel[0], thing.centre_deg[1] + travel[1]
+    phase = end - start - elapsed if obj.reverse else elapsed
+    sign = (-1.0 if obj.reverse else 1.0) if moving else 0.0
+    extent = _extent_of(obj, phase, start, end).times(sign)
+    travel, velocity, turn = _movement(obj.motion, phase, obj.axis_deg, f"{protocol.seed}/{obj.id}")
+    x, y = obj.centre_deg[0] + travel[0], obj.centre_deg[1] + travel[1]
     centre, moved = _in_scene(protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time)
     speed = extent.forward_speed + extent.backward_speed
     return Pose(
-        visible=_visible(thing, time, start, end),
+        visible=shown(obj, time, start, end),
         centre_deg=centre,
         velocity_deg_s=moved,
-        orientation_deg=thing.axis_deg + turn + _scene_turn(protocol, time),
+        orientation_deg=obj.axis_deg + turn + _scene_turn(protocol, time),
         extent=extent,
-        luminance=luminance_at(
-            thing.brightness, thing.base_luminance, min(time, end) - start, end - start
+        luminance=_luminance_at(
+            obj.brightness, obj.base_luminance, min(time, end) - start, end - start
         ),
-        zoom=math.exp(thing.motion.zoom_per_s * phase) if thing.motion else 1.0,
+        zoom=math.exp(obj.motion.zoom_per_s * phase) if obj.motion else 1.0,
         travel_deg=travel,
-        contact_in_s=_contact_in(thing, time, start, end),
-        looming=thing.kind in LOOMING and speed > 0,
+        contact_in_s=_contact_in(obj, time, start, end),
+        looming=obj.kind in LOOMING and speed > 0,
     )
 
 
-def reaches_field(protocol: Protocol, thing: Object, pose: Pose) -> bool:
-    """Tell whether a figure may touch the display.
+def reaches_field(protocol: Protocol, obj: Object, pose: Pose) -> bool:
+    """Tell whether an object may touch the display.
 
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    thing : Object
-        A figure; a pattern always fills the display.
-    pose : Pose
-        The figure's pose.
-
-    Returns
-    -------
-    bool
-        False only where its bounding circle is outside the display or it is not drawn.
+    It is False only where the object is not drawn, or where the bounding circle of a shape
+    is outside the display; a pattern always fills the display.
     """
     if not pose.visible:
         return False
-    if thing.kind in FIELDS or thing.kind == "edge":
+    if obj.kind in FIELDS or obj.kind == "edge":
         return True
     display = protocol.display
     projection = Projection.of(display)
     reach = max(pose.extent.forward, pose.extent.backward)
-    across = reach if thing.kind in {"square", "cross"} else (thing.width_deg or 0.0) / 2
+    across = reach if obj.kind in {"square", "cross"} else (obj.width_deg or 0.0) / 2
     if not pose.extent.forward + pose.extent.backward > 0:
         return False
     radius = math.hypot(projection.reach(reach), projection.reach(across))
@@ -165,14 +157,15 @@ def reaches_field(protocol: Protocol, thing: Object, pose: Pose) -> bool:
     return math.hypot(dx, dy) < radius
 
 
-def _visible(thing: Object, time: float, start: float, end: float) -> bool:
-    shown = thing.appears == "start" or time >= start
-    return shown and (thing.vanishes == "never" or time < end)
+def shown(obj: Object, time: float, start: float, end: float) -> bool:
+    """Tell whether an object is drawn at a time; its motion lasts from `start` to `end`."""
+    appeared = obj.appears == "start" or time >= start
+    return appeared and (obj.vanishes == "never" or time < end)
 
 
-def _contact_in(thing: Object, time: float, start: float, end: float) -> float | None:
-    growth = thing.growth
-    if growth is None or growth.kind != "approach" or thing.reverse:
+def _contact_in(obj: Object, time: float, start: float, end: float) -> float | None:
+    growth = obj.growth
+    if growth is None or growth.kind != "approach" or obj.reverse:
         return None
     contact = end if growth.contact_s is None else growth.contact_s
     return contact - time if start <= time < min(contact, end) else None
@@ -187,7 +180,7 @@ def _in_scene(
     x, y = _turned(point, angle)
     vx, vy = _turned(velocity, angle)
     elapsed = min(max(time - timing.before_s, 0.0), timing.motion_s)
-    (dx, dy), (dvx, dvy), _ = movement(
+    (dx, dy), (dvx, dvy), _ = _movement(
         scene.motion, elapsed, scene.rotation_deg, f"{protocol.seed}/scene"
     )
     if scene.motion is not None and timing.before_s <= time < timing.end_s:
@@ -209,3 +202,127 @@ def _turned(point: tuple[float, float], angle: float) -> tuple[float, float]:
         return point
     x, y = point
     return x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle)
+
+
+def _movement(
+    motion: Motion | None, elapsed: float, axis_deg: float, seed: str
+) -> tuple[_Vector, _Vector, float]:
+    """Displacement [right, up] in degrees, velocity in deg/s, and turn in degrees.
+
+    `axis_deg` is the direction where the motion has none; the text `seed` sets the shake.
+    """
+    if motion is None:
+        return _STILL, _STILL, 0.0
+    heading = math.radians(axis_deg if motion.direction_deg is None else motion.direction_deg)
+    x_speed, y_speed = (
+        motion.speed_deg_s * math.cos(heading),
+        motion.speed_deg_s * math.sin(heading),
+    )
+    x, y = x_speed * elapsed, y_speed * elapsed
+    for (dx, dy), (vx, vy) in (_path(motion, elapsed), shaken(motion, elapsed, seed)):
+        x, y, x_speed, y_speed = x + dx, y + dy, x_speed + vx, y_speed + vy
+    return (x, y), (x_speed, y_speed), motion.rotation_deg_s * elapsed
+
+
+def _luminance_at(
+    brightness: Brightness | None, base: float, elapsed: float, duration: float
+) -> float:
+    """Luminance some seconds after the start of the motion (negative before it)."""
+    if brightness is None or elapsed < brightness.start_s:
+        return base
+    since = elapsed - brightness.start_s
+    if brightness.kind == "step":
+        share = 1.0
+    elif brightness.kind == "ramp":
+        length = brightness.duration_s or max(duration - brightness.start_s, 1e-9)
+        share = min(since / length, 1.0)
+    else:
+        cycle = since * (brightness.frequency_hz or 0.0)
+        sine = brightness.waveform == "sine"
+        # a cycle starts at the base; 1e-9 keeps a frame on the switch on one side of it
+        share = (
+            (1 - math.cos(2 * math.pi * cycle)) / 2 if sine else float((cycle + 1e-9) % 1 >= 0.5)
+        )
+    return base + (brightness.to - base) * share
+
+
+def _path(motion: Motion, elapsed: float) -> tuple[_Vector, _Vector]:
+    points, times = motion.path_deg, motion.path_s
+    if not points:
+        return _STILL, _STILL
+    for index in range(1, len(points)):
+        if times[index - 1] <= elapsed < times[index]:
+            (x0, y0), (x1, y1) = points[index - 1], points[index]
+            length = times[index] - times[index - 1]
+            vx, vy = (x1 - x0) / length, (y1 - y0) / length
+            since = elapsed - times[index - 1]
+            return (x0 + vx * since, y0 + vy * since), (vx, vy)
+    return points[0] if elapsed < times[0] else points[-1], _STILL
+
+
+def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector, _Vector]:
+    """Return the displacement [right, up] in degrees of a shake, and its velocity in deg/s.
+
+    It is a sum of seeded sinusoids: random to the eye, but a function of time.
+    """
+    if not motion.shake_deg:
+        return _STILL, _STILL
+    # a generator of its own for each object; text seeds are the same in every process
+    chance = random.Random(f"{seed}/shake")  # noqa: S311
+    waves = 6
+    amplitude = motion.shake_deg / math.sqrt(waves)
+    place, speed = [0.0, 0.0], [0.0, 0.0]
+    for axis in (0, 1):
+        for _ in range(waves):
+            rate = 2 * math.pi * motion.shake_hz * chance.uniform(0.5, 1.5)
+            phase = chance.uniform(0, 2 * math.pi)
+            place[axis] += amplitude * (math.sin(rate * elapsed + phase) - math.sin(phase))
+            speed[axis] += amplitude * rate * math.cos(rate * elapsed + phase)
+    return (place[0], place[1]), (speed[0], speed[1])
+
+
+def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
+    """Reach of a shape, with its speeds when time runs forwards.
+
+    `elapsed` counts from the start of its motion; `start` and `end` are seconds of the clip.
+    """
+    growth, size = obj.growth, obj.size_deg or 0.0
+    if growth is None:
+        return Extent(size / 2, size / 2)
+    if growth.kind == "approach":
+        contact = end if growth.contact_s is None else growth.contact_s
+        return _approach(growth, contact - start - elapsed)
+    if growth.kind == "steps":
+        index = bisect.bisect_right(growth.times_s, elapsed + 1e-9)
+        size = growth.sizes_deg[index - 1] if index else size
+        return Extent(size / 2, size / 2)
+    return _constant_edge_speed(growth, size, elapsed)
+
+
+def _approach(growth: Growth, remaining: float) -> Extent:
+    """Reach of an object that approaches at constant speed, some seconds before contact.
+
+    Its angular size is ``2 atan((l/v) / (contact - t))``, with l the half size of the
+    object and v its speed (Gabbiani et al. 1999). From contact on it fills the view.
+    """
+    ratio = (growth.l_over_v_ms or 0.0) / 1000
+    half = math.degrees(math.atan2(ratio, remaining)) if remaining > 0 else 90.0
+    speed = math.degrees(ratio / (remaining**2 + ratio**2)) if remaining > 0 else 0.0
+    if half <= growth.least_deg / 2 or half >= growth.most_deg / 2:
+        half, speed = min(max(half, growth.least_deg / 2), growth.most_deg / 2), 0.0
+    return Extent(half, half, speed, speed)
+
+
+def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
+    """Reach of a shape of this size at the start, its edges moving at constant speed."""
+    speed = growth.speed_deg_s or 0.0
+    forward = speed if growth.sides in {"both", "forward"} else 0.0
+    backward = speed if growth.sides in {"both", "backward"} else 0.0
+    moving = True
+    if growth.end_deg is not None:
+        lasts = abs(growth.end_deg - size) / (forward + backward)
+        moving, elapsed = elapsed < lasts, min(elapsed, lasts)
+        if growth.end_deg < size:
+            forward, backward = -forward, -backward
+    reach = Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)
+    return reach.times(1.0 if moving else 0.0)

@@ -1,178 +1,246 @@
-"""Painters of patterns, which fill the display or a round aperture."""
+"""Values of patterns: random textures, gratings averaged over pixels, fields of dots."""
 
 from __future__ import annotations
 
 import math
-from functools import cached_property
+import zlib
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.stimulus.coverage import Window, disk_coverage
-from oppload_cli.stimulus.dots import DotField
-from oppload_cli.stimulus.figures import Painter
-from oppload_cli.stimulus.geometry import WIDEST_DEG
-from oppload_cli.stimulus.gratings import sine_wave, square_wave
-from oppload_cli.stimulus.texture import LARGEST_TILE, Texture, generator, noise_tile, shaded
+from oppload_cli.errors import StimulusError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.stimulus.kinematics import Pose
+    from oppload_cli.stimulus.tables import Object
 
     Floats = NDArray[np.float64]
     Picture = NDArray[np.float32]
 
 
-class PatternPainter(Painter):
-    """Base of what covers the display, or a round aperture of it."""
+_MOST_DOTS = 1_000_000
+# below this a pixel is flat along that direction, and the average over it is the value
+_FLAT = 1e-6
 
-    def coverage(self, pose: Pose) -> tuple[Window, Floats]:  # noqa: ARG002
-        """Return the aperture, or the whole display."""
-        size = self.thing.size_deg
-        if size is None:
-            return Window(0, self.height, 0, self.width), np.ones((1, 1))
-        shift = self.protocol.scene.centre_deg
-        x, y = (a + b for a, b in zip(self.thing.centre_deg, shift, strict=True))
-        centre = self.projection.to_px(x, y)
-        return disk_coverage(*centre, self.projection.reach(size / 2), self.height, self.width)
 
-    @cached_property
-    def grid_deg(self) -> tuple[Floats, Floats]:
-        """Degrees right and up of the pixels' centres: (1, w) and (h, 1), or both (h, w)."""
-        middle_x, middle_y = self.projection.middle
-        x: Floats = (np.arange(0.5, self.width)[None, :] - middle_x) / self.projection.scale
-        y: Floats = (middle_y - np.arange(0.5, self.height)[:, None]) / self.projection.scale
-        if not self.projection.perspective:
-            return x, y
-        # the eccentricity of a pixel is the arctangent of its distance from the middle
-        distance = np.radians(np.hypot(x, y))
-        ratio = np.where(distance > 0, np.arctan(distance) / np.maximum(distance, 1e-12), 1.0)
-        return x * ratio, y * ratio
+def generator(seed: int, name: str) -> np.random.Generator:
+    """Return a random generator that depends on a protocol's seed and an object's name only."""
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
-    def pattern_grid(self, pose: Pose, window: Window) -> tuple[Floats, Floats]:
-        """Return the pattern's own coordinates of the pixels, in degrees.
+
+def noise_tile(side: int, exponent: float, finest: float, random: np.random.Generator) -> Picture:
+    """Return a random texture that repeats seamlessly.
+
+    Parameters
+    ----------
+    side : int
+        Samples along each side.
+    exponent : float
+        Amplitudes fall as frequency to the power of minus this.
+    finest : float
+        Shortest wavelength, in samples.
+    random : numpy.random.Generator
+        Draws the phases.
+
+    Returns
+    -------
+    ndarray
+        float32 (side, side), mean 0, standard deviation 1.
+    """
+    x, y = np.fft.rfftfreq(side), np.fft.fftfreq(side)
+    frequency = np.hypot(x[None, :], y[:, None])
+    passed = (frequency > 0) & (frequency <= 1 / finest)
+    amplitude = np.where(passed, np.where(passed, frequency, 1.0) ** -exponent, 0.0)
+    phases = random.uniform(0, 2 * np.pi, amplitude.shape)
+    tile = np.fft.irfft2(amplitude * np.exp(1j * phases), s=(side, side))
+    spread = float(tile.std())
+    tile = (tile - tile.mean()) / (spread if spread > 0 else 1.0)
+    return np.asarray(tile, dtype=np.float32)
+
+
+class Texture:
+    """A tile and its smaller copies, read at any position by linear interpolation.
+
+    Parameters
+    ----------
+    tile : ndarray
+        float32 (side, side), side a power of 2; it repeats in both directions.
+    """
+
+    def __init__(self, tile: Picture) -> None:
+        self.levels = [tile]
+        while self.levels[-1].shape[0] > 4:
+            last = self.levels[-1]
+            half = (last[0::2, 0::2] + last[1::2, 0::2] + last[0::2, 1::2] + last[1::2, 1::2]) / 4
+            self.levels.append(half.astype(np.float32))
+
+    def at(self, u: Floats, v: Floats, per_pixel: float) -> Picture:
+        """Return the texture at positions.
 
         Parameters
         ----------
-        pose : Pose
-            Of the pattern.
-        window : Window
-            The pixels wanted.
+        u, v : ndarray
+            Column and row position in tiles (1 = one tile). (1, w) and (h, 1) are read
+            as a grid, which is faster; otherwise both are (h, w).
+        per_pixel : float
+            Samples of the full tile per pixel of the display: from 2 on, smaller copies
+            are read, so that nothing flickers.
 
         Returns
         -------
-        tuple of ndarray
-            Along the axis and across it; (1, w) and (h, 1) where nothing turns.
+        ndarray
+            float32 (h, w).
         """
-        x, y = self.grid_deg
-        rows, columns = window.slices
-        x = x[:, columns] if x.shape[0] == 1 else x[rows, columns]
-        y = y[rows] if y.shape[1] == 1 else y[rows, columns]
-        x, y = (x - pose.centre_deg[0]) / pose.zoom, (y - pose.centre_deg[1]) / pose.zoom
+        depth = min(max(np.log2(max(per_pixel, 1e-9)) - 1.0, 0.0), len(self.levels) - 1.0)
+        level, share = int(depth), depth - int(depth)
+        near = self._sampled(level, u, v)
+        if share < 1e-6:
+            return near
+        return near * np.float32(1 - share) + self._sampled(level + 1, u, v) * np.float32(share)
+
+    def _sampled(self, level: int, u: Floats, v: Floats) -> Picture:
+        tile = self.levels[level]
+        side = tile.shape[0]
+        # sample k stands for the middle of its cell
+        (left, right, fx), (top, low, fy) = (_between(w * side - 0.5, side) for w in (u, v))
+        if u.shape[0] == 1 and v.shape[1] == 1:
+            rows = tile[top[:, 0]] * (1 - fy) + tile[low[:, 0]] * fy
+            return np.asarray(rows[:, left[0]] * (1 - fx) + rows[:, right[0]] * fx, np.float32)
+        upper = tile[top, left] * (1 - fx) + tile[top, right] * fx
+        lower = tile[low, left] * (1 - fx) + tile[low, right] * fx
+        return np.asarray(upper * (1 - fy) + lower * fy, np.float32)
+
+
+def shaded(mean: float, contrast: float, values: Picture) -> Picture:
+    """Return a texture's luminance, cut to 0 to 1.
+
+    Parameters
+    ----------
+    mean, contrast : float
+        Mean luminance and RMS contrast.
+    values : ndarray
+        Texture of mean 0 and standard deviation 1.
+    """
+    picture = np.float32(mean) * (1 + np.float32(contrast) * values)
+    return np.asarray(np.clip(picture, 0.0, 1.0), dtype=np.float32)
+
+
+def square_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
+    """Return a square wave averaged over pixels.
+
+    A pixel, seen along the grating's axis, is a trapezoid: two boxes convolved. The
+    average is therefore a second difference of the wave's second integral.
+
+    Parameters
+    ----------
+    phase : ndarray
+        Phase at the pixels' centres, in cycles; +1 in the first half of a cycle.
+    width, depth : ndarray
+        Widths of the two boxes in cycles: how much the phase changes across the pixel
+        along x and along y. They broadcast against `phase`.
+
+    Returns
+    -------
+    ndarray
+        -1 to 1.
+    """
+    width, depth = np.broadcast_arrays(np.abs(width), np.abs(depth))
+    long, short = np.maximum(width, depth), np.minimum(width, depth)
+    if np.max(short) < _FLAT:
+        return _box(phase, np.maximum(long, _FLAT))
+    short = np.maximum(short, _FLAT)
+    # a _FLAT by _FLAT difference would be all rounding error
+    long = np.maximum(long, 1e-4)
+    outer, inner = (long + short) / 2, (long - short) / 2
+    second = (
+        _twice_integrated(phase + outer)
+        - _twice_integrated(phase + inner)
+        - _twice_integrated(phase - inner)
+        + _twice_integrated(phase - outer)
+    )
+    return np.asarray(np.clip(second / (long * short), -1.0, 1.0))
+
+
+def sine_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
+    """Return a sine wave averaged over pixels.
+
+    Parameters
+    ----------
+    phase, width, depth : ndarray
+        As for :func:`square_wave`.
+
+    Returns
+    -------
+    ndarray
+        -1 to 1.
+    """
+    return np.asarray(np.sin(2 * np.pi * phase) * np.sinc(width) * np.sinc(depth))
+
+
+def _box(phase: Floats, width: Floats) -> Floats:
+    return (_integrated(phase + width / 2) - _integrated(phase - width / 2)) / width
+
+
+def _integrated(phase: Floats) -> Floats:
+    """Integral of the square wave: a triangle from 0 to 1/2, periodic."""
+    cycle = phase - np.floor(phase)
+    return 0.5 - np.abs(cycle - 0.5)
+
+
+def _twice_integrated(phase: Floats) -> Floats:
+    """Integral of the triangle minus its mean 1/4, periodic; the second difference cancels it."""
+    cycle = phase - np.floor(phase)
+    late = cycle - 0.5
+    return np.where(cycle < 0.5, cycle * (cycle / 2 - 0.25), late * (0.25 - late / 2))
+
+
+class DotField:
+    """Random dots in a square that repeats and is larger than its part on the display.
+
+    Parameters
+    ----------
+    obj : Object
+        An object of kind ``dots``.
+    seed : int
+        The protocol's.
+    view_deg : float
+        Diameter of the display in degrees of the pattern, at its smallest scale.
+    """
+
+    def __init__(self, obj: Object, seed: int, view_deg: float) -> None:
+        self.side = view_deg + 2 * (obj.dot_deg or 0.0)
+        number = max(1, round((obj.dots_per_100deg2 or 0.0) / 100 * self.side**2))
+        if number > _MOST_DOTS:
+            raise StimulusError(
+                f"object '{obj.id}': dots_per_100deg2 = {obj.dots_per_100deg2:g} makes "
+                f"{number} dots, and the most is {_MOST_DOTS}; lower it, or its motion's zoom"
+            )
+        random = generator(seed, obj.id)
+        self.places = random.uniform(-self.side / 2, self.side / 2, (number, 2))
+        directions = random.uniform(0, 2 * math.pi, number)
+        own = round((1 - obj.coherence) * number)
+        self.headings = np.stack([np.cos(directions), np.sin(directions)], axis=1)[:own]
+
+    def positions(self, pose: Pose) -> Floats:
+        """Return the dots' positions, float64 (n, 2): degrees right and up."""
         angle = math.radians(pose.orientation_deg)
-        if angle == 0:
-            return x, y
-        cosine, sine = math.cos(angle), math.sin(angle)
-        return x * cosine + y * sine, y * cosine - x * sine
+        turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+        places = self.places.copy()
+        own = len(self.headings)
+        if own:
+            # they move as far as the others, each in a direction of its own
+            common = np.array(pose.travel_deg)
+            places[:own] += (np.hypot(*common) * self.headings - common) @ turn / pose.zoom
+        centre = np.array(pose.centre_deg)
+        middle = -centre @ turn / pose.zoom
+        places += self.side * np.round((middle - places) / self.side)
+        return np.asarray(centre + pose.zoom * (places @ turn.T))
 
 
-class GratingPainter(PatternPainter):
-    """Paints square and sine gratings and plaids."""
-
-    def colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the mean luminance times 1 plus the contrast times the wave."""
-        thing = self.thing
-        if thing.kind != "plaid":
-            wave = self._wave(pose, window, 0.0)
-        else:
-            turned = (self._wave(pose, window, sign * thing.plaid_deg / 2) for sign in (-1, 1))
-            wave = sum(turned, start=np.zeros(window.shape)) / 2
-        luminance = pose.luminance * (1 + thing.contrast * wave)
-        return np.broadcast_to(luminance, window.shape).astype(np.float32)
-
-    def _wave(self, pose: Pose, window: Window, turn_deg: float) -> Floats:
-        x, y = self.pattern_grid(pose, window)
-        turn, period = math.radians(turn_deg), self.thing.period_deg or 1.0
-        phase = (x * math.cos(turn) + y * math.sin(turn)) / period
-        if self.projection.perspective:
-            across, down = np.abs(np.gradient(phase, axis=1)), np.abs(np.gradient(phase, axis=0))
-        else:
-            heading = math.radians(pose.orientation_deg) + turn
-            pixel = 1 / (self.projection.scale * pose.zoom * period)
-            across = np.array(_clean(math.cos(heading)) * pixel)
-            down = np.array(_clean(math.sin(heading)) * pixel)
-        wave = square_wave if self.thing.kind == "square-grating" else sine_wave
-        if across.size == 1 and not down.any():
-            phase = phase[:1]
-        elif down.size == 1 and not across.any():
-            phase = phase[:, :1]
-        return wave(phase + self.thing.phase_deg / 360, across, down)
-
-
-class TexturePainter(PatternPainter):
-    """Paints a 1/f texture over the display."""
-
-    @cached_property
-    def tile_deg(self) -> float:
-        """Side of the tile that repeats."""
-        return max(self.height, self.width) / self.projection.scale
-
-    @cached_property
-    def texture(self) -> Texture:
-        """The texture, at least two samples to a pixel where the tile is not too large."""
-        pixels = max(self.height, self.width)
-        side = min(2 ** math.ceil(math.log2(2 * pixels)), LARGEST_TILE)
-        finest = self.thing.finest_deg or 4 / self.projection.scale
-        random = generator(self.protocol.seed, self.thing.id)
-        wavelength = max(finest / self.tile_deg * side, 2.0)
-        return Texture(noise_tile(side, self.thing.exponent, wavelength, random))
-
-    def colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the mean luminance times 1 plus the contrast times the texture."""
-        x, y = self.pattern_grid(pose, window)
-        per_pixel = self.texture.levels[0].shape[0] / self.tile_deg
-        per_pixel /= self.projection.scale * pose.zoom
-        values = self.texture.at(x / self.tile_deg, -y / self.tile_deg, per_pixel)
-        return shaded(pose.luminance, self.thing.contrast, values)
-
-
-class DotsPainter(PatternPainter):
-    """Paints random dots on an even ground."""
-
-    @cached_property
-    def dots(self) -> DotField:
-        """The dots of the whole clip."""
-        x, y = self.grid_deg
-        view = 2 * float(np.hypot(np.abs(x).max(), np.abs(y).max()))
-        motion = self.thing.motion
-        lasts = self.protocol.timing.motion_s
-        smallest = min(1.0, math.exp(motion.zoom_per_s * lasts)) if motion else 1.0
-        return DotField(self.thing, self.protocol.seed, view / smallest)
-
-    def colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the ground, with the dots on it."""
-        places = self.dots.positions(pose)
-        x, y = self._to_px(places)
-        radius = self.projection.reach((self.thing.dot_deg or 0.0) / 2)
-        near = (np.abs(x - self.width / 2) < self.width / 2 + radius) & (
-            np.abs(y - self.height / 2) < self.height / 2 + radius
-        )
-        picture = np.full((self.height, self.width), pose.luminance, dtype=np.float32)
-        if near.any():
-            part, covered = disk_coverage(x[near], y[near], radius, self.height, self.width)
-            picture[part.slices] *= (1 + self.thing.contrast * covered).astype(np.float32)
-        return picture[window.slices]
-
-    def _to_px(self, places: Floats) -> tuple[Floats, Floats]:
-        scale = np.full(len(places), self.projection.scale)
-        if self.projection.perspective:
-            away = np.minimum(np.hypot(places[:, 0], places[:, 1]), WIDEST_DEG)
-            scale = self.projection.eye_px * np.tan(np.radians(away)) / np.maximum(away, 1e-12)
-        middle_x, middle_y = self.projection.middle
-        return middle_x + scale * places[:, 0], middle_y - scale * places[:, 1]
-
-
-def _clean(value: float) -> float:
-    """Make the cosine of 90 degrees 0."""
-    return 0.0 if abs(value) < 1e-12 else value
+def _between(position: Floats, side: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Picture]:
+    """Find the two samples around a position, and the weight of the second."""
+    floor = np.floor(position)
+    first = floor.astype(np.intp) % side
+    return first, (first + 1) % side, (position - floor).astype(np.float32)

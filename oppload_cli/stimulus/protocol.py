@@ -1,4 +1,4 @@
-"""Protocols: what a stimulus shows, as frozen tables that check themselves.
+"""Protocols: stimuli as frozen tables that check themselves, and their JSON Schema.
 
 Angles are in degrees, counter-clockwise, 0 = right, 90 = up; positions are
 ``[right, up]`` in degrees from the middle of the field; times are in seconds of the
@@ -9,52 +9,63 @@ from __future__ import annotations
 
 import math
 import re
+import typing
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Self
 
 from oppload_cli.errors import StimulusError, suggestion
-from oppload_cli.stimulus.declare import Table, key
+from oppload_cli.schema import REQUIRED, Parameter, Table, parameter
 from oppload_cli.stimulus.kinematics import motion_times, pose_of, reaches_field
-from oppload_cli.stimulus.objects import FIELDS, Object
-from oppload_cli.stimulus.tables import Display, Effects, Scene, Timing
+from oppload_cli.stimulus.staging import check_stage, enters
+from oppload_cli.stimulus.tables import (
+    FIELDS,
+    PICTURE,
+    Camera,
+    Display,
+    Effects,
+    Object,
+    Scene,
+    Timing,
+)
 
-MOST_FRAMES = 1_000_000
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_MOST_FRAMES = 1_000_000
 # of the logarithm of a pattern's scale
-MOST_ZOOM = 6.0
-RESERVED = ("display", "timing", "scene", "effects", "object", "sweep", "seed")
+_MOST_ZOOM = 6.0
+_RESERVED = ("display", "timing", "scene", "camera", "effects", "object", "sweep", "seed")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol(Table):
-    """One stimulus, resolved: everything that its frames follow from."""
+    """One stimulus, resolved: everything that its frames depend on."""
 
-    name: str = key("its name", default="stimulus")
-    description: str = key("one line on what it shows", default="")
-    source: str = key("where it was published or what it is for", default="")
-    tags: tuple[str, ...] = key("words to find it by", default=())
-    seed: int = key("of everything random in it", default=0, low=0, high=2**32 - 1)
-    display: Display = key("the screen")  # noqa: RUF009
-    timing: Timing = key("pauses and duration")  # noqa: RUF009
-    scene: Scene = key("what all objects share", default=Scene())  # noqa: RUF009
-    effects: Effects = key(  # noqa: RUF009
-        "what happens to the finished picture", default=Effects()
-    )
-    objects: tuple[Object, ...] = key("drawn in this order, the first one at the back", default=())
+    name: str = parameter("stimulus", "its name")
+    description: str = parameter("", "one line on what it shows")
+    source: str = parameter("", "its publication or its purpose")
+    tags: tuple[str, ...] = parameter((), "words to search for")
+    seed: int = parameter(0, "seed of everything random in it", low=0, high=2**32 - 1)
+    display: Display = parameter(REQUIRED, "the screen")
+    timing: Timing = parameter(REQUIRED, "pauses and duration")
+    scene: Scene = parameter(Scene(), "shift, turn and motion of all objects together")
+    camera: Camera | None = parameter(None, "the camera of a staged scene")
+    effects: Effects = parameter(Effects(), "changes of the finished picture")
+    objects: tuple[Object, ...] = parameter((), "drawn in this order, the first one at the back")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.frame_count > MOST_FRAMES:
+        if self.frame_count > _MOST_FRAMES:
             raise StimulusError(
-                f"timing and frame_rate make {self.frame_count} frames; the most is {MOST_FRAMES}"
+                f"timing and frame_rate make {self.frame_count} frames; the most is {_MOST_FRAMES}"
             )
         self._check_ids()
-        for thing in self.objects:
+        check_stage(self)
+        for obj in self.objects:
             try:
-                _check_object_times(self, thing)
-                _check_inside(self, thing)
+                _check_object_times(self, obj)
+                _check_inside(self, obj)
             except StimulusError as problem:
-                raise StimulusError(f"object '{thing.id}': {problem}") from None
+                raise StimulusError(f"object '{obj.id}': {problem}") from None
 
     @property
     def frame_count(self) -> int:
@@ -64,23 +75,12 @@ class Protocol(Table):
         return max(1, math.ceil(total * self.display.frame_rate))
 
     def time_of(self, frame: int) -> float:
-        """Return the time of a frame.
-
-        Parameters
-        ----------
-        frame : int
-            0-based.
-
-        Returns
-        -------
-        float
-            Seconds of the clip.
-        """
+        """Return the time of a frame (0-based), in seconds of the clip."""
         return float(frame / self.display.frame_rate)
 
     @classmethod
     def from_table(cls, table: object, where: str) -> Self:
-        """Build from what a TOML file holds, its sweep taken out.
+        """Build from the contents of a TOML file, its sweep taken out.
 
         Parameters
         ----------
@@ -88,10 +88,6 @@ class Protocol(Table):
             Should be a dict; the objects are the list ``object``.
         where : str
             The file, for the messages.
-
-        Returns
-        -------
-        Protocol
 
         Raises
         ------
@@ -102,9 +98,11 @@ class Protocol(Table):
             raise StimulusError(f"{where} must be a table of keys, not {table!r}")
         top = dict(table)
         if "objects" in top:
-            raise StimulusError(f"{where}: unknown key 'objects'{suggestion('objects', RESERVED)}")
+            raise StimulusError(f"{where}: unknown key 'objects'{suggestion('objects', _RESERVED)}")
         listed = top.pop("object", [])
-        if not isinstance(listed, list) or not listed:
+        scene = top.get("scene")
+        staged = isinstance(scene, dict) and "background" in scene
+        if not isinstance(listed, list) or not (listed or staged):
             raise StimulusError(f"{where}: there is no object; add one as [[object]]")
         top["objects"] = [Object.from_table(one, _label(where, one)) for one in listed]
         return super().from_table(top, where)
@@ -112,10 +110,7 @@ class Protocol(Table):
     def as_table(self) -> dict[str, Any]:
         """Return the resolved protocol, ready for JSON or TOML.
 
-        Returns
-        -------
-        dict
-            :meth:`from_table` makes the same protocol of it.
+        :meth:`from_table` makes the same protocol of it.
         """
         table = super().as_table()
         table["object"] = table.pop("objects")
@@ -123,15 +118,37 @@ class Protocol(Table):
 
     def _check_ids(self) -> None:
         seen: set[str] = set()
-        for thing in self.objects:
-            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", thing.id) or thing.id in RESERVED:
+        for obj in self.objects:
+            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", obj.id) or obj.id in _RESERVED:
                 raise StimulusError(
-                    f"object id '{thing.id}' must be a letter followed by letters, digits, '-' or "
-                    f"'_', and none of {', '.join(RESERVED)}"
+                    f"object id '{obj.id}' must be a letter followed by letters, digits, '-' or "
+                    f"'_', and none of {', '.join(_RESERVED)}"
                 )
-            if thing.id in seen:
-                raise StimulusError(f"two objects have the id '{thing.id}'; rename one")
-            seen.add(thing.id)
+            if obj.id in seen:
+                raise StimulusError(f"two objects have the id '{obj.id}'; rename one")
+            seen.add(obj.id)
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a protocol file, for editors that complete and check TOML."""
+    schema = _table_schema(Protocol)
+    properties = schema["properties"]
+    properties.pop("name")
+    properties["object"] = properties.pop("objects")
+    values = {
+        "description": "lists of values by dotted key, e.g. bar.axis_deg = [0, 45, 90]",
+        "type": "object",
+        "additionalProperties": {
+            "anyOf": [{"type": "array", "minItems": 1}, {"$ref": "#/$defs/nested"}]
+        },
+    }
+    properties["sweep"] = values
+    return {
+        "$schema": _DIALECT,
+        "title": "oppload stimulus protocol",
+        **schema,
+        "$defs": {"nested": {k: v for k, v in values.items() if k != "description"}},
+    }
 
 
 def _label(where: str, table: object) -> str:
@@ -139,31 +156,29 @@ def _label(where: str, table: object) -> str:
     return f"{where}: object '{name}'"
 
 
-def _check_object_times(protocol: Protocol, thing: Object) -> None:
+def _check_object_times(protocol: Protocol, obj: Object) -> None:
     timing = protocol.timing
-    if thing.onset_s >= timing.motion_s:
+    if obj.onset_s >= timing.motion_s:
         raise StimulusError(
-            f"onset_s = {thing.onset_s:g} must be below timing.motion_s = {timing.motion_s:g}"
+            f"onset_s = {obj.onset_s:g} must be below timing.motion_s = {timing.motion_s:g}"
         )
-    if thing.duration_s is not None and (
-        thing.onset_s + thing.duration_s > timing.motion_s * (1 + 1e-9)
-    ):
+    if obj.duration_s is not None and (obj.onset_s + obj.duration_s > timing.motion_s * (1 + 1e-9)):
         raise StimulusError(
-            f"onset_s + duration_s = {thing.onset_s + thing.duration_s:g} is after the motion's "
+            f"onset_s + duration_s = {obj.onset_s + obj.duration_s:g} is after the motion's "
             f"end (timing.motion_s = {timing.motion_s:g}); shorten it"
         )
-    zoom = thing.motion.zoom_per_s if thing.motion is not None else 0.0
-    if abs(zoom) * timing.motion_s > MOST_ZOOM:
+    zoom = obj.motion.zoom_per_s if obj.motion is not None else 0.0
+    if abs(zoom) * timing.motion_s > _MOST_ZOOM:
         raise StimulusError(
             f"motion: zoom_per_s = {zoom:g} over {timing.motion_s:g} s scales by more than "
-            f"{math.exp(MOST_ZOOM):.0f}; keep it below {MOST_ZOOM / timing.motion_s:.3g}"
+            f"{math.exp(_MOST_ZOOM):.0f}; keep it below {_MOST_ZOOM / timing.motion_s:.3g}"
         )
-    if thing.growth is not None and thing.growth.contact_s is not None:
-        _check_contact(protocol, thing, thing.growth.contact_s)
+    if obj.growth is not None and obj.growth.contact_s is not None:
+        _check_contact(protocol, obj, obj.growth.contact_s)
 
 
-def _check_contact(protocol: Protocol, thing: Object, contact: float) -> None:
-    start, end = motion_times(protocol.timing, thing)
+def _check_contact(protocol: Protocol, obj: Object, contact: float) -> None:
+    start, end = motion_times(protocol.timing, obj)
     total = protocol.timing.total_s
     slack = 1e-9 * max(1.0, total)
     where = ""
@@ -180,16 +195,73 @@ def _check_contact(protocol: Protocol, thing: Object, contact: float) -> None:
         )
 
 
-def _check_inside(protocol: Protocol, thing: Object) -> None:
-    if thing.kind in FIELDS:
+def _check_inside(protocol: Protocol, obj: Object) -> None:
+    if obj.kind in FIELDS:
         return
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
-    if not any(reaches_field(protocol, thing, pose_of(protocol, thing, time)) for time in times):
+    seen = (
+        enters(protocol, obj, time)
+        if obj.kind == PICTURE
+        else reaches_field(protocol, obj, pose_of(protocol, obj, time))
+        for time in times
+    )
+    if not any(seen):
         wide, high = (
             size / protocol.display.scale
             for size in (protocol.display.width, protocol.display.height)
         )
+        changed = "its course" if obj.kind == PICTURE else "centre_deg, its size or its motion"
         raise StimulusError(
             f"it is outside the field ({wide:.4g} x {high:.4g} deg) in every frame; "
-            "change centre_deg, its size or its motion"
+            f"change {changed}"
         )
+
+
+def _table_schema(table: type[Table], kind: str | None = None) -> dict[str, Any]:
+    taken = [each for each in table.declared() if not each.kinds or kind in (None, *each.kinds)]
+    properties = {each.name: _key_schema(each) for each in taken}
+    if kind is not None:
+        properties["kind"] = {"const": kind}
+    required = [each.name for each in taken if each.default is REQUIRED or kind in each.needed_by]
+    return {
+        "type": "object",
+        "properties": properties,
+        "required": required,
+        "additionalProperties": False,
+    }
+
+
+def _key_schema(each: Parameter) -> dict[str, Any]:
+    schema = _type_schema(each, each.type)
+    unit = f" [{each.unit}]" if each.unit else ""
+    schema["description"] = f"{each.meaning}{unit}"
+    if isinstance(each.default, bool | int | float | str):
+        schema["default"] = each.default
+    return schema
+
+
+def _type_schema(each: Parameter, kind: Any) -> dict[str, Any]:
+    if typing.get_origin(kind) is tuple:
+        members = typing.get_args(kind)
+        listed: dict[str, Any] = {"type": "array", "items": _type_schema(each, members[0])}
+        if members[-1] is not Ellipsis:
+            listed |= {"minItems": len(members), "maxItems": len(members)}
+        return listed
+    if issubclass(kind, Table):
+        kinds = [one.choices for one in kind.declared() if one.name == "kind"]
+        if not kinds:
+            return _table_schema(kind)
+        return {"oneOf": [_table_schema(kind, str(one)) for one in kinds[0]]}
+    if kind in {str, bool}:
+        plain = {"type": "string" if kind is str else "boolean"}
+        return plain | ({"enum": list(each.choices)} if each.choices else {})
+    return _number_schema(each, kind)
+
+
+def _number_schema(each: Parameter, kind: Any) -> dict[str, Any]:
+    number: dict[str, Any] = {"type": "integer" if kind is int else "number"}
+    bounds = {"minimum": each.low, "exclusiveMinimum": each.above, "maximum": each.high}
+    number |= {name: bound for name, bound in bounds.items() if bound is not None}
+    if kind is Fraction:
+        return {"anyOf": [number, {"type": "string", "pattern": "^[0-9]+(/[0-9]+)?$"}]}
+    return number

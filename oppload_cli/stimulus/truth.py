@@ -1,4 +1,4 @@
-"""Ground truth: what each frame shows, as numbers, and the file that holds it."""
+"""Ground truth: the objects of each frame as numbers, and the file that holds them."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import StimulusError
-from oppload_cli.stimulus.geometry import Projection
+from oppload_cli.files.reading import reading, text_of
+from oppload_cli.stimulus.geometry import Projection, middle_of
 from oppload_cli.stimulus.kinematics import motion_times, pose_of
-from oppload_cli.stimulus.objects import LOOMING, SIZED
-from oppload_cli.stimulus.outline import middle_of
+from oppload_cli.stimulus.pictures import cutout_of
+from oppload_cli.stimulus.staging import NEAREST_M, box_of, camera_of, contact_of, miss_of, sight_of
+from oppload_cli.stimulus.tables import LOOMING, PICTURE, SIZED
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -19,10 +21,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.stimulus.kinematics import Pose
-    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.stimulus.tables import Object
 
-SCHEMA = "oppload.stimulus/1"
+
+_SCHEMA = "oppload.stimulus/1"
 
 
 @dataclass(frozen=True)
@@ -38,16 +41,16 @@ class ObjectTruth:
     angular_size_deg : float or None
         Diameter, side, or length along the axis; None for an edge or a pattern.
     edge_speed_deg_s : float
-        How fast the edges move away from the anchor (negative: towards it); for what
-        does not grow, how fast it moves.
+        Speed of the edges away from the anchor (negative: towards it); of an object that
+        does not grow, the speed of its movement.
     edge_speed_px_frame : float
         The same on the display, in pixels per frame.
     centre_x_px, centre_y_px : float
-        Middle of the figure as drawn; x right, y down, pixel i covers [i, i + 1).
+        Middle of the shape as drawn; x right, y down, pixel i covers [i, i + 1).
     time_to_contact_s : float or None
         Only while it approaches.
     looming : bool
-        Whether its whole outline grows.
+        Whether its complete outline grows.
     """
 
     id: str
@@ -60,6 +63,32 @@ class ObjectTruth:
     centre_y_px: float
     time_to_contact_s: float | None
     looming: bool
+
+
+@dataclass(frozen=True)
+class PictureTruth(ObjectTruth):
+    """One picture of a staged scene in one frame.
+
+    Its size is the angle that its longer side would span straight ahead; its edge speed is half
+    of that angle's growth. It looms while it is seen on a course to hit the camera, from
+    ``camera.looming_within_s`` before contact on. While it is not drawn its centre is the middle
+    of the display.
+
+    Attributes
+    ----------
+    box_px : tuple of float or None
+        Left, top, width and height around what is not transparent; it may reach beyond the
+        display. None while it is not drawn.
+    offset_m : tuple of float
+        Position [right, up, ahead] from the camera, along the axes of its first look.
+    miss_sizes : float or None
+        Least distance of its course from the camera in its own sizes: at most 0.5 for one that
+        hits. None for one that comes no nearer.
+    """
+
+    box_px: tuple[float, float, float, float] | None
+    offset_m: tuple[float, float, float]
+    miss_sizes: float | None
 
 
 @dataclass(frozen=True)
@@ -85,54 +114,29 @@ class FrameTruth:
 
 
 def frame_truth(protocol: Protocol, frame: int) -> FrameTruth:
-    """Return what a frame shows.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    frame : int
-        0-based.
-
-    Returns
-    -------
-    FrameTruth
-    """
+    """Return the ground truth of a frame (0-based)."""
     time = protocol.time_of(frame)
-    things = tuple(
-        _object_truth(protocol, thing, pose_of(protocol, thing, time)) for thing in protocol.objects
+    objects = tuple(
+        _picture_truth(protocol, obj, time)
+        if obj.kind == PICTURE
+        else _object_truth(protocol, obj, pose_of(protocol, obj, time))
+        for obj in protocol.objects
     )
-    return FrameTruth(frame, time, any(thing.looming for thing in things), things)
+    return FrameTruth(frame, time, any(obj.looming for obj in objects), objects)
 
 
 def ground_truth(protocol: Protocol) -> dict[str, Any]:
-    """Return the ground truth of a stimulus, ready for JSON.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-
-    Returns
-    -------
-    dict
-        As described in ``docs/stimuli.md``.
-    """
+    """Return the ground truth of a stimulus as ``docs/stimuli.md`` describes it."""
     return {**_head(protocol), "frames": list(_frames(protocol))}
 
 
 def ground_truth_text(protocol: Protocol) -> Iterator[str]:
     """Return the ground truth as the text of its file, a line for each frame.
 
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-
     Yields
     ------
     str
-        Part of the JSON; the clip's truth is never in memory as a whole.
+        Part of the JSON, so that the truth of a long clip need not fit into memory.
     """
     yield json.dumps(_head(protocol), indent=1, ensure_ascii=False)[:-2] + ',\n "frames": ['
     for index, frame in enumerate(_frames(protocol)):
@@ -143,7 +147,7 @@ def ground_truth_text(protocol: Protocol) -> Iterator[str]:
 def _frames(protocol: Protocol) -> Iterator[dict[str, Any]]:
     for index in range(protocol.frame_count):
         truth = frame_truth(protocol, index)
-        yield {**asdict(truth), "objects": [asdict(thing) for thing in truth.objects]}
+        yield {**asdict(truth), "objects": [asdict(obj) for obj in truth.objects]}
 
 
 def _head(protocol: Protocol) -> dict[str, Any]:
@@ -151,7 +155,7 @@ def _head(protocol: Protocol) -> dict[str, Any]:
     rate = display.frame_rate
     truths = (frame_truth(protocol, index) for index in range(protocol.frame_count))
     return {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "name": protocol.name,
         "description": protocol.description,
         "source": protocol.source,
@@ -173,76 +177,86 @@ def _head(protocol: Protocol) -> dict[str, Any]:
 def contact_time(protocol: Protocol) -> float | None:
     """Return the first time of contact.
 
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-
     Returns
     -------
     float or None
         Seconds of the clip, maybe after its end; None where nothing approaches.
     """
     times = [
-        motion_times(protocol.timing, thing)[1]
-        if thing.growth.contact_s is None
-        else thing.growth.contact_s
-        for thing in protocol.objects
-        if thing.kind in LOOMING and not thing.reverse
-        if thing.growth is not None and thing.growth.kind == "approach"
+        motion_times(protocol.timing, obj)[1]
+        if obj.growth.contact_s is None
+        else obj.growth.contact_s
+        for obj in protocol.objects
+        if obj.kind in LOOMING and not obj.reverse
+        if obj.growth is not None and obj.growth.kind == "approach"
     ]
-    return min(times, default=None)
+    staged = (contact_of(protocol, obj) for obj in protocol.objects if obj.kind == PICTURE)
+    return min([*times, *(time for time in staged if time is not None)], default=None)
 
 
 def read_ground_truth(path: Path) -> dict[str, Any]:
-    """Read a ``.stimulus.json`` file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict
-        As :func:`ground_truth` returned it.
+    """Read a ``.stimulus.json`` file into the dict that :func:`ground_truth` returned.
 
     Raises
     ------
     StimulusError
-        If it cannot be read or is not the ground truth of a stimulus.
+        If the file cannot be read or is not the ground truth of a stimulus.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "it is not valid JSON"
-        raise StimulusError(
-            f"{path}: cannot read the ground truth: {reason}; generate the stimulus again"
-        ) from None
+    again = "generate the stimulus again"
+    with reading(path, StimulusError, form="JSON", check=again, repair=again):
+        data = json.loads(text_of(path))
     schema = data.get("schema") if isinstance(data, dict) else None
-    if schema != SCHEMA or not isinstance(data.get("frames"), list):
+    if schema != _SCHEMA or not isinstance(data.get("frames"), list):
         raise StimulusError(
-            f"{path}: its schema is {schema!r}, not '{SCHEMA}'; generate the stimulus again with "
-            "this version"
+            f"{path}: its schema is {schema!r}, not '{_SCHEMA}'; {again} with this version"
         )
     return dict(data)
 
 
-def _object_truth(protocol: Protocol, thing: Object, pose: Pose) -> ObjectTruth:
+def _object_truth(protocol: Protocol, obj: Object, pose: Pose) -> ObjectTruth:
     projection = Projection.of(protocol.display)
     (x, y), _ = middle_of(projection, pose)
     degrees, pixels = _edge_speed(projection, pose)
     return ObjectTruth(
-        id=thing.id,
-        kind=thing.kind,
+        id=obj.id,
+        kind=obj.kind,
         visible=pose.visible,
-        angular_size_deg=pose.extent.size if thing.kind in SIZED else None,
+        angular_size_deg=pose.extent.size if obj.kind in SIZED else None,
         edge_speed_deg_s=degrees,
         edge_speed_px_frame=pixels / float(protocol.display.frame_rate),
         centre_x_px=x,
         centre_y_px=y,
         time_to_contact_s=pose.contact_in_s,
         looming=pose.looming and pose.visible,
+    )
+
+
+def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth:
+    sight, cutout = sight_of(protocol, obj, time), cutout_of(obj, protocol.seed)
+    half, ahead = (obj.size_m or 0.0) / 2, sight.offset[2]
+    seen = sight.view.from_camera(sight.offset)
+    x, y = sight.view.to_px(seen) if sight.drawn else sight.view.middle
+    speed = -half * sight.velocity[2]
+    left = sight.contact_in_s
+    soon = left is not None and left <= camera_of(protocol).looming_within_s
+    box = box_of(sight, half * cutout.width, half * cutout.height) if sight.drawn else None
+    return PictureTruth(
+        id=obj.id,
+        kind=obj.kind,
+        visible=sight.drawn,
+        angular_size_deg=2 * math.degrees(math.atan2(half, max(ahead, 0.0))),
+        edge_speed_deg_s=math.degrees(speed / (ahead**2 + half**2)),
+        edge_speed_px_frame=sight.view.eye_px
+        * speed
+        / max(ahead, NEAREST_M) ** 2
+        / float(protocol.display.frame_rate),
+        centre_x_px=x,
+        centre_y_px=y,
+        time_to_contact_s=left,
+        looming=soon and sight.drawn,
+        box_px=box,
+        offset_m=sight.offset,
+        miss_sizes=miss_of(protocol, obj),
     )
 
 

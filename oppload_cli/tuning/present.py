@@ -1,66 +1,30 @@
-"""A stimulus shown to the models exactly as ``oppload run`` shows its lossless video."""
+"""A stimulus shown to the detectors exactly as ``oppload run`` shows its lossless video."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.analysis import analyse
-from oppload_cli.models.opplod import OpplodResponse
-from oppload_cli.stimulus.renderer import frames
-from oppload_cli.video.frames import Frame, InputFacts, Picture
-from oppload_cli.video.luminance import Luminance
-from oppload_cli.video.working import working_size
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.stimulus.truth import contact_time, frame_truth
+from oppload_cli.video.optics import Optics
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
-    from oppload_cli.models.bank import Response
-    from oppload_cli.settings import Settings
+    from oppload_cli.models.detector import Response
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.video.source import Video
 
     Series = NDArray[np.float64]
 
 
-class StimulusVideo:
-    """The frames of a stimulus at the working size, as an open video would give them.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    height : int or None
-        Working height in pixels; None keeps the native size.
-    """
-
-    def __init__(self, protocol: Protocol, height: int | None) -> None:
-        display = protocol.display
-        self.protocol = protocol
-        self.facts = InputFacts(
-            protocol.name,
-            "stimulus",
-            display.width,
-            display.height,
-            display.frame_rate,
-            protocol.frame_count,
-        )
-        self.working = working_size(self.facts, height)
-        self._luminance = Luminance(self.working, 0)
-
-    def __iter__(self) -> Iterator[Frame]:
-        for shown in frames(self.protocol):
-            picture = Picture(shown.index, shown.time_s, shown.grey)
-            yield Frame(shown.index, shown.time_s, self._luminance(picture))
-
-
 @dataclass(frozen=True)
 class Responses:
-    """What one model answered to one stimulus.
+    """The responses of one detector to one stimulus.
 
     Attributes
     ----------
@@ -69,7 +33,7 @@ class Responses:
     response : ndarray, shape (n,)
         NaN during warm-up.
     centre : ndarray, shape (n, 2)
-        Centre (x, y) of the winning unit in stimulus pixels; NaN where there is none.
+        Centre (x, y) of the winning unit in stimulus pixels; NaN without a winner.
     box : ndarray, shape (n, 4)
         Its receptive field: left, top, width and height in stimulus pixels.
     """
@@ -82,46 +46,133 @@ class Responses:
 
     @property
     def peak(self) -> int | None:
-        """Position of the first largest response; None where there is no response."""
+        """Position of the first largest response; None without a response."""
         if not np.isfinite(self.response).any():
             return None
         return int(np.nanargmax(self.response))
 
 
 def present(protocol: Protocol, settings: Settings) -> dict[str, Responses]:
-    """Show a stimulus to the models.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    settings : Settings
-        Models, their parameters and the working height.
+    """Show a stimulus to the detectors of some settings.
 
     Returns
     -------
     dict of str to Responses
-        By model, in the settings' order: the numbers that ``oppload run`` writes
+        By detector, in the settings' order: the numbers that ``oppload run`` writes
         for the stimulus's lossless video.
     """
-    # analyse asks of a video no more than its frames and its working size.
-    video = cast("Video", StimulusVideo(protocol, settings.height))
+    video = StimulusVideo(protocol, settings.height)
+    display = protocol.display
+    shown = {
+        "width": display.width,
+        "pixels_per_degree": display.scale,
+        "projection": display.projection,
+    }
+    optics = Optics.of_display(shown, display.width, display.height)
+    settings = settings.seen_through(optics, video.working)
     records = list(
-        analyse(video, settings.model_params(), places=None, repeats=settings.repeats, rmo=None)
+        analyse(
+            video,
+            settings.model_params(),
+            places=None,
+            repeats=settings.repeats,
+            rmo=None,
+            time=settings.time,
+        )
     )
     frame = np.array([record.frame for record in records], float)
     time = np.array([record.time_s for record in records])
     made = {}
-    for model in settings.models:
-        answers = [record.responses.get(model) for record in records]
-        boxes = np.array([_box(answer) for answer in answers])
-        response = [np.nan if answer is None else answer.response for answer in answers]
+    for detector in settings.models:
+        found = [record.responses.get(detector) for record in records]
+        boxes = np.array([_box(each) for each in found])
+        response = [np.nan if each is None else each.response for each in found]
         centre = boxes[:, :2] + boxes[:, 2:] / 2
-        made[model] = Responses(frame, time, np.array(response), centre, boxes)
+        made[detector] = Responses(frame, time, np.array(response), centre, boxes)
     return made
 
 
-def _box(answer: Response | None) -> list[float]:
-    if not isinstance(answer, OpplodResponse) or answer.box is None:
-        return [np.nan] * 4
-    return [answer.box.x, answer.box.y, answer.box.width, answer.box.height]
+def _box(response: Response | None) -> list[float]:
+    box = response.box if response else None
+    return [np.nan] * 4 if box is None else [box.x, box.y, box.width, box.height]
+
+
+ONSET_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Measures:
+    """One row of a tuning table without its condition (``docs/tuning.md``).
+
+    Attributes
+    ----------
+    peak : float or None
+        Largest response; None if the stimulus ends before the first response.
+    peak_frame, peak_time_s
+        When it was first reached.
+    mean : float or None
+        Mean over the frames with a response.
+    area : float or None
+        Integral of the response over time (trapezoids), response times seconds.
+    onset_frame, onset_time_s
+        When the response first was 10 % of the peak; None if it is always 0.
+    centre_x, centre_y : float or None
+        Centre of the unit that won at the peak, in stimulus pixels.
+    peak_before_contact_s : float or None
+        Time from the peak to contact, below 0 after it; None where nothing approaches.
+    size_at_peak_deg : float or None
+        Angular size of the largest object in the frame of the peak; None without an object.
+    """
+
+    peak: float | None = None
+    peak_frame: int | None = None
+    peak_time_s: float | None = None
+    mean: float | None = None
+    area: float | None = None
+    onset_frame: int | None = None
+    onset_time_s: float | None = None
+    centre_x: float | None = None
+    centre_y: float | None = None
+    peak_before_contact_s: float | None = None
+    size_at_peak_deg: float | None = None
+
+
+def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
+    """Measure the responses of one detector to one condition.
+
+    Parameters
+    ----------
+    responses : Responses
+        Of the detector.
+    protocol : Protocol, optional
+        The stimulus; without it nothing is known of contact and size.
+    """
+    best = responses.peak
+    if best is None:
+        return Measures()
+    valid = np.isfinite(responses.response)
+    values, times = responses.response[valid], responses.time_s[valid]
+    peak = float(responses.response[best])
+    onset = int(np.argmax(responses.response >= ONSET_SHARE * peak)) if peak > 0 else None
+    x, y = responses.centre[best]
+    contact = contact_time(protocol) if protocol else None
+    return Measures(
+        peak=peak,
+        peak_frame=int(responses.frame[best]),
+        peak_time_s=float(responses.time_s[best]),
+        mean=float(values.mean()),
+        area=float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(times))),
+        onset_frame=None if onset is None else int(responses.frame[onset]),
+        onset_time_s=None if onset is None else float(responses.time_s[onset]),
+        centre_x=None if np.isnan(x) else float(x),
+        centre_y=None if np.isnan(y) else float(y),
+        peak_before_contact_s=None if contact is None else contact - float(responses.time_s[best]),
+        size_at_peak_deg=_size(protocol, int(responses.frame[best])) if protocol else None,
+    )
+
+
+def _size(protocol: Protocol, frame: int) -> float | None:
+    """Return the angular size in degrees of the largest object of a frame."""
+    objects = frame_truth(protocol, frame).objects
+    sizes = [each.angular_size_deg for each in objects if each.visible]
+    return max((size for size in sizes if size is not None), default=None)

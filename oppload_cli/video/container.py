@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import re
 from collections import deque
 from fractions import Fraction
 from functools import partial
@@ -12,34 +15,59 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import av
 from av.codec.context import Flags
 
-from oppload_cli.environment import cores
-from oppload_cli.errors import SourceError
-from oppload_cli.video.declared import declared_end, declared_frames
-from oppload_cli.video.ending import is_cut_short
-from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
-from oppload_cli.video.limits import VARIABLE, check_pixels, decoder_limit, most_pixels
-from oppload_cli.video.luma import is_full_range, luma_plane
+from oppload_cli.errors import SourceError, reason_of
+from oppload_cli.processes import cores
+from oppload_cli.video.frames import (
+    MAX_PIXELS,
+    USUAL_BITS,
+    DecodeFacts,
+    InputFacts,
+    Picture,
+    check_pixels,
+    max_pixels,
+    too_large,
+)
+from oppload_cli.video.integrity import fault_of
+from oppload_cli.video.planes import is_full_range, luma_plane
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from av.container import InputContainer
+    from av.packet import Packet
+    from av.video.format import VideoFormat
     from av.video.frame import VideoFrame
     from av.video.stream import VideoStream
     from numpy.typing import NDArray
 
-    Shown = tuple[VideoFrame, NDArray[Any], int]  # with its luma and the bits of a sample
+    Decoded = tuple[VideoFrame, NDArray[Any], int]  # with its luma and the bits of a sample
+
 
 Value = TypeVar("Value")
 OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
-SILENT_CODECS = {"vp8"}  # with frame threads it predicts from what failed, without a word
-# What one thread decodes as fast as the models follow.
-QUICK_CODECS, QUICK_PIXELS = {"h264", "mpeg4", "mpeg2video"}, 1 << 20
+# With frame threads VP8 predicts from failed frames without an error; with threads for slices
+# MPEG-2 conceals damage without one.
+SILENT_CODECS = {"vp8", "mpeg1video", "mpeg2video"}
+# Threads that share a frame of these give the same pixels whatever their number. Threads that
+# decode a frame each do not, once a frame before has been lost.
+INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
+# One thread decodes these as fast as the detectors follow.
+QUICK_CODECS, QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
 FEW_CORES = 2
+LONGEST_ERROR = 80  # characters
 HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
+# Decoders that log errors of intact files, with the beginnings of those that mean damage: H.264
+# does so of streams of cameras (it marks the frames that it conceals), MJPEG of data of cameras
+# beside the picture.
+TALKATIVE = {"h264": (), "mjpeg": ("overread", "error", "sos", "mjpeg_decode")}
+
+if av.logging.get_level() is None:  # so that errors of decoders are counted, and none is printed
+    av.logging.set_level(av.logging.PANIC)
+    # Threads of a decoder that is never closed must not wait for an interpreter that ends.
+    atexit.register(av.logging.set_level, None)
 COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
-# Lists of other files: nothing but the file that the user named is ever opened.
+# These list other files: only the file that the user named is ever opened.
 PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
@@ -56,26 +84,30 @@ class ContainerSource:
     Raises
     ------
     SourceError
-        If it cannot be opened, or holds no video, or no frame can be decoded, or
-        it declares too many pixels.
+        If it cannot be opened, holds no video, declares too many pixels, or no frame
+        can be decoded.
     """
 
     def __init__(self, name: str, threads: int = 0) -> None:
         self.name = name
         self.decode = DecodeFacts()
         self.stopping = False
+        self._read_to = 0  # the byte after the last packet
+        self._errors = 0  # that decoders have logged in this process
         self._remote = "://" in name
-        self._careful = self._remote  # a stream cannot be read again
+        # A stream or a pipe cannot be read again.
+        self._once = self._remote or not os.path.isfile(name)  # noqa: PTH113 - raises no error
+        self._careful = self._once
         self._threads = threads
         self._container = self._opened()
         try:
-            self._stream = self._video_stream()
+            self._stream = self._video_stream(self._container)
             self._codec = self._stream.codec_context.codec.canonical_name
-            self._careful = self._careful or self._codec in SILENT_CODECS
+            self._careful |= self._codec in SILENT_CODECS | INDEPENDENT_SLICES
             self._prepare()
-            self._shown = self._steadily()
-            self._first_shown = self._first_of_all()
-            self._first = self._first_shown[0]
+            self._coming = self._steadily()
+            self._first_decoded = self._first_of_all()
+            self._first = self._first_decoded[0]
             self.decode.threads = self._stream.codec_context.thread_count
             self.facts = self._facts()
         except BaseException:
@@ -85,15 +117,9 @@ class ContainerSource:
         self._longest_gap = 0.0
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the decoded pictures; a damaged packet loses only its own frames.
-
-        Yields
-        ------
-        Picture
-            Its plane is a view that lives as long as the picture.
-        """
+        """Yield the decoded pictures; a damaged packet loses only its own frames."""
         size = (self._first.width, self._first.height)
-        for frame, plane, bits in chain([self._first_shown], self._shown):
+        for frame, plane, bits in chain([self._first_decoded], self._coming):
             index = self.decode.decoded
             self.decode.decoded += 1
             self.decode.corrupt += frame.is_corrupt
@@ -106,28 +132,41 @@ class ContainerSource:
             yield Picture(index, time, plane, bits, is_full_range(frame, self._codec), frame)
 
     def finish(self) -> None:
-        """Count the frames that the container declared and that never came."""
+        """Count the declared frames that never came."""
         self.decode.missing = self._missing()
         if self.decode.corrupt:
             self.decode.note(f"{self.decode.corrupt} frames are damaged")
         if self.decode.missing:
             self.decode.note(f"{self.decode.missing} declared frames never came")
-        if not self._remote and is_cut_short(self.name, self._container.format.name):
-            self.decode.failed("the file ends too early")
+        if fault := self._fault():
+            self.decode.failed(fault)
+
+    def _fault(self) -> str | None:
+        if self._once:
+            return None
+        kind = self._container.format.name
+        return fault_of(self.name, kind, read_to=self._read_to, stream=self._stream.id)
 
     def close(self) -> None:
         """Close the container; may be called twice."""
-        self._container.close()
+        # The threads of the decoder come to rest while Python's lock is free: they need it to
+        # log an error, and giving back a decoder waits for them while it holds the lock.
+        if hasattr(self, "_stream"):
+            self._stream.codec_context.flush_buffers()
+        if hasattr(self, "_container"):
+            self._container.close()
+
+    __del__ = close
 
     def _missing(self) -> int:
-        declared = declared_frames(self._container, self._stream) or self.facts.frames_declared
+        declared = _declared_frames(self._container, self._stream) or self.facts.frames_declared
         if declared is not None:
             return max(0, declared - self.decode.decoded)
         rate = self.facts.frame_rate
         return self._missing_at_the_end(float(rate)) if rate else 0
 
     def _missing_at_the_end(self, rate: float) -> int:
-        end = declared_end(self._container, self._stream)
+        end = _declared_end(self._container, self._stream)
         if end is None or self._first.pts is None:
             return 0
         # Durations are rounded, some writers count the last frame's and some do not, and
@@ -144,11 +183,11 @@ class ContainerSource:
                 self.name if self._remote else f"file:{self.name}",
                 timeout=(OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
                 metadata_errors="replace",
-                options={"max_pixels": decoder_limit()},
+                options={"max_pixels": _decoder_limit()},
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise SourceError(
-                f"{self.name}: not a video that can be read ({_reason(error)}); "
+                f"{self.name}: not a video that can be read ({reason_of(error)}); "
                 f"check the file, or convert it"
             ) from error
 
@@ -160,18 +199,18 @@ class ContainerSource:
             raise SourceError(f"{self.name}: no such file; check the path") from error
         except OSError as error:
             raise SourceError(
-                f"{self.name}: cannot be read ({_reason(error)}); check the path"
+                f"{self.name}: cannot be read ({reason_of(error)}); check the path"
             ) from error
         if path.is_file() and size == 0:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")
 
-    def _video_stream(self) -> VideoStream:
-        if not self._remote and self._container.format.name in PLAYLISTS:
+    def _video_stream(self, container: InputContainer) -> VideoStream:
+        if not self._remote and container.format.name in PLAYLISTS:
             raise SourceError(f"{self.name}: only names other files; give these instead")
-        # A cover picture is a video stream to the container, and not to anybody else.
+        # A container holds a cover picture as a video stream.
         streams = [
             stream
-            for stream in self._container.streams.video
+            for stream in container.streams.video
             if not stream.disposition.value & COVER_PICTURE
         ]
         if not streams:
@@ -180,50 +219,58 @@ class ContainerSource:
         codec: Any = streams[0].codec_context
         if codec is None:
             raise SourceError(f"{self.name}: its codec is unknown here; convert it, e.g. to H.264")
-        check_pixels(self.name, codec.width, codec.height)
+        check_pixels(self.name, codec.width, codec.height, _stored_bits(codec.format))
         return streams[0]
 
     def _prepare(self) -> None:
         codec = self._stream.codec_context
         codec.thread_type = "SLICE" if self._careful else "AUTO"
-        # What is made of damage depends on the number of threads.
-        alone = self._careful and not self._remote
-        codec.thread_count = 1 if alone else self._threads or self._decoder_threads()
+        # The pixels that conceal damage depend on the number of threads.
+        shared = self._remote or self._codec in INDEPENDENT_SLICES
+        single = self._careful and not shared
+        codec.thread_count = 1 if single else self._threads or self._decoder_threads()
         one_under_way = {"max_frame_delay": "1"} if self._careful else {}  # of dav1d
-        codec.options = {"max_pixels": decoder_limit(), **one_under_way}
-        # Concealed frames are wanted, and counted as corrupt: leaving them out would
-        # shorten the video without a word.
+        # PNG and HEVC check the sums in the stream only on request.
+        codec.options = {"max_pixels": _decoder_limit(), "err_detect": "crccheck", **one_under_way}
+        # Concealed frames are wanted, and counted as corrupt: the video would become
+        # shorter without them.
         codec.flags |= Flags.output_corrupt
+        try:
+            codec.open(strict=False)
+        except av.error.BlockingIOError:  # the system gives no further thread
+            codec.thread_count = 1
+        except av.error.FFmpegError:
+            pass  # decoding raises it again, and it is counted there
 
     def _decoder_threads(self) -> int:
-        """Return how many threads decode; 0 leaves the choice to the decoder."""
+        """Return how many threads decode; 0 lets the decoder choose."""
         codec = self._stream.codec_context
         quick = self._codec in QUICK_CODECS and codec.width * codec.height <= QUICK_PIXELS
-        # On two cores flow and models leave none idle, and threads that wait for each
-        # other cost an eighth of a run. Where one does not do, those that have to wait
-        # for a core are evened out by one more than the decoder would choose.
+        # On two cores, which flow and detectors keep busy, decoder threads that wait for
+        # each other cost an eighth of a run. Where one thread is too slow, four do better
+        # than the three that the decoder would choose.
         if quick and cores() <= FEW_CORES:
             return 1
         return 4 if cores() == FEW_CORES else 0
 
-    def _steadily(self) -> Iterator[Shown]:
+    def _steadily(self) -> Iterator[Decoded]:
         """Yield the frames so that damage has the same effect at every run.
 
-        Decoding several frames at once is fastest. But it reports an error late, loses
-        what is under way when it comes in the end, and conceals damage by whatever the
-        other threads have done so far. So at its first sign the file is decoded again
-        by one thread, and what has been yielded is passed over. A few frames are held
-        back: one that refers to a damaged one may come before it.
+        Several threads decode fastest. But they report an error late, lose the frames
+        under way at the end, and conceal damage by pixels that depend on how far each
+        thread has come. So at the first sign of damage the file is decoded again by one
+        thread, and the frames that have been yielded are skipped. A few frames are held
+        back: one that refers to a damaged frame may come before it.
         """
         count = 0
         if not self._careful:
-            held: deque[Shown] = deque()
+            held: deque[Decoded] = deque()
             damaged = False
-            for shown in self._decoded():
-                damaged = self.decode.failures > 0 or shown[0].is_corrupt
+            for decoded in self._decoded():
+                damaged = self.decode.failures > 0 or decoded[0].is_corrupt
                 if damaged:
                     break
-                held.append(shown)
+                held.append(decoded)
                 if len(held) > HELD_BACK:
                     count += 1
                     yield held.popleft()
@@ -233,55 +280,85 @@ class ContainerSource:
                 yield held.popleft()
             if self.stopping or (count and not damaged and not self._missing()):
                 return
-            self._start_again()
-        for place, shown in enumerate(self._decoded()):
+            try:
+                self._start_again()
+            except SourceError:  # it has vanished, or is another file by now
+                self.decode.failed("it could not be opened again to be decoded by one thread")
+                yield from held
+                return
+        for place, decoded in enumerate(self._decoded()):
             if place >= count:
-                yield shown
-            else:  # several threads may have passed it on before they knew
-                self.decode.corrupt += shown[0].is_corrupt
+                yield decoded
+            else:  # several threads may have passed it on before the damage was known
+                self.decode.corrupt += decoded[0].is_corrupt
 
     def _start_again(self) -> None:
+        container = self._opened()
+        stream = self._video_stream(container)
         self.decode.failures = self.decode.corrupt = 0
         self.decode.messages.clear()
         self._careful = True
-        self._container.close()
-        self._container = self._opened()
-        self._stream = self._video_stream()
+        self.close()
+        self._container, self._stream = container, stream
         self._prepare()
 
-    def _first_of_all(self) -> Shown:
-        first = next(self._shown, None)
+    def _first_of_all(self) -> Decoded:
+        first = next(self._coming, None)
         if first is None:
-            reasons = "; ".join(self.decode.messages) or "it holds no frame"
-            # So a decoder refuses a picture for its size; often it then forgets that size.
+            reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
+            # A decoder that refuses a picture for its size says so, and often forgets the size.
             if "invalid argument" in reasons or not self._stream.codec_context.width:
                 reasons += (
-                    f", or its pictures have more than {most_pixels()} pixels: see {VARIABLE}"
+                    f", or its pictures have more than {max_pixels()} pixels: see {MAX_PIXELS}"
                 )
             raise SourceError(
                 f"{self.name}: no frame could be decoded ({reasons}); check or convert the file"
             )
-        check_pixels(self.name, first[0].width, first[0].height)
+        frame = first[0]
+        check_pixels(self.name, frame.width, frame.height, _stored_bits(frame.format))
         return first
 
-    def _decoded(self) -> Iterator[Shown]:
+    def _decoded(self) -> Iterator[Decoded]:
+        self._errors = av.logging.get_last_error()[0]
         for packet in self._packets():
-            if packet.is_corrupt:
+            if packet is not None and packet.is_corrupt:
                 self.decode.failed("a packet is cut or damaged")
-            for frame in self._attempt(packet.decode) or ():
-                shown = self._attempt(partial(luma_plane, frame))
-                if shown is not None:
-                    yield frame, *shown
+            if self._careful:  # now one thread logs: the errors from here on are the decoder's
+                self._errors = av.logging.get_last_error()[0]
+            frames = self._attempt(partial(self._stream.decode, packet))
+            complaint = self._complaint()
+            if complaint and frames is not None:
+                self.decode.failed(complaint)
+            for frame in frames or ():
+                luma = self._attempt(partial(_checked_luma, frame))
+                if luma is not None:
+                    yield frame, *luma
 
     def _attempt(self, decode: Callable[[], Value]) -> Value | None:
-        """Return what a step of decoding gives; where it fails, count that and go on."""
+        """Return the result of a step of decoding; None, counted as a failure, if it fails."""
         try:
             return decode()
         except (av.error.FFmpegError, ValueError) as error:
-            self.decode.failed(_reason(error))
+            self.decode.failed(reason_of(error))
             return None
 
-    def _packets(self) -> Iterator[Any]:
+    def _complaint(self) -> str | None:
+        """Return the error, if any, that has been logged since the last call.
+
+        Some decoders conceal damage, and neither raise an error nor mark the frame. The log
+        is that of the process: of several videos at a time one may answer for another.
+        """
+        before, (self._errors, last) = self._errors, av.logging.get_last_error()
+        if self._errors == before or last is None:
+            return None
+        # Threads may give out a frame of H.264 before they mark it: it is decoded again.
+        talkative = self._codec in TALKATIVE and (self._careful or self._codec != "h264")
+        if talkative and not last[2].startswith(TALKATIVE[self._codec]):
+            return None
+        return f"the decoder reports an error ({reason_of(ValueError(last[2]))[:LONGEST_ERROR]})"
+
+    def _packets(self) -> Iterator[Packet[Any] | None]:
+        """Yield the packets, and None where the decoder is to give the frames that it holds."""
         packets = self._container.demux(self._stream)
         errors = 0
         while not self.stopping:
@@ -290,15 +367,23 @@ class ContainerSource:
             except StopIteration:
                 return
             except (av.error.FFmpegError, OSError) as error:
-                self.decode.failed(_reason(error))
+                self.decode.failed(self._interruption(error) if self._remote else reason_of(error))
                 errors += 1
                 if errors > MOST_DEMUX_ERRORS or self._remote:
-                    yield av.Packet()  # empty: the decoder gives what it still holds
+                    yield None
                     return
                 packets = self._container.demux(self._stream)
             else:
                 errors = 0
+                if packet.pos is not None:
+                    self._read_to = max(self._read_to, packet.pos + packet.size)
                 yield packet
+
+    @staticmethod
+    def _interruption(error: Exception) -> str:
+        if isinstance(error, av.error.ExitError):  # of the time limit
+            return f"the stream broke off (nothing came for {READ_TIMEOUT_S:g} s)"
+        return f"the stream broke off ({reason_of(error)})"
 
     def _time(self, frame: VideoFrame, index: int) -> float:
         """Return the presentation time minus that of the first frame, in seconds."""
@@ -322,7 +407,7 @@ class ContainerSource:
             width=frame.height if sideways else frame.width,
             height=frame.width if sideways else frame.height,
             frame_rate=_rate(stream),
-            frames_declared=declared_frames(self._container, stream),
+            frames_declared=_declared_frames(self._container, stream),
             rotation=rotation,
             codec=self._codec,
             pixel_format=frame.format.name,
@@ -332,6 +417,24 @@ class ContainerSource:
         )
 
 
+def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:
+    """Return the luma of a frame and its bits; raise ValueError if the frame is too large.
+
+    The decoder's own limit is higher, and a later frame may be larger than the first.
+    """
+    if too_large(frame.width, frame.height, _stored_bits(frame.format)):
+        raise ValueError(
+            f"a frame of {frame.width} x {frame.height} pixels is too large; set {MAX_PIXELS} "
+            f"higher if that is right"
+        )
+    return luma_plane(frame)
+
+
+def _stored_bits(pixel_format: VideoFormat | None) -> int:
+    """Return the bits of memory that a decoder needs for a pixel; the usual ones if unknown."""
+    return pixel_format.padded_bits_per_pixel if pixel_format else USUAL_BITS
+
+
 def _rate(stream: VideoStream) -> Fraction | None:
     for rate in (stream.average_rate, stream.guessed_rate, stream.base_rate):
         if rate:
@@ -339,5 +442,53 @@ def _rate(stream: VideoStream) -> Fraction | None:
     return None
 
 
-def _reason(error: BaseException) -> str:
-    return str(getattr(error, "strerror", None) or error).strip().rstrip(".").lower() or "unknown"
+def _decoder_limit() -> str:
+    """Return the value of FFmpeg's option ``max_pixels``.
+
+    Decoders round sizes up and add margins before they compare, so the limit is higher
+    than :func:`max_pixels`; it is the last defence, where a stream is larger than its
+    container declares.
+    """
+    return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))
+
+
+def _declared_frames(container: InputContainer, stream: VideoStream) -> int | None:
+    """Return how many frames a container declares; None without a credible number.
+
+    Its own count includes the samples that an edit list hides and the empty ones by
+    which AVI fills gaps, which are never shown. The index distinguishes them. IVF
+    counts ticks.
+    """
+    kind = container.format.name
+    entries = stream.index_entries
+    if kind.startswith("mov") and len(entries):
+        return sum(not entry.is_discard for entry in entries)
+    # The index of a truncated AVI file is gone, or made from what has been read.
+    if kind == "avi" and len(entries) and entries[-1].timestamp + 2 >= stream.frames:
+        return len(entries)
+    if kind == "avi" and stream.frames >= AVI_TO_A_PIPE:
+        return None
+    return (stream.frames or None) if kind.startswith(("mov", "avi", "gif", "apng")) else None
+
+
+def _declared_end(container: InputContainer, stream: VideoStream) -> float | None:
+    """Return the declared end of a stream in seconds, on the clock of its frames.
+
+    None where the container declares none, or only that of a sound.
+    """
+    if not container.format.name.startswith(("matroska", "ivf")):
+        return None  # elsewhere it is guessed from the rest of the file
+    tag = DURATION.match(stream.metadata.get("DURATION", ""))
+    if tag:
+        hours, minutes, seconds = tag.groups()
+        return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
+    if container.format.name == "ivf" and stream.duration == IVF_TO_A_PIPE:
+        return None
+    if len(container.streams) == 1 and container.duration is not None:
+        return container.duration / av.time_base
+    return None
+
+
+DURATION = re.compile(r"([0-9]{1,9}):([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]+)?)(?![0-9])")
+# Counts of writers that could not go back to the head of the file.
+AVI_TO_A_PIPE, IVF_TO_A_PIPE = 1 << 30, 0xFFFFFFFF

@@ -1,9 +1,12 @@
-"""The records that pass from a video to the models, and what is known of an input."""
+"""The records that pass from an input to the detectors, the facts of an input, and its sizes."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+from oppload_cli.errors import ParameterError, SourceError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -13,23 +16,29 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
     from numpy.typing import NDArray
 
-    from oppload_cli.video.working import WorkingSize
-
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame as the models see it.
+    """One frame as the detectors see it.
 
     Attributes
     ----------
     index : int
-        0-based decode ordinal in the whole input.
+        0-based decode ordinal in the complete input.
     time_s : float
         Presentation time minus that of frame 0, in seconds.
     luma : ndarray of float32, shape (height, width)
         Luminance, 0 to 1, at the working size.
     colour : ndarray of uint8, shape (rows, columns, 3), or None
         The picture as displayed, blue, green and red, where it was asked for.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> with oppload.open_source("controls/looming-perspective", height=120) as frames:
+    ...     frame = next(iter(frames))
+    >>> frame.index, frame.time_s, frame.luma.shape
+    (0, 0.0, (120, 160))
     """
 
     index: int
@@ -39,18 +48,26 @@ class Frame:
 
 
 class FrameSource(Protocol):
-    """What a pass takes its frames from, such as an open video."""
+    """A source of frames at the working size, such as an open video."""
 
     @property
     def facts(self) -> InputFacts:
-        """What is known of the input."""
+        """The facts of the input."""
 
     @property
     def working(self) -> WorkingSize:
-        """Size of the frames, and what a pixel of them is in the source."""
+        """Size of the frames, and of their pixels in the source."""
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames in order, once."""
+
+
+class DecodedSource(FrameSource, Protocol):
+    """A source of frames that says how decoding went, once its frames were taken."""
+
+    @property
+    def decode(self) -> DecodeFacts:
+        """The result of decoding."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +85,7 @@ class Picture:
     full_range : bool
         Whether samples use all of their range, or 16 to 235 (of 8 bits).
     original : av.VideoFrame or ndarray of uint8, shape (rows, columns, 3)
-        What `plane` was taken from, in colour (an array is blue, green and red).
+        The same picture in colour (an array is blue, green and red).
     """
 
     index: int
@@ -81,12 +98,12 @@ class Picture:
 
 @dataclass(frozen=True)
 class InputFacts:
-    """What an input declares about itself, in its displayed orientation.
+    """The facts that an input declares about itself, in its displayed orientation.
 
     Attributes
     ----------
     name : str
-        What the user named.
+        As the user wrote it.
     kind : str
         ``container``, ``images``, ``camera`` or ``stream``.
     width, height : int
@@ -119,12 +136,7 @@ class InputFacts:
     bytes: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the facts ready for JSON, fractions as ``"30000/1001"``.
-
-        Returns
-        -------
-        dict
-        """
+        """Return the facts ready for JSON, fractions as ``"30000/1001"``."""
         facts = dict(vars(self))
         for name in ("frame_rate", "pixel_aspect"):
             value = facts[name]
@@ -134,7 +146,7 @@ class InputFacts:
 
 @dataclass
 class DecodeFacts:
-    """What came of decoding; complete once the source is exhausted.
+    """The result of decoding; final once the source is exhausted.
 
     Attributes
     ----------
@@ -149,8 +161,8 @@ class DecodeFacts:
     messages : list of str
         The first few reasons.
     threads : int
-        Of the decoder.
-    apart : bool
+        Threads of the decoder.
+    own_process : bool
         Whether a process of its own decoded.
     """
 
@@ -160,48 +172,163 @@ class DecodeFacts:
     missing: int = 0
     messages: list[str] = field(default_factory=list)
     threads: int = 1
-    apart: bool = False
+    own_process: bool = False
 
     @property
     def complete(self) -> bool:
-        """Whether all that was declared and asked for came out undamaged."""
+        """Whether every frame that was declared and asked for came out undamaged."""
         return self.failures == self.corrupt == self.missing == 0
 
     def failed(self, reason: object) -> None:
-        """Count a failure, and keep its reason if it is one of the first.
-
-        Parameters
-        ----------
-        reason : object
-            The error.
-        """
+        """Count a failure, and keep its reason if it is one of the first."""
         self.failures += 1
         self.note(str(reason))
 
     def note(self, message: str) -> None:
-        """Keep a message if it is one of the first.
-
-        Parameters
-        ----------
-        message : str
-            One line.
-        """
+        """Keep a message of one line if it is one of the first."""
         if len(self.messages) < 5 and message not in self.messages:
             self.messages.append(message)
 
 
 class PictureSource(Protocol):
-    """What every kind of input offers to :class:`oppload_cli.video.source.Video`."""
+    """An input of any kind, as :class:`oppload_cli.video.source.Video` uses it."""
 
     facts: InputFacts
     decode: DecodeFacts
-    stopping: bool  # set by another thread: end as soon as may be
+    stopping: bool  # set by another thread: end as soon as possible
 
     def pictures(self) -> Iterator[Picture]:
         """Yield the pictures in order, once; errors that end the input are raised."""
 
     def finish(self) -> None:
-        """Compare what came with what was declared, after the last picture."""
+        """Compare the decoded frames with the declared ones, after the last picture."""
 
     def close(self) -> None:
         """Give back files, decoders and devices; may be called twice."""
+
+
+LEAST_AHEAD, MOST_AHEAD = 2, 16  # frames that wait for the next thread
+WAITING_BYTES = 1 << 23  # of luminance that waits, above the least
+
+
+def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
+    """Return how many frames may wait between two threads.
+
+    A long queue evens out that frames differ in cost; but it takes memory, and each
+    frame of a live input that waits is late.
+    """
+    if facts.kind in ("camera", "stream"):
+        return LEAST_AHEAD
+    fit = WAITING_BYTES // (4 * working.width * working.height)
+    return max(LEAST_AHEAD, min(MOST_AHEAD, fit))
+
+
+# The detectors need about 100 bytes for each. Pixels that are made by enlarging a small
+# input show nothing more: its few bytes are no reason to take that much memory.
+MOST_WORKING_PIXELS, MOST_ENLARGED = 1 << 25, 1 << 22
+
+
+class WorkingSize(NamedTuple):
+    """The size at which the detectors see an input.
+
+    Attributes
+    ----------
+    width, height : int
+        In working pixels.
+    scale_x, scale_y : float
+        Source pixels per working pixel.
+    """
+
+    width: int
+    height: int
+    scale_x: float
+    scale_y: float
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width, in the order of arrays."""
+        return self.height, self.width
+
+    def coded(self, rotation: int) -> tuple[int, int]:
+        """Return width and height before a turn by so many degrees."""
+        sideways = rotation in (90, 270)
+        return (self.height, self.width) if sideways else (self.width, self.height)
+
+
+def working_size(facts: InputFacts, height: int | None) -> WorkingSize:
+    """Return the working size of an input.
+
+    Parameters
+    ----------
+    facts : InputFacts
+        Gives the displayed size.
+    height : int or None
+        Working height in pixels, at least 1; the width follows. None keeps the
+        native size.
+
+    Raises
+    ------
+    ParameterError
+        If the working frame would be too large.
+    """
+    if height is None:
+        size = WorkingSize(facts.width, facts.height, 1.0, 1.0)
+    else:
+        width = max(1, round(facts.width * height / facts.height))
+        size = WorkingSize(width, height, facts.width / width, facts.height / height)
+    pixels, given = size.width * size.height, facts.width * facts.height
+    if pixels > MOST_WORKING_PIXELS or pixels > max(given, MOST_ENLARGED):
+        raise ParameterError(
+            f"{facts.name}: a working size of {size.width} x {size.height} is too large; "
+            f"choose a smaller --height"
+        )
+    return size
+
+
+MAX_PIXELS = "OPPLOAD_MAX_PIXELS"  # an environment variable
+DEFAULT_MAX_PIXELS = 1 << 26  # 8192 x 8192; a decoder keeps up to about 20 pictures
+USUAL_BITS = 12  # of a pixel of most videos; of more bits, fewer pixels are allowed
+
+
+def max_pixels() -> int:
+    """Return how many pixels a picture may have: ``OPPLOAD_MAX_PIXELS``, or 2^26.
+
+    Raises
+    ------
+    ParameterError
+        If the variable is not an integer from 1 to 2^31 - 1.
+    """
+    text = os.environ.get(MAX_PIXELS, str(DEFAULT_MAX_PIXELS))
+    if not (text.isascii() and text.isdigit() and len(text) <= 10 and 1 <= int(text) < 1 << 31):
+        raise ParameterError(
+            f"{MAX_PIXELS} must be an integer from 1 to {(1 << 31) - 1}, not '{text}'"
+        )
+    return int(text)
+
+
+def too_large(width: int, height: int, bits: int = USUAL_BITS) -> bool:
+    """Tell whether a picture exceeds :func:`max_pixels`, or the memory of so many usual pixels.
+
+    `bits` is the memory that a pixel takes: 12 in 8-bit video with a quarter of the colour.
+    """
+    return width * height * max(bits, USUAL_BITS) > max_pixels() * USUAL_BITS
+
+
+def check_pixels(name: str, width: int, height: int, bits: int = USUAL_BITS) -> None:
+    """Refuse a picture that is too large, before memory is taken for it.
+
+    A file of a few bytes may declare a picture that fills the memory.
+
+    Raises
+    ------
+    SourceError
+        If a picture of `width` times `height` pixels of `bits` bits, as the file `name`
+        declares them, is :func:`too_large`.
+    """
+    if too_large(width, height, bits):
+        deep = f" of {bits} bits" if bits > USUAL_BITS else ""
+        limit = f"{max_pixels()} of {USUAL_BITS} bits" if deep else str(max_pixels())
+        raise SourceError(
+            f"{name}: declares {width} x {height} pixels{deep}, more than {limit}; "
+            f"set {MAX_PIXELS} higher if that is right"
+        )

@@ -1,27 +1,50 @@
-"""Folders and patterns of images as a source of pictures."""
+"""Images, read by Pillow, and cameras, read by OpenCV, as sources of pictures."""
 
 from __future__ import annotations
 
 import re
+import stat
+import time
+import warnings
+from contextlib import contextmanager, suppress
+from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
+from PIL import Image, ImageOps, UnidentifiedImageError
 
-from oppload_cli.errors import SourceError
-from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
-from oppload_cli.video.image_size import declared_size
-from oppload_cli.video.inputs import IMAGE_SUFFIXES
-from oppload_cli.video.limits import check_pixels
+from oppload_cli.errors import SourceError, reason_of
+from oppload_cli.video.frames import (
+    MAX_PIXELS,
+    DecodeFacts,
+    InputFacts,
+    Picture,
+    check_pixels,
+    max_pixels,
+)
+from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from fractions import Fraction
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
-NUMBER = re.compile(r"%0?(\d*)d")
+    Colour = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
+
+
+FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
+# An image file may have this many bytes for each of its pixels, and besides them.
+PIXEL_BYTES, OTHER_BYTES = 8, 1 << 24
+T = TypeVar("T")
+DEEP_GREY = {
+    "I",
+    "I;16",
+    "I;16L",
+    "I;16B",
+    "I;16N",
+}  # modes of Pillow: 16 bits, of which 8 are kept
 
 
 class ImageSource:
@@ -37,7 +60,7 @@ class ImageSource:
     Raises
     ------
     SourceError
-        If there is no image, or the first cannot be read.
+        If no image exists, or none can be read.
     """
 
     def __init__(self, name: str, frame_rate: Fraction) -> None:
@@ -45,8 +68,7 @@ class ImageSource:
         self.stopping = False
         self._rate = frame_rate
         self._paths = image_paths(name)
-        first = self._first_readable()
-        height, width = first.shape[:2]
+        height, width = self._first_readable().shape[:2]
         self.facts = InputFacts(
             name=name,
             kind="images",
@@ -60,13 +82,7 @@ class ImageSource:
         )
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the images that can be read; the others are counted as failures.
-
-        Yields
-        ------
-        Picture
-            Its index and time are those of its place in the sequence.
-        """
+        """Yield the images that can be read; the others keep their times and count as failures."""
         size = (self.facts.height, self.facts.width)
         for index, path in enumerate(self._paths):
             if self.stopping:
@@ -78,35 +94,38 @@ class ImageSource:
             if colour.shape[:2] != size:
                 size = (colour.shape[0], colour.shape[1])
                 self.decode.note(f"the size becomes {size[1]} x {size[0]} at {path.name}")
-            # Grey by the Rec. 601 weights.
-            plane = np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)
-            yield Picture(index, float(index / self._rate), plane, original=colour)
+            yield Picture(index, float(index / self._rate), _grey(colour), original=colour)
 
     def finish(self) -> None:
-        """Nothing is missing that has not failed."""
+        """Do nothing: every missing image has been counted as a failure."""
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file stays open."""
 
-    def _first_readable(self) -> NDArray[np.uint8]:
+    def _first_readable(self) -> Colour:
         for path in self._paths:
             colour = self._image(path)
             if colour is not None:
-                self.decode = DecodeFacts()  # they are read, and counted, once more
+                self.decode = DecodeFacts()  # the images are read, and counted, once more
                 return colour
         raise SourceError(
             f"{self._paths[0]}: none of these images can be read ({self.decode.messages[0]}); "
             f"check or convert them"
         )
 
-    def _image(self, path: Path) -> NDArray[np.uint8] | None:
-        """Return an image, or None, counted, if it cannot be read."""
+    def _image(self, path: Path) -> Colour | None:
+        """Return an image, or None, counted as a failure, if it cannot be read."""
         try:
-            return _read(path)
-        except (OSError, SourceError, cv2.error) as error:
-            reason = f" ({error})" if isinstance(error, SourceError) else ""
-            self.decode.failed(f"{path.name} is not an image that can be read{reason}")
+            colour, alone = _read(path)
+        except SourceError as error:
+            self.decode.failed(f"{path.name} is not an image that can be read ({error})")
             return None
+        if not alone:
+            self.decode.failed(
+                f"{path.name} holds several pictures, of which only the first is read; "
+                f"convert it to a video or to single images"
+            )
+        return colour
 
 
 def image_paths(name: str) -> list[Path]:
@@ -117,74 +136,227 @@ def image_paths(name: str) -> list[Path]:
     name : str
         A folder, or a pattern with one ``%d`` or ``%04d`` in its file name.
 
-    Returns
-    -------
-    list of Path
-
     Raises
     ------
     SourceError
-        If there is none.
+        If no image exists.
     """
     folder, accepted = Path(name), re.compile(r".*", re.DOTALL)
-    pattern = NUMBER.search(folder.name)
-    if pattern and not folder.exists():
-        accepted = _pattern(folder.name, pattern)
+    hidden = folder.name.startswith(".") and not folder.is_dir()
+    number = NUMBER.search(folder.name)
+    if number and not folder.exists():
+        before, after = folder.name[: number.start()], folder.name[number.end() :]
+        digits = f"[0-9]{{{number[1]},}}" if number[1] else "[0-9]+"
+        accepted = re.compile(re.escape(before) + digits + re.escape(after))
         folder = folder.parent
     try:
         paths = [
             path
             for path in folder.iterdir()
-            if path.suffix.lower() in IMAGE_SUFFIXES and accepted.fullmatch(path.name)
+            if path.suffix.lower() in IMAGE_SUFFIXES
+            and accepted.fullmatch(path.name)
+            # Some systems put a hidden file beside each image, which has its suffix.
+            and (hidden or not path.name.startswith("."))
         ]
     except (FileNotFoundError, NotADirectoryError) as error:
         raise SourceError(f"{name}: no such folder; check the path") from error
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise SourceError(f"{name}: cannot be read ({reason}); check the path") from error
+        raise SourceError(f"{name}: cannot be read ({reason_of(error)}); check the path") from error
     if not paths:
         raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
-    return sorted(paths, key=numerical_order)
+    return sorted(paths, key=_numerical_order)
 
 
-def numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
-    """Return a key that sorts ``f2`` before ``f10``.
+def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Return a key that sorts ``f2`` before ``f10``."""
+    parts = re.split(r"([0-9]+)", path.name)
+    # Every second part is a number.
+    order = [(int(part), "") if odd % 2 else (-1, part) for odd, part in enumerate(parts)]
+    return order, path.name
+
+
+def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    """Return the luminance and the opacity of an image.
 
     Parameters
     ----------
-    path : Path
-        The file.
+    name : str
+        A file.
 
     Returns
     -------
-    tuple
-        To compare with another file's.
+    luminance : ndarray of float32, shape (h, w)
+        0 to 1, by the Rec. 601 weights.
+    opacity : ndarray of float32, shape (h, w), or None
+        0 to 1; None for an image without transparency.
+
+    Raises
+    ------
+    SourceError
+        If it is no image, is damaged, or is too large.
     """
-    parts = re.split(r"(\d+)", path.name)
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts], path.name
+    colour, opacity = _decoded(Path(name), lambda image: (_colour(image), _opacity(image)))
+    luminance = _grey(colour).astype(np.float32) / np.float32(255)
+    return luminance, None if opacity is None else opacity.astype(np.float32) / np.float32(255)
 
 
-def _pattern(name: str, number: re.Match[str]) -> re.Pattern[str]:
-    width = number.group(1)
-    digits = rf"\d{{{width},}}" if width else r"\d+"
-    return re.compile(re.escape(name[: number.start()]) + digits + re.escape(name[number.end() :]))
+def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
+    """Return the transparency of an image that has been turned upright; None without any."""
+    if not ("A" in image.getbands() or "transparency" in image.info):
+        return None
+    return np.asarray(image.convert("RGBA").getchannel("A"), np.uint8)
 
 
-def _read(path: Path) -> NDArray[np.uint8]:
-    """Return an image, 8 bits of blue, green and red."""
-    data = path.read_bytes()
-    size = declared_size(data)
-    if size is None:
-        raise SourceError("neither PNG, JPEG, BMP, PNM, TIFF nor WebP, or cut")
-    check_pixels(path.name, *size)
-    colour = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    if colour is None:
-        raise SourceError("damaged")
-    return np.asarray(colour, np.uint8)
+def _read(path: Path) -> tuple[Colour, bool]:
+    """Return the first picture of a file, and whether it is the only one.
+
+    Raises
+    ------
+    SourceError
+        If it is no image, is damaged, or is too large.
+    """
+
+    def taken(image: Image.Image) -> tuple[Colour, bool]:
+        alone = image.format == "JPEG" or not getattr(image, "is_animated", False)
+        return _colour(image), alone
+
+    return _decoded(path, taken)
+
+
+def _decoded(path: Path, taken: Callable[[Image.Image], T]) -> T:
+    """Open an image and return what `taken` takes of it.
+
+    The library that decodes is the one that tells the size, and it reads no more of the
+    file than it needs: neither a small file nor a large one can fill the memory.
+
+    Raises
+    ------
+    SourceError
+        If it is no image, is damaged, or is too large.
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise SourceError("no regular file")
+        _check_bytes(path, status.st_size, max_pixels())
+        with _pillow_alone(), Image.open(path, formats=FORMATS) as image:
+            check_pixels(path.name, *image.size)
+            _check_bytes(path, status.st_size, image.width * image.height)
+            return taken(image)
+    except SourceError:
+        raise
+    except UnidentifiedImageError as error:
+        raise SourceError("neither PNG, JPEG, BMP, PNM, TIFF nor WebP, or cut") from error
+    except Exception as error:  # damaged files raise errors of many kinds
+        raise SourceError(reason_of(error)) from error
+
+
+def _check_bytes(path: Path, size: int, pixels: int) -> None:
+    if size > PIXEL_BYTES * pixels + OTHER_BYTES:
+        raise SourceError(
+            f"{path.name}: has {size} bytes, too many for an image; set {MAX_PIXELS} higher "
+            f"if that is right"
+        )
+
+
+@contextmanager
+def _pillow_alone() -> Iterator[None]:
+    """Lift Pillow's own limit, which is lower than ours can be set, and keep its warnings in."""
+    limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
+
+
+def _colour(image: Image.Image) -> Colour:
+    """Decode an image; transparency is left out, of 16 bits 8 are kept."""
+    if image.mode == "F" or (image.mode == "I" and image.format == "TIFF"):
+        raise SourceError("its samples have 32 bits; convert it to 8 or 16")
+    deep = image.mode in DEEP_GREY
+    image.load()
+    with suppress(Exception):  # what is damaged here does not concern the pixels
+        ImageOps.exif_transpose(image, in_place=True)
+    if deep:
+        grey = np.asarray(np.asarray(image).astype(np.uint16) >> 8, np.uint8)
+        return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+    rgb = np.asarray(image if image.mode == "RGB" else image.convert("RGB"), np.uint8)
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), np.uint8)
 
 
 def _bytes(path: Path) -> int:
     try:
         return path.stat().st_size
-    except OSError:  # it has vanished, or is a link to nothing: reading it will say so
+    except OSError:  # it has vanished, or is a link to nothing: reading it gives the error
         return 0
+
+
+class CameraSource:
+    """A camera of this computer, ``camera:0``, until it is closed or fails.
+
+    Parameters
+    ----------
+    name : str
+        ``camera:`` and the camera's number.
+
+    Raises
+    ------
+    SourceError
+        If the name has no number, or the camera gives no picture.
+    """
+
+    def __init__(self, name: str) -> None:
+        number = name.partition(":")[2]
+        if not re.fullmatch("[0-9]{1,9}", number):
+            raise SourceError(f"{name}: no camera's name; write camera:0, camera:1 and so on")
+        self.decode = DecodeFacts()
+        self.stopping = False
+        self._capture = cv2.VideoCapture(int(number))
+        first = self._picture()
+        if first is None:
+            self._capture.release()
+            raise SourceError(
+                f"{name}: this camera gives no picture; check that it is there and not in use"
+            )
+        rate = self._capture.get(cv2.CAP_PROP_FPS)
+        self.facts = InputFacts(
+            name=name,
+            kind="camera",
+            width=first.shape[1],
+            height=first.shape[0],
+            frame_rate=Fraction(rate).limit_denominator(1001) if rate > 0 else None,
+            frames_declared=None,
+            codec="raw",
+            pixel_format="bgr24",
+        )
+        self._first = first
+
+    def pictures(self) -> Iterator[Picture]:
+        """Yield pictures as they come; the time is that of their arrival."""
+        start = time.monotonic()
+        colour: Colour | None = self._first
+        while colour is not None and not self.stopping:
+            index = self.decode.decoded
+            self.decode.decoded += 1
+            time_s = time.monotonic() - start if index else 0.0
+            yield Picture(index, time_s, _grey(colour), original=colour)
+            colour = self._picture()
+
+    def finish(self) -> None:
+        """Count a failure: a camera that stops by itself has failed."""
+        self.decode.failed("the camera stopped")
+
+    def close(self) -> None:
+        """Release the camera; may be called twice."""
+        self._capture.release()
+
+    def _picture(self) -> Colour | None:
+        read, colour = self._capture.read()
+        return np.asarray(colour, np.uint8) if read else None
+
+
+def _grey(colour: Colour) -> NDArray[np.uint8]:
+    """Return the luma by the Rec. 601 weights."""
+    return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

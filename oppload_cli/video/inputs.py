@@ -1,18 +1,20 @@
-"""What the user names, turned into single inputs and the stems of their results."""
+"""From names on the command line to single inputs, and to the stems of their results."""
 
 from __future__ import annotations
 
 import glob
 import os
 import re
-from collections import Counter
-from pathlib import Path
+import stat
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, NamedTuple
 
-from oppload_cli.errors import SourceError
+from oppload_cli.errors import SourceError, reason_of
+from oppload_cli.files.names import fault_of_name, fault_of_stem, is_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
+
 
 VIDEO_SUFFIXES = {
     *(".avi", ".flv", ".gif", ".h264", ".hevc", ".ivf", ".m2ts", ".m4v", ".mjpeg", ".mkv"),
@@ -21,24 +23,30 @@ VIDEO_SUFFIXES = {
 }
 IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
 
-ANNOTATED = ".annotated.mp4"  # a result: in a folder it is no input
-NUMBERED = re.compile(r"\d\.[^.]+$")  # frame_0001.png
-LONGEST_STEM = 200  # bytes; a name may have 255 in all
+NUMBER = re.compile(r"%0?([0-9]{0,3})d")  # in a pattern of images
+# Ends of the names of results: in a folder these are no inputs.
+ANNOTATED, REPORTED = ".annotated.mp4", ".report.mp4"
+_NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
+_LONGEST_STEM = 200  # bytes; a name may have 255 in all
 
 
 class Found(NamedTuple):
-    """A single input, or why there is none.
+    """A single input, or a name that stands for none.
 
     Attributes
     ----------
     name : str
-        The input; with `error` what was looked at in vain.
+        The input, or the name.
     error : SourceError or None
-        What was wrong with it.
+        Why the name stands for no input.
+    folder : str
+        Of its results, under that of all results: where the input lies under the folder or
+        the pattern that the user named.
     """
 
     name: str
     error: SourceError | None = None
+    folder: str = ""
 
 
 def found_inputs(name: str, *, recursive: bool = False) -> Iterator[Found]:
@@ -51,24 +59,37 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[Found]:
         folders of any depth), a pattern of images, ``camera:0``, or an address.
     recursive : bool
         Whether folders are searched to any depth, for videos and for folders of
-        numbered images. Hidden folders and links to folders are left out.
-
-    Yields
-    ------
-    Found
-        Something that cannot be read does not hide the rest.
+        numbered images, but for hidden folders and links to folders. A folder that
+        cannot be read does not hide the others.
     """
+    if not name:
+        yield Found(name, SourceError("'': an empty name is no input; give a file or a folder"))
+        return
     matches = _matches(name)
     if not matches:
         yield Found(name, SourceError(f"{name}: matches no file; check the pattern"))
     for match in matches:
-        if recursive and os.path.isdir(match):  # noqa: PTH112 - it says no to any name
+        if recursive and os.path.isdir(match):  # noqa: PTH112 - it raises no error
             yield from _below(match)
             continue
+        if match != name and _may_wait(match):
+            reason = "is a pipe or a device, which a pattern does not name; give its own name"
+            yield Found(match, SourceError(f"{match}: {reason}"))
+            continue
         try:
-            yield from map(Found, single_inputs(match))
+            folder = _under(name, match)
+            yield from (Found(each, folder=folder) for each in single_inputs(match))
         except SourceError as error:
             yield Found(match, error)
+
+
+def _may_wait(name: str) -> bool:
+    """Tell whether a name is that of neither a file nor a folder: reading it may never end."""
+    try:
+        kind = Path(name).stat().st_mode
+    except OSError:
+        return False
+    return not (stat.S_ISREG(kind) or stat.S_ISDIR(kind))
 
 
 def _matches(name: str) -> list[str]:
@@ -77,32 +98,49 @@ def _matches(name: str) -> list[str]:
     return sorted(glob.glob(name, recursive=True))  # noqa: PTH207 - absolute ones too
 
 
+def _under(pattern: str, match: str) -> str:
+    """Return the folder of a match under the part of the pattern that has no wildcard."""
+    parts = Path(pattern).parts
+    fixed = next((at for at, part in enumerate(parts) if glob.has_magic(part)), len(parts) - 1)
+    folders = Path(match).parts[fixed:-1]
+    return "" if pattern == match or ".." in folders else str(Path(*folders))
+
+
 def _below(root: str) -> Iterator[Found]:
-    """Yield the inputs in a folder and in those within."""
+    """Yield the inputs in a folder and in the folders below."""
     refused: list[OSError] = []
     empty = True
     for folder, within, files in os.walk(root, onerror=refused.append):
         within[:] = sorted(each for each in within if not each.startswith("."))
         visible = sorted(each for each in files if not each.startswith("."))
-        videos = [each for each in visible if _is_video(each)]
-        # A picture or two among other things, such as plots, are no sequence.
-        numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and NUMBERED.search(e)]
+        # A pipe would make the batch wait.
+        videos = [
+            each
+            for each in visible
+            if _is_video(each) and os.path.isfile(os.path.join(folder, each))  # noqa: PTH113, PTH118
+        ]
+        # A single image among other files, such as a plot, is no sequence.
+        numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
         if videos:
-            yield from (Found(os.path.join(folder, each)) for each in videos)  # noqa: PTH118
+            place = os.path.relpath(folder, root)
+            yield from (Found(os.path.join(folder, each), folder=place) for each in videos)  # noqa: PTH118
         elif len(numbered) > 1:
-            yield Found(folder)
+            above = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
+            yield Found(folder, folder=above)
         empty = empty and not videos and len(numbered) < 2
     for error in refused:
-        reason = (error.strerror or str(error)).lower()
-        refusal = f"{error.filename}: cannot be read ({reason}); check the path"
-        yield Found(str(error.filename), SourceError(refusal))
+        yield Found(str(error.filename), _cannot_read(error.filename, error))
     if empty and not refused:
         reason = "no video and no numbered images in this folder or below"
         yield Found(root, SourceError(f"{root}: {reason}; check the path"))
 
 
+def _cannot_read(name: str, error: OSError) -> SourceError:
+    return SourceError(f"{name}: cannot be read ({reason_of(error)}); check the path")
+
+
 def _is_video(name: str) -> bool:
-    return _suffix(name) in VIDEO_SUFFIXES and not name.endswith(ANNOTATED)
+    return _suffix(name) in VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
 
 
 def _suffix(name: str) -> str:
@@ -110,7 +148,7 @@ def _suffix(name: str) -> str:
 
 
 def single_inputs(name: str) -> list[str]:
-    """Return the inputs that a name stands for.
+    """Return the inputs that a name other than a pattern of the shell stands for.
 
     Parameters
     ----------
@@ -121,7 +159,7 @@ def single_inputs(name: str) -> list[str]:
     -------
     list of str
         The videos of a folder of videos, in the order of their names and without
-        annotated ones; else `name`.
+        annotated ones; else `name` alone.
 
     Raises
     ------
@@ -135,12 +173,11 @@ def single_inputs(name: str) -> list[str]:
         suffixes = {
             entry: entry.suffix.lower()
             for entry in path.iterdir()
-            # Some systems put a hidden twin beside each file, which is no video.
+            # Some systems put a hidden file beside each video, which has its suffix.
             if entry.is_file() and not entry.name.startswith(".")
         }
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise SourceError(f"{name}: cannot be read ({reason}); check the path") from error
+        raise _cannot_read(name, error) from error
     videos = sorted(entry for entry in suffixes if _is_video(entry.name))
     if videos:
         return [str(video) for video in videos]
@@ -149,65 +186,62 @@ def single_inputs(name: str) -> list[str]:
     return [name]
 
 
-def result_stems(inputs: Sequence[str]) -> list[str]:
-    """Return the stem of each input's results; equal ones are told apart by a hash of the path.
+def result_stem(name: str, folder: str = "") -> str:
+    """Return the beginning of the names of an input's results.
+
+    It depends on nothing but the input and how the user named it, so that it stays the same
+    whatever other inputs join. Folders in it are separated by ``/``. A hash of the path is
+    added to a name that is too long, or no plain file name on every system.
 
     Parameters
     ----------
-    inputs : sequence of str
-        Single inputs, each once: see :func:`each_once`.
-
-    Returns
-    -------
-    list of str
-        As many, all different, also where capitals and small letters are one.
+    name : str
+        A single input.
+    folder : str
+        From :class:`Found`.
     """
-    stems = [_stem(name) for name in inputs]
-    counts = Counter(stem.casefold() for stem in stems)
-    return [
-        _told_apart(stem, name)
-        if counts[stem.casefold()] > 1 or len(os.fsencode(stem)) > LONGEST_STEM
-        else stem
-        for stem, name in zip(stems, inputs, strict=True)
-    ]
+    stem = _stem(name)
+    if len(os.fsencode(stem)) > _LONGEST_STEM or fault_of_name(stem):
+        stem = _with_hash(stem, name)
+    inside = PurePath(folder, stem).as_posix()
+    return _with_hash(stem, name) if fault_of_stem(inside) else inside
 
 
 def each_once(names: Iterable[str]) -> list[str]:
-    """Leave out the inputs that are named twice, be it in two spellings.
+    """Return single inputs without those that are named twice, also in two spellings.
 
-    Parameters
-    ----------
-    names : iterable of str
-        Single inputs.
-
-    Returns
-    -------
-    list of str
-        Those that differ, in their order; a link and its target differ by their names.
+    A link and its target are two inputs if their names differ.
     """
     return list({(_stem(name), _bytes(name)): name for name in reversed(list(names))}.values())[
         ::-1
     ]
 
 
-def _told_apart(stem: str, name: str) -> str:
-    short = os.fsencode(stem)[:LONGEST_STEM].decode("utf-8", "ignore")
-    import hashlib  # noqa: PLC0415 - seldom needed
+def _with_hash(stem: str, name: str) -> str:
+    import hashlib  # few inputs need it
 
-    return f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
+    plain = re.sub(r"[\x00-\x1f\x7f-\x9f/\\]|(?<=^[A-Za-z]):", "-", stem)
+    short = os.fsencode(plain)[:_LONGEST_STEM].decode("utf-8", "ignore")
+    hashed = f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
+    return f"input-{hashed}" if fault_of_name(hashed) else hashed  # CON.1-12345678 is a device
 
 
 def _bytes(name: str) -> bytes:
-    path = name if "://" in name or name.startswith("camera:") else str(Path(name).resolve())
+    path = name if "://" in name or name.startswith("camera:") else _resolved(name)
     return path.encode("utf-8", "surrogateescape")
+
+
+def _resolved(name: str) -> str:
+    """Return the path behind all links; unlike `Path.resolve`, it bears a link to itself."""
+    return os.path.realpath(name)
 
 
 def _stem(name: str) -> str:
     if "://" in name or name.startswith("camera:"):
         return re.sub(r"[^A-Za-z0-9.]+", "-", name.partition("?")[0]).strip("-.")
-    path = Path(name).resolve() if Path(name).is_dir() else Path(name)
-    if path.is_dir():
+    path = Path(_resolved(name)) if is_folder(Path(name)) else Path(name)
+    if is_folder(path):
         return path.name or "root"
     # "frames_%04d.png" gives "frames".
     without_number = re.sub(r"[_\-. ]*%0?\d*d", "", path.stem)
-    return without_number or path.resolve().parent.name or "input"
+    return without_number or Path(_resolved(name)).parent.name or "input"

@@ -1,21 +1,19 @@
-"""From a decoded picture to luminance at the working size."""
+"""From a plane of luma to luminance at the working size."""
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
-from oppload_cli.native.library import address, compiled, library, rows_of
-from oppload_cli.video.working import Resizing
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.video.frames import Picture
-    from oppload_cli.video.working import WorkingSize
+    from oppload_cli.video.frames import Picture, WorkingSize
+    from oppload_cli.video.planes import Resizing
+
 
 TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
 
@@ -35,36 +33,34 @@ class Luminance:
     """
 
     def __init__(self, size: WorkingSize, rotation: int) -> None:
+        self._coded = size.coded(rotation)
         self._turn = TURNS.get(rotation)
-        self._resizing = Resizing(size, rotation)
+        self._resizing: Resizing | None = None
 
     def __call__(self, picture: Picture) -> NDArray[np.float32]:
-        """Return the luminance of a picture.
-
-        Parameters
-        ----------
-        picture : Picture
-            A decoded picture of any size.
+        """Return the luminance of a picture of any size.
 
         Returns
         -------
         ndarray of float32, shape (height, width)
             0 to 1: ``(Y - 16) / 219`` of a limited range, ``Y / 255`` of a full one.
         """
-        plane = self._resizing(picture.plane)
+        plane = self._resized(picture.plane)
         if self._turn is not None:
             plane = np.asarray(cv2.rotate(plane, self._turn), plane.dtype)
         table = luminance_table(picture.bits, picture.full_range)
         if plane.dtype != np.uint8:
             return np.asarray(table[plane], np.float32)
-        if not library():
-            return np.asarray(cv2.LUT(plane, table), np.float32)
-        if plane.strides[1] != 1:
-            plane = np.ascontiguousarray(plane)
-        luminance = np.empty(plane.shape, np.float32)
-        black, white = (0, 255) if picture.full_range else (16, 235)
-        compiled().luminance(*rows_of(plane), *plane.shape, black, white, address(luminance))
-        return luminance
+        return np.asarray(cv2.LUT(plane, table), np.float32)
+
+    def _resized(self, plane: NDArray[Any]) -> NDArray[Any]:
+        if plane.shape[::-1] == self._coded:
+            return plane
+        if self._resizing is None:
+            from oppload_cli.video.planes import Resizing
+
+            self._resizing = Resizing(*self._coded)
+        return self._resizing(plane)
 
 
 @lru_cache(maxsize=16)

@@ -1,66 +1,341 @@
-"""Begins to open and decode an input while the models are still to be loaded."""
+"""Opening and decoding a video beside the process that loads and runs the detectors.
+
+Python runs one thread of a process at a time. With a process of its own for the decoder
+neither waits for the other, both load their libraries at once, and a decoder that crashes
+ends the video, not the run. The pictures pass through shared memory at the working size.
+Where no process can be forked, and for inputs other than files, a thread does the same.
+
+The process is forked before NumPy is loaded, so this module imports no large library at its top.
+"""
 
 from __future__ import annotations
 
-import os.path
-from typing import TYPE_CHECKING
+import mmap
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from contextlib import ExitStack, suppress
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from oppload_cli.errors import OpploadError, SourceError
+from oppload_cli.processes import cores, signals
+from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
+from oppload_cli.processes.threads import Call
+from oppload_cli.video.frames import DecodeFacts, Picture, working_size
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
-from oppload_cli.video.prefetch import Call
 from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from fractions import Fraction
+    from multiprocessing.connection import Connection
 
-    from oppload_cli.video.apart import DecodingProcess
+    from oppload_cli.video.frames import InputFacts, PictureSource, WorkingSize
     from oppload_cli.video.source import Video
 
 
-def begin_opening(
-    name: str,
-    *,
-    height: int | None,
-    span: Span,
-    image_rate: Fraction,
-    threads: int,
-    colour: bool,
-    apart: DecodingProcess | None = None,
-) -> Call[Video]:
-    """Begin to open and decode an input, for a caller that has something else to do meanwhile.
+CRASHES = {"SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV"}
+WIDEST_SAMPLE = 2  # bytes
+# While the other process loads the detectors the decoder runs far ahead.
+MOST_SLOTS, LEAST_SLOTS = 64, 3
+SHARED_BYTES = 1 << 24  # more only for the fewest slots
+
+
+class Opening:
+    """An input that is being opened and decoded while its caller does something else.
 
     Parameters
     ----------
     name, height, span, image_rate, threads, colour
         As for :func:`oppload_cli.open_video`.
-    apart : DecodingProcess, optional
-        Decodes a video file; it is closed where it is of no use.
-
-    Returns
-    -------
-    Call
-        Its result is the video, or an error of :func:`oppload_cli.open_video`.
+    own_process : bool
+        Whether a process of its own may decode: a video file, without colour, on Linux
+        with two cores or more. Else a thread does.
     """
-    if apart is not None:
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        height: int | None,
+        span: Span,
+        image_rate: Fraction,
+        threads: int = 0,
+        colour: bool = False,
+        own_process: bool = False,
+    ) -> None:
+        self.height, self._span, self._colour = height, span, colour
+        self._video: Video | None = None
+        self._process: _DecodingProcess | None = None
         # Pictures in colour are too large to be passed on.
-        if _is_video_file(name) and not colour:
-            apart.begin(name, height, span, threads)
+        if own_process and not colour and is_video_file(name) and cores() > 1 and _can_fork():
+            # Not every C library has such memory, and a limit of files, processes or sizes
+            # may refuse it.
+            with suppress(OSError, AttributeError):
+                self._process = _DecodingProcess(_Order(name, height, span, threads))
+        if self._process is None:
+
+            def source() -> PictureSource:
+                from oppload_cli.video.source import source_of
+
+                return source_of(name, image_rate, threads)
+
+            self._call = Call(source)
+
+    def result(self) -> Video:
+        """Wait until the input is open; return it, or raise an error of `open_video`."""
+        from oppload_cli.video.source import Video
+
+        if self._process is not None:
+            self._video = Video(self._process.opened(), self.height, Span(), ahead=False)
         else:
-            apart.close()
-            apart = None
+            self._video = Video(self._call.result(), self.height, self._span, colour=self._colour)
+            self._video.begin()
+        return self._video
 
-    def open_it() -> Video:
-        # Not before: a process that decodes apart shall begin, and both load at once.
-        from oppload_cli.video.source import Video, source_of  # noqa: PLC0415
-
-        if apart is not None:
-            return Video(apart.opened(), height, Span(), ahead=False)
-        video = Video(source_of(name, image_rate, threads), height, span, colour=colour)
-        video.begin()
-        return video
-
-    return Call(open_it)
+    def close(self) -> None:
+        """Stop decoding, and close the video; may be called twice."""
+        if self._video is not None:
+            self._video.close()
+        elif self._process is not None:
+            self._process.close()
 
 
-def _is_video_file(name: str) -> bool:
-    """Tell whether a name is that of a single file, and no image; any name will do."""
-    return os.path.isfile(name) and os.path.splitext(name)[1].lower() not in IMAGE_SUFFIXES  # noqa: PTH113, PTH122
+def is_video_file(name: str) -> bool:
+    """Tell whether a name is that of a single file, and no image; any text is allowed."""
+    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - also for what is no path
+    return os.path.isfile(name) and suffix not in IMAGE_SUFFIXES  # noqa: PTH113 - raises no error
+
+
+def _can_fork() -> bool:
+    """Tell whether this process can be forked: a copy of a process with threads may hang.
+
+    Only Linux counts the threads of libraries too. Where a standard stream is closed, a
+    pipe would get its number, and with it the messages of libraries. A limit of the size of
+    files holds for the shared memory too.
+    """
+    if sys.platform != "linux" or None in (sys.stdin, sys.stdout, sys.stderr):
+        return False
+    import resource  # Windows has none
+
+    if resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY:
+        return False
+    try:
+        return len(os.listdir("/proc/self/task")) == 1  # noqa: PTH208 - a count of names
+    except OSError:
+        return False
+
+
+class _Order(NamedTuple):
+    """The part of a file to decode, and how."""
+
+    name: str
+    height: int | None  # None keeps the native size
+    span: Span
+    threads: int
+
+
+class _Opened(NamedTuple):
+    """The first message of the decoding process."""
+
+    facts: InputFacts
+    working: WorkingSize
+    decode: DecodeFacts
+
+
+class _Shared(NamedTuple):
+    """A picture whose samples are in the shared memory."""
+
+    number: int
+    time_s: float
+    bits: int
+    full_range: bool
+    shape: tuple[int, int]
+    dtype: str
+
+
+class _DecodingProcess:
+    """A process that decodes one video file, as a source of pictures at the working size.
+
+    Raises
+    ------
+    OSError
+        If the system gives no process or memory.
+    """
+
+    def __init__(self, order: _Order) -> None:
+        self.decode = DecodeFacts()
+        self.stopping = False
+        self.facts: InputFacts
+        self._slots: _Slots
+        self._name = order.name
+        self._reading = threading.Lock()
+        context = multiprocessing.get_context("fork")
+        with ExitStack() as undone:
+            self._memory = os.memfd_create("oppload-pictures")
+            undone.callback(os.close, self._memory)
+            self._connection, theirs = context.Pipe()
+            undone.callback(self._connection.close)
+            with theirs:  # closed here, so that the end of the process closes the pipe
+                arguments = (theirs, self._connection, self._memory, order)
+                self._process = context.Process(target=_decode, args=arguments, daemon=True)
+                self._process.start()
+            undone.pop_all()
+
+    def opened(self) -> _DecodingProcess:
+        """Wait until the file is open and return this source, whose facts are known now.
+
+        Raises
+        ------
+        SourceError
+            If the file cannot be opened, or no frame can be decoded.
+        ParameterError
+            If the working size is too large.
+        KeyboardInterrupt
+            If a signal has asked the program to stop.
+        """
+        try:
+            while not self._connection.poll(POLL_S):
+                stop_if_asked()
+            opened = self._received()
+        except EOFError:
+            how = self._ending()
+            self.close()
+            raise SourceError(
+                f"{self._name}: its decoder was ended ({how}) before the first frame; "
+                f"check the memory, or convert the file"
+            ) from None
+        except BaseException:
+            self.close()
+            raise
+        self.facts, self.decode = opened.facts, opened.decode
+        self._slots = _Slots(self._memory, opened.working)
+        return self
+
+    def pictures(self) -> Iterator[Picture]:
+        """Yield the pictures; the plane of each is a view that is valid until the next.
+
+        Raises
+        ------
+        SourceError
+            If the process is ended from outside. A crash of the decoder ends the
+            pictures, and counts as a failure.
+        """
+        import numpy as np
+
+        decoded = ordinal = 0
+        try:
+            while isinstance(shared := self._received(), _Shared):
+                samples = np.frombuffer(self._slots.of(ordinal), shared.dtype)
+                plane = samples[: shared.shape[0] * shared.shape[1]].reshape(shared.shape)
+                decoded, ordinal = shared.number + 1, ordinal + 1
+                yield Picture(shared.number, shared.time_s, plane, shared.bits, shared.full_range)
+                self._give_back()
+            self.decode = shared
+        except EOFError:
+            how = self._ending()
+            stop_if_asked()  # SIGTERM may go to all processes of a group
+            if how not in CRASHES:
+                raise SourceError(
+                    f"{self._name}: its decoder was ended ({how}) after frame {decoded - 1}; "
+                    f"check the memory, and run it again"
+                ) from None
+            self.decode = replace(self.decode, decoded=decoded)
+            self.decode.failed(f"the decoder crashed ({how}) after frame {decoded - 1}")
+
+    def finish(self) -> None:
+        """Do nothing: the process compares the decoded frames with the declared ones."""
+
+    def close(self) -> None:
+        """End the process and give back the memory; may be called twice."""
+        self._process.kill()
+        self._process.join()
+        with self._reading:  # a thread that waits for a message gets the end of the file now
+            self._connection.close()
+        if self._memory >= 0:
+            os.close(self._memory)
+            self._memory = -1
+
+    def _received(self) -> Any:
+        """Return the next message, or raise it if it is an error."""
+        with self._reading:
+            if self._connection.closed:
+                raise EOFError
+            try:
+                message = self._connection.recv()
+            except ConnectionResetError:
+                raise EOFError from None
+        if isinstance(message, BaseException):
+            raise message
+        return message
+
+    def _give_back(self) -> None:
+        """Tell the process that the last picture is out of use."""
+        with self._reading:  # closed meanwhile, its number might be that of another file
+            if not self._connection.closed:
+                with suppress(OSError):  # the process has died: the next message says so
+                    self._connection.send_bytes(b"used")
+
+    def _ending(self) -> str:
+        self._process.join()
+        return ending(self._process.exitcode)
+
+
+class _Slots:
+    """Places for pictures in memory that two processes share, used in turn."""
+
+    def __init__(self, memory: int, working: WorkingSize) -> None:
+        page = mmap.ALLOCATIONGRANULARITY
+        self._size = -(-WIDEST_SAMPLE * working.width * working.height // page) * page
+        self.count = max(LEAST_SLOTS, min(MOST_SLOTS, SHARED_BYTES // self._size))
+        os.ftruncate(memory, self.count * self._size)
+        self._memory = memoryview(mmap.mmap(memory, self.count * self._size))
+
+    def of(self, ordinal: int) -> memoryview:
+        """Return the place of a picture; the picture that had it before must be out of use."""
+        first = ordinal % self.count * self._size
+        return self._memory[first : first + self._size]
+
+
+def _decode(theirs: Connection, ours: Connection, memory: int, order: _Order) -> None:
+    """Decode and send everything, or an error: runs in the process."""
+    ours.close()  # so that the end of the other process closes the pipe
+    signals.ignore("SIGINT", "SIGHUP")  # these go to all of a terminal; the other process decides
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    try:
+        _send_pictures(theirs, memory, order)
+    except BaseException as error:
+        import traceback
+
+        story = "".join(traceback.format_exception(error))
+        if not isinstance(error, OpploadError):  # some errors cannot be sent
+            error = RuntimeError(f"{type(error).__name__}: {error}")
+        error.add_note(story)
+        with suppress(OSError):  # the other process has ended
+            theirs.send(error)
+
+
+def _send_pictures(connection: Connection, memory: int, order: _Order) -> None:
+    from oppload_cli.video.container import ContainerSource
+    from oppload_cli.video.planes import Resizing
+
+    source = ContainerSource(order.name, order.threads)
+    source.decode.own_process = True
+    working = working_size(source.facts, order.height)
+    connection.send(_Opened(source.facts, working, source.decode))
+    resizing = Resizing(*working.coded(source.facts.rotation))
+    slots = _Slots(memory, working)
+    in_use = 0
+    for ordinal, picture in enumerate(order.span.within(source)):
+        plane = resizing(picture.plane)
+        while in_use == slots.count:
+            connection.recv_bytes()
+            in_use -= 1
+        slots.of(ordinal)[: plane.nbytes] = plane.tobytes()
+        facts = (picture.index, picture.time_s, picture.bits, picture.full_range)
+        connection.send(_Shared(*facts, plane.shape, plane.dtype.str))
+        in_use += 1
+    connection.send(source.decode)

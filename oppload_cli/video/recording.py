@@ -1,4 +1,4 @@
-"""H.264 in colour, with any presentation times: what a browser plays."""
+"""H.264 in colour, with any presentation times, as browsers play it."""
 
 from __future__ import annotations
 
@@ -11,42 +11,90 @@ import av
 from av.video.reformatter import VideoReformatter
 
 from oppload_cli.errors import OutputError
-from oppload_cli.video.sink import Sink
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
+    from collections.abc import Iterator, Mapping
+    from io import FileIO
 
     import numpy as np
     from numpy.typing import NDArray
 
+    from oppload_cli.files.atomic import PartFile
+
+
+class Sink:
+    """A file that keeps an error to itself until `check` or `close`.
+
+    The encoder's library calls it from C, where an exception cannot pass: a full disk
+    would be printed as a stack of tracebacks.
+
+    Parameters
+    ----------
+    file : FileIO
+        The file; it stays open.
+    """
+
+    def __init__(self, file: FileIO) -> None:
+        # The library reads the file back by this name; "a:b" alone would be an address.
+        self.name = f"file:{file.name}"
+        self._file = file
+        self._problem: OSError | None = None
+
+    def write(self, data: bytes) -> int:
+        """Write the data, unless an error has happened before."""
+        if self._problem is None:
+            try:
+                rest = memoryview(data)
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except OSError as problem:
+                self._problem = problem
+        return len(data)
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Go to a position; return it."""
+        if self._problem is None:
+            try:
+                return self._file.seek(offset, whence)
+            except OSError as problem:
+                self._problem = problem
+        return 0
+
+    def tell(self) -> int:
+        """Return the position."""
+        return self._file.tell() if self._problem is None else 0
+
+    def fail(self, problem: OSError) -> None:
+        """Write nothing more."""
+        self._problem = self._problem or problem
+
+    def check(self) -> None:
+        """Raise the error, if one has happened."""
+        if self._problem is not None:
+            raise self._problem
+
+
 TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
 MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
-CLOCK_BACK_S, CLOCK_ON_S = 1.0, 900.0  # from here on a source's clock was set anew
+CLOCK_BACK_S, CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
 USUAL_RATE = Fraction(30)  # frames/s where the source states none
 BT709, LIMITED = 1, 1  # AVCOL_*_BT709, AVCOL_RANGE_MPEG
+# By itself x264 chooses algorithms by the processor, some of which only approximate.
+ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
 EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
-# Two threads whatever the machine: another number gives other bytes.
+# Two threads on every machine: another number gives other bytes.
 THREADS = 2
 # No frame is predicted from a later one: then decoding order is that of the times.
-CODEC = {"preset": "superfast", "crf": "22", "bf": "0"}
+CODEC = {"preset": "superfast", "crf": "22", "bf": "0", **ON_ANY_PROCESSOR}
 # No dates and no random identifiers; the index first, so that it plays while it loads.
 CONTAINER = {"fflags": "+bitexact", "movflags": "+faststart"}
 
 
-def ticks_hz(rate: Fraction | None) -> int:
-    """Return the ticks per second in which frame times are written.
+def _ticks_hz(rate: Fraction | None) -> int:
+    """Return the ticks per second of the frame times of a source.
 
-    Parameters
-    ----------
-    rate : Fraction or None
-        Frames per second of the source.
-
-    Returns
-    -------
-    int
-        A multiple of 90000 that holds the times of this rate exactly, up to 10^6;
-        else 90000.
+    It is a multiple of 90000 that holds the times of its frame rate exactly, if one up
+    to 10^6 exists, else 90000.
     """
     exact = math.lcm(TICKS_HZ, rate.numerator) if rate else TICKS_HZ
     return exact if exact <= MOST_TICKS_HZ else TICKS_HZ
@@ -57,12 +105,14 @@ class Recording:
 
     Parameters
     ----------
-    part : Path
-        What to write.
+    part : PartFile
+        The file.
     width, height : int
         Of every frame, in pixels; both even.
     rate : Fraction or None
-        Frames per second of the source, as far as it is known.
+        Frames per second of the source, if known.
+    codec : mapping of str to str
+        Options of the encoder; without ``bf: 0`` frames would not be in the order of the file.
 
     Raises
     ------
@@ -70,46 +120,77 @@ class Recording:
         If the file cannot be written; also by the other methods.
     OutputError
         If this installation has no H.264 encoder.
-
-    Attributes
-    ----------
-    frames : int
-        How many are written.
     """
 
-    def __init__(self, part: Path, width: int, height: int, rate: Fraction | None) -> None:
-        self._hz = ticks_hz(rate)
+    def __init__(
+        self,
+        part: PartFile,
+        width: int,
+        height: int,
+        rate: Fraction | None,
+        codec: Mapping[str, str] = CODEC,
+    ) -> None:
+        self._hz = _ticks_hz(rate)
         self._tick = Fraction(1, self._hz)
         self._frame_s = float(1 / (rate or USUAL_RATE))
         self.frames = 0
         self._origin_s = 0.0
         self._last = -1
         self._converter = VideoReformatter()
-        self._sink = Sink(part)
+        self._sink = Sink(part.raw)
         try:
             self._container: Any = av.open(self._sink, "w", format="mp4", options=CONTAINER)
-            self._stream = self._added(width, height, rate or USUAL_RATE)
+            self._stream = self._added(width, height, rate or USUAL_RATE, codec)
         except BaseException as error:
             self._sink.fail(OSError("abandoned"))
             if isinstance(error, av.codec.codec.UnknownCodecError):
                 raise OutputError(
-                    f"{part}: this PyAV has no H.264 encoder; install the wheel of PyPI"
+                    f"{part.path}: this PyAV has no H.264 encoder; install the wheel of PyPI"
                 ) from error
             raise
 
-    def write(self, picture: NDArray[np.uint8], time_s: float) -> None:
+    def write(self, picture: NDArray[np.uint8] | av.VideoFrame, time_s: float) -> float:
         """Write the next frame.
 
         Parameters
         ----------
         picture : ndarray of uint8, shape (height, width, 3)
-            Blue, green and red.
+            Blue, green and red; or a frame in the file's own format, from
+            :meth:`oppload_cli.video.colour.Colour.planes`.
         time_s : float
             Its presentation time in seconds; the first one's becomes 0. One that is
             not later than the one before is put right after it; where the clock jumps
             (back by a second, or on by a quarter of an hour) it goes on a frame later.
+
+        Returns
+        -------
+        float
+            Its presentation time in the file, in seconds.
         """
-        frame = self._converter.reformat(
+        frame = picture if isinstance(picture, av.VideoFrame) else self._converted(picture)
+        frame.pts, frame.time_base = self._ticks(time_s), self._tick
+        with self._errors():
+            self._container.mux(self._stream.encode(frame))
+        self.frames += 1
+        return self._last / self._hz
+
+    def finish(self) -> None:
+        """Write the frames that the encoder still holds, and the index."""
+        with self._errors():
+            if self.frames:
+                self._container.mux(self._stream.encode())
+            self._container.close()
+        self._sink.check()
+
+    def abandon(self) -> None:
+        """Stop writing; the file cannot be played."""
+        self._sink.fail(OSError("abandoned"))
+        # The sink raises its error once more, and the library passes it on.
+        with suppress(OSError, av.error.FFmpegError):
+            self._container.close()
+
+    def _converted(self, picture: NDArray[np.uint8]) -> av.VideoFrame:
+        return self._converter.reformat(
             av.VideoFrame.from_ndarray(picture, "bgr24"),
             format="yuv420p",
             dst_colorspace=BT709,
@@ -117,31 +198,10 @@ class Recording:
             interpolation=EXACTLY,
             threads=1,
         )
-        frame.pts, frame.time_base = self._ticks(time_s), self._tick
-        with self._errors():
-            self._container.mux(self._stream.encode(frame))
-        self.frames += 1
-
-    def finish(self) -> None:
-        """Write what the encoder still holds, and the index."""
-        with self._errors():
-            if self.frames:
-                self._container.mux(self._stream.encode())
-            self._container.close()
-        self._sink.close()
-
-    def abandon(self) -> None:
-        """Close the file as it is; it cannot be played."""
-        self._sink.fail(OSError("abandoned"))
-        # The sink tells that once more, and the library passes it on.
-        with suppress(OSError, av.error.FFmpegError):
-            self._container.close()
-        with suppress(OSError):
-            self._sink.close()
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        """Raise what the disk said, or else what the library says, as an OSError."""
+        """Raise the error of the disk, or else that of the library, as an OSError."""
         try:
             yield
         except av.error.FFmpegError as error:
@@ -158,8 +218,8 @@ class Recording:
         self._last = max(self._last + 1, round((time_s - self._origin_s) * self._hz))
         return self._last
 
-    def _added(self, width: int, height: int, rate: Fraction) -> Any:
-        stream: Any = self._container.add_stream("libx264", rate=rate, options=CODEC)
+    def _added(self, width: int, height: int, rate: Fraction, codec: Mapping[str, str]) -> Any:
+        stream: Any = self._container.add_stream("libx264", rate=rate, options=dict(codec))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         context = stream.codec_context
         stream.time_base = context.time_base = self._tick

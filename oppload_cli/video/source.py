@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from oppload_cli.errors import SourceError
-from oppload_cli.video.frames import Frame
-from oppload_cli.video.images import NUMBER, ImageSource
-from oppload_cli.video.inputs import IMAGE_SUFFIXES
+from oppload_cli.processes.threads import Call, Prefetch
+from oppload_cli.video.frames import LEAST_AHEAD, Frame, frames_ahead, working_size
+from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
 from oppload_cli.video.luminance import Luminance
-from oppload_cli.video.prefetch import LEAST_AHEAD, Call, Prefetch, frames_ahead
 from oppload_cli.video.span import Span
-from oppload_cli.video.working import working_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.video.colour import Colour
     from oppload_cli.video.frames import DecodeFacts, InputFacts, PictureSource
+
 
 DEFAULT_HEIGHT = 240
 DEFAULT_IMAGE_RATE = Fraction(30)
@@ -35,7 +34,7 @@ class Video:
     Parameters
     ----------
     source : PictureSource
-        Where the pictures come from.
+        The open input.
     height : int or None
         Working height in pixels; None keeps the native size.
     span : Span
@@ -44,6 +43,18 @@ class Video:
         Whether the frames carry their picture in colour.
     ahead : bool
         Whether a thread asks for pictures ahead of the caller.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import oppload_cli as oppload
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     protocol = oppload.stimulus.load("controls/looming-perspective")
+    ...     path = oppload.stimulus.write(protocol, pathlib.Path(folder)).video
+    ...     with oppload.open_video(path) as video:
+    ...         count = sum(1 for frame in video)
+    >>> count, video.decode.complete
+    (102, True)
     """
 
     def __init__(
@@ -68,18 +79,18 @@ class Video:
         self._luminance = Luminance(self.working, source.facts.rotation)
         self._colour: Colour | None = None
         if colour:
-            from oppload_cli.video.colour import Colour  # noqa: PLC0415 - only where needed
+            from oppload_cli.video.colour import Colour
 
             self._colour = Colour(source.facts)
 
     @property
     def facts(self) -> InputFacts:
-        """What the input declares about itself."""
+        """The facts that the input declares about itself."""
         return self._source.facts
 
     @property
     def decode(self) -> DecodeFacts:
-        """What came of decoding; final once the iteration has ended."""
+        """The result of decoding; final once the iteration has ended."""
         return self._source.decode
 
     def __enter__(self) -> Self:
@@ -97,13 +108,7 @@ class Video:
         return self.begin()
 
     def begin(self) -> Iterator[Frame]:
-        """Begin to decode, where it can be ahead of the iteration; may be called twice.
-
-        Returns
-        -------
-        iterator of Frame
-            The one and only.
-        """
+        """Begin to decode ahead of the caller; return the only iterator of frames."""
         if self._iterator is None:
             self._iterator = self._frames()
             if self._ahead:
@@ -115,7 +120,7 @@ class Video:
     def close(self) -> None:
         """Stop decoding, join its thread and close the input; may be called twice."""
         self._source.stopping = True
-        # What a thread still works with, held up by a device or a network, is not closed.
+        # A source that a thread still uses, as it waits for a device or a network, stays open.
         if self._prefetch is None or self._prefetch.close():
             self._source.close()
 
@@ -153,33 +158,28 @@ def open_video(
     colour : bool
         Whether the frames carry their picture in colour too.
 
-    Returns
-    -------
-    Video
-
     Raises
     ------
     SourceError
         If nothing can be read from it.
     ParameterError
         If the working size is too large.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.open_video("missing.mp4")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    oppload_cli.errors.SourceError: missing.mp4: ...
     """
-    # In a thread: what blocks in a library would not answer Ctrl-C.
+    # In a thread: a call that blocks in a library would not answer Ctrl-C.
     source = Call(lambda: source_of(str(name), image_rate, threads)).result()
     return Video(source, height, span or Span(), colour=colour)
 
 
 def source_of(name: str, image_rate: Fraction, threads: int) -> PictureSource:
-    """Return the source of an input's pictures.
-
-    Parameters
-    ----------
-    name, image_rate, threads
-        As for :func:`open_video`.
-
-    Returns
-    -------
-    PictureSource
+    """Return the source of an input's pictures, with the arguments of :func:`open_video`.
 
     Raises
     ------
@@ -187,18 +187,20 @@ def source_of(name: str, image_rate: Fraction, threads: int) -> PictureSource:
         If nothing can be read from it.
     """
     if name.startswith("camera:"):
-        from oppload_cli.video.camera import CameraSource  # noqa: PLC0415 - only where needed
+        from oppload_cli.video.images import CameraSource
 
         return CameraSource(name)
     path = Path(name)
     with suppress(OSError):  # a name may be too long, or may not be looked up
         if path.is_dir() or (NUMBER.search(path.name) and not path.exists()):
+            from oppload_cli.video.images import ImageSource
+
             return ImageSource(name, image_rate)
         if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
             raise SourceError(
                 f"{name}: a single image shows no motion; give its folder, or a pattern such as "
-                f"frame_%03d{path.suffix}"
+                f"frame_%03d{path.suffix}, and convert an animation or a stack to a video"
             )
-    from oppload_cli.video.container import ContainerSource  # noqa: PLC0415
+    from oppload_cli.video.container import ContainerSource
 
     return ContainerSource(name, threads)

@@ -14,46 +14,32 @@ if TYPE_CHECKING:
 
     from oppload_cli.video.frames import Picture, PictureSource
 
-CLOCK = re.compile(r"(?:(\d+):)?(\d{1,2}):(\d{1,2}(?:\.\d+)?)")
+
+CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
 
 
 @dataclass(frozen=True)
 class Position:
-    """A place in an input: a frame ordinal or a presentation time, never both."""
+    """A position in an input: a frame ordinal or a presentation time, never both.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.Position(frame=30).seconds is None
+    True
+    """
 
     frame: int | None = None
     seconds: float | None = None
 
     def reached(self, frame: int, seconds: float) -> bool:
-        """Tell whether a frame lies at or after this place.
-
-        Parameters
-        ----------
-        frame : int
-            The frame's decode ordinal, from 0.
-        seconds : float
-            Its presentation time minus that of frame 0.
-
-        Returns
-        -------
-        bool
-        """
+        """Tell whether a frame, given by its ordinal and time, lies at or after this position."""
         if self.frame is not None:
             return frame >= self.frame
         return self.seconds is not None and seconds >= self.seconds - 1e-9
 
     def after(self, frame: int, seconds: float) -> Position:
-        """Return the place that lies this far after a frame.
-
-        Parameters
-        ----------
-        frame, seconds
-            Where it is counted from.
-
-        Returns
-        -------
-        Position
-        """
+        """Return the position that lies this far after a frame."""
         if self.frame is not None:
             return Position(frame=frame + self.frame)
         return Position(seconds=seconds + (self.seconds or 0.0))
@@ -67,6 +53,13 @@ class Span:
     ------
     ParameterError
         If both an end and a duration are given.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> second = oppload.Span(oppload.Position(seconds=1), duration=oppload.Position(seconds=1))
+    >>> second.start.seconds
+    1
     """
 
     start: Position | None = None
@@ -83,29 +76,25 @@ class Span:
         return self.end is None and self.duration is None
 
     def within(self, source: PictureSource) -> Iterator[Picture]:
-        """Yield the pictures in this part. There is no seeking: what comes before is decoded.
+        """Yield the pictures in this part; those before it are decoded and dropped.
 
         Parameters
         ----------
         source : PictureSource
-            Told to finish if this part goes to its own end.
-
-        Yields
-        ------
-        Picture
+            Its `finish` is called if this part reaches its end.
         """
         started, end = self.start is None, self.end
         for picture in source.pictures():
             if source.stopping:
                 return
-            place = (picture.index, picture.time_s)
+            position = (picture.index, picture.time_s)
             if not started:
-                if self.start is not None and not self.start.reached(*place):
+                if self.start is not None and not self.start.reached(*position):
                     continue
                 started = True
             if end is None and self.duration is not None:
-                end = self.duration.after(*place)
-            if end is not None and end.reached(*place):
+                end = self.duration.after(*position)
+            if end is not None and end.reached(*position):
                 return
             yield picture
         source.finish()
@@ -114,21 +103,12 @@ class Span:
 def parse_position(text: str) -> Position:
     """Read a position: bare numbers are seconds, ``f300`` a frame, ``00:01:02.5`` a clock.
 
-    Parameters
-    ----------
-    text : str
-        As written by the user.
-
-    Returns
-    -------
-    Position
-
     Raises
     ------
     ParameterError
-        If it is none of the three.
+        If the text is none of the three.
     """
-    if re.fullmatch(r"f\d+", text):
+    if re.fullmatch(r"f[0-9]{1,18}", text):
         return Position(frame=int(text[1:]))
     clock = CLOCK.fullmatch(text)
     if clock:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
+from oppload_cli.detection.places import Detection
+from oppload_cli.models.detector import Box
 from oppload_cli.models.dlgmd import DlgmdResponse
-from oppload_cli.models.opplod import Box, OpplodResponse
-from oppload_cli.results.record import Detection, FrameRecord
+from oppload_cli.models.opplod import OpplodResponse
+from oppload_cli.results.record import FrameRecord
 from oppload_cli.video.frames import InputFacts
 
 
@@ -18,20 +20,20 @@ def record(
     detections: tuple[Detection, ...] = (),
     *,
     rate: float = 30,
-    repeat: bool = False,
+    repeat: str = "",
 ) -> FrameRecord:
     """A frame whose responses are `ratios` times their thresholds."""
     ratios = {"opplod": 0.1, "dlgmd": 0.1} if ratios is None else ratios
     thresholds = {"opplod": 4.0, "dlgmd": 0.5}
     responses: dict[str, Any] = {}
     for name, ratio in ratios.items():
-        value = None if ratio is None else ratio * thresholds[name]
+        value = None if ratio is None else ratio * thresholds.get(name, 1.0)
         if value is None:
             responses[name] = None
         elif name == "opplod":
-            responses[name] = OpplodResponse(response=value, opponency=value, box=None)
+            responses[name] = OpplodResponse(value, opponency=value)
         else:
-            responses[name] = DlgmdResponse(value, 0.1)
+            responses[name] = DlgmdResponse(value, s=0.1)
     return FrameRecord(
         frame,
         frame / rate,
@@ -39,17 +41,17 @@ def record(
         responses,
         dict.fromkeys(ratios, False) | (alarms or {}),
         repeat=repeat,
-        thresholds={name: thresholds[name] for name in ratios},
+        thresholds={name: thresholds.get(name, 1.0) for name in ratios},
         detections=detections,
     )
 
 
 def detection(
-    box: tuple[float, float, float, float], *, alarm: bool = False, left: float | None = None
+    box: tuple[float, float, float, float], *, alarm: bool = False, seconds: float | None = None
 ) -> Detection:
     """An object whose expansion is in the middle of its box."""
     x, y, width, height = box
-    return Detection(3, Box(*box), x + width / 2, y + height / 2, 0.25, alarm, left)
+    return Detection(3, Box(*box), x + width / 2, y + height / 2, 0.25, alarm, seconds)
 
 
 def facts(width: int, height: int, frames: int | None = None) -> InputFacts:

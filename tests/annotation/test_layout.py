@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from oppload_cli.annotation.layout import enlargement, layout_of
+from oppload_cli.annotation.layout import layout_of
 from tests.annotation.records import facts
 
 
@@ -16,9 +16,11 @@ from tests.annotation.records import facts
         (1080, 1920, (1080, 1920)),
         (5000, 10, (1920, 4)),
         (2, 2, (400, 400)),
+        (1000, 10, (1000, 10)),
+        (600, 100, (1800, 300)),
     ],
 )
-def test_the_picture_keeps_its_size_or_is_enlarged_by_a_whole_number(
+def test_the_picture_keeps_its_size_or_is_enlarged_by_an_integer(
     width: int, height: int, picture: tuple[int, int]
 ) -> None:
     layout = layout_of(facts(width, height))
@@ -26,7 +28,7 @@ def test_the_picture_keeps_its_size_or_is_enlarged_by_a_whole_number(
     assert (layout.scale_x, layout.scale_y) == (picture[0] / width, picture[1] / height)
     assert layout.width % 2 == layout.height % 2 == 0
     assert layout.text >= 16
-    # Nothing lies over another, or beyond the frame.
+    # No part overlaps another or reaches beyond the frame.
     assert layout.header.y == layout.picture.height
     assert layout.plot.y == layout.header.y + layout.header.height
     assert layout.plot.y + layout.plot.height <= layout.height
@@ -38,8 +40,3 @@ def test_the_picture_keeps_its_size_or_is_enlarged_by_a_whole_number(
 def test_text_grows_with_the_picture() -> None:
     assert layout_of(facts(1920, 1080)).text == 34
     assert layout_of(facts(1920, 1080)).line == 4
-
-
-def test_no_side_is_enlarged_beyond_the_limit() -> None:
-    assert enlargement(1000, 10) == 1
-    assert enlargement(600, 100) == 3

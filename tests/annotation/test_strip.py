@@ -1,22 +1,31 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.history import History
-from oppload_cli.annotation.layout import layout_of
-from oppload_cli.annotation.strip import column_of, draw_ground, draw_strip, level_row
-from oppload_cli.palette import COLOURS, bgr
+from oppload_cli.annotation.layout import layout_of, paint_of
+from oppload_cli.annotation.strip import (
+    History,
+    Point,
+    column_of,
+    draw_ground,
+    draw_strip,
+    level_row,
+    tick_step,
+)
+from oppload_cli.models.registry import detectors
 from tests.annotation.records import facts, record
 
 if TYPE_CHECKING:
     from oppload_cli.results.record import FrameRecord
 
 LAYOUT = layout_of(facts(1280, 720))
-OPPLOD, DLGMD = bgr(COLOURS["opplod"]), bgr(COLOURS["dlgmd"])
-WHITE = (255, 255, 255)
+BOTH = ("opplod", "dlgmd")
+OPPLOD, DLGMD = (paint_of(name) for name in BOTH)
+DARK, SHADED, WHITE = (34,) * 3, (236,) * 3, (255,) * 3
 
 
 def drawn(records: list[FrameRecord]) -> tuple[np.ndarray, History]:
@@ -60,9 +69,16 @@ def test_the_curves_pass_through_their_values() -> None:
         assert near(plot[round(level_row(ratios[frame], LAYOUT)), column], OPPLOD, 12)
         assert near(plot[round(level_row(0.3, LAYOUT)), column], DLGMD, 12) or frame == 10
     assert column_of(5, LAYOUT, history) == LAYOUT.plot.width - 1 - 2 * LAYOUT.line
-    # Nothing yet where the window is not filled.
+    # The window is empty after the latest frame.
     later = plot[: round(level_row(1, LAYOUT)) - 4, round(column_of(3.2, LAYOUT, history)) :]
     assert not np.any([near(pixel, OPPLOD, 30) for pixel in later.reshape(-1, 3)[::7]])
+
+
+def test_a_time_far_away_is_drawn_without_a_warning() -> None:
+    times = {1: 8388607.22, 2: 1 / 15}  # as a damaged file may have them
+    records = [replace(record(t), time_s=times.get(t, t / 30)) for t in range(6)]
+    _, history = drawn(records)
+    assert column_of(times[1], LAYOUT, history) > 1 << 27
 
 
 def test_a_response_without_threshold_is_a_gap() -> None:
@@ -76,34 +92,129 @@ def test_a_response_without_threshold_is_a_gap() -> None:
     assert near(plot[row, round(column_of(50 / 30, LAYOUT, history))], OPPLOD, 12)
 
 
-@pytest.mark.parametrize(
-    ("models", "paint"),
-    [({"opplod"}, OPPLOD), ({"dlgmd"}, DLGMD), ({"opplod", "dlgmd"}, OPPLOD)],
-)
-def test_alarms_are_shaded_and_signed(models: set[str], paint: tuple[int, int, int]) -> None:
+@pytest.mark.parametrize("models", [{"opplod"}, {"dlgmd"}, {"opplod", "dlgmd"}])
+def test_alarms_are_shaded_and_signed_in_no_detectors_colour(models: set[str]) -> None:
     on = dict.fromkeys(models, True)
     records = [record(t, alarms=on if 30 <= t < 60 else {}) for t in range(90)]
     canvas, history = drawn(records)
     plot = canvas[LAYOUT.plot.slices]
-    blue, green, red = (round(0.75 * 255 + 0.25 * value) for value in paint)
-    tint = (blue, green, red)
     # From the first frame with the alarm to the first one without.
     first, last = (round(column_of(t, LAYOUT, history)) for t in (1, 2))
     assert near(plot[2, first - 3], WHITE)
-    assert near(plot[2, first + 3], tint)
-    assert near(plot[2, last - 3], tint)
+    assert near(plot[2, first + 3], SHADED)
+    assert near(plot[2, last - 3], SHADED)
     assert near(plot[2, last + 3], WHITE)
-    header = canvas[LAYOUT.header.y : LAYOUT.plot.y]
-    solid = (header == np.array(paint)).all(axis=2).sum()
     during, _ = drawn(records[:50])
-    sign = during[LAYOUT.header.y : LAYOUT.plot.y]
-    assert (sign == np.array(paint)).all(axis=2).sum() > solid + 2000
-    # The edge of the picture is of the alarm's colour too.
-    assert near(during[LAYOUT.header.y, 5], paint)
+    for name, paint in (("ALARM", DARK), ("opplod", OPPLOD), ("dlgmd", DLGMD)):
+        before, sign = (
+            (each[LAYOUT.header.y : LAYOUT.plot.y] == np.array(paint)).all(axis=2).sum()
+            for each in (canvas, during)
+        )
+        assert (sign > before + 1000) == (name == "ALARM" or name in models)
+    # The edge of the picture is dark and thick.
+    edge = during[LAYOUT.header.y : LAYOUT.header.y + 2 * LAYOUT.line, 5]
+    assert (edge == DARK).all()
     assert near(canvas[LAYOUT.header.y, 5], (153, 153, 153))
 
 
-def test_a_model_alone_is_shown_alone() -> None:
+def test_labels_that_do_not_fit_are_counted_and_alarms_come_first() -> None:
+    names = [name for name, each in detectors().items() if not each.variant_of]
+    canvas, _ = drawn([record(0, dict.fromkeys(names, 0.5), {names[-1]: True})])
+    header = canvas[LAYOUT.header.y + 2 * LAYOUT.line : LAYOUT.plot.y]
+    shown = [name for name in names if (header == np.array(paint_of(name))).all(axis=2).any()]
+    assert len(shown) < len(names)
+    assert shown == [*names[: len(shown) - 1], names[-1]]
+    # The labels stand to the right of the clock, the frame and the word ALARM.
+    left = (header == np.array(OPPLOD)).all(axis=2).any(axis=0).argmax()
+    dark = (header == np.array(DARK)).all(axis=2).any(axis=0).nonzero()[0].max()
+    assert dark < left
+
+
+def test_the_curve_of_an_alarm_is_thicker() -> None:
+    records = [record(t, {"opplod": 10.0}, {"opplod": 30 <= t < 60}) for t in range(90)]
+    canvas, history = drawn(records)
+    thickness = []
+    for second in (0.5, 1.5, 2.5):
+        column = canvas[LAYOUT.plot.slices][:, round(column_of(second, LAYOUT, history))]
+        thickness.append(sum(near(pixel, OPPLOD, 12) for pixel in column))
+    assert thickness[0] == thickness[2] <= thickness[1] - 2
+
+
+@pytest.mark.parametrize(
+    ("window", "step"), [(5, 1), (6, 1), (6.1, 2), (2.4, 0.5), (0.93, 0.2), (0.1, 0.02)]
+)
+def test_ticks_are_at_round_times(window: float, step: float) -> None:
+    assert tick_step(window) == pytest.approx(step)
+
+
+def test_ticks_have_numbers_that_move_with_the_window() -> None:
+    rows = slice(LAYOUT.plot.y + LAYOUT.plot.height, None)
+    at = {}
+    for frame in (150, 165, 180):
+        canvas, history = drawn([record(t) for t in range(frame + 1)])
+        ink = np.flatnonzero((canvas[rows] < 200).any(axis=(0, 2)))
+        centres = [LAYOUT.plot.x + column_of(second, LAYOUT, history) for second in (2, 3, 4)]
+        at[frame] = centres[0]
+        for centre in centres:
+            near_it = ink[np.abs(ink - centre) < 3 * LAYOUT.text]
+            assert near_it.mean() == pytest.approx(centre, abs=4)
+    assert at[150] > at[165] > at[180]
+
+
+def test_a_detector_that_runs_alone_is_shown_alone() -> None:
     canvas, _ = drawn([record(t, {"dlgmd": 0.5}) for t in range(9)])
     assert not (canvas == np.array(OPPLOD)).all(axis=2).any()
     assert (canvas == np.array(DLGMD)).all(axis=2).any()
+
+
+def test_responses_are_divided_by_their_thresholds() -> None:
+    history = History(BOTH)
+    history.add(record(0, {"opplod": 2.0, "dlgmd": None}, {"opplod": True}))
+    assert list(history.points["opplod"]) == [Point(0.0, 2.0, True)]
+    assert list(history.points["dlgmd"]) == [Point(0.0, None, False)]
+    for thresholds in ({"opplod": 0.0}, {}):
+        without = record(1, {"opplod": 2.0})
+        without.thresholds.clear()
+        without.thresholds.update(thresholds)
+        history.add(without)
+        assert history.points["opplod"][-1].ratio is None
+
+
+def test_the_window_fills_and_then_moves() -> None:
+    history = History(BOTH)
+    starts = []
+    for frame in range(301):
+        history.add(record(frame))
+        starts.append(history.start_s)
+    assert starts[150] == 0
+    assert starts[180] == pytest.approx(1)
+    assert starts[300] == pytest.approx(5)
+    # One frame from before the left edge, for the line that leads to it.
+    assert history.points["opplod"][0].time_s == pytest.approx(149 / 30)
+    assert len(history.points["opplod"]) == 152
+
+
+def test_a_short_video_fills_the_window() -> None:
+    assert History(BOTH, 1.5).window_s == 1.5
+    assert History(BOTH, 60).window_s == History(BOTH).window_s == 5
+    assert History(BOTH, 0.001).window_s == 0.1
+
+
+def test_a_video_that_begins_late_begins_at_the_left_edge() -> None:
+    history = History(BOTH)
+    history.add(record(90))
+    assert history.start_s == 3
+
+
+def test_repeats_are_passed_over_and_a_scene_at_rest_is_not() -> None:
+    history = History(("opplod",))
+    for frame in range(12):
+        history.add(
+            record(
+                frame, {"opplod": 0.0 if frame % 3 else 1.0}, repeat="exact" if frame % 3 else ""
+            )
+        )
+    assert [point.ratio for point in history.points["opplod"]] == [1, 1, 1, 1]
+    for frame in range(12, 20):
+        history.add(record(frame, {"opplod": 0.0}, repeat="exact"))
+    assert [point.ratio for point in history.points["opplod"]][4:] == [0] * 5

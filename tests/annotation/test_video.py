@@ -1,4 +1,4 @@
-"""A whole annotated video, decoded again."""
+"""A complete annotated video, decoded again."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import av
 import numpy as np
 import pytest
 
-from oppload_cli.analysis import analyse
-from oppload_cli.annotation.boxes import ALARM_PAINT, CALM_PAINT
+from oppload_cli.annotation.layout import layout_of, paint_of
 from oppload_cli.annotation.strip import level_row
-from oppload_cli.annotation.video import AnnotatedVideo, Painter
+from oppload_cli.annotation.video import AnnotatedVideo
 from oppload_cli.errors import OutputError
+from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.video.source import open_video
 from tests.annotation.records import detection, facts
 from tests.media import grey_frames, write_video
@@ -25,13 +25,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MODELS = ("opplod", "dlgmd")
+PAINT = paint_of("opplod")
 
 
-def annotate(source: Path, target: Path, box: tuple[float, float, float, float]) -> AnnotatedVideo:
+def annotate(
+    source: Path, target: Path, box: tuple[float, float, float, float], boxes: str = "all"
+) -> AnnotatedVideo:
     """Annotate with a box in every frame, that alarms in every second one."""
-    part = target.with_name(target.name + ".part")
     with open_video(source, height=48, colour=True) as video:
-        annotated = AnnotatedVideo(target, part, video, MODELS)
+        annotated = AnnotatedVideo(target, video, MODELS, boxes)
         for record in analyse(annotated.frames, rmo=None):
             found = detection(box, alarm=bool(record.frame % 2))
             annotated.write(replace(record, detections=(found,)))
@@ -57,13 +59,12 @@ def test_boxes_and_strip_are_where_they_belong(tmp_path: Path) -> None:
     annotate(source, tmp_path / "a.annotated.mp4", (50, 60, 100, 80))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.annotated.mp4", "a.avi"]
     frames = decoded(tmp_path / "a.annotated.mp4")
-    layout = Painter(facts(320, 240), MODELS).layout
+    layout = layout_of(facts(320, 240))
     assert len(frames) == 12
-    for index, frame in enumerate(frames):
+    for frame in frames:
         assert frame.shape == (layout.height, layout.width, 3)
-        paint = ALARM_PAINT if index % 2 else CALM_PAINT
         # In twice the size, from column 100 to 300, away from the centre's mark.
-        seen = columns_of(frame, paint, 160)
+        seen = columns_of(frame, PAINT, 160)
         assert seen
         assert min(seen) == pytest.approx(100, abs=2)
         assert max(seen) == pytest.approx(299, abs=2)
@@ -71,6 +72,14 @@ def test_boxes_and_strip_are_where_they_belong(tmp_path: Path) -> None:
         line = frame[layout.plot.y + round(level_row(1, layout)), layout.plot.x + 300 :]
         assert line[:200].mean() < 90
         assert frame[layout.header.y + layout.line + 2 :].mean() > 200
+
+
+@pytest.mark.parametrize(("boxes", "shown"), [("all", 12), ("alarm", 6), ("none", 0)])
+def test_boxes_are_chosen(tmp_path: Path, boxes: str, shown: int) -> None:
+    source = write_video(tmp_path / "a.avi", grey_frames(12, width=320, height=240))
+    annotate(source, tmp_path / "a.annotated.mp4", (50, 60, 100, 80), boxes)
+    frames = decoded(tmp_path / "a.annotated.mp4")
+    assert sum(bool(columns_of(frame, PAINT, 160)) for frame in frames) == shown
 
 
 def test_the_picture_is_that_of_the_source(tmp_path: Path) -> None:
@@ -99,23 +108,23 @@ def test_odd_sizes(tmp_path: Path, size: tuple[int, int]) -> None:
     assert len(decoded(tmp_path / "a.annotated.mp4")) == 4
 
 
-def test_a_video_without_a_frame_is_none(tmp_path: Path) -> None:
+def test_no_video_is_written_without_a_frame(tmp_path: Path) -> None:
     source = write_video(tmp_path / "a.avi", grey_frames(4))
-    target, part = tmp_path / "a.annotated.mp4", tmp_path / "a.annotated.mp4.part"
+    target = tmp_path / "a.annotated.mp4"
     target.write_bytes(b"of another run")
     with open_video(source, colour=True) as video:
-        annotated = AnnotatedVideo(target, part, video, MODELS)
+        annotated = AnnotatedVideo(target, video, MODELS)
         annotated.finish()
         annotated.commit()
     assert [path.name for path in tmp_path.iterdir()] == ["a.avi"]
 
 
-def test_what_is_kept_plays_and_what_is_discarded_is_gone(tmp_path: Path) -> None:
+def test_a_kept_video_plays_and_a_discarded_one_is_gone(tmp_path: Path) -> None:
     source = write_video(tmp_path / "a.avi", grey_frames(9))
     target, part = tmp_path / "a.annotated.mp4", tmp_path / "a.annotated.mp4.part"
     for keep in (True, False):
         with open_video(source, colour=True) as video:
-            annotated = AnnotatedVideo(target, part, video, MODELS)
+            annotated = AnnotatedVideo(target, video, MODELS)
             for record, _ in zip(analyse(annotated.frames, rmo=None), range(5), strict=False):
                 annotated.write(record)
             (annotated.keep if keep else annotated.discard)()
@@ -129,13 +138,13 @@ def test_an_error_of_the_thread_reaches_the_caller(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = write_video(tmp_path / "a.avi", grey_frames(30))
-    target, part = tmp_path / "a.annotated.mp4", tmp_path / "a.annotated.mp4.part"
+    target = tmp_path / "a.annotated.mp4"
 
     def refuse(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     with open_video(source, colour=True) as video:
-        annotated = AnnotatedVideo(target, part, video, MODELS)
+        annotated = AnnotatedVideo(target, video, MODELS)
         monkeypatch.setattr("oppload_cli.video.recording.Recording.write", refuse)
 
         def write_all() -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from oppload_cli.batch import cluster
+from tests.cli import inside
 from tests.cli.process import oppload
 from tests.cli.test_batch import FAST, sidecars, tables
 from tests.media import grey_frames, write_video
@@ -69,18 +70,19 @@ def worker(file: Path, folder: Path, path: Path | None = None) -> Any:
 
 
 @pytest.fixture(scope="module")
-def fifty(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("fifty")
-    for number in range(50):
+def ten(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten videos, and a file that is none."""
+    folder = tmp_path_factory.mktemp("ten")
+    for number in range(10):
         write_video(folder / f"clip{number:02d}.avi", grey_frames(10, seed=number))
+    (folder / "text.avi").write_text("not a video")
     return folder
 
 
-def test_a_worker_that_is_killed_costs_no_result(fifty: Path, tmp_path: Path) -> None:
+def test_a_worker_that_is_killed_costs_no_result(ten: Path, tmp_path: Path) -> None:
     alone, out = tmp_path / "alone", tmp_path / "out"
-    (fifty / "clip50.avi").write_text("not a video")
-    named = ("run", fifty, *FAST, "-o")
-    assert oppload(*named, alone).returncode == 4
+    named = ("run", ten, *FAST, "-o")
+    assert inside.oppload(*named, alone).returncode == 4
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
         workers = [stack.enter_context(worker(file, tmp_path)) for _ in range(2)]
@@ -88,22 +90,22 @@ def test_a_worker_that_is_killed_costs_no_result(fifty: Path, tmp_path: Path) ->
         run = subprocess.Popen(
             [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
         )
-        while run.poll() is None and len(list(out.glob("*.oppload.json"))) < 10:
+        while run.poll() is None and len(list(out.glob("*.oppload.json"))) < 2:
             time.sleep(0.01)
         workers[0].kill()
         said = run.communicate(timeout=100)[1]
     assert run.returncode == 4, said
-    assert said.count("clip50.avi: not a video that can be read") == 1
+    assert said.count("text.avi: not a video that can be read") == 1
     notes = [line for line in said.splitlines() if "frames/s;" not in line]
     assert "failed               1" in said, notes
-    assert len(tables(out)) == 50
+    assert len(tables(out)) == 10
     assert tables(out) == tables(alone)
     assert sidecars(out) == sidecars(alone)
     assert not list(out.glob("*.part"))
 
 
 @pytest.mark.slow
-def test_an_interrupt_stops_what_runs_on_the_workers(tmp_path: Path) -> None:
+def test_an_interrupt_stops_the_tasks_on_the_workers(tmp_path: Path) -> None:
     film, out = tmp_path / "film.avi", tmp_path / "out"
     frames = grey_frames(60) * 60
     write_video(film, frames, codec="mpeg4", pixel_format="yuv420p")
@@ -118,7 +120,7 @@ def test_an_interrupt_stops_what_runs_on_the_workers(tmp_path: Path) -> None:
         while run.poll() is None and not (part.exists() and part.stat().st_size > 400):
             time.sleep(0.01)
         run.send_signal(signal.SIGINT)
-        said = run.communicate(timeout=30)[1]
+        said = run.communicate(timeout=120)[1]
         rows = part.stat().st_size
         time.sleep(1.5)
         assert part.stat().st_size == rows
@@ -126,6 +128,39 @@ def test_an_interrupt_stops_what_runs_on_the_workers(tmp_path: Path) -> None:
     assert said.count("Traceback") == 0
     assert "interrupted: 0 of 1 inputs are finished; go on with --if-exists skip" in said
     assert rows > 400
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["stopped", "killed"])
+def test_a_scheduler_that_ends_under_way(tmp_path: Path, how: str) -> None:
+    film, out = tmp_path / "film.avi", tmp_path / "out"
+    write_video(film, grey_frames(60) * 60, codec="mpeg4", pixel_format="yuv420p")
+    part, file = out / "film.frames.csv.part", tmp_path / "scheduler.json"
+    words = ["run", str(film), "-o", str(out), "--scheduler", str(file)]
+    with (
+        process("dask_scheduler", *LOOPBACK, "--port", "0", "--scheduler-file", file) as chief,
+        worker(file, tmp_path),
+    ):
+        while not (file.exists() and file.stat().st_size):
+            time.sleep(0.05)
+        run = subprocess.Popen(
+            [sys.executable, "-m", "oppload_cli", *words], stderr=subprocess.PIPE, text=True
+        )
+        while run.poll() is None and not (part.exists() and part.stat().st_size > 400):
+            time.sleep(0.01)
+        if how == "killed":
+            chief.kill()
+        else:  # it keeps its connections, and answers nothing
+            chief.send_signal(signal.SIGSTOP)
+            run.send_signal(signal.SIGINT)
+        said = run.communicate(timeout=60)[1]
+    assert "Traceback" not in said
+    assert "Error" not in said
+    if how == "killed":
+        assert (run.returncode, "film.avi: was cancelled on the cluster" in said) == (2, True), said
+    else:
+        assert run.returncode == 130
+        assert "interrupted: 0 of 1 inputs are finished; go on with --if-exists skip" in said
 
 
 @pytest.mark.parametrize(
@@ -140,7 +175,7 @@ def test_an_interrupt_stops_what_runs_on_the_workers(tmp_path: Path) -> None:
     ],
 )
 def test_a_worker_with_another_version_or_none(
-    fifty: Path, tmp_path: Path, content: str, sentence: str
+    ten: Path, tmp_path: Path, content: str, sentence: str
 ) -> None:
     package = tmp_path / "other" / "oppload_cli"
     package.mkdir(parents=True)
@@ -149,7 +184,7 @@ def test_a_worker_with_another_version_or_none(
     with ExitStack() as stack:
         file = stack.enter_context(scheduler(tmp_path))
         stack.enter_context(worker(file, tmp_path, path=package.parent))
-        done = oppload("run", fifty, "-o", tmp_path / "out", "--scheduler", file)
+        done = oppload("run", ten, "-o", tmp_path / "out", "--scheduler", file)
     assert done.returncode == 2
     assert done.stderr.startswith("oppload: worker tcp://127.0.0.1:")
     assert sentence in done.stderr
@@ -158,13 +193,13 @@ def test_a_worker_with_another_version_or_none(
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_does_not_answer(fifty: Path, tmp_path: Path) -> None:
+def test_a_scheduler_that_does_not_answer(ten: Path, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        done = oppload("run", fifty, "-o", tmp_path, "--scheduler", address)
+        done = oppload("run", ten, "-o", tmp_path, "--scheduler", address)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert f"--scheduler {address}: does not answer" in done.stderr
-    done = oppload("run", fifty, "-o", tmp_path, "--scheduler", tmp_path / "none.json")
+    done = oppload("run", ten, "-o", tmp_path, "--scheduler", tmp_path / "none.json")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "none.json: no such file; give tcp://host:port or a scheduler file" in done.stderr
     assert not list(tmp_path.iterdir())

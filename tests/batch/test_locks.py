@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import pytest
 
 from oppload_cli.errors import BusyError
-from oppload_cli.outputs import IfExists, Outputs
-from oppload_cli.results.table import PartFile
-from oppload_cli.settings import resolve
-from oppload_cli.task import Task, run_task
+from oppload_cli.files.atomic import PartFile
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.outputs import IfExists, Outputs
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Task
 from oppload_cli.video.span import Span
 from tests.media import grey_frames, write_video
 
@@ -42,15 +44,16 @@ def test_without_locks_each_process_has_a_file_of_its_own(
         raise OSError("no locks here")
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    file = PartFile(tmp_path / "a.csv")
-    assert [path.name for path in tmp_path.iterdir()] == [file.part.name]
+    theirs, file = PartFile(tmp_path / "a.csv"), PartFile(tmp_path / "a.csv")
+    assert theirs.part.name == "a.csv.part"
     assert file.part.name not in {"a.csv", "a.csv.part"}
     file.stream.write("mine\n")
     file.commit()
+    theirs.discard()
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine\n"]
 
 
-def test_what_another_run_writes_or_has_just_written_is_skipped(tmp_path: Path) -> None:
+def test_a_result_that_another_run_writes_or_has_just_written_is_skipped(tmp_path: Path) -> None:
     clip = write_video(tmp_path / "a.avi", grey_frames(5))
     task = Task(
         str(clip),
@@ -60,6 +63,8 @@ def test_what_another_run_writes_or_has_just_written_is_skipped(tmp_path: Path) 
         Fraction(30),
         IfExists.SKIP,
     )
+    sidecar = tmp_path / "theirs" / "a.oppload.json"
+    run_task(replace(task, outputs=Outputs(sidecar.with_name("a.frames.csv"), sidecar)))
     other = PartFile(tmp_path / "a.frames.csv")
     assert run_task(task).skipped
 
@@ -69,7 +74,7 @@ def test_what_another_run_writes_or_has_just_written_is_skipped(tmp_path: Path) 
         def opened(self, _: object) -> None:
             other.stream.write("theirs\n")
             other.commit()
-            (tmp_path / "a.oppload.json").write_text("{}")
+            sidecar.rename(tmp_path / "a.oppload.json")
 
         def frame(self, _: object) -> None:
             raise AssertionError("no frame is analysed twice")

@@ -2,18 +2,14 @@ from __future__ import annotations
 
 import io
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
-from oppload_cli.batch.lists import Listed, read_list
-from oppload_cli.batch.plan import Failure, parse_shard, planned
+from oppload_cli.batch.plan import Failure, Listed, parse_shard, planned, read_list
 from oppload_cli.batch.report import Tally, write_failures
 from oppload_cli.errors import ParameterError
-from oppload_cli.task import Outcome
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from oppload_cli.pipeline.task import Outcome
 
 
 @pytest.fixture
@@ -45,16 +41,33 @@ def test_folders_patterns_and_files_are_sorted_and_each_once() -> None:
 
 
 @pytest.mark.usefixtures("tree")
-def test_a_hash_of_the_path_only_where_stems_clash() -> None:
+def test_results_keep_the_folders_of_their_inputs() -> None:
     plan = planned(["."], recursive=True)
-    deep, shallow, *others = [each.stem for each in plan.inputs]
-    assert others == ["b", "images"]
-    assert deep != shallow
-    assert {deep[:2], shallow[:2]} == {"x-"}
+    stems = {Path(each.name): Path(each.stem) for each in plan.inputs}
+    assert stems[Path("a/deep/x.avi")] == Path("a/deep/x")
+    assert stems[Path("a/x.avi")] == Path("a/x")
+    assert stems[Path("images")] == Path("images")
+    for name, stem in stems.items():
+        [alone] = planned([str(name)]).inputs
+        assert alone.stem == stem.name
 
 
 @pytest.mark.usefixtures("tree")
-def test_what_matches_nothing_fails_and_does_not_hide_the_rest() -> None:
+def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() -> None:
+    plan = planned(["a/x.avi", "b.mp4", "a/deep/x.avi"])
+    assert [(each.name, each.stem) for each in plan.inputs] == [
+        ("a/deep/x.avi", "x"),
+        ("b.mp4", "b"),
+    ]
+    [failure] = plan.failures
+    assert (failure.name, failure.code) == ("a/x.avi", 2)
+    assert (
+        "names of those of a/deep/x.avi; give a folder of both with --recursive" in failure.message
+    )
+
+
+@pytest.mark.usefixtures("tree")
+def test_a_name_that_matches_nothing_fails_and_does_not_hide_the_others() -> None:
     plan = planned(["*.mkv", "empty", "b.mp4"], recursive=True)
     assert [each.name for each in plan.inputs] == ["b.mp4"]
     assert [(failure.name, failure.code) for failure in plan.failures] == [
@@ -82,7 +95,7 @@ def test_shards_are_the_plan_and_never_overlap(of: int) -> None:
 
 
 @pytest.mark.parametrize("text", ["0/8", "9/8", "1", "1/0", "a/b", "-1/8", "1/8/2", "²/8", ""])
-def test_a_shard_that_is_none(text: str) -> None:
+def test_a_shard_that_is_not_valid(text: str) -> None:
     with pytest.raises(ParameterError, match="1/8 to 8/8"):
         parse_shard(text)
 
@@ -107,10 +120,11 @@ def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_failures_are_read_back_with_their_stems(tmp_path: Path) -> None:
     path = tmp_path / "failures.csv"
     hostile = Failure('n\ne"w,\udcff.mp4', "new-12345678", 3, "is no video\n; check")
-    write_failures(path, [hostile, Failure("*.mkv", "", 3, "matches no file")])
+    other = Failure("o\rld.mp4\r", "old-12345678", 3, "is no video")
+    write_failures(path, [other, hostile, Failure("*.mkv", "", 3, "matches no file")])
     listed = read_list(str(path))
-    assert listed == [("*.mkv", ""), (hostile.name, hostile.stem)]
-    assert [each.stem for each in planned(listed).inputs] == [hostile.stem]
+    assert listed == [("*.mkv", ""), (hostile.name, hostile.stem), (other.name, other.stem)]
+    assert [each.stem for each in planned(listed).inputs] == [hostile.stem, other.stem]
     assert path.read_bytes().startswith(b"input,stem,exit_code,error\n*.mkv,,3,matches no file\n")
     write_failures(path, [])
     assert not path.exists()
@@ -128,14 +142,14 @@ def test_exit_codes_of_a_batch() -> None:
     ):
         tally = Tally()
         for result in results:
-            tally.add(result)  # type: ignore[arg-type]
+            tally.add("a", result)  # type: ignore[arg-type]
         assert tally.exit_code == code
 
 
 def test_the_table_counts_every_state() -> None:
     tally = Tally([Failure("a", "", 3, "no")])
     for result in (Outcome(frames=10), Outcome(frames=5, complete=False), Outcome(skipped=True)):
-        tally.add(result)
+        tally.add("a", result)
     rows = [line.split() for line in tally.table(2.0)]
     assert rows[0] == ["inputs", "frames"]
     assert rows[1:5] == [

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.process import oppload
+from tests.cli.inside import oppload
 from tests.cli.test_batch import tables
 from tests.media import grey_frames, write_video
 
@@ -41,7 +41,7 @@ def project(tmp_path: Path) -> Path:
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m oppload_cli "$@"\n')
     command.chmod(0o755)
     (tmp_path / "inputs.txt").write_text("".join(f"videos/clip{n}.avi\n" for n in range(5)))
-    done = oppload("run", "videos", "-o", "expected", "-q", cwd=tmp_path, PYTHONPATH=str(ROOT))
+    done = oppload("run", "videos", "-o", "expected", "-q", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     return tmp_path
 

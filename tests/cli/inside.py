@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+from contextlib import chdir, redirect_stderr, redirect_stdout
 from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
@@ -18,6 +20,23 @@ class Done(NamedTuple):
     returncode: int
     stdout: str
     stderr: str
+
+
+def oppload(*arguments: str | Path, cwd: Path | str = ".") -> Done:
+    """Run the command as `tests.cli.process.oppload` does, which starts a process for it."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", newline="") for _ in range(2))
+    with (
+        redirect_stdout(out),
+        redirect_stderr(err),
+        chdir(cwd),
+        pytest.raises(SystemExit) as ended,
+    ):
+        main([str(argument) for argument in arguments])
+    texts = []
+    for stream in (out, err):
+        stream.seek(0)
+        texts.append(stream.read())
+    return Done(int(ended.value.code or 0), *texts)
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> Done:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.cli.process import oppload
+from tests.cli import process
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def one_by_one(clips: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same clips in one process, one after the other."""
     folder = tmp_path_factory.mktemp("single")
-    done = oppload("run", clips, "-o", folder, *FAST)
+    done = oppload("run", clips, "-o", folder, "--jobs", "1", *FAST)
     assert done.returncode in {0, 4}, done.stderr
     return folder
 
@@ -77,7 +78,7 @@ def test_several_processes_give_the_bytes_of_one(
     alone = oppload("run", clips / "clip3.avi", "-o", tmp_path / "alone", *FAST)
     assert alone.returncode == 0
     assert tables(tmp_path / "alone").items() <= tables(one_by_one).items()
-    done = oppload("run", clips, "-o", tmp_path / "out", "--jobs", "3", *FAST)
+    done = process.oppload("run", clips, "-o", tmp_path / "out", "--jobs", "3", *FAST)
     assert done.returncode in {0, 4}, done.stderr
     same_results(tmp_path / "out", one_by_one)
     assert "all                 12" in done.stderr
@@ -87,7 +88,7 @@ def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Pa
     bad, out = tmp_path / "it's bad.mp4", tmp_path / "out"
     bad.write_text("not a video\n" * 100)
     two = clips / "clip[01].avi"
-    named = ("run", two, bad, tmp_path / "*.mkv", "-j", "2", "-o", out, *FAST)
+    named = ("run", two, bad, tmp_path / "*.mkv", "-j", "1", "-o", out, *FAST)
     done = oppload(*named)
     assert done.returncode == 4
     assert len(tables(out)) == 2
@@ -113,7 +114,7 @@ def test_failures_spare_the_others_and_are_tried_again(clips: Path, tmp_path: Pa
 def test_every_input_failing_is_no_success(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         (tmp_path / name).write_text("no video")
-    done = oppload("run", tmp_path, "-o", tmp_path / "out", "-j", "2", "-q")
+    done = oppload("run", tmp_path, "-o", tmp_path / "out", "-j", "1", "-q")
     assert done.returncode == 3
     assert len((tmp_path / "out" / "failures.csv").read_text().splitlines()) == 3
 
@@ -122,7 +123,7 @@ def test_a_dry_run_prints_the_plan_and_makes_nothing(clips: Path, tmp_path: Path
     names = "\0".join(str(clips / f"clip{number}.avi") for number in (2, 1, 2))
     (tmp_path / "list").write_text(names + "\0")
     out = tmp_path / "out"
-    words = ("run", "--files-from", tmp_path / "list", "-0", "-o", out, *FAST)
+    words = ("run", "--files-from", tmp_path / "list", "-0", "-o", out, "-j", "1", *FAST)
     plan = oppload(*words, "--dry-run")
     assert plan.returncode == 0
     assert plan.stdout.splitlines() == [
@@ -154,6 +155,7 @@ def test_shards_in_parallel_by_plain_shell_then_again(
     assert {path: path.stat().st_mtime_ns for path in out.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_many_workers_on_the_same_inputs_do_no_harm(
     clips: Path, one_by_one: Path, tmp_path: Path
 ) -> None:
@@ -213,19 +215,19 @@ def children(run: subprocess.Popen[str]) -> list[int]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="lists processes as Linux does")
 @pytest.mark.parametrize("whole_group", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_an_interrupt_ends_every_process_and_keeps_what_is_done(
+def test_an_interrupt_ends_every_process_and_keeps_finished_results(
     films: Path, tmp_path: Path, whole_group: bool
 ) -> None:
     run = started(films, tmp_path)
     workers = children(run)
     # Ctrl-C reaches every process of the terminal; an end from outside only the first.
     (os.killpg if whole_group else os.kill)(run.pid, signal.SIGINT)
-    said = run.communicate(timeout=30)[1]
+    said = run.communicate(timeout=120)[1]
     assert run.returncode == 130
     assert "oppload: interrupted: 1 of 4 inputs are finished; go on with --if-exists skip" in said
     assert "Traceback" not in said
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        *("a.detections.jsonl", "a.frames.csv", "a.oppload.json"),
+        *("a.detections.jsonl", "a.frames.csv", "a.oppload.json", "alarms.csv"),
         *("b.detections.jsonl.part", "b.frames.csv.part"),
         *("c.detections.jsonl.part", "c.frames.csv.part"),
     ]
@@ -249,7 +251,7 @@ def test_a_process_that_dies_takes_one_input_along(films: Path, tmp_path: Path) 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
-def test_the_bar_names_what_runs(clips: Path, tmp_path: Path) -> None:
+def test_the_bar_names_the_running_inputs(clips: Path, tmp_path: Path) -> None:
     import pty
     import termios
 
@@ -273,3 +275,39 @@ def test_the_bar_names_what_runs(clips: Path, tmp_path: Path) -> None:
     assert "/12 [" in text
     assert " frames/s, clip" in text
     assert "all                 12" in text
+
+
+def test_a_result_is_skipped_only_if_it_is_the_same(clips: Path, tmp_path: Path) -> None:
+    words = ("run", clips / "clip3.avi", "-o", tmp_path, "--if-exists", "skip", *FAST)
+    assert oppload(*words).returncode == 0
+    assert "skipped" in oppload(*words).stderr
+    for more, difference in (
+        (("--set", "opplod.gain=2"), "with opplod.gain = 1.0, not 2.0"),
+        (("--start", "f1"), "of another part of the input"),
+        (("--model", "dlgmd"), "of the models opplod, dlgmd, not dlgmd"),
+        (("--fov", "90"), "with no --fov, not --fov 90"),
+        (("--set", "time.interval=frame"), "with time.interval = 1/30, not frame"),
+    ):
+        refused = oppload(*words, *more)
+        assert refused.returncode == 2
+        assert f"is a result {difference}" in refused.stderr
+    (tmp_path / "other").mkdir()
+    other = tmp_path / "other" / "clip3.avi"
+    other.write_bytes((clips / "clip4.avi").read_bytes())
+    refused = oppload(words[0], other, *words[2:])
+    assert (refused.returncode, "is a result of another input" in refused.stderr) == (2, True)
+
+
+def test_a_batch_says_who_alarmed_and_lists_the_alarms(clips: Path, tmp_path: Path) -> None:
+    two = (clips / "clip3.avi", clips / "clip4.avi")
+    floor = ("--model", "dlgmd", "--set", "alarm.dlgmd_floor=0", "--set", "alarm.blind_s=0")
+    words = ("run", *two, "-o", tmp_path, "-j", "1", *FAST, *floor, "--set", "alarm.factor=0.5")
+    done = oppload(*words)
+    assert done.returncode == 0, done.stderr
+    rows = list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines()))
+    alarmed = {row["video"] for row in rows}
+    assert f"{len(alarmed)} of 2 alarmed" in done.stderr
+    assert {row["model"] for row in rows} <= {"dlgmd"}
+    kept = oppload(*words, "--if-exists", "skip")
+    assert f"{len(alarmed)} of 2 alarmed" in kept.stderr
+    assert list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines())) == rows

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.cli.process import oppload
+from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -79,7 +79,7 @@ def test_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
                     assert written[key] == (value or "")
 
 
-def test_what_is_bad_is_named_and_spares_the_rest(results: Path, tmp_path: Path) -> None:
+def test_a_bad_sidecar_is_named_and_spares_the_others(results: Path, tmp_path: Path) -> None:
     folder = tmp_path / "r"
     shutil.copytree(results, folder)
     good = json.loads((folder / "loom.oppload.json").read_text())
@@ -121,13 +121,13 @@ def test_wrong_use(results: Path, tmp_path: Path) -> None:
 
 def test_without_pyarrow(results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from oppload_cli.errors import OutputError
+    from oppload_cli.files.tables import open_table
     from oppload_cli.results.collecting import SUMMARY_COLUMNS
-    from oppload_cli.results.sinks import sink
 
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with (
         pytest.raises(OutputError, match=r"pip install 'oppload\[parquet\]', or choose a \.csv"),
-        sink(tmp_path / "a.parquet", SUMMARY_COLUMNS),
+        open_table(tmp_path / "a.parquet", SUMMARY_COLUMNS),
     ):
         raise AssertionError
     assert not list(tmp_path.iterdir())

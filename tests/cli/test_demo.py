@@ -1,24 +1,31 @@
 from __future__ import annotations
 
 import json
+import shlex
 from typing import TYPE_CHECKING
 
-from tests.cli.process import oppload
+from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_the_demo_shows_the_peaks_of_the_paper(tmp_path: Path) -> None:
-    done = oppload("demo", "-o", tmp_path)
-    assert done.returncode == 0
-    lines = [line.split() for line in done.stdout.splitlines()]
-    assert lines[1] == ["opplod", "frame", "3", "frame", "8", "frame", "23"]
-    assert lines[2] == ["dlgmd", "frame", "3", "frame", "3", "frame", "44"]
-    sidecar = json.loads(next(tmp_path.glob("*.oppload.json")).read_text())
-    assert sidecar["summary"]["opplod"]["peak_frame"] == 23
-    assert sidecar["stimulus"]["name"] == "opplod2023/looming-disk-centre"
-    assert sidecar["stimulus"]["looming"] is True
-    assert next(tmp_path.glob("*.frames.png")).stat().st_size > 10_000
-    again = oppload("demo", "-o", tmp_path)
-    assert (again.returncode, "exists already" in again.stderr) == (2, True)
+def test_the_demo_alarms_before_contact_and_its_lines_give_the_same(tmp_path: Path) -> None:
+    done = oppload("demo", "-o", "demo", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].endswith("contact at 2.00 s")
+    shown = next(shlex.split(line) for line in lines if line.startswith("$ oppload run"))
+    folder = tmp_path / "demo"
+    sidecar = json.loads(next(folder.glob("*.oppload.json")).read_text())
+    [alarm] = sidecar["alarms"]["opplod"]["alarms"]
+    assert 0.2 < 2.0 - alarm["start_s"] < 1
+    assert sidecar["stimulus"]["name"] == "controls/looming-and-translating"
+    assert next(folder.glob("*.frames.png")).stat().st_size > 10_000
+    assert next(folder.glob("*.report.html")).stat().st_size > 10_000
+    again = oppload(*shown[2:-1], "again", "-q", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    for path in folder.glob("*.frames.csv"):
+        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes()
+    refused = oppload("demo", "-o", "demo", cwd=tmp_path)
+    assert (refused.returncode, "exists already" in refused.stderr) == (2, True)

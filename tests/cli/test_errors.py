@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.process import oppload
+from tests.cli import process
+from tests.cli.inside import oppload
 
 
 def prepared(folder: Path) -> None:
@@ -22,7 +23,7 @@ WRONG = [
     (["run", "missing.mp4"], 3, "missing.mp4: no such file; check the path"),
     (["run", "text.mp4"], 3, "text.mp4: not a video that can be read"),
     (["run", "empty"], 3, "empty: no video and no image in this folder"),
-    (["run", "CLIP", "--model", "lgmd"], 2, "no model 'lgmd'; did you mean 'dlgmd'?"),
+    (["run", "CLIP", "--model", "dlgdm"], 2, "no model 'dlgdm'; did you mean 'dlgmd'?"),
     (["run", "CLIP", "--preset", "papr"], 2, "no preset 'papr'; did you mean 'paper'?"),
     (["run", "CLIP", "--set", "opplod.receptive_feild=9"], 2, "did you mean 'receptive_field'?"),
     (["run", "CLIP", "--set", "opplod.cell=0"], 2, "must be at least 1, not 0"),
@@ -30,8 +31,8 @@ WRONG = [
     (["run", "CLIP", "--start", "soon"], 2, "'soon' is no position"),
     (["run", "CLIP", "--image-rate", "0"], 2, "--image-rate must be a number above 0"),
     (["run", "CLIP", "--config", "none.toml"], 2, "none.toml: cannot be read"),
-    (["run", "CLIP", "-o", "file"], 2, "file: cannot be made"),
-    (["run", "CLIP", "-o", "file/inside"], 2, "file/inside: cannot be made"),
+    (["run", "CLIP", "-o", "file"], 2, "file: cannot be written (not a directory)"),
+    (["run", "CLIP", "-o", "file/inside"], 2, "file/inside: cannot be written (not a directory)"),
     (["run", "CLIP", "CLIP2", "-o", "-"], 2, "'-o -' streams one input"),
     (["run"], 2, "Missing argument 'INPUT...'"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
@@ -64,7 +65,28 @@ def test_a_folder_that_cannot_be_written(clip: Path, tmp_path: Path) -> None:
     assert (done.returncode, "cannot be written" in done.stderr) == (2, True)
 
 
-@pytest.mark.parametrize("command", [("run", "{clip}", "-o", "-"), ("models",)])
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+@pytest.mark.parametrize("command", [("run", "{clip}", "-o", "-", "-q"), ("models",)])
+def test_a_reader_that_goes_is_no_bug(clip: Path, command: tuple[str, ...]) -> None:
+    import subprocess
+
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "oppload_cli", *(part.format(clip=clip) for part in command)],
+            stdout=write,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+            timeout=60,
+        )
+    finally:
+        os.close(write)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
+@pytest.mark.parametrize("command", [("run", "{clip}", "-o", "-"), ("models",), ("config",)])
 def test_a_disk_that_is_full(clip: Path, command: tuple[str, ...]) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
@@ -89,11 +111,11 @@ def test_a_disk_that_is_full(clip: Path, command: tuple[str, ...]) -> None:
     ("words", "code"),
     [
         ('run "$CLIP" -o "$FOLDER"', 0),
-        ('run "$CLIP" "$CLIP" -o "$FOLDER"', 0),
+        ('run "$CLIP" "$CLIP" -o "$FOLDER" -j 1', 0),
         ('run "$CLIP" -o -', 2),
         ("run missing.mp4", 3),
         ("run --files-from -", 2),
-        ('tune klapoetke2017/bar-expand-10 --over speed=40 -o "$FOLDER"', 0),
+        ('tune klapoetke2017/bar-expand-10 --over speed=40 -o "$FOLDER" -j 1', 0),
         ('stimuli generate controls/appearing-disk -o "$FOLDER"', 0),
     ],
 )
@@ -113,6 +135,6 @@ def test_closed_standard_streams_are_no_bug(
 
 
 def test_debugging_shows_the_traceback() -> None:
-    done = oppload("run", "missing.mp4", OPPLOAD_DEBUG="1")
+    done = process.oppload("run", "missing.mp4", OPPLOAD_DEBUG="1")
     assert done.returncode == 3
     assert "Traceback" in done.stderr

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import pytest
@@ -63,8 +64,18 @@ WRONG: list[tuple[str, Callable[[], list[Row]], list[str], str]] = [
     ),
     ("no rmo", lambda: without("rmo_index"), ["--kind", "rmo"], "has no column 'rmo_index'"),
     ("empty rmo", lambda: emptied("rmo_mean"), ["--kind", "rmo"], "column 'rmo_mean' is empty"),
-    ("no place", lambda: without("opplod_x"), ["--kind", "map"], "has no column 'opplod_x'"),
-    ("no winner", lambda: emptied("opplod_x"), ["--kind", "map"], "column 'opplod_x' is empty"),
+    (
+        "no place",
+        lambda: without("opplod_unit_x"),
+        ["--kind", "map"],
+        "has no column 'opplod_unit_x'",
+    ),
+    (
+        "no winner",
+        lambda: emptied("opplod_unit_x"),
+        ["--kind", "map"],
+        "column 'opplod_unit_x' is empty",
+    ),
     ("curves as tuning", frame_rows, ["--kind", "polar"], "has no column 'stimulus'"),
     ("a frame beyond", frame_rows, ["--onset", "f99"], "--onset f99: column 'frame'"),
     ("a wrong mark", frame_rows, ["--contact", "soon"], "'soon' is no position"),
@@ -113,11 +124,52 @@ def test_a_wrong_tuning_table(text: str, sentence: str, tmp_path: Path, capsys: 
 def test_results_of_different_lengths(tmp_path: Path, capsys: Capture) -> None:
     paths = [write_result(tmp_path / f"{n}.frames.csv", n) for n in (40, 30)]
     figure = tmp_path / "both.png"
-    done = run(capsys, "plot", *paths, "-o", figure)
+    one = ("--model", "opplod")
+    done = run(capsys, "plot", *paths, *one, "-o", figure)
     assert done.returncode == 2
-    assert "30.frames.csv: column 'frame' has 30 rows" in done.stderr
-    assert run(capsys, "plot", *paths, "-o", figure, "--any-length").returncode == 0
+    assert "column 'frame' has 40 rows" in done.stderr
+    assert run(capsys, "plot", *paths, *one, "-o", figure, "--any-length").returncode == 0
+    assert run(capsys, "plot", *paths, "-o", figure).returncode == 0  # a panel each
     assert figure.exists()
+
+
+def test_the_look_of_a_figure(tmp_path: Path, capsys: Capture) -> None:
+    paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
+    figure = tmp_path / "both.svg"
+    look = ("--title", "My title", "--label", "first", "--label", "second", "--xlim", "-1", "0.5")
+    done = run(
+        capsys, "plot", *paths, "-o", figure, "--scale", "raw", "--align", "contact",
+        "--contact", "1.5", *look,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    drawn = figure.read_text()
+    for text in ("My title", "first", "second", "time from contact (s)", "contact"):
+        assert f"<!-- {text} -->" in drawn
+    done = run(capsys, "plot", *paths, "-o", figure, "--label", "one")
+    assert (done.returncode, "1 label for 2 results" in done.stderr) == (2, True)
+    done = run(capsys, "plot", *paths, "-o", figure, "--align", "contact")
+    assert (done.returncode, "its time of contact is not known" in done.stderr) == (2, True)
+
+
+def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
+    for name, contact in (("a", 20), ("b", 30)):
+        write_result(tmp_path / f"{name}.frames.csv", peak=contact)
+        sidecar = {"input": {"name": f"{name}.avi"}}
+        (tmp_path / f"{name}.oppload.json").write_text(json.dumps(sidecar))
+        (tmp_path / f"{name}.avi").touch()
+    manifest = tmp_path / "manifest.csv"
+    manifest.write_text(
+        "file,label,onset_frame,contact_frame\na.avi,looming,5,20\nb.avi,looming,6,30\n"
+    )
+    figure = tmp_path / "both.svg"
+    arguments = ("plot", tmp_path / "a.frames.csv", tmp_path / "b.frames.csv", "-o", figure)
+    aligned = (*arguments, "--align", "contact", "--model", "opplod", "--scale", "peak")
+    done = run(capsys, *aligned, "--manifest", manifest)
+    assert (done.returncode, done.stderr) == (0, "")
+    drawn = figure.read_text()
+    assert "<!-- a, peak 1 at 0.00 s -->" in drawn
+    assert "<!-- b, peak 1 at 0.00 s -->" in drawn
+    assert "<!-- onset -->" in drawn
 
 
 def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
@@ -164,7 +216,7 @@ def test_a_wrong_name_of_a_figure_or_model(tmp_path: Path, capsys: Capture) -> N
     path = write_result(tmp_path / "a.frames.csv")
     done = run(capsys, "plot", path, "-o", "a.gif")
     assert (done.returncode, "ends in .png, .svg or .pdf" in done.stderr) == (2, True)
-    done = run(capsys, "plot", path, "--model", "lgmd")
+    done = run(capsys, "plot", path, "--model", "dlgdm")
     assert (done.returncode, "did you mean 'dlgmd'" in done.stderr) == (2, True)
 
 

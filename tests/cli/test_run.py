@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.cli.process import oppload
+from tests.cli import process
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 HEADER = (
     "frame,time_s,luma_change,"
     "opplod_response,opplod_alarm,opplod_x,opplod_y,opplod_width,opplod_height,"
+    "opplod_unit_x,opplod_unit_y,"
     "dlgmd_response,dlgmd_alarm,dlgmd_s,"
     "flow_vectors,rom_pairs,rom_share,rmo_mean,rmo_max,rmo_index"
 )
@@ -28,7 +30,7 @@ def rows(text: str) -> list[dict[str, str]]:
 @pytest.fixture(scope="module")
 def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("result")
-    done = oppload("run", clip, "-o", folder)
+    done = process.oppload("run", clip, "-o", folder)
     assert (done.returncode, done.stdout) == (0, "")
     assert "24 frames" in done.stderr
     return folder
@@ -36,17 +38,22 @@ def result(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_table(result: Path) -> None:
     text = (result / "loom.frames.csv").read_text()
-    assert text.startswith(HEADER + "\n0,0,,,,,,,,,,,,,,,,\n1,0.0333333333,")
+    assert text.startswith(HEADER + "\n0,0,,,0,,,,,,,,0,,,,,,,\n1,0.0333333333,")
     table = rows(text)
     assert [int(row["frame"]) for row in table] == list(range(24))
     assert all(row["opplod_response"] == "" for row in table[:3])
     assert all(float(row["dlgmd_s"]) >= 0 for row in table[3:])
     best = max(table[3:], key=lambda row: float(row["opplod_response"]))
-    centre = [
-        float(best[f"opplod_{place}"]) + float(best[f"opplod_{size}"]) / 2
-        for place, size in (("x", "width"), ("y", "height"))
-    ]
-    assert centre == pytest.approx([150, 110], abs=8)
+    unit = float(best["opplod_unit_x"]), float(best["opplod_unit_y"])
+    assert unit == pytest.approx((150, 110), abs=8)
+    assert {row[f"{model}_alarm"] for row in table for model in ("opplod", "dlgmd")} <= {"0", "1"}
+    lines = (result / "loom.detections.jsonl").read_text().splitlines()
+    first = {each["frame"]: each for each in reversed([json.loads(line) for line in lines])}
+    assert len(first) > 5
+    for row in table:
+        found = first.get(int(row["frame"]))
+        for side in ("x", "y", "width", "height"):
+            assert row[f"opplod_{side}"] == ("" if found is None else f"{found[side]:.9g}")
     late = [float(row["rmo_index"]) for row in table[4:]]
     assert min(late) > 0.85
     assert not list(result.glob("*.part"))
@@ -54,12 +61,12 @@ def test_the_table(result: Path) -> None:
 
 def test_the_sidecar(result: Path, clip: Path) -> None:
     sidecar: dict[str, Any] = json.loads((result / "loom.oppload.json").read_text())
-    assert sidecar["schema"] == "oppload.result/1"
+    assert sidecar["schema"] == "oppload.result/2"
     assert sidecar["command"][:2] == ["oppload", "run"]
     assert sidecar["input"]["bytes"] == clip.stat().st_size
     assert sidecar["input"]["frame_rate"] == "30/1"
     assert sidecar["working"]["source_px_per_s_at_1_px_per_frame"] == 30
-    assert sidecar["parameters"]["opplod"]["receptive_field"] == 100
+    assert sidecar["parameters"]["opplod"]["receptive_field"] == 240
     assert sidecar["parameters"]["dlgmd"]["threshold_limit"] == 0.3
     assert sidecar["decode"]["decoded"] == sidecar["decode"]["analysed"] == 24
     assert sidecar["threads"]["models"] == 1
@@ -76,14 +83,14 @@ def test_the_sidecar(result: Path, clip: Path) -> None:
 
 
 def test_standard_output_gives_the_same_table_and_nothing_else(result: Path, clip: Path) -> None:
-    done = oppload("run", clip, "-o", "-", "-q")
+    done = process.oppload("run", clip, "-o", "-", "-q")
     assert done.returncode == 0
     assert done.stdout == (result / "loom.frames.csv").read_text()
     assert done.stderr == ""
 
 
 def test_same_input_same_bytes(result: Path, clip: Path, tmp_path: Path) -> None:
-    oppload("run", clip, "-o", tmp_path, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
+    process.oppload("run", clip, "-o", tmp_path, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
     again = (tmp_path / "loom.frames.csv").read_bytes()
     assert again == (result / "loom.frames.csv").read_bytes()
 
@@ -101,7 +108,6 @@ def test_options_reach_the_models(clip: Path, tmp_path: Path) -> None:
     assert [int(row["frame"]) for row in table] == list(range(4, 20))
     assert "dlgmd_response" not in table[0]
     assert "rmo_index" not in table[0]
-    assert {row["opplod_width"] for row in table} <= {"", "60"}
     sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
     assert sidecar["parameters"]["opplod"]["gain"] == 2
     assert sidecar["span"]["start"] == {"frame": 4, "seconds": None}
@@ -132,7 +138,8 @@ def test_an_existing_result_is_not_touched_without_being_asked(clip: Path, tmp_p
 
 
 def test_a_bad_input_does_not_stop_the_others(clip: Path, tmp_path: Path) -> None:
-    done = oppload("run", tmp_path / "missing.mp4", clip, "-o", tmp_path / "out")
+    named = (tmp_path / "missing.mp4", clip)
+    done = oppload("run", *named, "-o", tmp_path / "out", "--no-rmo", "-j", "1")
     assert done.returncode == 4
     assert "no such file" in done.stderr
     assert (tmp_path / "out" / "loom.frames.csv").exists()
@@ -162,7 +169,8 @@ def test_a_condition_on_the_alarm(
 ) -> None:
     """The disk alarms above low floors, and below high ones it does not."""
     condition, floor, code = case
-    options = ["--fail-on", condition, "--no-rmo", "--set", "alarm.blind=0"]
+    options = ["--fail-on", condition, "--no-rmo", "--height", "60", "--jobs", "1"]
+    options += ["--set", "alarm.blind_s=0"]
     for model in ("opplod", "dlgmd"):
         options += ["--set", f"alarm.{model}_floor={floor}"]
     copy = tmp_path / "copy.avi"
@@ -171,7 +179,17 @@ def test_a_condition_on_the_alarm(
     assert oppload("run", *inputs, "-o", tmp_path, *options).returncode == code
 
 
-def test_what_is_incomplete_does_not_pass_for_silent(tmp_path: Path) -> None:
+def test_many_detectors_have_a_line_each(clip: Path, tmp_path: Path) -> None:
+    names = "opplod,dlgmd,frame_difference,lgmd2"
+    done = oppload("run", clip, "-o", tmp_path, "--no-rmo", "--height", "60", "--model", names)
+    first, *lines = done.stderr.splitlines()
+    assert (done.returncode, first) == (0, f"{clip}:")
+    labels = ["OppLoD", "D-LGMD", "frame difference", "LGMD2"]
+    assert [line[2:28].rstrip() for line in lines[:4]] == labels
+    assert all("alarm" in line[28:] for line in lines[:4])
+
+
+def test_an_incomplete_input_does_not_count_as_silent(tmp_path: Path) -> None:
     images = grey_frames(40, width=320, height=240)
     whole = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
     whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])

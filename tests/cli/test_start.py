@@ -9,8 +9,9 @@ import sys
 import pytest
 from click.formatting import HelpFormatter
 
-from oppload_cli.cli import help_width
-from tests.cli.process import ENTRY, oppload
+from oppload_cli.cli import _help_width
+from tests.cli.inside import oppload
+from tests.cli.process import ENTRY
 
 HEAVY = ("numpy", "cv2", "av", "pandas", "matplotlib", "shutil", "difflib", "traceback")
 
@@ -42,10 +43,10 @@ def test_models_lists_every_parameter_once_defined() -> None:
         "gain",
     } < names
     assert described["presets"]["paper"]["opplod"]["receptive_field"] == 200
-    assert described["presets"]["robust"]["alarm"]["opplod_floor"] == 0.02
+    assert described["presets"]["default"]["alarm"]["opplod_floor"] == 0.024
     text = oppload("models").stdout
     assert "opplod.judgement = pixelwise" in text
-    assert "alarm.opplod_floor = 0.02" in text
+    assert "alarm.opplod_floor = 0.0008" in text
 
 
 def test_printed_settings_can_be_given_back(tmp_path: object) -> None:
@@ -73,28 +74,29 @@ def test_the_help_is_as_wide_as_click_would_have_it(
     monkeypatch.delenv("COLUMNS", raising=False)
     if columns is not None:
         monkeypatch.setenv("COLUMNS", columns)
-    assert help_width() == HelpFormatter().width
+    assert _help_width() == HelpFormatter().width
 
 
-def script(*arguments: str, first: str = "") -> subprocess.CompletedProcess[str]:
-    """The process that the installed script is."""
-    return subprocess.run(
-        [sys.executable, "-c", f"{first}\n{ENTRY}", *arguments],
+def test_the_process_exits_with_everything_printed_and_registered_functions_called() -> None:
+    first = "import atexit; atexit.register(print, 'at exit')"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{first}\n{ENTRY}", "models", "--json"],
         capture_output=True,
         text=True,
-        check=False,
+        check=True,
         timeout=60,
     )
-
-
-def test_the_process_leaves_at_once_with_all_said_and_done() -> None:
-    registered = "import atexit; atexit.register(print, 'at exit')"
-    kept = "import sys\nclass Kept:\n  def __del__(self): print('taken apart')\nsys.kept = Kept()"
-    done = script("models", "--json", first=f"{registered}\n{kept}")
-    assert done.returncode == 0
     described, _, rest = done.stdout.rpartition("}")
     assert json.loads(described + "}") == json.loads(oppload("models", "--json").stdout)
     assert rest.strip() == "at exit"
-    wrong = script("nix")
-    assert (wrong.returncode, wrong.stdout) == (2, "")
-    assert "no command 'nix'" in wrong.stderr
+
+
+def test_a_run_loads_no_large_library_before_the_decoder_begins() -> None:
+    code = (
+        "import sys, oppload_cli.cli.run, oppload_cli.video.opening, oppload_cli.models.presets\n"
+        f"print([name for name in {HEAVY[:5]} if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[]"

@@ -13,14 +13,14 @@ from click.testing import CliRunner, Result
 from oppload_cli import stimulus
 from oppload_cli.cli.stimuli import FORMATS, stimuli
 from oppload_cli.errors import ExitCode, OpploadError, OutputError, StimulusError
-from oppload_cli.video import writer
+from oppload_cli.video import writers as writer
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 SMALL = [
-    *("--set", "display.width=48", "--set", "display.height=40"),
-    *("--set", "display.pixels_per_degree=0.6", "--set", "timing.motion_s=0.2"),
+    *("--change", "display.width=48", "--change", "display.height=40"),
+    *("--change", "display.pixels_per_degree=0.6", "--change", "timing.motion_s=0.2"),
 ]
 OWN = """
 description = "own"
@@ -88,7 +88,7 @@ def test_show() -> None:
 
 
 def test_show_as_json_is_the_resolved_protocol() -> None:
-    result = run("show", "klapoetke2017/loom", "--json", "--set", "display.frame_rate=60")
+    result = run("show", "klapoetke2017/loom", "--json", "--change", "display.frame_rate=60")
     (table,) = json.loads(result.stdout)
     expected = stimulus.load("klapoetke2017/loom", {"display.frame_rate": 60})
     assert stimulus.Protocol.from_table(table, "shown") == expected
@@ -144,7 +144,7 @@ def test_existing_files(tmp_path: Path) -> None:
     found = problem(run(*words))
     assert isinstance(found, OutputError)
     assert "klapoetke2017_loom.avi exists already; use --if-exists skip or overwrite" in str(found)
-    changed = (*words, "--set", "disk.luminance=0.4")
+    changed = (*words, "--change", "disk.luminance=0.4")
     assert run(*changed, "--if-exists", "skip").stdout == ""
     assert path.read_bytes() == first
     assert run(*changed, "--if-exists", "overwrite").stdout.strip() == str(path)
@@ -155,19 +155,22 @@ def test_existing_files(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (["klapoetke2017/lom"], "did you mean 'klapoetke2017/loom'?"),
-        (["gone.toml"], "gone.toml: cannot read: No such file or directory; check the path"),
-        (["klapoetke2017/loom", "--set", "disk.size_deg"], "--set takes key=value"),
-        (["klapoetke2017/loom", "--set", "disk.size_deg=-3"], "size_deg must be at least 0 deg"),
-        (["klapoetke2017/loom", "--set", "dsik.size_deg=3"], "did you mean 'disk'?"),
-        (["klapoetke2017/loom", "--set", "display.frame_rate=0"], "frame_rate must be above 0 Hz"),
-        (["klapoetke2017/loom", "--set", "disk.centre_deg=[99,0]"], "outside the field"),
+        (["gone.toml"], "gone.toml: cannot be read (no such file or directory); check the path"),
+        (["klapoetke2017/loom", "--change", "disk.size_deg"], "--change takes key=value"),
+        (["klapoetke2017/loom", "--change", "disk.size_deg=-3"], "size_deg must be at least 0 deg"),
+        (["klapoetke2017/loom", "--change", "dsik.size_deg=3"], "did you mean 'disk'?"),
         (
-            ["klapoetke2017/loom-l-over-v/l-over-v-40", "--set", "disk.growth.contact_s=0.1"],
+            ["klapoetke2017/loom", "--change", "display.frame_rate=0"],
+            "frame_rate must be above 0 Hz",
+        ),
+        (["klapoetke2017/loom", "--change", "disk.centre_deg=[99,0]"], "outside the field"),
+        (
+            ["klapoetke2017/loom-l-over-v/l-over-v-40", "--change", "disk.growth.contact_s=0.1"],
             "pause",
         ),
-        (["klapoetke2017/bar-expand-10", "--set", "bar.axis_deg=[]"], "takes a number"),
+        (["klapoetke2017/bar-expand-10", "--change", "bar.axis_deg=[]"], "takes a number"),
         (
-            ["klapoetke2017/loom", "--format", "mp4", "--set", "display.width=361"],
+            ["klapoetke2017/loom", "--format", "mp4", "--change", "display.width=361"],
             "loom.toml: display.width = 361 is odd",
         ),
         (["klapoetke2017"], "did you mean 'klapoetke2017/*'?"),

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.inside import run
-from tests.cli.process import oppload
-from tests.test_tuning import DISK
+from tests.cli.inside import oppload, run
+from tests.tuning.test_tuning import DISK
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -27,7 +26,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     out = tmp_path / "out"
     done = run(
         capsys, "tune", stimulus, "-o", out, "--height", "native", "--jobs", "1", "--preset",
-        "default", "--set", "opplod.receptive_field=24", "--stimulus-set", "timing.motion_s=0.5",
+        "reference", "--set", "opplod.receptive_field=24", "--change", "timing.motion_s=0.5",
     )  # fmt: skip
     names = ["disk.tuning.csv", "disk.tuning.json", "disk.tuning.png"]
     assert (done.returncode, done.stderr) == (0, "")
@@ -42,7 +41,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_is_there_is_not_touched(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:
     arguments = ("tune", stimulus, "-o", tmp_path, "--height", "native", "--plot", "none",
                  "--jobs", "1", "--over", "speed=15", "--model", "opplod")  # fmt: skip
     assert run(capsys, *arguments).returncode == 0
@@ -59,16 +58,16 @@ def test_what_is_there_is_not_touched(stimulus: Path, tmp_path: Path, capsys: Ca
     ("arguments", "sentence"),
     [
         (["klapoetke2017/lom"], "no stimulus 'klapoetke2017/lom' in the catalogue; did you mean"),
-        (["none.toml"], "none.toml: cannot read"),
+        (["none.toml"], "none.toml: cannot be read"),
         (["klapoetke2017/loom"], "has no sweep of its own"),
         (["DISK", "--over", "sped=1"], "did you mean 'speed'"),
         (["DISK", "--over", "speed="], "its values cannot be read"),
         (["DISK", "--over", "speed=-5"], "speed_deg_s"),
-        (["DISK", "--stimulus-set", "disk.sise_deg=3"], "sise_deg"),
+        (["DISK", "--change", "disk.sise_deg=3"], "sise_deg"),
         (["DISK", "--set", "opplod.gian=3"], "did you mean 'gain'"),
-        (["DISK", "--model", "lgmd"], "did you mean 'dlgmd'"),
+        (["DISK", "--model", "dlgdm"], "did you mean 'dlgmd'"),
         (["DISK", "--no-rmo"], "No such option"),
-        (["DISK", "--jobs", "0"], "--jobs"),
+        (["DISK", "--jobs", "-1"], "--jobs"),
     ],
 )
 def test_wrong_use(

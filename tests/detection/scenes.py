@@ -8,18 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from oppload_cli.analysis import analyse
-from oppload_cli.detection.alarm import ALARMS
-from oppload_cli.models.presets import PRESETS
-from oppload_cli.video.frames import Frame, InputFacts
-from oppload_cli.video.working import working_size
+from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.models.registry import parameters_of
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.video.frames import Frame, InputFacts, working_size
 from tests.media import disk, texture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from oppload_cli.video.frames import FrameSource
-    from oppload_cli.video.working import WorkingSize
+    from oppload_cli.video.frames import FrameSource, WorkingSize
     from tests.media import Luma
 
 SIZE = 240
@@ -121,8 +119,8 @@ def looming_over(ground: list[Luma]) -> list[Luma]:
     return shown
 
 
-def alarms(video: FrameSource, preset: str, **changes: object) -> list[int]:
+def alarms(video: FrameSource, preset: str, **changes: float) -> list[int]:
     """Return the frames in which OppLoD's alarm is on under a preset."""
-    params = ALARMS[preset].replaced(**changes)
-    found = analyse(video, [PRESETS[preset].opplod], alarm=params, places=None, rmo=None)
+    params = alarm_params(preset, **changes)
+    found = analyse(video, [parameters_of("opplod", preset)], alarm=params, places=None, rmo=None)
     return [each.frame for each in found if each.alarms.get("opplod")]

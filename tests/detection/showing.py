@@ -10,6 +10,7 @@ import numpy as np
 from oppload_cli.detection.places import Places
 from oppload_cli.models.opplod import Opplod
 from tests.media import disk
+from tests.presets import PLACES, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -45,8 +46,8 @@ def shown(
     rate: float = RATE,
 ) -> list[list[Track]]:
     """Return the objects of every frame; in `hidden` frames no unit answers."""
-    model = Opplod((SIZE, SIZE))
-    places = Places(model.judge.maps, params)
+    model = Opplod((SIZE, SIZE), REFERENCE)
+    places = Places(params or PLACES)
     found: list[list[Track]] = []
     for t, frame in enumerate(frames):
         answer = model.step(frame)
@@ -54,6 +55,6 @@ def shown(
             found.append([])
             continue
         if t in set(hidden):
-            model.judge.maps.responses[:] = 0
-        found.append([copy(each) for each in places.step(t / rate)])
+            model.units.responses[:] = 0
+        found.append([copy(each) for each in places.step(model.units, t / rate)])
     return found

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from oppload_cli.detection.alarm import ALARMS, Alarm, AlarmParams
+from oppload_cli.detection.alarm import Alarm
+from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.presets import PRESETS
+from oppload_cli.models.registry import alarm_floor_of, detectors
 
 RATE = 32
 # Nothing but the floor, frame by frame.
-BARE = AlarmParams(
-    opplod_floor=1, factor=0, enough=1, window=1, release=1, hold_s=0, refractory_s=0
+BARE = alarm_params(
+    opplod_floor=1, factor=0, enough_s=0, window_s=0, release=1, hold_s=0, refractory_s=0
 )
 
 
@@ -59,14 +62,25 @@ def test_a_lone_peak_is_no_background() -> None:
     assert alarms([0.2] * 20 + [0.61], params.replaced(factor=4)) == []
 
 
-@pytest.mark.parametrize(("enough", "expected"), [(1, [2, 3, 4, 5, 6, 7]), (2, [4, 5]), (3, [])])
-def test_enough_of_the_latest_window(enough: int, expected: list[int]) -> None:
-    assert alarms([0, 0, 2, 0, 2, 0, 0, 0, 0], BARE.replaced(enough=enough, window=4)) == expected
+@pytest.mark.parametrize(
+    ("enough", "expected"), [(0, [2, 3, 4, 5, 6, 7]), (1, [4, 5]), (2, []), (0.5, [4, 5])]
+)
+def test_long_enough_within_the_latest_window(enough: float, expected: list[int]) -> None:
+    params = BARE.replaced(enough_s=enough / RATE, window_s=3 / RATE)
+    assert alarms([0, 0, 2, 0, 2, 0, 0, 0, 0], params) == expected
 
 
-def test_enough_is_within_the_window() -> None:
-    with pytest.raises(ParameterError, match="'enough' of alarm must be at most 'window'"):
-        AlarmParams(enough=5, window=4)
+def test_long_enough_takes_the_same_time_at_any_frame_rate() -> None:
+    params = BARE.replaced(enough_s=0.03, window_s=0.09)
+    for rate in (10, 15, 24, 30, 60, 120, 240, 1000):
+        alarm, first = Alarm("opplod", params), rate // 2
+        on = [t for t in range(rate) if alarm.step(2.0 if t >= first else 0.0, t / rate)]
+        assert 0.03 <= (on[0] - first) / rate < 0.03 + 1 / rate, rate
+
+
+def test_long_enough_is_within_the_window() -> None:
+    with pytest.raises(ParameterError, match="'enough_s' of alarm must be at most 'window_s'"):
+        AlarmParams(enough_s=0.5, window_s=0.4)
 
 
 def test_an_alarm_that_is_on_stays_on_above_the_release() -> None:
@@ -97,7 +111,7 @@ def test_blind_frames_do_not_count() -> None:
 
 def test_the_alarm_knows_only_the_past() -> None:
     responses = list(np.random.default_rng(8).gamma(0.3, 0.1, 400))
-    params = AlarmParams(opplod_floor=0.01, factor=3, hold_s=0.1, refractory_s=0.1, guard_s=0.1)
+    params = alarm_params(opplod_floor=0.01, factor=3, hold_s=0.1, refractory_s=0.1, guard_s=0.1)
     whole = alarms(responses, params)
     starts = [b for a, b in pairwise(whole) if b > a + 1]
     assert len(starts) > 5
@@ -105,10 +119,32 @@ def test_the_alarm_knows_only_the_past() -> None:
         assert alarms(responses[:end], params) == [t for t in whole if t < end]
 
 
-def test_every_preset_has_an_alarm() -> None:
-    assert set(ALARMS) == set(PRESETS)
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_detector_has_an_alarm_under_every_preset(preset: str) -> None:
+    params = alarm_params(preset)
+    for name in detectors():
+        assert params.floor_of(name) == alarm_floor_of(name, preset) > 0
+        silent = bool(PRESETS[preset].no_alarm)
+        assert Alarm(name, params).threshold == (math.inf if silent else params.floor_of(name))
 
 
-def test_a_model_without_an_alarm_is_an_error() -> None:
-    with pytest.raises(ParameterError, match="no model 'oplod' has an alarm; did you mean"):
+def test_without_an_alarm_no_response_is_above_the_threshold() -> None:
+    assert alarms([0, 1, 1e9, 1e9], BARE.replaced(on=False)) == []
+
+
+def test_presets_calibrate_the_alarm() -> None:
+    default, reference = alarm_params(), alarm_params("reference")
+    assert (default.factor, default.enough_s, default.window_s) == (8, 0, 0)
+    assert (reference.factor, reference.enough_s, reference.window_s) == (30, 0.03, 0.09)
+    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (0.024, 8e-4)
+    assert default.floor_of("dlgmd") == reference.floor_of("dlgmd") == 0.01
+    assert (default.on, reference.on, alarm_params("paper").on) == (True, True, False)
+
+
+def test_parameters_without_floors_have_those_of_the_detectors() -> None:
+    assert AlarmParams().floor_of("opplod") == alarm_floor_of("opplod")
+
+
+def test_an_unknown_detector_is_an_error() -> None:
+    with pytest.raises(ParameterError, match="no model 'oplod'; did you mean 'opplod'"):
         Alarm("oplod")

@@ -6,13 +6,15 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.models.presets import PRESETS
+from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.truth import contact_time
-from oppload_cli.tuning.present import StimulusVideo
 from tests.detection.scenes import alarms
 
-HEIGHT = PRESETS["robust"].height
+HEIGHT = PRESETS["default"].height
 LOOM = "klapoetke2017/loom-l-over-v"
 EARLIEST, LEAD = 40, 3  # frames
+BESIDE = -18, 15  # deg
+QUICK = (20, BESIDE), (40, (0, 0)), (100, BESIDE)
 CONTROLS = (
     *("controls/translating-disk-direction", "controls/translating-disk-speed"),
     *("controls/translating-bar-speed", "controls/translating-patch", "controls/zigzag-disk"),
@@ -42,7 +44,7 @@ def of(name: str, preset: str) -> list[int]:
 
 @pytest.mark.parametrize("name", SOME)
 def test_a_control_gives_no_alarm(name: str) -> None:
-    assert of(name, "robust") == []
+    assert of(name, "default") == []
 
 
 @pytest.mark.slow
@@ -50,20 +52,26 @@ def test_a_control_gives_no_alarm(name: str) -> None:
     "name",
     [protocol.name for name in CONTROLS for protocol in stimulus.load_all(name)],
 )
-@pytest.mark.parametrize("preset", ["default", "robust"])
+@pytest.mark.parametrize("preset", ["reference", "default"])
 def test_every_control_gives_no_alarm(name: str, preset: str) -> None:
     assert of(name, preset) == []
 
 
-@pytest.mark.parametrize("centre", [(0, 0), (-18, 15)])
-@pytest.mark.parametrize("l_over_v", [20, 40, 60, 80, 100])
+@pytest.mark.parametrize(
+    ("l_over_v", "centre"),
+    [
+        pytest.param(each, centre, marks=() if (each, centre) in QUICK else pytest.mark.slow)
+        for each in (20, 40, 60, 80, 100)
+        for centre in ((0, 0), BESIDE)
+    ],
+)
 def test_a_looming_disk_alarms_before_contact(l_over_v: int, centre: tuple[int, int]) -> None:
     """Off the middle, at 25 and 29 % of the frame's width and height."""
     changes = {"disk.growth.l_over_v_ms": l_over_v, "disk.centre_deg": list(centre)}
     [protocol] = stimulus.load_all(LOOM, changes)
     contact = contact_time(protocol)
     assert contact is not None
-    on = alarms(StimulusVideo(protocol, HEIGHT), "robust")
+    on = alarms(StimulusVideo(protocol, HEIGHT), "default")
     assert on
     ahead = contact * 30 - on[0]
     assert LEAD <= ahead <= EARLIEST

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.detection.contact import Contact
 from oppload_cli.detection.parameters import PlaceParams
+from oppload_cli.detection.places import Contact
 from tests.detection.showing import approaching, remaining, shown
 
 RATE = 30

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.detection.alarm import AlarmParams
-from oppload_cli.detection.cuts import Cuts
+from oppload_cli.detection.alarm import Cuts
+from oppload_cli.detection.parameters import AlarmParams
 from tests.detection import scenes
 from tests.detection.scenes import BEFORE, SIZE, STILL, Film, alarms
 from tests.media import texture
@@ -16,7 +16,7 @@ from tests.media import texture
 if TYPE_CHECKING:
     from tests.media import Luma
 
-PRESETS = ("default", "robust")
+PRESETS = ("reference", "default")
 
 
 def changed(mean: float, share: float) -> tuple[Luma, float]:
@@ -26,11 +26,11 @@ def changed(mean: float, share: float) -> tuple[Luma, float]:
     return p.reshape(10, 10), mean
 
 
-def blind(changes: list[tuple[Luma, float]], **params: object) -> list[int]:
+def blind(changes: list[tuple[Luma, float]], rate: int = 30, **params: object) -> list[int]:
     cuts = Cuts(AlarmParams().replaced(**params))
-    for _ in range(20):  # the beginning is held against nothing
-        cuts.step(*changed(0.01, 0.3))
-    return [t for t, each in enumerate(changes) if cuts.step(*each)]
+    for t in range(20):  # the beginning is held against nothing
+        cuts.step(*changed(0.01, 0.3), (t - 20) / rate)
+    return [t for t, each in enumerate(changes) if cuts.step(*each, t / rate)]
 
 
 MOTION = [changed(0.01, 0.3)] * 8
@@ -43,14 +43,14 @@ def test_a_cut_changes_most_of_the_frame_far_more_than_before() -> None:
     assert blind([*MOTION, changed(0.041, 0.49), *after]) == []
     assert blind([*MOTION, changed(0.041, 0.5), *after], cut_ratio=4.2) == []
     assert blind([*MOTION, changed(0.041, 0.5), *after], cut_ratio=0) == []
-    assert blind([*MOTION, changed(0.041, 0.3), *after], cut_share=0.3, blind=2) == [8, 9]
+    assert blind([*MOTION, changed(0.041, 0.3), *after], cut_share=0.3, blind_s=0.06) == [8, 9]
 
 
 def test_it_is_held_against_the_largest_of_five_frames() -> None:
     large = changed(0.02, 0.3)
     cut = changed(0.041, 0.9)
-    assert blind([*MOTION, large, *MOTION[:5], cut], blind=1) == [14]
-    assert blind([*MOTION, large, *MOTION[:4], cut], blind=1) == []
+    assert blind([*MOTION, large, *MOTION[:5], cut], blind_s=0.03) == [14]
+    assert blind([*MOTION, large, *MOTION[:4], cut], blind_s=0.03) == []
 
 
 def test_pixels_that_change_less_than_a_quarter_of_the_mean_do_not_count() -> None:
@@ -72,12 +72,21 @@ def test_any_motion_out_of_rest_is_blind_however_small_it_is() -> None:
 
 def test_a_second_cut_begins_anew() -> None:
     cut = changed(0.3, 0.9)
-    assert blind([*MOTION, cut, *MOTION[:6], cut, *MOTION], blind=3) == [8, 9, 10, 15, 16, 17]
+    assert blind([*MOTION, cut, *MOTION[:6], cut, *MOTION], blind_s=0.09) == [8, 9, 10, 15, 16, 17]
 
 
 def test_a_video_begins_out_of_rest() -> None:
-    cuts = Cuts(AlarmParams(blind=3))
-    assert [cuts.step(*changed(0.01, 0.1)) for _ in range(5)] == [True] * 3 + [False] * 2
+    cuts = Cuts(AlarmParams(blind_s=0.09))
+    seen = [cuts.step(*changed(0.01, 0.1), t / 30) for t in range(5)]
+    assert seen == [True] * 3 + [False] * 2
+
+
+@pytest.mark.parametrize("rate", [10, 24, 60, 240])
+def test_frames_are_blind_for_the_same_time_at_any_rate(rate: int) -> None:
+    found = blind([*MOTION * 20, changed(0.041, 0.5), *MOTION * 20], rate=rate)
+    found = [t for t in found if t >= 160]  # the beginning is blind too
+    assert found == list(range(160, 160 + len(found)))
+    assert 0.33 <= len(found) / rate < 0.33 + 1 / rate
 
 
 SCENES = {
@@ -106,14 +115,13 @@ def test_no_alarm(scene: str, preset: str) -> None:
 @pytest.mark.parametrize(
     ("scene", "preset"),
     [
-        ("a cut", "default"),
         *((name, preset) for name in SCENES if "flash" in name for preset in PRESETS),
         *(("a step of luminance", preset) for preset in PRESETS),
     ],
 )
 def test_there_would_be_one_without_blind_frames(scene: str, preset: str) -> None:
     shown = Film(SCENES[scene])
-    assert alarms(shown, preset, blind=0, enough=1, window=1)[0] == BEFORE
+    assert alarms(shown, preset, blind_s=0, enough_s=0)[0] == BEFORE
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -121,7 +129,7 @@ def test_out_of_rest_no_alarm_before_the_models_have_a_memory(preset: str) -> No
     """Patches at 8 px/frame are too fast for the models, but the first ten frames are blind."""
     moving = Film(scenes.out_of_rest(scenes.patches(12, 8, sigma=12)))
     first = set(range(STILL + 1, STILL + 11))
-    assert first & set(alarms(moving, preset, blind=0))
+    assert first & set(alarms(moving, preset, blind_s=0))
     assert not first & set(alarms(moving, preset))
 
 

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli import AlarmParams, Detection, FrameRecord, OpplodResponse, analyse, open_video
-from oppload_cli.detection.detections import Detections
+from oppload_cli import Detection, FrameRecord, OpplodResponse, alarm_params, analyse, open_video
+from oppload_cli.detection.places import Detections
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.video.working import WorkingSize
+from oppload_cli.video.frames import WorkingSize
 from tests.detection.showing import RATE, SIZE, approaching, remaining, together
 from tests.media import write_video
+from tests.presets import PLACES, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -30,14 +31,14 @@ def detected(
     frames: Iterable[Luma], alarm: bool = False, threshold: float = math.inf
 ) -> list[Detection]:
     """The detections of the last frame; the alarm goes on with it."""
-    model = Opplod((SIZE, SIZE))
-    detections = Detections(model.judge.maps, TWICE)
+    model = Opplod((SIZE, SIZE), REFERENCE)
+    detections = Detections(TWICE, PLACES)
     *before, last = frames
     for t, frame in enumerate(before):
         if model.step(frame):
-            detections.step(t / RATE, alarm=False, threshold=math.inf)
+            detections.step(model.units, t / RATE, alarm=False, threshold=math.inf)
     model.step(last)
-    return list(detections.step(len(before) / RATE, alarm, threshold))
+    return list(detections.step(model.units, len(before) / RATE, alarm=alarm, threshold=threshold))
 
 
 def test_detections_are_in_source_pixels() -> None:
@@ -69,7 +70,8 @@ def test_the_alarm_is_that_of_what_set_it_off_and_of_what_is_above_the_threshold
 def records(path: Path, frames: Iterable[Luma]) -> list[FrameRecord]:
     images = [(frame * 255).round().astype(np.uint8) for frame in frames]
     with open_video(write_video(path, images)) as video:
-        return list(analyse(video, alarm=AlarmParams(guard_s=0, enough=1, window=1)))
+        alarm = alarm_params("reference", guard_s=0, enough_s=0)
+        return list(analyse(video, [REFERENCE], alarm=alarm, places=PLACES))
 
 
 def test_a_pass_over_a_video_gives_detections(tmp_path: Path) -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from oppload_cli.detection.extent import Products
 from oppload_cli.detection.parameters import PlaceParams
-from oppload_cli.detection.peaks import focus, peaks
-from oppload_cli.models.units import UnitMaps
+from oppload_cli.detection.places import focus, peaks
+from oppload_cli.models.detector import UnitMaps
 
 CELLS, CELL = 41, 8.0
 MIDDLE = CELLS // 2

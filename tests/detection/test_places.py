@@ -3,12 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.detection.places import Places
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.parameters import OpplodParams
 from tests.detection.showing import LENGTH, RATE, SIZE, approaching, remaining, shown, together
 from tests.media import disk, texture
+from tests.presets import PLACES, REFERENCE
 
 
 def test_a_disk_is_one_object_with_its_focus_and_its_box() -> None:
@@ -79,7 +78,7 @@ def test_an_object_keeps_its_number_over_a_short_gap() -> None:
     short = shown(frames, hidden=range(16, 20))
     assert [len(tracks) for tracks in short[15:21]] == [1, 0, 0, 0, 0, 1]
     assert short[20][0].identity == 1
-    long = shown(frames, PlaceParams(gap_s=0.1), hidden=range(16, 20))
+    long = shown(frames, PLACES.replaced(gap_s=0.1), hidden=range(16, 20))
     assert long[20][0].identity == 2
 
 
@@ -92,12 +91,12 @@ def test_an_object_of_a_slow_video_keeps_its_number() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_first_object_is_the_winning_unit(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    model = Opplod((SIZE, 300))
+    model = Opplod((SIZE, 300), REFERENCE.replaced(history=0))
     for scale in (0.0, 0.0, 0.05, 0.1, 1.0):
         answer = model.step(rng.random((SIZE, 300), dtype=np.float32) * np.float32(scale))
     assert answer is not None
     assert answer.box is not None
-    first, *others = Places(model.judge.maps, PlaceParams(share=0, most=20)).step(0)
+    first, *others = Places(PLACES.replaced(share=0, most=20)).step(model.units, 0)
     assert first.response == pytest.approx(answer.response, rel=1e-5)
     field = answer.box.width
     middle = answer.box.x + field / 2, answer.box.y + field / 2
@@ -111,11 +110,11 @@ def test_the_floor_the_share_and_the_number_leave_objects_out() -> None:
     frames = together(approaching(65, 70, 24, 19), approaching(178, 165, 28, 19))
     first, second = shown(frames)[-1]
     ratio = second.response / first.response
-    assert len(shown(frames, PlaceParams(share=1.1 * ratio))[-1]) == 1
-    assert len(shown(frames, PlaceParams(share=0.9 * ratio))[-1]) == 2
-    assert len(shown(frames, PlaceParams(most=1))[-1]) == 1
-    assert len(shown(frames, PlaceParams(floor=1.1 * second.response))[-1]) == 1
-    assert shown(frames, PlaceParams(floor=1.1 * first.response))[-1] == []
+    assert len(shown(frames, PLACES.replaced(share=1.1 * ratio))[-1]) == 1
+    assert len(shown(frames, PLACES.replaced(share=0.9 * ratio))[-1]) == 2
+    assert len(shown(frames, PLACES.replaced(most=1))[-1]) == 1
+    assert len(shown(frames, PLACES.replaced(floor=1.1 * second.response))[-1]) == 1
+    assert shown(frames, PLACES.replaced(floor=1.1 * first.response))[-1] == []
 
 
 def test_nothing_is_found_where_nothing_looms() -> None:
@@ -130,12 +129,13 @@ def test_nothing_is_found_where_nothing_looms() -> None:
 
 
 def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
-    params = OpplodParams(
-        judgement="pixelwise", receptive_field=100, cell=1, pool_sigma=0, periphery=0, units="3x3"
-    )
+    params = REFERENCE.replaced(
+        judgement="pixelwise", receptive_field=100, cell=1, pool_sigma=0, periphery=0, units="3x3",
+        history=0,
+    )  # fmt: skip
     model = Opplod((SIZE, SIZE), params)
     for frame in approaching(120, 120, 24, 18):
         model.step(frame)
-    first = Places(model.judge.maps).step(0)[0]
+    first = Places(PLACES).step(model.units, 0)[0]
     assert (first.x, first.y, first.extent.x, first.extent.y) == (120, 120, 50, 50)
     assert first.time_to_contact_s is None

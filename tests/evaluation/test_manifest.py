@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ManifestError, ParameterError
-from oppload_cli.evaluation.boxes import with_boxes
-from oppload_cli.evaluation.contenders import contenders
-from oppload_cli.evaluation.manifest import read_manifest
+from oppload_cli.evaluation.detectors import evaluated_detectors
+from oppload_cli.evaluation.manifest import read_manifest, with_boxes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +28,7 @@ def written(folder: Path, *rows: str, header: str = HEADER) -> Path:
     return path
 
 
-def test_what_a_manifest_says(folder: Path) -> None:
+def test_the_rows_of_a_manifest(folder: Path) -> None:
     path = written(
         folder,
         "a.avi, looming ,12,40,,30,100,8,6,somebody,MIT",
@@ -89,7 +88,7 @@ def test_an_unknown_column_is_reported_and_the_rest_stands(folder: Path) -> None
     )
     assert len(found.entries) == 1
     assert "row 1: unknown column 'motions'; did you mean 'motion'?" in found.faults[0]
-    assert "row 1: unknown column 'weather'; there is" in found.faults[1]
+    assert "row 1: unknown column 'weather'; choose" in found.faults[1]
 
 
 @pytest.mark.parametrize(
@@ -99,11 +98,11 @@ def test_an_unknown_column_is_reported_and_the_rest_stands(folder: Path) -> None
         (b"file,label,onset_frame\n", "its first row lacks contact_frame"),
         (b"file;label;onset_frame;contact_frame\n", "lacks file, label"),
         (HEADER.encode() + b",file\n", "has file twice"),
-        (b"\xff\xfe\x00", "is no CSV in UTF-8"),
-        (b'file,"label', "is no CSV"),
+        (b"\xff\xfe\x00", "is not valid CSV in UTF-8"),
+        (b'file,"label', "is not valid CSV"),
     ],
 )
-def test_what_is_no_manifest(folder: Path, content: bytes, reason: str) -> None:
+def test_a_file_that_is_no_manifest(folder: Path, content: bytes, reason: str) -> None:
     path = folder / "clips.csv"
     path.write_bytes(content)
     with pytest.raises(ManifestError, match=reason):
@@ -119,7 +118,7 @@ def test_boxes_are_those_beside_the_manifest_or_the_named_ones(folder: Path) -> 
     found = with_boxes(manifest)
     assert found.entries[0].label.boxes == {7: (1, 2, 3.5, 4)}
     assert found.entries[1].label.boxes == {}
-    assert found.faults == []  # z.avi is another manifest's
+    assert found.faults == []  # z.avi belongs to another manifest
     other = folder / "other.json"
     other.write_text('{"a.avi": {"8": [0, 0, 1, 1]}}')
     assert with_boxes(manifest, other).entries[0].label.boxes == {8: (0, 0, 1, 1)}
@@ -150,7 +149,7 @@ def test_a_wrong_box_is_named_and_the_rest_stands(folder: Path, entry: object) -
 
 
 @pytest.mark.parametrize("content", ["", "[1]", "{", "[" * 100_000])
-def test_what_are_no_boxes(folder: Path, content: str) -> None:
+def test_a_file_without_boxes(folder: Path, content: str) -> None:
     manifest = read_manifest(written(folder, "a.avi,looming,1,9"))
     (folder / "boxes.json").write_text(content)
     with pytest.raises(ManifestError, match=r"boxes\.json: (is not valid JSON|must be an object)"):
@@ -159,16 +158,16 @@ def test_what_are_no_boxes(folder: Path, content: str) -> None:
         with_boxes(manifest, folder / "none.json")
 
 
-def test_contenders_and_the_baselines_beside_them() -> None:
-    baselines = ["dlgmd", "flow_divergence", "mean_p"]
-    assert [each.name for each in contenders(["opplod:paper", "mean_p"])] == [
+def test_detectors_and_the_baselines_beside_them() -> None:
+    baselines = ["dlgmd", "frame_difference", "flow_divergence"]
+    assert [each.name for each in evaluated_detectors(["opplod:paper", "frame_difference"])] == [
         "opplod:paper", *baselines,
     ]  # fmt: skip
-    usual = [each.name for each in contenders()]
+    usual = [each.name for each in evaluated_detectors()]
     assert usual[0] == "opplod:default"
     assert usual[-3:] == baselines
-    paper = contenders(["opplod:paper"])[0]
-    assert (paper.height, paper.model) == (600, "opplod")
+    paper = evaluated_detectors(["opplod:paper"])[0]
+    assert (paper.height, paper.detector) == (600, "opplod")
     assert paper.as_dict()["parameters"]["receptive_field"] == 200
     with pytest.raises(ParameterError, match="no model 'opplod:papr'; did you mean 'opplod:paper'"):
-        contenders(["opplod:papr"])
+        evaluated_detectors(["opplod:papr"])

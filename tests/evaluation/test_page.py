@@ -8,26 +8,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.detection.evaluation.intervals import draws_of
-from oppload_cli.detection.evaluation.measures import measured
-from oppload_cli.evaluation.contenders import Contender
+from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.evaluation.detectors import EvaluatedDetector
 from oppload_cli.evaluation.evaluate import Evaluation
 from oppload_cli.evaluation.manifest import Entry, Manifest
-from oppload_cli.evaluation.page import PLOTS, page_of
-from oppload_cli.evaluation.report import report_json, report_of
-from oppload_cli.evaluation.stills import worst
-from oppload_cli.evaluation.strip import HEIGHT, WIDTH, overlay, strip
-from oppload_cli.evaluation.text import duration, number
-from tests.detection.evaluation.make import NAME, clip, peaks
+from oppload_cli.evaluation.metrics.intervals import draws_of
+from oppload_cli.evaluation.metrics.measures import measured
+from oppload_cli.evaluation.output import report_json, report_of
+from oppload_cli.evaluation.page import number, page_of
+from oppload_cli.evaluation.plots import PLOTS
+from oppload_cli.evaluation.stills import HEIGHT, WIDTH, strip, winner_of, worst
+from tests.evaluation.make import NAME, clip, peaks
+from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
-    from oppload_cli.detection.evaluation.series import Seen
+    from oppload_cli.evaluation.metrics.clips import Clip
 
-OPPLOD = "opplod:default"
+OPPLOD = "opplod:reference"
 
 
-def renamed(seen: Seen, name: str) -> Seen:
-    return replace(seen, label=replace(seen.label, name=name), answers={OPPLOD: seen.answers[NAME]})
+def renamed(made: Clip, name: str) -> Clip:
+    return replace(made, label=replace(made.label, name=name), outputs={OPPLOD: made.outputs[NAME]})
 
 
 FIELDS = np.full((100, 4), np.nan)
@@ -36,7 +37,7 @@ BOXES = {84: (1.0, 2.0, 3.0, 4.0)}
 CLIPS = [
     renamed(clip(peaks(100, {85: 9.0}), 80, 90), "found.avi"),
     renamed(
-        clip(peaks(100, {84: 1.0}), 80, 90, boxes=BOXES, place=FIELDS.tolist()),
+        clip(peaks(100, {84: 1.0}), 80, 90, boxes=BOXES, winner=FIELDS.tolist()),
         "<missed>.avi",
     ),
     renamed(clip(peaks(603, {100: 5.0, 130: 3.0, 160: 2.0}), motion="still"), "false.avi"),
@@ -47,12 +48,19 @@ CLIPS = [
 
 @pytest.fixture(scope="module")
 def evaluation() -> Evaluation:
-    found = measured(CLIPS, OPPLOD, draws_of([seen.label.looming for seen in CLIPS], 100))
-    entries = [Entry(at, Path(seen.label.name), seen.label) for at, seen in enumerate(CLIPS, 2)]
+    found = measured(CLIPS, OPPLOD, draws_of([each.label.looming for each in CLIPS], 100))
+    entries = [Entry(at, Path(each.label.name), each.label) for at, each in enumerate(CLIPS, 2)]
     manifest = Manifest(Path("clips.csv"), entries, ["row 9: <gone>"], 6)
-    contender = Contender(OPPLOD, "made by hand", 240)
+    detector = EvaluatedDetector(OPPLOD, "made by hand", 240, REFERENCE, alarm_params())
     return Evaluation(
-        manifest, [contender], entries, CLIPS, {OPPLOD: found}, found.figures, manifest.faults, 100
+        manifest,
+        [detector],
+        entries,
+        CLIPS,
+        {OPPLOD: found},
+        found.measurements,
+        manifest.faults,
+        100,
     )
 
 
@@ -65,14 +73,13 @@ def test_the_worst_moments(evaluation: Evaluation) -> None:
     assert {each.threshold for each in moments} == {1.0}
 
 
-def test_the_page_says_it_and_escapes_names(evaluation: Evaluation) -> None:
+def test_the_page_has_the_figures_and_escapes_names(evaluation: Evaluation) -> None:
     moments = worst(evaluation)
     page = page_of(evaluation, report_of(evaluation), dict.fromkeys(PLOTS, b"png"), moments, {})
     assert "&lt;missed&gt;.avi" in page
     assert "<missed>" not in page
     assert "row 9: &lt;gone&gt;" in page
     assert "with 3.26 minutes of footage" in page
-    assert duration(0.0733) == "4.4 s"
     assert "frame 84 (0.6 s before contact): 1 times the threshold" in page
     assert "frame 100 (still): 5 times the threshold" in page
     assert page.count('<span class="no">missed</span>') == 1
@@ -83,26 +90,34 @@ def test_the_page_says_it_and_escapes_names(evaluation: Evaluation) -> None:
 def test_a_strip_shows_the_approach_the_threshold_and_the_frame(evaluation: Evaluation) -> None:
     missed, false, _ = worst(evaluation)
     drawn = strip(CLIPS[1], missed)
-    assert f'class="approach" x="{80 * WIDTH / 100:.1f}"' in drawn
-    points = re.findall(r"([\d.]+),([\d.]+)", drawn)
-    assert len(points) == 100
-    assert points[84] == (f"{84.5 * WIDTH / 100:.1f}", f"{HEIGHT - 2 - (HEIGHT - 6) / 1.2:.1f}")
+    assert drawn.approach == pytest.approx((80 * WIDTH / 100, 11 * WIDTH / 100))
+    assert len(drawn.points) == 100
+    top = HEIGHT - 2 - (HEIGHT - 6) / 1.2
+    assert drawn.points[84] == pytest.approx((84.5 * WIDTH / 100, top))
+    assert drawn.threshold == pytest.approx(top)
+    assert drawn.now == pytest.approx(84.5 * WIDTH / 100)
     # Above three times the threshold it is cut.
-    heights = [float(y) for _, y in re.findall(r"([\d.]+),([\d.]+)", strip(CLIPS[2], false))]
-    assert min(heights) == 4
-    assert "approach" not in strip(CLIPS[2], false)
+    cut = strip(CLIPS[2], false)
+    assert min(y for _, y in cut.points) == 4
+    assert cut.approach is None
 
 
-def test_boxes_stand_over_the_frame(evaluation: Evaluation) -> None:
+def test_boxes_and_strips_are_drawn_on_the_page(evaluation: Evaluation) -> None:
     missed, false, _ = worst(evaluation)
-    drawn = overlay(CLIPS[1], missed)
-    assert 'viewBox="0 0 400 200"' in drawn
-    assert 'class="label" x="1.0" y="2.0" width="3.0" height="4.0"' in drawn
-    assert 'class="winner" x="50.0" y="60.0" width="100.0" height="80.0"' in drawn
-    assert "rect" not in overlay(CLIPS[2], false)
+    assert winner_of(CLIPS[1], missed) == (50, 60, 100, 80)
+    assert winner_of(CLIPS[2], false) is None
+    page = page_of(evaluation, report_of(evaluation), dict.fromkeys(PLOTS, b"png"), [missed], {})
+    assert 'viewBox="0 0 400 200"' in page
+    assert 'class="label" x="1.0" y="2.0" width="3.0" height="4.0"' in page
+    assert 'class="winner" x="50.0" y="60.0" width="100.0" height="80.0"' in page
+    points = re.findall(r"([\d.]+),([\d.]+)", page[page.index("<polyline") :])
+    assert points[84] == (f"{84.5 * WIDTH / 100:.1f}", f"{HEIGHT - 2 - (HEIGHT - 6) / 1.2:.1f}")
+    drawn = page_of(evaluation, report_of(evaluation), dict.fromkeys(PLOTS, b"png"), [false], {})
+    assert 'class="approach"' not in drawn
+    assert 'class="winner"' not in drawn
 
 
-def test_what_is_no_number_is_null_in_the_report(evaluation: Evaluation) -> None:
+def test_nan_and_infinity_are_null_in_the_report(evaluation: Evaluation) -> None:
     text = report_json({"a": [float("nan"), 1.5], "b": {"c": float("inf")}})
     assert text.split() == [
         "{",

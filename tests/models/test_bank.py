@@ -1,38 +1,50 @@
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
 import cv2
 import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models import crew
-from oppload_cli.models.bank import ModelBank
-from oppload_cli.models.dlgmd import Dlgmd
-from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.parameters import DlgmdParams, OpplodParams
+from oppload_cli.models import registry
+from oppload_cli.models.bank import DetectorBank
+from oppload_cli.models.detector import Detector, Response
+from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
+from oppload_cli.models.frame_difference import FrameDifferenceParams
+from oppload_cli.models.opplod import Opplod, OpplodResponse
+from oppload_cli.schema import Parameters
+from tests.arithmetic import many_bands
 from tests.media import looming
+from tests.presets import REFERENCE
+
+if TYPE_CHECKING:
+    from tests.media import Luma
+
+__all__ = ["many_bands"]
 
 
-@pytest.mark.parametrize("sigma", [5.0, 4.0])
-def test_shared_layers_change_no_answer(sigma: float) -> None:
-    """With equal DPC constants the layers are shared, with others they are not."""
-    frames = looming(120, 60, 60, 10)
-    opplod, dlgmd = OpplodParams(), DlgmdParams(sigma_inhibition=sigma)
-    bank = ModelBank((120, 120), [opplod, dlgmd])
-    alone: dict[str, Opplod | Dlgmd] = {
-        "opplod": Opplod((120, 120), opplod),
-        "dlgmd": Dlgmd((120, 120), dlgmd),
-    }
-    for frame in frames:
-        together = bank.step(frame)
-        assert together == {name: model.step(frame) for name, model in alone.items()}
-    assert list(together) == ["opplod", "dlgmd"]
-    assert bank.luma_change == pytest.approx(float(np.abs(frames[-1] - frames[-2]).mean()))
+def random_frames(count: int, shape: tuple[int, int]) -> list[Luma]:
+    return list(np.random.default_rng(21).random((count, *shape), dtype=np.float32))
+
+
+def test_the_bank_gives_p_and_its_mean() -> None:
+    frames = looming(120, 60, 60, 4)
+    bank = DetectorBank((120, 120), [REFERENCE])
+    bank.step(frames[0])
+    assert bank.luma_change is None
+    assert not bank.photoreceptors.any()
+    bank.step(frames[1])
+    change = np.abs(frames[1] - frames[0])
+    np.testing.assert_array_equal(bank.photoreceptors, change)
+    assert bank.luma_change == pytest.approx(float(change.mean()))
 
 
 def test_reset_starts_over() -> None:
     frames = looming(60, 30, 30, 6)
-    bank = ModelBank((60, 60), [OpplodParams(), DlgmdParams()])
+    params = [REFERENCE.replaced(strides=2), DlgmdParams(), FrameDifferenceParams()]
+    bank = DetectorBank((60, 60), params)
     first = [bank.step(frame) for frame in frames]
     bank.reset()
     assert [bank.step(frame) for frame in frames] == first
@@ -40,26 +52,117 @@ def test_reset_starts_over() -> None:
 
 
 def test_no_model_is_an_error() -> None:
-    with pytest.raises(ParameterError, match="no model is chosen"):
-        ModelBank((9, 9), [])
+    with pytest.raises(ParameterError, match="no model is chosen; name at least one"):
+        DetectorBank((9, 9), [])
 
 
-def test_the_number_of_threads_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(crew, "LARGE", 1)
-    frames = list(np.random.default_rng(4).random((7, 90, 131), dtype=np.float32))
-    before = cv2.getNumThreads()
+def test_a_model_given_twice_is_an_error() -> None:
+    with pytest.raises(ParameterError, match="model 'dlgmd' is given twice; name each once"):
+        DetectorBank((9, 9), [DlgmdParams(), DlgmdParams(group_size=2)])
+
+
+@pytest.mark.usefixtures("many_bands")
+def test_the_number_of_threads_changes_no_bit() -> None:
+    frames = random_frames(7, (90, 131))
     answers, maps = [], []
-    try:
-        for threads in (1, 2, 5):
-            cv2.setNumThreads(threads)
-            bank = ModelBank((90, 131), [OpplodParams(), DlgmdParams()])
-            answers.append([bank.step(frame) for frame in frames])
-            opplod, dlgmd = bank.models.values()
-            assert isinstance(opplod, Opplod)
-            assert isinstance(dlgmd, Dlgmd)
-            maps.append([*(each.tobytes() for each in opplod.pathways.values()), dlgmd.grouped])
-    finally:
-        cv2.setNumThreads(before)
+    for threads in (1, 2, 5):
+        cv2.setNumThreads(threads)
+        bank = DetectorBank((90, 131), [REFERENCE, DlgmdParams()])
+        answers.append([bank.step(frame) for frame in frames])
+        opplod, dlgmd = bank.detectors.values()
+        assert isinstance(opplod, Opplod)
+        assert isinstance(dlgmd, Dlgmd)
+        pathways = b"".join(each.tobytes() for each in opplod.pathways.values())
+        maps.append((pathways, dlgmd.grouped.tobytes()))
     assert answers[0] == answers[1] == answers[2]
     assert answers[0][-1]["opplod"] is not None
-    np.testing.assert_equal(maps[1:], [maps[0], maps[0]])
+    assert maps[0] == maps[1] == maps[2]
+
+
+@pytest.mark.parametrize(("strides", "memory"), [(1, 3), (2, 6), (5, 15)])
+def test_a_bank_forgets_within_its_memory(strides: int, memory: int) -> None:
+    params = REFERENCE.replaced(receptive_field=40, cell=5, strides=strides, history=0)
+    # Where a frame of high contrast follows faint ones, not everything is inhibited.
+    frames = [
+        each * np.float32(0.02 if t % memory else 1)
+        for t, each in enumerate(random_frames(20, (60, 80)))
+    ]
+    bank, fresh = (DetectorBank((60, 80), [DlgmdParams(), params]) for _ in "ab")
+    for frame in frames:
+        bank.step(frame)
+    for frame in frames[:memory]:
+        bank.step(frame)
+        fresh.step(frame)
+    answer = fresh.step(frames[memory])
+    assert bank.step(frames[memory]) == answer
+    assert isinstance(answer["opplod"], OpplodResponse)
+    assert answer["opplod"].response > 0
+
+
+def test_the_answer_at_rest_is_that_to_a_repeated_frame() -> None:
+    params = [REFERENCE, DlgmdParams(), FrameDifferenceParams()]
+    bank = DetectorBank((60, 60), params)
+    for frames in range(6):
+        assert bank.at_rest(frames) == bank.step(np.full((60, 60), 0.5, np.float32))
+    assert bank.at_rest(0) == {"opplod": None, "dlgmd": None, "frame_difference": None}
+    assert bank.at_rest(1)["frame_difference"] == Response(0.0)
+    assert bank.at_rest(3)["dlgmd"] == DlgmdResponse(0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LooseParams(Parameters):
+    pass
+
+
+class Loose(Detector):
+    """A detector that returns what it was told to."""
+
+    name, label, colour, meaning = "loose", "Loose", "#000000", "for this test"
+    parameters = LooseParams
+    answer: Any = None
+
+    def reset(self) -> None:
+        pass
+
+    def step(self, _: Luma) -> Response | None:
+        answer: Response | None = self.answer
+        return answer
+
+
+def test_an_answer_of_another_class_than_declared_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bank = DetectorBank((9, 9), [DlgmdParams()])
+    monkeypatch.setattr(Dlgmd, "step", lambda *_: Response(1.0))
+    message = "detector 'dlgmd': its step returned Response, not a DlgmdResponse or None"
+    with pytest.raises(ParameterError, match=message):
+        bank.step(np.zeros((9, 9), np.float32))
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind"), [(0.5, "float"), (np.float32(1), "float32"), ((1.0, None), "tuple")]
+)
+def test_an_answer_that_is_not_a_response_is_refused(
+    monkeypatch: pytest.MonkeyPatch, answer: object, kind: str
+) -> None:
+    registry.register(Loose)
+    try:
+        bank = DetectorBank((9, 9), [DlgmdParams(), LooseParams()])
+        monkeypatch.setattr(Loose, "answer", Response(0.25))
+        assert bank.step(np.zeros((9, 9), np.float32))["loose"] == Response(0.25)
+        monkeypatch.setattr(Loose, "answer", answer)
+        message = f"detector 'loose': its step returned {kind}, not a Response or None"
+        with pytest.raises(ParameterError, match=message):
+            bank.step(np.zeros((9, 9), np.float32))
+    finally:
+        registry.forget("loose")
+
+
+def test_detectors_read_the_time_of_the_frame() -> None:
+    bank = DetectorBank((9, 9), [DlgmdParams()])
+    layers = bank.detectors["dlgmd"].layers
+    frame = np.zeros((9, 9), np.float32)
+    bank.step(frame, 1.25)
+    assert layers.time_s == 1.25
+    bank.step(frame)
+    assert layers.time_s is None

@@ -3,13 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.models.dlgmd import Dlgmd
-from oppload_cli.models.parameters import DlgmdParams
+from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, threshold
 from tests import reference
 from tests.media import edge
 
 
-@pytest.mark.parametrize("shape", [(31, 46), (4, 4), (3, 17)])
+@pytest.mark.parametrize("shape", [(31, 46), (4, 4), (3, 17), (1, 1), (5, 90)])
 def test_agrees_with_the_literal_reference(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(3)
     # Black first: P(t-2) stays small, so that the threshold of grouping matters.
@@ -21,20 +20,29 @@ def test_agrees_with_the_literal_reference(shape: tuple[int, int]) -> None:
     assert answers[3] is not None
     assert answers[3].s == pytest.approx(s.mean(), abs=1e-5)
     assert answers[3].response == pytest.approx(g.mean(), abs=1e-5)
+    assert answers[3].box is None
     np.testing.assert_allclose(model.grouped, g, atol=1e-5)
 
 
-@pytest.mark.parametrize(("limit", "kept"), [(0.25, 0.25), (0.2500001, 0.0)])
-def test_grouping_keeps_what_equals_the_threshold(limit: float, kept: float) -> None:
-    model = Dlgmd((9, 9), DlgmdParams(threshold_factor=1000, threshold_limit=limit))
-    for frame in np.random.default_rng(2).random((4, 9, 9), dtype=np.float32):
+def test_the_threshold_follows_the_change_two_frames_ago_up_to_a_limit() -> None:
+    assert threshold(DlgmdParams(), 0.1) == pytest.approx(0.12)
+    assert threshold(DlgmdParams(), 0.5) == 0.3
+    assert threshold(DlgmdParams(threshold_factor=2, threshold_limit=0.7), 0.3) == 0.6
+
+
+@pytest.mark.parametrize(("group_size", "limit"), [(1, 1.0), (7, 0.2)])
+def test_parameters_of_grouping_act(group_size: int, limit: float) -> None:
+    rng = np.random.default_rng(3)
+    frames = [rng.random((20, 30), dtype=np.float32) * scale for scale in (0, 0.02, 0.02, 1)]
+    model = Dlgmd((20, 30), DlgmdParams(group_size=group_size, grouped_limit=limit))
+    for frame in frames:
         model.step(frame)
-    model.dpc.presynaptic[:] = 0
-    model.dpc.presynaptic[4, 4] = 0.5  # alone, so that C is 0.5 and G is 0.25
-    if model.dpc.live is not None:
-        model.dpc.live[4, 0] = 1
-    model.respond()
-    assert model.grouped[4, 4] == kept
+    p = reference.photoreceptors(frames)
+    expected = reference.grouped(
+        reference.presynaptic(p), group_size, min(1.2 * p[-3].mean(), 0.3), limit
+    )
+    np.testing.assert_allclose(model.grouped, expected, atol=1e-5)
+    assert expected.max() > 0.05
 
 
 def test_faster_edges_answer_more() -> None:

@@ -3,13 +3,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.kernels import (
+    DpcParams,
+    Kernels,
     direction_mask,
     excitation_kernel,
     inhibition_kernels,
     latency,
 )
-from oppload_cli.models.parameters import DpcParams
+from oppload_cli.models.opplod_parameters import OpplodParams
 from tests import reference
 
 PARAMS = DpcParams()
@@ -62,3 +65,17 @@ def test_a_mask_is_smallest_where_motion_of_its_direction_comes_from() -> None:
 
 def test_a_wide_kernel_does_not_overflow() -> None:
     assert np.isfinite(direction_mask(DpcParams(kernel_radius=50), 45)).all()
+
+
+def test_the_kernels_of_a_layer_keep_every_value() -> None:
+    kernels = Kernels.of(PARAMS, (45, 135))
+    assert kernels.excitation.shape == (3, 3)  # without the zeros around its five values
+    assert kernels.excitation.sum() == excitation_kernel(PARAMS).sum()
+    np.testing.assert_array_equal(kernels.inhibition, inhibition_kernels(PARAMS))
+    assert list(kernels.masks) == [45, 135]
+    np.testing.assert_array_equal(kernels.masks[135] + 0.5, direction_mask(PARAMS, 135))
+
+
+def test_the_constants_of_a_detector_are_the_dpc_constants_alone() -> None:
+    assert OpplodParams().dpc() == DlgmdParams().dpc() == DpcParams()
+    assert DlgmdParams(kernel_radius=9, group_size=2).dpc() == DpcParams(kernel_radius=9)

@@ -1,3 +1,5 @@
 from __future__ import annotations
 
-from tests.arithmetic import each_arithmetic  # noqa: F401 - for every test here
+from tests.arithmetic import each_arithmetic
+
+__all__ = ["each_arithmetic"]  # for every test here

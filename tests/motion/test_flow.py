@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -10,14 +11,15 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import FrameError
-from oppload_cli.motion.flow import DenseFlow
-from oppload_cli.motion.parameters import RmoParams
-from oppload_cli.motion.rmo import RmoMetrics, rmo_metrics
+from oppload_cli.motion.flow import Cells, DenseFlow, sample, sampled
+from oppload_cli.motion.rmo import RmoMetrics, RmoParams, rmo_metrics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from oppload_cli.motion.sampling import MotionVectors
+    from oppload_cli.motion.flow import MotionVectors
+
+pytestmark = pytest.mark.once
 
 HEIGHT, WIDTH = 240, 320
 CENTRE = (170.0, 110.0)
@@ -240,8 +242,8 @@ def test_grid_and_minimum_speed() -> None:
     assert len(vectors(before, now, RmoParams(minimum_speed=1.5)).starts) == 0
 
 
-def test_what_moves_in_a_small_part_is_seen_as_finely_as_the_whole_frame_costs() -> None:
-    """A disk of 6 px, less than half a cell of the whole frame's grid, has vectors around it."""
+def test_motion_in_a_small_part_is_seen_at_a_finer_resolution() -> None:
+    """A disk of 6 px, less than half a cell of the complete frame's grid, has vectors around it."""
     before, now = disk((160, 120), 6), disk((160, 120), 7)
     motion = vectors(before, now)
     away = motion.starts - (159.5, 119.5)
@@ -253,7 +255,7 @@ def test_what_moves_in_a_small_part_is_seen_as_finely_as_the_whole_frame_costs()
     assert metrics.rmo_index == 1
 
 
-def test_minimum_change_drops_what_is_guessed() -> None:
+def test_minimum_change_drops_vectors_that_the_search_guessed() -> None:
     before, now = disk((160, 120), 30), disk((160, 120), 32)
     far_away, kept = [
         float(np.hypot(*(motion.starts - (160, 120)).T).max())
@@ -284,3 +286,45 @@ def test_frames_of_two_sizes() -> None:
     flow.step(np.zeros((40, 60), dtype=np.float32))
     with pytest.raises(FrameError, match=r"shape \(60, 40\) after one of \(40, 60\)"):
         flow.step(np.zeros((60, 40), dtype=np.float32))
+
+
+def test_sampling_averages_over_the_area_of_a_cell() -> None:
+    """Cells of 2.5 by 1.5 samples; a flow that grows along x has its value at their centres."""
+    before, now = np.zeros((6, 10), np.uint8), np.full((6, 10), 9, np.uint8)
+    flow = np.zeros((6, 10, 2), np.float32)
+    flow[..., 0] = np.arange(10) + 1
+    motion = sampled(before, now, flow, Cells(4, 4, 2, 100, 50), RmoParams())
+    np.testing.assert_allclose(motion.starts[:4, 0], 100 + np.array([2.0, 7.0, 12.0, 17.0]))
+    np.testing.assert_allclose(motion.starts[::4, 1], 50 + np.array([1.0, 4.0, 7.0, 10.0]))
+    weights = [[1, 1, 0.5], [0.5, 1, 1], [1, 1, 0.5], [0.5, 1, 1]]
+    samples = [[1, 2, 3], [3, 4, 5], [6, 7, 8], [8, 9, 10]]
+    means = 2 * np.average(samples, axis=1, weights=weights)
+    np.testing.assert_allclose(motion.vectors[:4, 0], means, rtol=1e-6)
+    assert not motion.vectors[:, 1].any()
+
+
+@pytest.mark.parametrize(
+    ("shape", "cells"),
+    [
+        ((60, 106), (17, 30)),
+        ((61, 107), (17, 30)),
+        ((60, 106), (15, 30)),
+        ((33, 41), (32, 41)),
+        ((16, 50), (1, 3)),
+        ((60, 105), (15, 35)),  # cells of complete samples
+        ((20, 30), (25, 29)),  # more rows of cells than of samples
+    ],
+)
+def test_sampling_has_the_same_bits_in_both_arithmetics(
+    shape: tuple[int, int], cells: tuple[int, int]
+) -> None:
+    rng = np.random.default_rng(shape[0])
+    before, now = rng.integers(0, 9, (2, *shape)).astype(np.uint8)
+    now[:, : shape[1] // 3] = before[:, : shape[1] // 3]
+    flow = rng.normal(0.3, 1, (*shape, 2)).astype(np.float32)
+    grid = Cells(*cells, 4, 24, 8)
+    found = sampled(before, now, flow, grid, RmoParams(minimum_speed=0.5))
+    starts, expected = inspect.unwrap(sample)(before, now, flow, grid, (0.5, 0.004))
+    assert 0 < len(expected) < cells[0] * cells[1]
+    np.testing.assert_array_equal(found.starts, starts)
+    np.testing.assert_array_equal(found.vectors, expected)

@@ -8,8 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.motion.parameters import RmoParams
-from oppload_cli.motion.rmo import RmoMetrics, opposite_pairs, rmo, rmo_metrics, rom_pairs
+from oppload_cli.motion.rmo import (
+    RmoMetrics,
+    RmoParams,
+    opposite_pairs,
+    rmo,
+    rmo_metrics,
+    rom_pairs,
+)
 
 Points = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 
@@ -159,7 +165,7 @@ def test_many_pairs_are_measured_as_few_are() -> None:
     assert metrics.rmo_max == values.max()
 
 
-# What leaves every number as it is.
+# Changes of the vectors that leave every number as it is.
 
 
 def sample(seed: int) -> tuple[Points, Points]:
@@ -215,6 +221,7 @@ def from_nearest_corner(x: float, y: float) -> float:
     return max(min(x, WIDTH - 1 - x), min(y, HEIGHT - 1 - y))
 
 
+@pytest.mark.once
 @settings(max_examples=200, deadline=None)
 @given(x=inside_x, y=inside_y, rate=st.floats(0.001, 0.5))
 def test_expansion_and_contraction(x: float, y: float, rate: float) -> None:

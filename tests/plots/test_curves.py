@@ -3,15 +3,18 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import matplotlib.colors
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-from oppload_cli.errors import ResultError
-from oppload_cli.plots.curves import CurveOptions, plot_curves
-from oppload_cli.plots.style import CYCLE, METADATA, described, save
+from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.models.registry import detector_named, detectors
+from oppload_cli.plots.curves import plot_curves
+from oppload_cli.plots.style import COLUMN, CYCLE, METADATA, MOST_HEIGHT, PAGE, save
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
-from tests.results.make import write_result
+from tests.results.make import frame_rows, write_result, write_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,10 +23,24 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.reading import Result
 
+FLOORS = {"opplod_floor": 0.25, "dlgmd_floor": 1.0, "factor": 0}  # thresholds that do not move
+
 
 @pytest.fixture
 def result(tmp_path: Path) -> Result:
-    return read_result(write_result(tmp_path / "clip.frames.csv"))
+    """OppLoD peaks at 4 times its threshold, D-LGMD stays at 0.039 of its own."""
+    return result_in(tmp_path)
+
+
+def result_in(folder: Path, name: str = "clip", frames: int = 40, peak: int = 30) -> Result:
+    path = write_result(folder / f"{name}.frames.csv", frames, peak)
+    sidecar = {"parameters": {"alarm": FLOORS}}
+    path.with_name(f"{name}.oppload.json").write_text(json.dumps(sidecar))
+    return read_result(path)
+
+
+def several(folder: Path, count: int) -> list[Result]:
+    return [result_in(folder, f"clip-{number}", peak=10 + number % 29) for number in range(count)]
 
 
 def labels(axes: Axes) -> list[str]:
@@ -35,69 +52,199 @@ def curve(axes: Axes, number: int) -> np.ndarray:
     return np.asarray(drawn[number].get_ydata(), float)
 
 
-def test_models_share_a_panel_over_their_own_peaks(result: Result) -> None:
-    (panel,) = plot_curves([result], CurveOptions(threshold=False)).axes
+def test_responses_are_drawn_over_the_threshold_and_clipped_at_its_hundredth(
+    result: Result,
+) -> None:
+    _, (panel,) = plot_curves(result)
     assert labels(panel) == [
-        "OppLoD, peak 1 at frame 30 (1.5 s)",
-        "D-LGMD, peak 0.039 at frame 39 (1.95 s)",
-        "bar: alarm on",
+        "OppLoD, 4 times threshold at 1.5 s (frame 30)",
+        "D-LGMD, 0.039 times threshold at 1.95 s (frame 39)",
+        "shaded: alarm on",
     ]
-    for number in (0, 1):
+    assert (panel.get_yscale(), panel.get_ylabel()) == ("log", "response / alarm threshold")
+    assert panel.get_xlabel() == "time (s)"
+    # Frames 3 to 19 are below 0.01 of the threshold: not a spike, whatever the peak.
+    assert set(curve(panel, 0)[3:19]) == {0.01}
+    assert np.nanmax(curve(panel, 0)) == pytest.approx(4)
+    assert np.nanmax(curve(panel, 1)) == pytest.approx(0.039)
+    assert np.isnan(curve(panel, 0)[:3]).all()
+    assert [tick.get_text() for tick in panel.get_yticklabels()] == ["≤0.01", "0.1", "1", "10"]
+    thresholds = [line for line in panel.lines if np.asarray(line.get_ydata()).tolist() == [1, 1]]
+    assert len(thresholds) == 1
+    _, (without,) = plot_curves(result, threshold=False)
+    assert len(without.lines) == len(panel.lines) - 1
+
+
+def test_alarms_are_shaded_in_the_colour_of_their_detector(result: Result) -> None:
+    _, (panel,) = plot_curves(result)
+    (shade,) = panel.patches
+    on = np.flatnonzero(result.frames["opplod_alarm"] == 1) / 20
+    box = shade.get_extents().transformed(panel.transData.inverted())
+    assert (box.x0, box.x1) == pytest.approx((on[0], on[-1] + 0.05))
+    assert matplotlib.colors.to_hex(shade.get_facecolor()) == CYCLE[0].lower()
+
+
+def test_noise_is_no_peak(tmp_path: Path) -> None:
+    rows = frame_rows()
+    for row in rows[3:]:
+        row["opplod_response"] = f"{1e-7 * (1 + int(row['frame']) % 5)}"
+    noise = read_result(write_rows(tmp_path / "noise.frames.csv", rows))
+    _, (panel,) = plot_curves(noise, models=["opplod"])
+    assert labels(panel)[0] == "OppLoD, below 0.01 of the threshold"
+    assert set(curve(panel, 0)[3:]) == {0.01}
+
+
+def test_models_share_a_panel_over_their_own_peaks(result: Result) -> None:
+    _, (panel,) = plot_curves(result, scale="peak")
+    assert labels(panel) == [
+        "OppLoD, peak 1 at 1.5 s (frame 30)",
+        "D-LGMD, peak 0.039 at 1.95 s (frame 39)",
+        "dotted: threshold of the alarm",
+        "threshold of D-LGMD above the panel: 25.6 times\nthe peak or more",
+        "shaded: alarm on",
+    ]
+    for number in (0, 2):
         assert np.nanmax(curve(panel, number)) == 1
-        assert np.isnan(curve(panel, number)[:3]).all()
-    assert (panel.get_xlabel(), panel.get_ylabel()) == ("time (s)", "response / peak")
+    assert panel.get_ylabel() == "response / peak"
 
 
 def test_raw_responses_get_a_panel_each_with_their_unit(result: Result) -> None:
-    first, second = plot_curves([result], CurveOptions(raw=True, threshold=False)).axes
+    _, (first, second) = plot_curves(result, scale="raw", threshold=False)
     assert first.get_ylabel() == "response (arbitrary unit)"
     assert second.get_ylabel() == "response (mean of G)"
     assert np.nanmax(curve(second, 0)) == pytest.approx(0.039)
 
 
-def test_one_model_over_several_inputs_shares_a_panel(tmp_path: Path) -> None:
-    results = [
-        read_result(write_result(tmp_path / f"{name}.frames.csv", peak=peak))
-        for name, peak in (("a", 20), ("b", 30))
-    ]
-    (panel,) = plot_curves(results, CurveOptions(("opplod",), threshold=False)).axes
-    assert labels(panel)[:2] == ["a, peak 1 at frame 20 (1 s)", "b, peak 1 at frame 30 (1.5 s)"]
-    assert [line.get_color() for line in panel.lines[:4:2]] == list(CYCLE[:2])
-    assert len(plot_curves(results).axes) == 2
+def test_one_model_over_several_inputs_shares_a_panel_in_number_order(tmp_path: Path) -> None:
+    results = [result_in(tmp_path, f"l-over-v-{n}", peak=n) for n in (20, 30, 9)]
+    _, (panel,) = plot_curves(results, models=["opplod"])
+    assert [text.partition(",")[0] for text in labels(panel)[:3]] == ["l/v 9", "l/v 20", "l/v 30"]
+    assert [line.get_color() for line in panel.lines[:5:2]] == list(CYCLE[:3])
+    assert labels(panel)[3] == "bar at the top: alarm on"
+    assert len(plot_curves(results)[1]) == 3
+    named = labels(plot_curves(results, models=["opplod"], labels=["c", "b", "a"])[1][0])
+    assert [text.partition(",")[0] for text in named[:3]] == ["c", "b", "a"]
 
 
-def test_lengths_must_agree_unless_told(tmp_path: Path) -> None:
-    results = [
-        read_result(write_result(tmp_path / f"{frames}.frames.csv", frames)) for frames in (40, 35)
-    ]
-    with pytest.raises(ResultError, match=r"35\.frames\.csv: column 'frame' has 35 rows"):
-        plot_curves(results)
-    assert len(plot_curves(results, CurveOptions(any_length=True)).axes) == 2
+def test_more_than_six_curves_are_small_multiples_on_one_scale(tmp_path: Path) -> None:
+    figure, axes = plot_curves(several(tmp_path, 7), models=["opplod"])
+    assert len(axes) == 7
+    assert axes[0].get_title("left") == "clip-0"
+    assert len({panel.get_ylim() for panel in axes}) == 1
+    assert all(panel.get_legend() is None for panel in axes)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
+        "OppLoD", "shaded: alarm on",
+    ]  # fmt: skip
+    assert figure.get_figwidth() == pytest.approx(PAGE)
 
 
-def test_marks_and_threshold_are_drawn(result: Result) -> None:
-    options = CurveOptions(marks={"onset": [0.5], "contact": [7.0]})
-    (panel,) = plot_curves([result], options).axes
+def test_many_detectors_of_one_input_have_a_panel_each(tmp_path: Path) -> None:
+    names = list(detectors())[:8]
+    rows = frame_rows()
+    for row in rows:
+        for name in names:
+            row[f"{name}_response"], row[f"{name}_alarm"] = row["opplod_response"], "0"
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
+    figure, axes = plot_curves(result, models=names)
+    labels_of_detectors = [detector_named(name).label for name in names]
+    assert [panel.get_title("left") for panel in axes] == labels_of_detectors
+    assert figure.legends[0].get_title().get_text() == "clip"
+    assert all(np.nanmax(curve(panel, 0)) >= 0.01 for panel in axes)
+
+
+def test_a_detector_without_a_threshold_has_a_panel_over_its_peak(tmp_path: Path) -> None:
+    names = list(detectors())[:8]
+    rows = frame_rows()
+    for row in rows:
+        for name in names:
+            row[f"{name}_response"], row[f"{name}_alarm"] = row["opplod_response"], "0"
+        del row[f"{names[-1]}_alarm"]
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
+    figure, axes = plot_curves(result, models=names)
+    assert [panel.get_yscale() for panel in axes] == ["log"] * 7 + ["linear"]
+    assert axes[-1].get_title("left").endswith(", over its peak: no\nthreshold")
+    assert np.nanmax(curve(axes[-1], 0)) == 1
+    assert figure.get_supylabel() == "response / alarm threshold"
+
+
+def test_more_than_24_results_are_a_heat_map_of_bounded_size(tmp_path: Path) -> None:
+    results = several(tmp_path, 70)
+    figure, (opplod, dlgmd) = plot_curves(results, xlim=(0, 2))
+    assert (opplod.get_title("left"), dlgmd.get_title("left")) == ("OppLoD", "D-LGMD")
+    values = np.asarray(opplod.images[0].get_array(), float)
+    assert values.shape == (70, 40)
+    assert np.nanmax(values, axis=1) == pytest.approx([4] * 70)
+    assert np.nanargmax(values, axis=1).tolist() == [10 + number % 29 for number in range(70)]
+    assert isinstance(opplod.images[0].norm, matplotlib.colors.LogNorm)
+    assert figure.get_figheight() <= MOST_HEIGHT
+    names = [tick.get_text() for tick in opplod.get_yticklabels()]
+    assert names[:2] == ["clip-0", "clip-2"]  # so many names would lie over each other
+    assert len(opplod.lines) == 70  # the alarm of each
+
+
+def test_figures_are_bounded(tmp_path: Path) -> None:
+    for count, scale in ((3, "threshold"), (3, "raw"), (24, "threshold"), (24, "raw")):
+        figure, _ = plot_curves(several(tmp_path, count), scale=scale)
+        assert figure.get_figheight() <= MOST_HEIGHT
+        assert figure.get_figwidth() <= PAGE
+
+
+def test_lengths_must_agree_in_a_panel_unless_told(tmp_path: Path) -> None:
+    results = [result_in(tmp_path, str(frames), frames) for frames in (40, 35)]
+    with pytest.raises(ResultError, match=r"40\.frames\.csv: column 'frame' has 40 rows"):
+        plot_curves(results, models=["opplod"])
+    assert len(plot_curves(results, models=["opplod"], any_length=True)[1]) == 1
+    assert len(plot_curves(results)[1]) == 2
+
+
+def test_marks_are_drawn(result: Result) -> None:
+    _, (panel,) = plot_curves(result, marks={"onset": [0.5], "contact": [7.0]})
     verticals = [
         line for line in panel.lines if np.asarray(line.get_xdata()).tolist() == [0.5, 0.5]
     ]
     assert len(verticals) == 1
     assert {text.get_text() for text in panel.texts} == {"onset", "contact at 7 s"}
-    assert "dotted: threshold of the alarm; bar: alarm on" in labels(panel)
-    dotted = [line for line in panel.lines if line.get_drawstyle() == "steps-mid"]
-    # 4 times the background of D-LGMD, over its peak, never reaches the axes' top.
-    assert 1 <= len(dotted) <= 2
+
+
+def test_time_counts_from_contact(tmp_path: Path) -> None:
+    results = [result_in(tmp_path, f"c-{n}", peak=n) for n in (20, 30)]
+    _, (panel,) = plot_curves(
+        results, models=["opplod"], align="contact", marks={"contact": [1.1, 1.6]}, xlim=(-1, 0.2)
+    )
+    assert (panel.get_xlabel(), panel.get_xlim()) == ("time from contact (s)", (-1, 0.2))
+    assert labels(panel)[:2] == [f"c-{n}, 4 times threshold at -0.10 s" for n in (20, 30)]
+    with pytest.raises(ResultError, match=r"c-20\.frames\.csv: its time of contact is not known"):
+        plot_curves(results, align="contact")
+
+
+def test_own_axes_and_title(result: Result) -> None:
+    own = Figure().subplots()
+    figure, (panel,) = plot_curves(result, axes=own, xlim=(0.5, 1.9))
+    assert (figure, panel) == (own.figure, own)
+    assert panel.get_xlim() == (0.5, 1.9)
+    with pytest.raises(ParameterError, match="have 2 panels"):
+        plot_curves(result, scale="raw", axes=own)
+    _, (panel,) = plot_curves(result, title="A title")
+    assert panel.get_title("left") == "A title"
+
+
+@pytest.mark.parametrize("options", [{"scale": "log"}, {"align": "onset"}])
+def test_a_wrong_option_is_named(result: Result, options: dict[str, str]) -> None:
+    with pytest.raises(ParameterError, match=next(iter(options.values()))):
+        plot_curves(result, **options)  # type: ignore[arg-type]
 
 
 def test_ground_truth_is_a_strip_with_its_contact(result: Result) -> None:
     truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
     beside = result.path.with_name("clip.stimulus.json")
     beside.write_text(json.dumps(truth))
-    panel, strip = plot_curves([result]).axes
+    figure, (panel, strip) = plot_curves(result)
     assert strip.get_ylabel() == "size (deg)"
     assert np.asarray(strip.lines[0].get_ydata(), float).max() == pytest.approx(60)
     assert {text.get_text() for text in panel.texts} == {"contact"}
-    assert np.asarray(strip.lines[-1].get_xdata()) == pytest.approx([2.2, 2.2])
+    assert figure.get_figwidth() == pytest.approx(COLUMN)
+    _, (_, strip) = plot_curves(result, align="contact")
+    assert np.asarray(strip.lines[0].get_xdata(), float)[0] == pytest.approx(-2.2)
 
 
 @pytest.mark.parametrize("suffix", sorted(METADATA))
@@ -105,34 +252,38 @@ def test_the_same_input_gives_the_same_bytes(suffix: str, result: Result, tmp_pa
     made = []
     for name in ("one", "two"):
         path = tmp_path / f"{name}{suffix}"
-        save(plot_curves([result], CurveOptions(marks={"onset": [1.0]})), path)
+        save(plot_curves(result, marks={"onset": [1.0]})[0], path)
         made.append(path.read_bytes())
     assert made[0] == made[1]
     assert len(made[0]) > 5000
 
 
-def test_no_response_is_a_line_of_zeros(tmp_path: Path) -> None:
-    path = write_result(tmp_path / "flat.frames.csv")
-    rows = path.read_text().splitlines()
-    flat = [line.split(",") for line in rows]
-    for cells in flat[4:]:
-        cells[3] = cells[9] = "0"
-    path.write_text("\n".join(",".join(cells) for cells in flat) + "\n")
-    (panel,) = plot_curves([read_result(path)]).axes
+@pytest.mark.parametrize(("scale", "level"), [("threshold", 0.01), ("peak", 0)])
+def test_no_response_is_a_flat_line(tmp_path: Path, scale: str, level: float) -> None:
+    rows = frame_rows()
+    for row in rows[3:]:
+        row["opplod_response"] = row["dlgmd_response"] = "0"
+    flat = read_result(write_rows(tmp_path / "flat.frames.csv", rows))
+    _, (panel,) = plot_curves(flat, scale=scale)
     assert labels(panel)[:2] == ["OppLoD, no response", "D-LGMD, no response"]
-    assert set(curve(panel, 0)[3:]) == {0}
+    assert set(curve(panel, 0)[3:]) == {level}
 
 
-@pytest.mark.parametrize(
-    ("parameter", "label"),
-    [
-        ("bar.axis_deg", "axis (deg)"),
-        ("disk.growth.speed_deg_s", "speed (deg/s)"),
-        ("disk.growth.l_over_v_ms", "l/v (ms)"),
-        ("disk.centre_deg.right", "right (deg)"),
-        ("effects.noise", "effects noise"),
-        ("seed", "seed"),
-    ],
-)
-def test_swept_parameters_have_their_unit(parameter: str, label: str) -> None:
-    assert described(parameter) == label
+def test_without_an_alarm_there_is_no_threshold(tmp_path: Path) -> None:
+    rows = [{k: v for k, v in row.items() if not k.endswith("alarm")} for row in frame_rows()]
+    _, (panel,) = plot_curves(read_result(write_rows(tmp_path / "a.frames.csv", rows)))
+    assert panel.get_ylabel() == "response / peak"
+    assert labels(panel)[-1] == "over the peak, as there is no alarm threshold"
+
+
+def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> None:
+    path = write_result(tmp_path / "clip.frames.csv")
+    for floor in (0.25, 0.5):
+        sidecar = {"parameters": {"alarm": {"opplod_floor": floor, "factor": 0}}}
+        path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
+        _, (panel,) = plot_curves(read_result(path), models=["opplod"])
+        assert np.nanmax(curve(panel, 0)) == pytest.approx(1 / floor)
+    wrong = {"parameters": {"alarm": {"factor": -1}}}
+    path.with_name("clip.oppload.json").write_text(json.dumps(wrong))
+    with pytest.raises(ResultError, match="wrong alarm"):
+        plot_curves(read_result(path))

@@ -1,4 +1,4 @@
-"""Several processes: results whole, in order and apart; one that dies, and an early end."""
+"""Several processes: complete results in order, a process that dies, and an early end."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import OutputError, ParameterError
-from oppload_cli.processes.events import Event, Kind, events
-from oppload_cli.processes.outcomes import outcomes, results
+from oppload_cli.processes.pool import Event, Kind, events, outcomes, results
+from oppload_cli.processes.signals import stop_if_asked
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,24 +44,36 @@ def ends_itself(number: int, _tell: Callable[[int], object]) -> int:
     return number
 
 
+def work_until_stopped() -> None:
+    for _ in range(6000):
+        stop_if_asked()
+        time.sleep(0.01)
+
+
 def waits(folder: Path, number: int, tell: Callable[[int], object]) -> None:
     """Begin, and be stopped."""
     try:
         tell(os.getpid())
-        time.sleep(60)
+        work_until_stopped()
     finally:
         (folder / str(number)).touch()  # it could still clean up
 
 
-def told_twice(folder: Path, number: int, _tell: Callable[[int], object]) -> None:
-    """Be told to stop, and once more while cleaning up."""
+def stopped_twice(folder: Path, number: int, _tell: Callable[[int], object]) -> None:
+    """Be asked to stop, and once more while cleaning up."""
     try:
         os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(60)
+        work_until_stopped()
     finally:
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(0.01)
         (folder / str(number)).touch()
+
+
+def never_asks(folder: Path, number: int, tell: Callable[[int], object]) -> None:
+    tell(os.getpid())
+    time.sleep(60)
+    (folder / str(number)).touch()
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 9])
@@ -73,7 +85,7 @@ def test_results_keep_their_order(jobs: int) -> None:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_what_is_wrong_with_an_item_does_not_stop_the_others(jobs: int) -> None:
+def test_an_error_of_one_item_does_not_stop_the_others(jobs: int) -> None:
     told: list[int] = []
     done = dict(outcomes(halved, [4, 3, 6], jobs, named=str, told=told.append))
     assert sorted(told) == [0, 0, 0, 1, 1, 2]
@@ -83,7 +95,7 @@ def test_what_is_wrong_with_an_item_does_not_stop_the_others(jobs: int) -> None:
     assert done[2] == 3
 
 
-def test_a_bug_is_raised_where_it_was_asked_for_and_says_where_it_was_met() -> None:
+def test_a_bug_is_raised_with_the_traceback_of_its_process() -> None:
     with pytest.raises(ZeroDivisionError) as met:
         results(wrong, [1, 2], 2, named=str)
     assert "return number // 0" in met.value.__notes__[0]
@@ -116,8 +128,17 @@ def test_an_early_end_stops_the_processes_which_may_clean_up(tmp_path: Path) -> 
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
-def test_a_process_that_is_told_twice_cleans_up_all_the_same(tmp_path: Path) -> None:
-    happened = list(events(partial(told_twice, tmp_path), [7], 1))
+def test_a_process_that_does_not_stop_is_killed(tmp_path: Path) -> None:
+    with closing(events(partial(never_asks, tmp_path), [1], 1)) as happening:
+        pid = next(content for kind, _, content in happening if kind is Kind.TOLD)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are of POSIX")
+def test_a_process_that_is_stopped_twice_cleans_up_all_the_same(tmp_path: Path) -> None:
+    happened = list(events(partial(stopped_twice, tmp_path), [7], 1))
     assert happened == [Event(Kind.BEGUN, 7), Event(Kind.DIED, 7, "exit code 0")]
     assert (tmp_path / "7").exists()
 

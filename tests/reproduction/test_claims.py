@@ -51,13 +51,19 @@ def test_a_figure_is_judged_per_preset() -> None:
         found = {name: Finding("x", verdict, {"v": 1.0}) for name, verdict in verdicts.items()}
         return Claim("s", "r", found)
 
-    claims = (claim(default=HOLDS, paper=DOES_NOT), claim(default=HOLDS))
+    claims = (claim(reference=HOLDS, paper=DOES_NOT), claim(reference=HOLDS))
     built = Built("name", "title", "shows", claims, b"")
-    assert built.verdicts == {"default": HOLDS, "paper": DOES_NOT}
     content = built.as_dict()
+    assert content["verdicts"] == {"reference": HOLDS, "paper": DOES_NOT}
     assert content["command"] == "oppload reproduce --only name"
     assert content["claims"][0]["measured"]["paper"] == {
         "text": "x",
         "verdict": "does not hold",
         "numbers": {"v": 1.0},
     }
+
+
+def test_a_number_that_json_cannot_hold_is_null() -> None:
+    numbers = {"nan": NAN, "infinite": float("inf"), "none": None, "one": 1.0}
+    found = Finding("x", HOLDS, numbers).as_dict()["numbers"]
+    assert found == {"nan": None, "infinite": None, "none": None, "one": 1.0}

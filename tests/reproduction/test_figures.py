@@ -1,4 +1,4 @@
-"""The measurements behind the verdicts, against numbers that are known otherwise."""
+"""The measurements behind the verdicts, against numbers known from elsewhere."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.motion.rmo import rmo
 from oppload_cli.reproduction import bars, direction, looming, thresholds
 from oppload_cli.reproduction.claims import Verdict
-from oppload_cli.reproduction.definition import construct, definition
-from oppload_cli.reproduction.figures import FIGURES, build, chosen
+from oppload_cli.reproduction.report import FIGURES, build, chosen
+from oppload_cli.reproduction.rmo import _construct, definition
 from oppload_cli.tuning.present import Responses
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def test_the_construction_gives_the_closed_form() -> None:
     tilt = np.deg2rad(10)
     v1 = 2 * np.array([-np.cos(tilt), np.sin(tilt)])
     v2 = 3 * np.array([np.cos(tilt), np.sin(tilt)])
-    made = construct(np.array([-1.0, 0]), v1, np.array([1.0, 0]), v2)
+    made = _construct(np.array([-1.0, 0]), v1, np.array([1.0, 0]), v2)
     np.testing.assert_allclose(np.abs(made.line), [1, 0], atol=1e-12)
     np.testing.assert_allclose(made.meeting, [0, -np.tan(tilt)], atol=1e-12)
     np.testing.assert_allclose(made.middle, [0, -np.tan(tilt)], atol=1e-12)
@@ -58,7 +58,7 @@ def test_the_wrong_direction_leaks_as_the_documented_edge_does() -> None:
 
 def test_looming_disk_in_the_middle() -> None:
     built = looming.looming_centre()
-    near, dlgmd, earlier, found = (claim.findings["default"] for claim in built.claims)
+    near, dlgmd, earlier, found = (claim.findings["reference"] for claim in built.claims)
     assert near.numbers["peak_frame"] == 23
     assert dlgmd.numbers["peak_frame"] == 44
     assert earlier.verdict is Verdict.IN_PART
@@ -74,7 +74,7 @@ def test_crossings_need_the_largest_control() -> None:
         "b": {"opplod": responses([nan, 3, 0]), "dlgmd": responses([nan, 1, 0])},
     }
     assert thresholds._worst(controls) == {"opplod": ("b", 3.0), "dlgmd": ("a", 5.0)}
-    limits = thresholds._limits(controls)
+    limits = {"opplod": 3.0, "dlgmd": 5.0}
     looming_set = {
         "x": {"opplod": responses([nan, 3, 4]), "dlgmd": responses([nan, 6, 9])},
         "y": {"opplod": responses([nan, 4, 0]), "dlgmd": responses([nan, 5, 5])},
@@ -86,12 +86,12 @@ def test_crossings_need_the_largest_control() -> None:
     assert finding.verdict is Verdict.IN_PART
 
 
-def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars.Tunings:
+def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars._Tunings:
     shown = {
         width: {axis: responses([float("nan"), 0, peak]) for axis, peak in peaks.items()}
         for width, peaks in ((10, ten), (60, sixty))
     }
-    return bars.Tunings(shown, loom)
+    return bars._Tunings(shown, loom)
 
 
 def test_bars_like_those_of_the_neurons_hold() -> None:
@@ -122,7 +122,7 @@ def test_figures_are_chosen_by_name_in_the_order_of_the_page() -> None:
 
 
 @pytest.mark.slow
-def test_every_figure_whatever_the_processes() -> None:
+def test_figures_do_not_depend_on_the_number_of_processes() -> None:
     names = ["diagonals", "rmo-definition"]
     one, two = build(names, jobs=1), build(names, jobs=2)
     assert [each.name for each in one] == names

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 HEADER = (
     "frame,time_s,luma_change,opplod_response,opplod_alarm,opplod_x,opplod_y,opplod_width,"
-    "opplod_height,dlgmd_response,dlgmd_alarm,dlgmd_s,flow_vectors,rom_pairs,rom_share,rmo_mean,"
+    "opplod_height,opplod_unit_x,opplod_unit_y,dlgmd_response,dlgmd_alarm,dlgmd_s,flow_vectors,rom_pairs,rom_share,rmo_mean,"
     "rmo_max,rmo_index"
 )
 COLUMNS = HEADER.split(",")
@@ -31,6 +31,7 @@ def frame_rows(frames: int = 40, peak: int = 30) -> list[dict[str, str]]:
         if frame >= 3:
             row |= {"opplod_response": f"{opplod:.9g}", "opplod_alarm": int(opplod > 0.5)}
             row |= {"opplod_x": 10, "opplod_y": 20, "opplod_width": 40, "opplod_height": 40}
+            row |= {"opplod_unit_x": 30, "opplod_unit_y": 40}
             row |= {"dlgmd_response": f"{frame / 1000:.9g}", "dlgmd_alarm": 0, "dlgmd_s": 0.1}
         rows.append({name: str(value) for name, value in row.items()})
     return rows

@@ -1,11 +1,11 @@
 from __future__ import annotations
 
 from oppload_cli import DlgmdResponse, FrameRecord
-from oppload_cli.results.summary import ModelSummary
+from oppload_cli.results.record import ModelSummary
 
 
 def record(frame: int, response: float | None, alarm: bool = False) -> FrameRecord:
-    answer = None if response is None else DlgmdResponse(response, response)
+    answer = None if response is None else DlgmdResponse(response, s=response)
     return FrameRecord(frame, frame / 10, 0.0, {"dlgmd": answer}, {"dlgmd": alarm})
 
 

@@ -24,12 +24,12 @@ WAYS = ("cut", "flip", "zero", "head", "swap")
 
 @dataclass
 class Outcome:
-    """What came of one damaged file; `whole` frames were in it before."""
+    """The result of one damaged file, which held `intact_frames` before."""
 
     name: str
     way: str
     number: int
-    whole: int
+    intact_frames: int
     frames: int
     complete: bool
     message: str
@@ -142,13 +142,13 @@ def main(seed: int, count: int, ffmpeg: str) -> None:
     """Damage `count` files, read each, and print a line of JSON for each."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        whole: dict[str, tuple[bytes, int, str]] = {}
+        clips: dict[str, tuple[bytes, int, str]] = {}
         for victim in VICTIMS[: max(1, min(len(VICTIMS), count))]:
             data = intact(folder, victim)
             frames, _, _, digest = read(folder / f"{victim}.{KINDS[victim].suffix}")
-            whole[victim] = data, frames, digest
+            clips[victim] = data, frames, digest
         for number in range(count):
-            say(asdict(one(folder, whole, seed, number, ffmpeg)))
+            say(asdict(one(folder, clips, seed, number, ffmpeg)))
 
 
 def say(line: dict[str, Any]) -> None:
@@ -159,14 +159,14 @@ def say(line: dict[str, Any]) -> None:
 
 def one(
     folder: Path,
-    whole: dict[str, tuple[bytes, int, str]],
+    clips: dict[str, tuple[bytes, int, str]],
     seed: int,
     number: int,
     ffmpeg: str,
 ) -> Outcome:
     """Damage one file, and read it; without ffmpeg, PyAV's plain loop is the reference."""
     victim, way = VICTIMS[number % len(VICTIMS)], WAYS[number // len(VICTIMS) % len(WAYS)]
-    data, frames, digest = whole[victim]
+    data, frames, digest = clips[victim]
     path = folder / f"x{number}.{KINDS[victim].suffix}"
     path.write_bytes(damaged(data, way, Random(f"{seed} {number}")))  # noqa: S311
     say({"begins": number, "name": victim, "way": way})  # so that a crash has a name

@@ -81,11 +81,30 @@ def frame_of(kind: Kind, index: int) -> av.VideoFrame:
     return frame
 
 
-def make(path: Path, kind: Kind, container_options: dict[str, str] | None = None) -> Path:
-    """Encode a file of that kind."""
-    with av.open(str(path), "w", options=container_options or {}) as container:
+class Pipe:
+    """A file that can be written but not gone back in."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb")
+        self.write = self._file.write
+        self.close = self._file.close
+
+
+def make(
+    path: Path,
+    kind: Kind,
+    container_options: dict[str, str] | None = None,
+    *,
+    to_pipe: bool = False,
+) -> Path:
+    """Encode a file of that kind, where asked for as if it were written to a pipe."""
+    target: Any = Pipe(path) if to_pipe else str(path)
+    form = {"mkv": "matroska", "ts": "mpegts"}.get(kind.suffix, kind.suffix) if to_pipe else None
+    with av.open(target, "w", format=form, options=container_options or {}) as container:
         stream: Any = container.add_stream(kind.codec, rate=kind.rate, options=kind.options)
         stream.width, stream.height, stream.pix_fmt = kind.width, kind.height, kind.pixel_format
+        if kind.codec.startswith("libvpx"):  # its threads wait for each other in a loop
+            stream.codec_context.thread_count = 1
         if kind.full:
             stream.codec_context.color_range = 2
         if kind.times is not None:
@@ -96,6 +115,8 @@ def make(path: Path, kind: Kind, container_options: dict[str, str] | None = None
                 frame.pts, frame.time_base = kind.times[index], Fraction(1, 1000)
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
+    if to_pipe:
+        target.close()
     return path
 
 

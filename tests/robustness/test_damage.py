@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from oppload_cli.errors import SourceError
-from oppload_cli.video.ending import is_cut_short
+from oppload_cli.video import container
 from oppload_cli.video.source import open_video
-from tests.cli.process import oppload
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 from tests.robustness.damage import VICTIMS, intact
-from tests.robustness.inputs import KINDS, Kind, make, shown
+from tests.robustness.inputs import AV1, KINDS, X264, Kind, make, shown
+from tools.attack.server import Server
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -51,7 +54,9 @@ def outcomes(seed: int, count: int, ffmpeg: str = "") -> list[dict[str, Any]]:
 
 def check(results: list[dict[str, Any]]) -> None:
     less = [each for each in results if each["frames"] < each["reference"]]
-    silent = [each for each in results if each["complete"] and each["frames"] < each["whole"]]
+    silent = [
+        each for each in results if each["complete"] and each["frames"] < each["intact_frames"]
+    ]
     changed = [each for each in results if each["frames"] and not each["same"]]
     quiet = [each for each in changed if each["complete"]]
     shifting = [each for each in results if not each["steady"]]
@@ -66,15 +71,18 @@ def check(results: list[dict[str, Any]]) -> None:
         "other pixels in silence": Counter(each["name"] for each in quiet),
     }
     sys.stdout.write("".join(f"{name}: {value}\n" for name, value in report.items()))
-    # Where a decoder conceals damage without a word, it is not decoded again.
-    assert len(shifting) <= 0.02 * len(results)
-    assert not [each for each in shifting if each["name"].startswith(("h264", "vp8"))]
+    # HEVC can conceal damage without a word, and one of several threads of H.264 may lose the
+    # mark of a concealed frame: then the file is not decoded again by one thread.
+    assert len(shifting) <= 0.005 * len(results)
+    assert all(each["name"].startswith(("hevc", "h264")) for each in shifting)
+    # Bits that leave a valid stream of VP8, VP9, HEVC or GIF show nowhere.
+    assert len(quiet) <= 0.13 * len(changed)
     assert all(each["message"] for each in results if not each["complete"])
     # MP4, MOV and AVI say how many frames they hold; damage may leave a valid edit list that
     # hides some. Elsewhere the file may close over the hole.
     counted = [each for each in silent if KINDS[each["name"]].suffix in {"mp4", "mov", "avi"}]
     assert len(counted) <= 0.01 * len(results)
-    assert len(silent) <= 0.05 * len(results)
+    assert len(silent) <= 0.02 * len(results)
     # With frame threads ffmpeg shows what VP8 predicts from a key frame that failed. And
     # versions of the libraries differ a little in what they make of damage.
     assert len([each for each in less if each["name"] != "vp8-webm"]) <= 0.02 * len(results)
@@ -97,8 +105,9 @@ def cuts(data: bytes, count: int) -> Iterable[bytes]:
     return (data[: len(data) * place // (count + 1)] for place in range(1, count + 1))
 
 
-FEWER = ("h264-mp4", "h264-ts", "vp9-webm", "mpeg4-avi", "gif")
-MORE = [pytest.param(name, marks=pytest.mark.slow) for name in ("h264-mkv", "mjpeg-mov", "av1-mkv")]
+FEWER = ("h264-mp4", "h264-ts", "gif")
+SLOWER = ("h264-mkv", "mjpeg-mov", "av1-mkv", "vp9-webm", "mpeg4-avi")
+MORE = [pytest.param(name, marks=pytest.mark.slow) for name in SLOWER]
 
 
 @pytest.mark.parametrize("name", [*FEWER, *MORE])
@@ -182,8 +191,8 @@ def test_a_file_that_vanishes_or_shrinks_while_it_is_read(tmp_path: Path) -> Non
 
 def test_a_file_that_grows_while_it_is_read(tmp_path: Path) -> None:
     """What it holds by the time it is read to the end is read; nothing else goes wrong."""
-    whole = write_video(tmp_path / "a.avi", grey_frames(100, width=160, height=96), codec="ffv1")
-    data = whole.read_bytes()
+    complete = write_video(tmp_path / "a.avi", grey_frames(100, width=160, height=96), codec="ffv1")
+    data = complete.read_bytes()
     path = tmp_path / "growing.avi"
     path.write_bytes(data[: len(data) // 2])
     with open_video(path, height=16) as video:
@@ -211,21 +220,10 @@ def test_a_size_that_changes_midway(tmp_path: Path) -> None:
     assert len(frames) >= 22
 
 
-def test_ends_are_known_of_what_is_whole(tmp_path: Path) -> None:
-    for name in ("h264-mkv", "vp9-webm", "gif", "h264-ts"):
-        kind = KINDS[name]
-        path = make(tmp_path / f"{name}.{kind.suffix}", kind)
-        container = {"ts": "mpegts", "gif": "gif"}.get(kind.suffix, "matroska,webm")
-        assert not is_cut_short(str(path), container)
-        path.write_bytes(path.read_bytes()[:-5])
-        assert is_cut_short(str(path), container)
-    assert not is_cut_short(str(tmp_path / "missing"), "gif")
-
-
 def test_a_capture_that_begins_between_key_frames(tmp_path: Path) -> None:
-    """Its first frames cannot be whole; the others can, and their times begin at the first."""
+    """Its first frames are damaged; the others are complete, and their times begin at the first."""
     kind = Kind("ts", "libx264", frames=40, options={"preset": "ultrafast", "g": "20"})
-    data = make(tmp_path / "whole.ts", kind).read_bytes()
+    data = make(tmp_path / "complete.ts", kind).read_bytes()
     path = tmp_path / "late.ts"
     path.write_bytes(data[len(data) // 4 // 188 * 188 :])
     with open_video(path, height=None) as video:
@@ -237,21 +235,90 @@ def test_a_capture_that_begins_between_key_frames(tmp_path: Path) -> None:
     assert float(last.luma[:, :24].mean()) == pytest.approx(shown(kind, 39), abs=0.01)
 
 
-def test_what_a_server_sends_is_read_to_its_end(tmp_path: Path) -> None:
-    import threading
-    from functools import partial
-    from http.server import HTTPServer, SimpleHTTPRequestHandler
+def test_a_stream_of_a_server_is_read_to_its_end(tmp_path: Path) -> None:
+    path = make(tmp_path / "a.mkv", KINDS["ffv1-mkv"])
+    with Server(path, 1) as server, open_video(server.url) as video:
+        assert len(list(video)) == 12
+        assert video.decode.complete
+        assert video.facts.kind == "stream"
 
-    make(tmp_path / "a.mkv", KINDS["ffv1-mkv"])
 
-    class Quiet(SimpleHTTPRequestHandler):
-        def log_message(self, *_: Any) -> None:
-            """Say nothing."""
+STREAMED = {
+    "ts": ("libx264", X264),
+    "mkv": ("ffv1", {}),
+    "avi": ("mpeg4", {}),
+    "flv": ("flv1", {}),
+    "nut": ("mpeg4", {}),
+    "ivf": ("libsvtav1", AV1),
+    "y4m": ("wrapped_avframe", {}),
+}
 
-    with HTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path))) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        with open_video(f"http://127.0.0.1:{server.server_port}/a.mkv") as video:
-            assert len(list(video)) == 12
-            assert video.decode.complete
-            assert video.facts.kind == "stream"
-        server.shutdown()
+
+@pytest.mark.parametrize("suffix", STREAMED)
+def test_a_stream_that_breaks_off_gives_its_rows_and_the_reason(
+    tmp_path: Path, suffix: str
+) -> None:
+    codec, options = STREAMED[suffix]
+    path = make(tmp_path / f"a.{suffix}", Kind(suffix, codec, frames=60, options=options))
+    with Server(path, 0.6) as server, open_video(server.url, height=16) as video:
+        # As many as of a local file that is cut at the same place.
+        assert 20 <= len(list(video)) <= 40
+        assert any("the stream broke off" in each for each in video.decode.messages)
+
+
+def test_a_run_on_a_stream_that_breaks_off(tmp_path: Path) -> None:
+    path = make(tmp_path / "a.y4m", Kind("y4m", "wrapped_avframe", frames=60))
+    with Server(path, 0.6) as server:
+        done = oppload("run", server.url, "-o", tmp_path, "--height", "16", "-q")
+    assert done.returncode == 4
+    (sidecar,) = tmp_path.glob("*.oppload.json")
+    decode = json.loads(sidecar.read_text())["decode"]
+    assert decode["decoded"] == 35
+    assert decode["messages"] == ["the stream broke off (input/output error)"]
+
+
+def test_a_stream_that_stalls(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(container, "READ_TIMEOUT_S", 0.5)
+    path = make(tmp_path / "a.ts", Kind("ts", "libx264", frames=60, options=X264))
+    with Server(path, 0.6, stalls=True) as server, open_video(server.url, height=16) as video:
+        assert len(list(video)) > 20
+        assert video.decode.messages == ["the stream broke off (nothing came for 0.5 s)"]
+
+
+def test_more_demux_errors_than_are_borne(tmp_path: Path) -> None:
+    """A head of a frame that is damaged: the demuxer never finds its way again."""
+    path = make(tmp_path / "a.y4m", Kind("y4m", "wrapped_avframe", frames=24))
+    data = path.read_bytes()
+    places = [match.start() for match in re.finditer(rb"FRAME\n", data)]
+    path.write_bytes(data[: places[20]] + b"fRAME" + data[places[20] + 5 :])
+    with open_video(path, height=16) as video:
+        assert len(list(video)) == 20
+        assert video.decode.failures > 0
+
+
+@pytest.mark.parametrize(
+    ("tag", "end"),
+    [
+        ("00:01:02.500000000", 62.5),
+        ("9" * 400 + ":00:00.0", None),
+        ("9" * 5000 + ":1:1", None),
+        ("1:1:" + "9" * 5000, None),
+        ("0:0:0." + "9" * 5000, 1.0),
+        ("", None),
+    ],
+)
+def test_a_declared_duration_of_any_length(tag: str, end: float | None) -> None:
+    muxed: Any = SimpleNamespace(
+        format=SimpleNamespace(name="matroska,webm"), streams=[1], duration=None
+    )
+    stream: Any = SimpleNamespace(metadata={"DURATION": tag}, duration=None)
+    assert container._declared_end(muxed, stream) == end
+
+
+@pytest.mark.parametrize("name", ["mpeg4-avi", "ffv1-avi", "av1-ivf", "h264-mkv", "vp9-webm"])
+def test_files_that_were_written_to_a_pipe_are_complete(tmp_path: Path, name: str) -> None:
+    path = make(tmp_path / f"a.{KINDS[name].suffix}", KINDS[name], to_pipe=True)
+    with open_video(path, height=16) as video:
+        assert len(list(video)) == 12
+        assert video.decode.complete
+        assert video.decode.messages == []

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import OutputError
-from oppload_cli.results.table import PartFile
-from tests.cli.process import oppload
+from oppload_cli.files.atomic import PartFile
+from tests.cli.inside import Done, oppload, run
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
@@ -93,12 +93,158 @@ def test_a_disk_that_is_full_from_the_start_or_for_the_sidecar(clip: Path, tmp_p
         assert sorted(path.name for path in folder.iterdir()) == names
 
 
-def test_a_read_only_disk(clip: Path, tmp_path: Path) -> None:
+WRITERS = {
+    "run": ("run", "{clip}", "-o", "{place}"),
+    "run --annotate": ("run", "{clip}", "-o", "{place}", "--annotate"),
+    "run, a batch": ("run", "{clip}", "{copy}", "-o", "{place}"),
+    "collect csv": ("collect", "{results}", "-o", "{place}/all.csv"),
+    "collect parquet": ("collect", "{results}", "-o", "{place}/all.parquet"),
+    "plot png": ("plot", "{table}", "-o", "{place}/a.png"),
+    "plot svg": ("plot", "{table}", "-o", "{place}/a.svg"),
+    "plot pdf": ("plot", "{table}", "-o", "{place}/a.pdf"),
+    "demo": ("demo", "-o", "{place}"),
+    "tune": ("tune", "klapoetke2017/bar-expand-10", "--over", "speed=40", "-o", "{place}"),
+    "evaluate": ("evaluate", "{manifest}", "-o", "{place}"),
+    "reproduce": ("reproduce", "-o", "{place}"),
+    **{
+        f"stimuli {form}": (
+            *("stimuli", "generate", "controls/appearing-disk", "--format", form),
+            *("-o", "{place}", "--preview"),
+        )
+        for form in ("ffv1", "mkv", "mp4", "png", "npz", "gif")
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def words(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The files that the commands of `WRITERS` read, by their names there."""
+    folder = tmp_path_factory.mktemp("results")
+    assert oppload("run", clip, "-o", folder, "--height", "48").returncode == 0
+    copy, manifest = folder / "copy.avi", folder / "manifest.csv"
+    copy.write_bytes(clip.read_bytes())
+    manifest.write_text(f"file,label,onset_frame,contact_frame\n{clip},looming,2,9\n")
+    table = folder / "clip.frames.csv"
+    return {
+        "clip": clip,
+        "copy": copy,
+        "manifest": manifest,
+        "results": folder,
+        "table": table,
+    }
+
+
+def one_sentence(done: Done, sentence: str) -> None:
+    assert done.returncode == 2, done
+    assert sentence in done.stderr
+    assert "; check the folder and the space on its disk, or choose another --output" in done.stderr
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("note: ")]
+    assert (len(lines), done.stdout) == (1, "")
+
+
+@pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
+def test_every_command_says_in_one_sentence_that_it_cannot_write(
+    command: tuple[str, ...],
+    words: dict[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if "{place}/all.parquet" in command:
+        pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
+    (tmp_path / "file").write_text("in the way")
+    places = {
+        tmp_path / "file": "not a directory",
+        tmp_path / "file" / "within": "not a directory",
+        tmp_path / ("n" * 300): "file name too long",
+    }
+    if sys.platform == "linux":
+        places |= {
+            Path("/dev/full"): "not a directory",
+            Path("/proc/x"): "no such file or directory",
+        }
+    for place, reason in places.items():
+        named = [word.format(place=place, **words) for word in command]
+        one_sentence(run(capsys, *named), f": cannot be written ({reason})")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("command", WRITERS.values(), ids=WRITERS)
+def test_every_command_on_a_read_only_disk(
+    command: tuple[str, ...],
+    words: dict[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    if "{place}/all.parquet" in command:
+        pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
     with mounted(tmp_path / "fixed", "ro") as folder:
-        for place in (folder, folder / "new"):
-            done = oppload("run", clip, "-o", place)
-            assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-            assert "read-only file system" in done.stderr
+        named = [word.format(place=folder, **words) for word in command]
+        if command[1] != "{clip}" or command[2] == "-o":
+            one_sentence(run(capsys, *named), ": cannot be written (read-only file system)")
+            return
+        done = run(capsys, *named)  # each input says so, and failures.csv
+        assert (done.returncode, "bug" in done.stderr) == (2, False)
+        assert done.stderr.count("cannot be written (read-only file system)") == 3
+
+
+def test_a_plot_beside_its_result_on_a_read_only_disk(
+    words: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with mounted(tmp_path / "fixed", "rw") as folder:
+        shutil.copy(words["table"], folder)
+        subprocess.run(["mount", "-o", "remount,ro", str(folder)], check=True)
+        done = run(capsys, "plot", folder / words["table"].name)
+        one_sentence(done, "clip.frames.png: cannot be written (read-only file system)")
+
+
+def put(kind: str, part: Path, target: Path) -> None:
+    """Put something else in the place of a part file."""
+    target.write_text("mine")
+    if kind == "symbolic link":
+        part.symlink_to(target)
+    elif kind == "hard link":
+        part.hardlink_to(target)
+    elif kind == "pipe":
+        os.mkfifo(part)
+    else:
+        part.mkdir()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pipes with names")
+@pytest.mark.parametrize("kind", ["symbolic link", "hard link", "pipe", "folder"])
+def test_something_else_in_the_place_of_a_part_file(
+    kind: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target, part = tmp_path / "mine.txt", tmp_path / "clip.frames.csv.part"
+    put(kind, part, target)
+    reason = "clip.frames.csv.part is a link, a folder or a device"
+    with pytest.raises(OutputError, match=re.escape(reason)):
+        PartFile(tmp_path / "clip.frames.csv")
+    done = run(capsys, "run", clip, "-o", tmp_path, "--if-exists", "overwrite")
+    one_sentence(done, f"clip.frames.csv: cannot be written ({reason})")
+    assert target.read_text() == "mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [part.name, target.name]
+
+
+def test_a_link_that_is_put_there_at_the_last_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not hasattr(os, "O_NOFOLLOW"):
+        pytest.skip("NOT TESTED: this system follows links")
+    put("symbolic link", tmp_path / "a.csv.part", tmp_path / "mine.txt")
+    monkeypatch.setattr(os, "lstat", lambda _: Path(__file__).stat())
+    with pytest.raises(OutputError, match="cannot be written"):
+        PartFile(tmp_path / "a.csv")
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+
+
+def test_a_folder_in_the_place_of_a_result(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "clip.frames.csv").mkdir()
+    done = run(capsys, "run", clip, "-o", tmp_path, "--if-exists", "overwrite")
+    one_sentence(done, "clip.frames.csv: cannot be written (is a directory)")
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.frames.csv"]
 
 
 def without_privilege(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -115,7 +261,7 @@ def without_privilege(*arguments: str | Path) -> subprocess.CompletedProcess[str
     )
 
 
-def test_what_may_not_be_read_or_written(clip: Path, tmp_path: Path) -> None:
+def test_files_without_permission(clip: Path, tmp_path: Path) -> None:
     secret, closed, out = tmp_path / "secret.avi", tmp_path / "closed", tmp_path / "out"
     secret.write_bytes(clip.read_bytes())
     secret.chmod(0)
@@ -154,9 +300,9 @@ def test_names_of_every_kind(clip: Path, tmp_path: Path) -> None:
     inputs.mkdir()
     for name in NAMES:
         (inputs / name).write_bytes(clip.read_bytes())
-    done = oppload("run", "-o", tmp_path / "out", "--no-rmo", "--", *NAMES, cwd=inputs)
+    done = oppload("run", "-o", tmp_path / "out", "--no-rmo", "-j", "1", "--", *NAMES, cwd=inputs)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count(" 12 frames, ") == len(NAMES)
+    assert re.search(rf"^done +{len(NAMES)} +{12 * len(NAMES)} *$", done.stderr, re.MULTILINE)
     assert "\x1b" not in done.stderr
     sidecars = list((tmp_path / "out").glob("*.oppload.json"))
     named = [json.loads(path.read_text())["input"]["name"] for path in sidecars]
@@ -195,12 +341,13 @@ def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path
     for path in paths:
         path.write_bytes(clip.read_bytes())
     twice = tmp_path / "b" / ".." / "a.avi"
-    done = oppload("run", *paths, twice, "-o", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    names = [path.name for path in (tmp_path / "out").iterdir()]
-    assert len([name for name in names if name.endswith(".frames.csv")]) == 3
+    done = oppload("run", *paths, twice, "-o", tmp_path / "out", "-j", "1")
+    assert done.returncode == 4, done.stderr
     # Also where "A" and "a" are one name.
-    assert len({name.lower() for name in names}) == 9
+    assert done.stderr.count("its results would have the names of those of") == 2
+    assert len(list((tmp_path / "out").glob("*.frames.csv"))) == 1
+    failures = (tmp_path / "out" / "failures.csv").read_text().splitlines()
+    assert len(failures) == 3
 
 
 def test_an_output_is_never_an_input(clip: Path, tmp_path: Path) -> None:
@@ -208,7 +355,7 @@ def test_an_output_is_never_an_input(clip: Path, tmp_path: Path) -> None:
     tricky.write_bytes(clip.read_bytes())
     part = tmp_path / "x.frames.csv.part"
     part.write_bytes(clip.read_bytes())
-    done = oppload("run", tricky, part, "-o", tmp_path)
+    done = oppload("run", tricky, part, "-o", tmp_path, "-j", "1")
     assert done.returncode == 0, done.stderr
     assert tricky.read_bytes() == part.read_bytes() == clip.read_bytes()
     other = tmp_path / "x.avi"

@@ -15,7 +15,7 @@ import pytest
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video.source import open_video
-from tests.cli.process import oppload
+from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
 from tests.robustness.inputs import KINDS, Kind, frame_of, level, make, shown
 
@@ -38,7 +38,7 @@ def check(path: Path, kind: Kind) -> None:
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_every_kind_gives_what_was_encoded(tmp_path: Path, name: str) -> None:
+def test_every_kind_gives_the_encoded_frames(tmp_path: Path, name: str) -> None:
     kind = KINDS[name]
     fragments = {"movflags": "frag_keyframe+empty_moov"} if name == "h264-fragments" else {}
     check(make(tmp_path / f"a.{kind.suffix}", kind, fragments), kind)
@@ -203,9 +203,9 @@ def test_the_command_on_unusual_inputs(tmp_path: Path, name: str) -> None:
 
 
 def test_a_name_is_a_name_and_no_address(tmp_path: Path) -> None:
-    whole = make(tmp_path / "a.mkv", KINDS["ffv1-mkv"])
+    complete = make(tmp_path / "a.mkv", KINDS["ffv1-mkv"])
     for name in ("a:b.mkv", "http:c.mkv", "-v.mkv", "sp ace'\".mkv", "li\nne.mkv", "concat:x|y"):
-        shutil.copy(whole, tmp_path / name)
+        shutil.copy(complete, tmp_path / name)
         with open_video(tmp_path / name) as video:
             assert len(list(video)) == 12
 

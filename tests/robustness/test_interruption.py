@@ -9,23 +9,25 @@ import socket
 import subprocess
 import sys
 import time
+from collections import Counter
 from contextlib import contextmanager, suppress
 from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
 
-from oppload_cli.errors import OpploadError
+from oppload_cli.errors import OpploadError, ResultError
 from oppload_cli.results.reading import read_result
 from tests.cli.process import ENTRY, oppload
 from tests.media import grey_frames, write_video
+from tools.attack.judge import adopt_orphans, faults, prepared
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-HANG_S = 30  # no run may outlive a signal by this
+HANG_S = 120  # no run may outlive a signal by this
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def table(film: Path) -> bytes:
-    """What a whole run writes of the first 100 frames."""
+    """The rows that an uninterrupted run writes of the first 100 frames."""
     done = oppload("run", film, "-o", "-", "-q", "--end", "f100")
     return done.stdout.encode()
 
@@ -53,7 +55,7 @@ def started(name: str | Path, folder: Path, *more: str) -> Iterator[subprocess.P
         try:
             yield run
         finally:
-            run.kill()  # whatever happened; it has ended if all is well
+            run.kill()  # after success it has ended already
 
 
 def rows_written(folder: Path, run: subprocess.Popen[str]) -> Path:
@@ -66,7 +68,7 @@ def rows_written(folder: Path, run: subprocess.Popen[str]) -> Path:
 
 
 def check_prefix(part: Path, table: bytes) -> int:
-    """Check that the part is the beginning of the whole; return its whole rows."""
+    """Check that the part is the beginning of the table; return the number of its complete rows."""
     data = part.read_bytes()
     shared = min(len(data), len(table))
     assert data[:shared] == table[:shared]
@@ -74,7 +76,7 @@ def check_prefix(part: Path, table: bytes) -> int:
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
-def test_what_was_written_is_a_valid_prefix(
+def test_the_written_rows_are_a_valid_prefix(
     film: Path, table: bytes, tmp_path: Path, name: str
 ) -> None:
     with started(film, tmp_path) as run:
@@ -82,6 +84,7 @@ def test_what_was_written_is_a_valid_prefix(
         time.sleep(0.3)
         run.send_signal(getattr(signal, name))
         said = run.communicate(timeout=HANG_S)[1]
+    assert part.exists(), (run.returncode, said)
     rows = check_prefix(part, table)
     assert not (tmp_path / "film.frames.csv").exists()
     assert not (tmp_path / "film.oppload.json").exists()
@@ -135,7 +138,7 @@ def test_an_input_that_never_answers_is_interrupted(tmp_path: Path) -> None:
             with started(name, tmp_path) as run:
                 time.sleep(1)
                 run.send_signal(signal.SIGINT)
-                said = run.communicate(timeout=5)[1]  # the network alone would take 10 s
+                said = run.communicate(timeout=9)[1]  # the network alone would take 10 s
             assert (run.returncode, said.strip()) == (130, "oppload: interrupted")
     assert [path.name for path in tmp_path.iterdir()] == ["never.mkv"]
 
@@ -183,7 +186,8 @@ def test_random_moments(film: Path, table: bytes, tmp_path: Path, name: str) -> 
     for number in range(30):
         folder = tmp_path / str(number)
         with started(film, folder) as run:
-            time.sleep(random.uniform(0, 2.5))
+            # Half of them while the decoding process is begun.
+            time.sleep(random.uniform(0.05, 0.4) if number % 2 else random.uniform(0, 2.5))
             run.send_signal(getattr(signal, name))
             sent = time.monotonic()
             said = run.communicate(timeout=HANG_S)[1]
@@ -210,6 +214,69 @@ def test_random_moments(film: Path, table: bytes, tmp_path: Path, name: str) -> 
     )
 
 
+KILLS = int(os.environ.get("KILLS", "40"))
+
+
+@pytest.fixture(scope="module")
+def killed_commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """Commands that end by themselves after a second or two."""
+    folder = tmp_path_factory.mktemp("killed")
+    frames = grey_frames(60, width=96, height=64)
+    for number in range(3):
+        path = folder / f"clip{number}.avi"
+        write_video(path, frames * 3, codec="mpeg4", pixel_format="yuv420p")
+    clips = [str(path) for path in sorted(folder.glob("*.avi"))]
+    quick = ["--height", "24", "--no-rmo", "-o"]
+    done = oppload("run", *clips, *quick, folder / "results")
+    assert done.returncode == 0, done.stderr
+    table = str(folder / "results" / "clip0.frames.csv")
+    return {
+        "run": ["run", clips[0], *quick, "../out"],
+        "annotate": ["run", clips[0], "--annotate", *quick, "../out"],
+        "batch": ["run", *clips, "--jobs", "2", *quick, "../out"],
+        "plot": ["plot", table, "-o", "../out/a.png"],
+        "collect": ["collect", str(folder / "results"), "--frames", "-o", "../out/all.csv"],
+        "report": ["report", table, "-o", "../out"],
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_kills_at_random_moments(killed_commands: dict[str, list[str]], tmp_path: Path) -> None:
+    """Start-up included, to one process or to all: complete, a readable `.part`, or absent."""
+    adopt_orphans()
+    random = Random(KILLS)  # noqa: S311
+    states: Counter[str] = Counter()
+    takes_s = dict.fromkeys(killed_commands, 0.0)
+    for number in range(-len(killed_commands), KILLS):
+        name = list(killed_commands)[number % len(killed_commands)]
+        case = prepared("kills", number, tmp_path / str(number))
+        case.words = killed_commands[name]
+        if number < 0:  # undisturbed
+            began = time.monotonic()
+            assert faults(case)[0] == []
+            takes_s[name] = time.monotonic() - began
+            continue
+        case.signals = [(random.uniform(0, takes_s[name]), "SIGKILL", random.random() < 0.5)]
+        wrong, ended = faults(case)
+        assert wrong == [], (name, case.signals, ended.stderr)
+        parts = [*case.out.rglob("*.part")]
+        for part in case.out.rglob("*.frames.csv.part"):
+            with suppress(ResultError):  # no rows yet
+                read_result(part)
+        whole = len([*case.out.iterdir()]) > len(parts)
+        state = (
+            "ended" if ended.code == 0 else "complete" if whole else "part" if parts else "absent"
+        )
+        states[f"{name}: {state}"] += 1
+        if parts and number % 10 == 0:  # what is left is in nobody's way
+            case.signals = []
+            if name not in {"plot", "report"}:
+                case.words = [*case.words, "--if-exists", "overwrite"]
+            assert faults(case)[0] == []
+    sys.stdout.write(f"{KILLS} kills: {dict(sorted(states.items()))}\n")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
@@ -231,7 +298,7 @@ def test_random_moments_of_several_processes(tmp_path: Path, words: list[str]) -
             start_new_session=True,
         ) as run:
             time.sleep(random.uniform(0.2, 2.0))
-            # Ctrl-C goes to the whole group, an end from outside to the parent.
+            # Ctrl-C goes to the group, an end from outside to the parent.
             end = random.choice([os.killpg, os.kill])
             with suppress(ProcessLookupError):
                 end(run.pid, signal.SIGINT if end is os.killpg else signal.SIGTERM)

@@ -7,18 +7,25 @@ import struct
 import subprocess
 import sys
 import zlib
+from functools import cache
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from oppload_cli.errors import ParameterError, SourceError
-from oppload_cli.video.image_size import declared_size
-from oppload_cli.video.limits import DEFAULT_MOST_PIXELS, VARIABLE, most_pixels
+from oppload_cli.video.frames import (
+    DEFAULT_MAX_PIXELS,
+    MAX_PIXELS,
+    InputFacts,
+    max_pixels,
+    working_size,
+)
 from oppload_cli.video.source import open_video
 from tests.cli.process import oppload
-from tests.robustness.inputs import KINDS, make
+from tests.robustness.inputs import KINDS, Kind, make
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,17 +96,17 @@ def test_a_decompression_bomb_is_refused_in_little_memory(tmp_path: Path, name: 
     assert "bug" not in done.stderr
     assert "MemoryError" not in done.stderr
     if done.returncode == 3:
-        assert VARIABLE in done.stderr
+        assert MAX_PIXELS in done.stderr
 
 
 def test_the_limit_can_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = make(tmp_path / "a.avi", KINDS["mpeg4-avi"])  # 96 x 64
-    monkeypatch.setenv(VARIABLE, str(96 * 64))
+    monkeypatch.setenv(MAX_PIXELS, str(96 * 64))
     with open_video(path) as video:
         assert len(list(video)) == 12
-    monkeypatch.setenv(VARIABLE, str(96 * 64 - 1))
+    monkeypatch.setenv(MAX_PIXELS, str(96 * 64 - 1))
     with pytest.raises(
-        SourceError, match=f"declares 96 x 64 pixels, more than 6143; set {VARIABLE}"
+        SourceError, match=f"declares 96 x 64 pixels, more than 6143; set {MAX_PIXELS}"
     ):
         open_video(path)
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((64, 96), np.uint8))
@@ -109,55 +116,155 @@ def test_the_limit_can_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 @pytest.mark.parametrize("value", ["", "0", "-5", "many", "1e6", "99999999999", "٣"])
 def test_a_wrong_limit(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
-    monkeypatch.setenv(VARIABLE, value)
-    with pytest.raises(ParameterError, match=VARIABLE):
-        most_pixels()
+    monkeypatch.setenv(MAX_PIXELS, value)
+    with pytest.raises(ParameterError, match=MAX_PIXELS):
+        max_pixels()
 
 
 def test_the_limit_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
-    assert most_pixels() == DEFAULT_MOST_PIXELS == 8192 * 8192
+    monkeypatch.delenv(MAX_PIXELS, raising=False)
+    assert max_pixels() == DEFAULT_MAX_PIXELS == 8192 * 8192
 
 
-@pytest.mark.parametrize("suffix", ["png", "jpg", "bmp", "tiff", "webp", "pgm", "ppm", "pbm"])
-def test_the_size_that_an_image_declares(suffix: str) -> None:
-    for width, height in ((1, 1), (7, 300), (641, 2)):
-        image = np.full((height, width, 3), 200, np.uint8)
-        grey = image[..., 0] if suffix in {"pgm", "pbm"} else image
-        encoded = cv2.imencode(f".{suffix}", grey)[1].tobytes()
-        assert declared_size(encoded) == (width, height)
-        for length in range(0, min(len(encoded), 200), 3):  # a cut header is no size, and no error
-            assert declared_size(encoded[:length]) in {None, (width, height)}
+def tiff_of_two_sizes(first: tuple[int, int], second: tuple[int, int]) -> bytes:
+    """A grey, compressed image whose head states width and height twice."""
+    strip = zlib.compress(bytes(30000), 9)
+    start = 8 + 2 + 12 * 11 + 4
+    sizes = [
+        (tag, 4, size)
+        for both in (first, second)
+        for tag, size in zip((256, 257), both, strict=True)
+    ]
+    others = [(258, 3, 8), (259, 3, 8), (262, 3, 1), (273, 4, start)]
+    others += [(277, 3, 1), (278, 4, 30000), (279, 4, len(strip))]
+    entries = b"".join(
+        struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in [*sizes, *others]
+    )
+    return b"II*\0" + struct.pack("<IH", 8, 11) + entries + bytes(4) + strip
 
 
-def test_lossless_and_extended_webp() -> None:
-    image = np.full((30, 40, 4), 90, np.uint8)
-    lossless = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, 101])[1].tobytes()
-    assert declared_size(lossless) == (40, 30)
-    extended = b"RIFF\0\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0" + (16383).to_bytes(3, "little") * 2
-    assert declared_size(extended) == (16384, 16384)
+def jpeg_with_a_hidden_head() -> bytes:
+    """30000 x 30000 pixels by a head that some readers do not see."""
+    data = bytearray(cv2.imencode(".jpg", np.full((16, 16), 128, np.uint8))[1].tobytes())
+    head = data.index(b"\xff\xc0")
+    length = 2 + int.from_bytes(data[head + 2 : head + 4])
+    hidden = b"\xff\x00" + struct.pack(">H", 2 + length)
+    large = bytearray(data[head : head + length])
+    large[5:9] = struct.pack(">HH", 30000, 30000)
+    return bytes(data[:2] + hidden + large + data[2:])
+
+
+def sparse_png(path: Path) -> None:
+    with path.open("wb") as file:
+        file.write(png(64, 48))
+        file.truncate(6 << 30)
+
+
+LYING = {
+    "jpeg-hidden-head": jpeg_with_a_hidden_head(),
+    "tiff-large-last": tiff_of_two_sizes((16, 16), (30000, 30000)),
+    "tiff-large-first": tiff_of_two_sizes((30000, 30000), (16, 16)),
+    "png-text": None,
+    "png-sparse": None,
+}
+
+
+@pytest.mark.parametrize("name", LYING)
+def test_an_image_that_lies_about_its_size_takes_little_memory(tmp_path: Path, name: str) -> None:
+    for index in range(3):
+        path = tmp_path / f"{index}.png"
+        if name == "png-sparse":
+            sparse_png(path)
+        else:
+            path.write_bytes(LYING[name] or png_with_much_text())
+    code = (
+        "import resource, sys\n"
+        "from fractions import Fraction\n"
+        "from oppload_cli.errors import SourceError\n"
+        "from oppload_cli.video.images import ImageSource\n"
+        f"resource.setrlimit(resource.RLIMIT_AS, ({MOST_MEMORY}, {MOST_MEMORY}))\n"
+        "try:\n"
+        "    shapes = [p.plane.shape for p in ImageSource(sys.argv[1], Fraction(30)).pictures()]\n"
+        "    assert set(shapes) <= {(16, 16), (48, 64)}, shapes\n"
+        "except SourceError as error:\n"
+        "    assert 'none of these images can be read' in str(error), error\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", **os.environ},
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@cache
+def png_with_much_text() -> bytes:
+    """A compressed text of 300 MB before the pixels."""
+    data = png(64, 48)
+    text = b"zTXta\0\0" + zlib.compress(bytes(300_000_000), 1)
+    place = data.index(b"IDAT") - 4
+    chunk = struct.pack(">I", len(text) - 4) + text + struct.pack(">I", zlib.crc32(text))
+    return data[:place] + chunk + data[place:]
+
+
+def test_a_later_frame_that_is_too_large_is_a_failure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = [
+        make(tmp_path / f"{width}.ts", Kind("ts", "mpeg2video", width=width)) for width in (96, 128)
+    ]
+    path = tmp_path / "both.ts"
+    path.write_bytes(b"".join(part.read_bytes() for part in parts))
+    monkeypatch.setenv(MAX_PIXELS, str(96 * 64))
+    with open_video(path, height=16) as video:
+        assert 10 <= len(list(video)) <= 13
+        assert video.decode.failures >= 10
+        assert any("a frame of 128 x 64 pixels" in each for each in video.decode.messages)
+
+
+@pytest.mark.parametrize(("width", "height", "working"), [(580, 1, 240), (1, 9000, None)])
+def test_a_thin_video_is_not_enlarged_without_end(
+    width: int, height: int, working: int | None
+) -> None:
+    facts = InputFacts("thin.mkv", "container", width, height, None, None)
+    if working:
+        with pytest.raises(ParameterError, match="a working size of 139200 x 240 is too large"):
+            working_size(facts, working)
+    else:
+        assert working_size(facts, working).shape == (height, width)
+
+
+def test_the_limit_of_pillow_does_not_count(tmp_path: Path) -> None:
+    before = Image.MAX_IMAGE_PIXELS
+    (tmp_path / "0.png").write_bytes(png(65535, 65535))
+    with pytest.raises(SourceError, match="declares 65535 x 65535 pixels"):
+        open_video(tmp_path)
+    assert before == Image.MAX_IMAGE_PIXELS
 
 
 def test_every_exit_code_from_a_real_process(tmp_path: Path) -> None:
     """0, 2, 3 and 4 here; 130 in test_interruption, 1 by an error put in on purpose."""
-    whole = make(tmp_path / "whole.avi", KINDS["mpeg4-avi"])
+    intact = make(tmp_path / "intact.avi", KINDS["mpeg4-avi"])
     cut = tmp_path / "cut.avi"
-    data = whole.read_bytes()
+    data = intact.read_bytes()
     cut.write_bytes(data[: (data.index(b"movi") + data.index(b"idx1")) // 2])
     quick = ("--height", "24", "-q", "-o", tmp_path / "out")
-    assert oppload("run", whole, *quick).returncode == 0
-    assert oppload("run", whole, *quick).returncode == 2
+    assert oppload("run", intact, *quick).returncode == 0
+    assert oppload("run", intact, *quick).returncode == 2
     assert oppload("run", tmp_path / "none.avi", *quick).returncode == 3
     assert oppload("run", cut, *quick).returncode == 4
     code = (
-        "import oppload_cli.task as task, sys\n"
+        "import oppload_cli.pipeline.execute as task, sys\n"
         "def broken(*_): raise ZeroDivisionError('on purpose')\n"
         "task.run_task = broken\n"
         "from oppload_cli.cli import main\n"
         "main(['run', sys.argv[1], '-o', sys.argv[2]])\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code, str(whole), str(tmp_path / "bug")],
+        [sys.executable, "-c", code, str(intact), str(tmp_path / "bug")],
         capture_output=True,
         text=True,
         check=False,

@@ -6,7 +6,6 @@ import csv
 import gc
 import math
 import os
-import resource
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,14 +15,14 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.outputs import Outputs
-from oppload_cli.settings import resolve
-from oppload_cli.task import Task, run_task
-from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.outputs import Outputs
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Task
+from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, working_size
 from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span, parse_position
-from oppload_cli.video.working import working_size
 from tests.cli.process import oppload
 from tests.media import grey_frames, looming, write_video
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.settings import Settings
+    from oppload_cli.pipeline.settings import Settings
 
 
 def table(path: Path, folder: Path, *assignments: str, height: str = "60") -> bytes:
@@ -129,7 +128,7 @@ def test_extreme_parameters_stay_finite(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["opplod.sigma_excitation", "dlgmd.threshold_limit", "alarm.factor", "rmo.sides"]
 )
-def test_what_is_no_number_is_refused(name: str, value: str) -> None:
+def test_a_value_that_is_no_number_is_refused(name: str, value: str) -> None:
     with pytest.raises(ParameterError):
         resolve(assignments=[f"{name}={value}"])
 
@@ -181,7 +180,7 @@ class Meter:
 def resident() -> int:
     """Return the memory that this process has in use, in bytes."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize()
+    return pages * os.sysconf("SC_PAGE_SIZE")
 
 
 def long_run(

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli import DlgmdParams, OpplodParams, OpplodResponse, analyse, open_video
+from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
 from oppload_cli.models.dlgmd import DlgmdResponse
+from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +38,7 @@ def test_dlgmd_gives_the_authors_numbers_on_their_own_stimulus(shared: Path) -> 
 
 def test_opplod_finds_the_collision_of_tc22(shared: Path) -> None:
     with open_video(shared / "clips" / "tc22.mp4") as video:
-        records = list(analyse(video, [OpplodParams()]))
+        records = list(analyse(video, [REFERENCE]))
     answers = [record.responses["opplod"] for record in records]
     values = [answer.response if answer else 0.0 for answer in answers]
     peak = int(np.argmax(values))

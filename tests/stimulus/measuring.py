@@ -1,4 +1,4 @@
-"""Measures figures in rendered frames, for comparison with what the ground truth states."""
+"""Measures shapes in rendered frames, for comparison with the ground truth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from oppload_cli.stimulus import Effects, Object, Protocol, Renderer, frame_truth
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import pose_of
-from oppload_cli.stimulus.objects import SIZED
+from oppload_cli.stimulus.tables import SIZED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,39 +21,39 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-# below this many pixels a thresholded figure has no measurable size
+# below this many pixels a thresholded shape has no measurable size
 LEAST_PX = 4.0
-# whole pixels would round both sides of an upright square the same way, up to a pixel in all
+# full pixels would round both sides of an upright square the same way, up to a pixel in all
 FINE = 4
 
 
 def worst_errors(protocol: Protocol, frames: Iterable[int]) -> tuple[float, float, int]:
-    """Return the largest error of size and of centre in pixels, and how often was measured."""
+    """Return the largest error of size and of centre in pixels, and the number of measurements."""
     size_error = centre_error = 0.0
     count = 0
-    for thing in protocol.objects:
-        if thing.kind not in SIZED:
+    for obj in protocol.objects:
+        if obj.kind not in SIZED:
             continue
-        alone = _alone(protocol, thing)
+        alone = _alone(protocol, obj)
         renderer = Renderer(alone)
         for frame in frames:
             truth = frame_truth(alone, frame).objects[0]
             stated = _size_px(alone, truth.angular_size_deg or 0.0)
-            width = _size_px(alone, thing.width_deg or 1e9)
+            width = _size_px(alone, obj.width_deg or 1e9)
             dark = _thresholded(renderer.grey(frame))
             rim = dark[0].any() or dark[-1].any() or dark[:, 0].any() or dark[:, -1].any()
             if min(stated, width) < LEAST_PX or rim or not truth.visible:
                 continue
             if not dark.any():
-                # it must have left the display, or its error is without bound
+                # the shape must be outside the display; otherwise its error is without bound
                 x_share = truth.centre_x_px / alone.display.width
                 y_share = truth.centre_y_px / alone.display.height
                 inside = 0 <= x_share <= 1 and 0 <= y_share <= 1
                 size_error = math.inf if inside else size_error
                 continue
             rows, columns = (index / FINE for index in np.nonzero(dark))
-            measured = _size_of(thing.kind, float(dark.sum()) / FINE**2, width)
-            if thing.kind == "bar":
+            measured = _size_of(obj.kind, float(dark.sum()) / FINE**2, width)
+            if obj.kind == "bar":
                 pose = pose_of(alone, alone.objects[0], alone.time_of(frame))
                 measured = _length_along(columns, rows, math.radians(pose.orientation_deg))
             size_error = max(size_error, abs(measured - stated))
@@ -70,12 +70,12 @@ def _thresholded(grey: NDArray[np.uint8]) -> NDArray[np.bool_]:
     return np.asarray(fine < 127.5)
 
 
-def _alone(protocol: Protocol, thing: Object) -> Protocol:
+def _alone(protocol: Protocol, obj: Object) -> Protocol:
     """Put one object, black, on white: nothing else in the picture."""
-    kind = "disk" if thing.kind == "patch" else thing.kind
-    contrast = 1.0 if kind != thing.kind else thing.contrast
+    kind = "disk" if obj.kind == "patch" else obj.kind
+    contrast = 1.0 if kind != obj.kind else obj.contrast
     black = dataclasses.replace(
-        thing, kind=kind, luminance=0.0, brightness=None, contrast=contrast, exponent=1.0
+        obj, kind=kind, luminance=0.0, brightness=None, contrast=contrast, exponent=1.0
     )
     display = dataclasses.replace(protocol.display, background=1.0)
     return dataclasses.replace(protocol, objects=(black,), display=display, effects=Effects())
@@ -91,7 +91,7 @@ def _length_along(x: Floats, y: Floats, angle: float) -> float:
 
 
 def _size_of(kind: str, area: float, width: float) -> float:
-    """Size that a figure of this area has."""
+    """Size of a shape of this area."""
     if kind == "square":
         return math.sqrt(area)
     if kind == "cross":

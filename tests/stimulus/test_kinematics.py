@@ -1,4 +1,4 @@
-"""Where things are and how large: closed forms of time."""
+"""Poses of objects: closed forms of time."""
 
 from __future__ import annotations
 
@@ -23,13 +23,12 @@ from oppload_cli.stimulus import (
     frame_truth,
 )
 from oppload_cli.stimulus.kinematics import pose_of
-from oppload_cli.stimulus.movement import movement
 
 
-def made(thing: Object, rate: object = 30, **tables: Any) -> Protocol:
+def made(obj: Object, rate: object = 30, **tables: Any) -> Protocol:
     values: dict[str, Any] = {"timing": Timing(before_s=0.2, motion_s=1.0, after_s=0.3), **tables}
     display = Display(width=200, height=200, pixels_per_degree=4, frame_rate=Fraction(str(rate)))
-    return Protocol(display=display, objects=(thing,), **values)
+    return Protocol(display=display, objects=(obj,), **values)
 
 
 def disk(**keys: Any) -> Object:
@@ -91,11 +90,11 @@ def test_frame_rate_does_not_matter(
         Growth(kind="approach", l_over_v_ms=l_over_v),
     ):
         start = 2.0 if growth.kind == "edge-speed" else None
-        thing = disk(size_deg=start, growth=growth, motion=motion)
-        # 144 / 30 is not whole: 1/720 s is a frame of all three
+        obj = disk(size_deg=start, growth=growth, motion=motion)
+        # 144 / 30 is no integer; a frame at 30, 60 or 144 Hz is one at 720 Hz too
         truths = []
         for rate in (30, 60, 720):
-            protocol = made(thing, rate, scene=Scene(motion=motion))
+            protocol = made(obj, rate, scene=Scene(motion=motion))
             truths.append(frame_truth(protocol, int(time * rate)))
         for other in truths[1:]:
             assert other.time_s == pytest.approx(truths[0].time_s, abs=1e-12)
@@ -106,9 +105,9 @@ def test_frame_rate_does_not_matter(
 
 
 def test_144_hz_agrees_where_frames_coincide() -> None:
-    thing = disk(growth=Growth(kind="approach", l_over_v_ms=40))
+    obj = disk(growth=Growth(kind="approach", l_over_v_ms=40))
     for frame in range(0, 45, 5):
-        slow, fast = (made(thing, rate) for rate in (30, 144))
+        slow, fast = (made(obj, rate) for rate in (30, 144))
         a, b = frame_truth(slow, frame), frame_truth(fast, frame * 144 // 30)
         assert b.objects[0].angular_size_deg == pytest.approx(
             a.objects[0].angular_size_deg, abs=1e-9
@@ -117,8 +116,8 @@ def test_144_hz_agrees_where_frames_coincide() -> None:
 
 def test_receding_is_the_same_backwards() -> None:
     growth = Growth(kind="edge-speed", speed_deg_s=10)
-    thing = disk(size_deg=5, growth=growth, motion=Motion(speed_deg_s=4))
-    forwards, backwards = made(thing), made(dataclasses.replace(thing, reverse=True))
+    obj = disk(size_deg=5, growth=growth, motion=Motion(speed_deg_s=4))
+    forwards, backwards = made(obj), made(dataclasses.replace(obj, reverse=True))
     for late in (0.0, 0.1, 0.55, 1.0):
         a = pose_of(forwards, forwards.objects[0], 0.2 + late)
         b = pose_of(backwards, backwards.objects[0], 1.2 - late)
@@ -158,7 +157,7 @@ def test_steps() -> None:
 
 
 def test_onset_duration_appearance() -> None:
-    thing = disk(
+    obj = disk(
         size_deg=8,
         onset_s=0.3,
         duration_s=0.4,
@@ -166,37 +165,39 @@ def test_onset_duration_appearance() -> None:
         vanishes="end",
         motion=Motion(speed_deg_s=10, direction_deg=90),
     )
-    protocol = made(thing)
-    seen = [pose_of(protocol, thing, time).visible for time in (0.49, 0.51, 0.89, 0.91)]
+    protocol = made(obj)
+    seen = [pose_of(protocol, obj, time).visible for time in (0.49, 0.51, 0.89, 0.91)]
     assert seen == [False, True, True, False]
-    assert pose_of(protocol, thing, 0.7).centre_deg == pytest.approx((0, 2))
+    assert pose_of(protocol, obj, 0.7).centre_deg == pytest.approx((0, 2))
 
 
 def test_scene_turns_and_shifts_everything() -> None:
-    thing = disk(size_deg=8, centre_deg=(10, 0), motion=Motion(speed_deg_s=5))
-    protocol = made(thing, scene=Scene(centre_deg=(1, 2), rotation_deg=90))
-    pose = pose_of(protocol, thing, 0.2 + 0.4)
+    obj = disk(size_deg=8, centre_deg=(10, 0), motion=Motion(speed_deg_s=5))
+    protocol = made(obj, scene=Scene(centre_deg=(1, 2), rotation_deg=90))
+    pose = pose_of(protocol, obj, 0.2 + 0.4)
     assert pose.centre_deg == pytest.approx((1, 2 + 12))
     assert pose.velocity_deg_s == pytest.approx((0, 5))
 
 
 def test_path_is_followed() -> None:
-    motion = Motion(path_deg=((0, 0), (4, 0), (4, 6)), path_s=(0, 0.4, 1.0))
-    assert movement(motion, 0.2, 0, "") == ((2, 0), (10, 0), 0)
-    (x, y), velocity, _ = movement(motion, 0.7, 0, "")
-    assert (x, y) == pytest.approx((4, 3))
-    assert velocity == pytest.approx((0, 10))
-    assert movement(motion, 5, 0, "")[0] == (4, 6)
+    motion = Motion(path_deg=((0, 0), (4, 0), (4, 6)), path_s=(0, 0.4, 0.8))
+    obj = disk(size_deg=8, motion=motion)
+    early, later, end = (pose_of(made(obj), obj, 0.2 + time) for time in (0.2, 0.6, 5))
+    assert early.centre_deg == pytest.approx((2, 0))
+    assert early.velocity_deg_s == pytest.approx((10, 0))
+    assert later.centre_deg == pytest.approx((4, 3))
+    assert later.velocity_deg_s == pytest.approx((0, 15))
+    assert end.centre_deg == (4, 6)
 
 
-def test_shake_has_the_stated_size_and_no_start() -> None:
-    motion = Motion(shake_deg=2, shake_hz=5)
-    places = [movement(motion, index / 100, 0, "seed")[0] for index in range(4000)]
+def test_shake_has_the_stated_size_and_starts_at_the_middle() -> None:
+    obj = disk(size_deg=8, motion=Motion(shake_deg=2, shake_hz=5))
+    protocol = made(obj, timing=Timing(motion_s=40))
+    places = [pose_of(protocol, obj, index / 100).centre_deg for index in range(4000)]
     assert places[0] == pytest.approx((0, 0), abs=0)
     middle = [sum(place[axis] for place in places) / len(places) for axis in (0, 1)]
     squares = [math.dist(place, middle) ** 2 for place in places]
     assert math.sqrt(sum(squares) / len(squares)) == pytest.approx(2, rel=0.05)
-    assert movement(motion, 0.3, 0, "other")[0] != places[30]
 
 
 def test_shake_is_smooth_and_differs_from_object_to_object() -> None:
@@ -212,14 +213,14 @@ def test_shake_is_smooth_and_differs_from_object_to_object() -> None:
 
 def test_brightness() -> None:
     def at(brightness: Brightness, *times: float) -> list[float]:
-        thing = disk(size_deg=10, luminance=0.2, brightness=brightness)
-        return [pose_of(made(thing), thing, time).luminance for time in times]
+        obj = disk(size_deg=10, luminance=0.2, brightness=brightness)
+        return [pose_of(made(obj), obj, time).luminance for time in times]
 
     assert at(Brightness(kind="step", to=0.8), 0.1, 0.3, 1.4) == [0.2, 0.8, 0.8]
     ramp = Brightness(kind="ramp", to=0.8, start_s=0.2, duration_s=0.4)
     assert at(ramp, 0.0, 0.3, 0.6, 0.9) == pytest.approx([0.2, 0.2, 0.5, 0.8])
-    whole = Brightness(kind="ramp", to=0.8)
-    assert at(whole, 0.2, 0.7, 1.2) == pytest.approx([0.2, 0.5, 0.8])
+    even = Brightness(kind="ramp", to=0.8)
+    assert at(even, 0.2, 0.7, 1.2) == pytest.approx([0.2, 0.5, 0.8])
     square = Brightness(kind="flicker", to=0.8, frequency_hz=2)
     assert at(square, 0.1, 0.21, 0.5, 0.75) == [0.2, 0.2, 0.8, 0.2]
     sine = Brightness(kind="flicker", to=0.8, frequency_hz=2, waveform="sine")

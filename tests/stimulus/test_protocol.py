@@ -1,4 +1,4 @@
-"""Protocol files: what is right, and what each mistake is told."""
+"""Protocol files: valid ones, and the message for each mistake."""
 
 from __future__ import annotations
 
@@ -62,9 +62,9 @@ def test_frame_rate_is_exact() -> None:
         assert protocol_of(text).display.frame_rate == rate
     tenths = Timing(before_s=0.1, motion_s=0.2)
     display = Display(width=10, height=10, frame_rate=Fraction(10), pixels_per_degree=1)
-    thing = Object(id="f", kind="field")
+    obj = Object(id="f", kind="field")
     # 0.1 + 0.2 is more than 0.3 in binary, and still 3 frames
-    assert Protocol(display=display, timing=tenths, objects=(thing,)).frame_count == 3
+    assert Protocol(display=display, timing=tenths, objects=(obj,)).frame_count == 3
 
 
 def test_field_of_view() -> None:
@@ -182,7 +182,7 @@ def test_no_objects_or_too_many_frames() -> None:
 )
 def test_mistakes_of_an_object(kind: str, keys: dict[str, object], words: str) -> None:
     with pytest.raises(StimulusError, match=words):
-        Object.from_table({"id": "thing", "kind": kind, **keys}, "my.toml: object 'thing'")
+        Object.from_table({"id": "obj", "kind": kind, **keys}, "my.toml: object 'obj'")
 
 
 def test_files(tmp_path: Path) -> None:
@@ -216,5 +216,5 @@ def test_mistakes_of_a_file(tmp_path: Path, text: str, words: str) -> None:
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(StimulusError, match="cannot read: No such file"):
+    with pytest.raises(StimulusError, match=r"cannot be read \(no such file"):
         load_all(tmp_path / "gone.toml")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
-from oppload_cli.stimulus.objects import KINDS
+from oppload_cli.stimulus.tables import KINDS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +34,7 @@ def table(**keys: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, Any]]:
     return drawn.map(lambda made: {name: one for name, one in made.items() if one is not None})
 
 
-# mostly within what is allowed, so that a good part of the protocols is valid
+# mostly within the ranges allowed, so that many protocols are valid
 number = st.floats(0.5, 40) | st.floats(0.5, 40) | st.floats(0.5, 40) | st.floats(-5, 60)
 share = st.floats(0, 0.5) | st.floats(0, 0.5) | st.floats(-0.1, 1.1)
 point = st.lists(st.floats(-8, 8), min_size=2, max_size=2)
@@ -96,8 +96,8 @@ common = table(
 
 
 @st.composite
-def thing(draw: st.DrawFn) -> dict[str, Any]:
-    """Draw an object that has what its kind needs, and now and then what it must not have."""
+def obj(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw an object with the keys that its kind needs, and now and then one that it refuses."""
     kind = draw(st.sampled_from(KINDS))
     made = {"kind": kind, **draw(common), **draw(table(**needs.get(kind, {})))}
     if "size_deg" in made and draw(st.booleans()):
@@ -119,7 +119,7 @@ protocol_table = table(
     timing=table(before_s=maybe(share), motion_s=st.floats(0.1, 0.6), after_s=maybe(share)),
     scene=maybe(table(rotation_deg=number, centre_deg=point, motion=maybe(motion))),
     effects=maybe(table(noise=maybe(share), shutter=maybe(share), invert=maybe(st.booleans()))),
-    object=st.lists(thing(), min_size=1, max_size=2),
+    object=st.lists(obj(), min_size=1, max_size=2),
 )
 valid_kind = {
     "disk": {"size_deg": 5.0},
@@ -151,9 +151,9 @@ def check(protocol: stimulus.Protocol) -> None:
 
 @bounded
 @given(made=protocol_table)
-def test_anything_at_all(made: dict[str, Any]) -> None:
+def test_any_protocol_is_valid_or_refused(made: dict[str, Any]) -> None:
     for index, one in enumerate(made["object"]):
-        one["id"] = f"thing-{index}"
+        one["id"] = f"obj-{index}"
     try:
         protocol = stimulus.Protocol.from_table(made, "random.toml")
     except StimulusError as problem:
@@ -182,7 +182,7 @@ def test_anything_at_all(made: dict[str, Any]) -> None:
     effects=table(shutter=st.sampled_from([0.0, 0.5]), noise=st.sampled_from([0.0, 0.1])),
     reverse=st.booleans(),
 )
-def test_anything_that_is_valid(  # noqa: PLR0917 - one argument per drawn value
+def test_valid_protocols_are_never_refused(  # noqa: PLR0917 - one argument per drawn value
     kind: str,
     projection: str,
     size: tuple[int, int],
@@ -194,7 +194,7 @@ def test_anything_that_is_valid(  # noqa: PLR0917 - one argument per drawn value
     reverse: bool,
 ) -> None:
     """Every combination of these is a stimulus: none is refused."""
-    one = {"id": "thing", "kind": kind, "axis_deg": axis, "motion": moved, "reverse": reverse}
+    one = {"id": "obj", "kind": kind, "axis_deg": axis, "motion": moved, "reverse": reverse}
     one |= valid_kind[kind]
     if reverse and kind not in {"field", "edge"} and "size_deg" in valid_kind[kind]:
         one["motion"] = {**moved, "speed_deg_s": 0.0}

@@ -29,10 +29,10 @@ from oppload_cli.stimulus import (
 )
 
 
-def made(*things: Object, seconds: float = 1.0, scale: float = 5.0, **tables: Any) -> Protocol:
+def made(*objects: Object, seconds: float = 1.0, scale: float = 5.0, **tables: Any) -> Protocol:
     display = Display(width=200, height=180, pixels_per_degree=scale)
     values: dict[str, Any] = {"timing": Timing(motion_s=seconds), **tables}
-    return Protocol(display=display, objects=things, **values)
+    return Protocol(display=display, objects=objects, **values)
 
 
 def dark_area(frame: stimulus.StimulusFrame) -> float:
@@ -77,9 +77,9 @@ def test_area_of_a_turned_bar_at_every_frame(axis: float) -> None:
         ("ring", {"size_deg": 12, "width_deg": 7}, math.pi * 36),
     ],
 )
-def test_area_of_the_other_figures(kind: str, keys: dict[str, float], area: float) -> None:
-    figure = Object.from_table({"id": "f", "kind": kind, "axis_deg": 30, **keys}, "")
-    frame = next(stimulus.frames(made(figure, scene=Scene(centre_deg=(1.1, -0.7)))))
+def test_area_of_the_other_shapes(kind: str, keys: dict[str, float], area: float) -> None:
+    shape = Object.from_table({"id": "f", "kind": kind, "axis_deg": 30, **keys}, "")
+    frame = next(stimulus.frames(made(shape, scene=Scene(centre_deg=(1.1, -0.7)))))
     assert dark_area(frame) == pytest.approx(area * 25, rel=1e-3)
 
 
@@ -232,7 +232,7 @@ def test_zoomed_dots_flow_outward() -> None:
     inside = (abs(moved_rows - 90) < 85) & (abs(moved_columns - 100) < 95)
     values = later[moved_rows[inside].astype(int), moved_columns[inside].astype(int)]
     assert inside.sum() > 50
-    # what moved outward is at or next to its dot
+    # a dot moved outward is at its expected place or next to it
     assert np.mean(values < 0.5) > 0.8
 
 

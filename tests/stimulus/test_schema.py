@@ -1,17 +1,16 @@
-"""The JSON Schema and the reference say what the code does."""
+"""The JSON Schema, the reference of keys and the gallery agree with the code."""
 
 from __future__ import annotations
 
 import json
 import tomllib
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from oppload_cli.stimulus import Growth, Object, json_schema
+from docs.generate_gallery import SECTIONS, reference
+from oppload_cli.stimulus import Growth, Object, json_schema, load_all
 from oppload_cli.stimulus.catalogue import catalogue_directory
-from oppload_cli.stimulus.objects import KINDS
-from oppload_cli.stimulus.schema import SECTIONS, reference
+from oppload_cli.stimulus.tables import KINDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -19,15 +18,15 @@ DOCS = Path(__file__).parents[2] / "docs"
 def test_the_shipped_schema_is_that_of_the_code() -> None:
     path = catalogue_directory() / "stimulus.schema.json"
     shipped = json.loads(path.read_text(encoding="utf-8"))
-    assert shipped == json_schema(), "run: python docs/gallery.py"
+    assert shipped == json_schema(), "run: python docs/generate_gallery.py"
 
 
 def test_the_documented_keys_are_those_of_the_code() -> None:
     page = (DOCS / "stimuli.md").read_text(encoding="utf-8")
-    assert reference() in page, "run: python docs/gallery.py"
+    assert reference() in page, "run: python docs/generate_gallery.py"
     for table in SECTIONS.values():
-        for declared in fields(table):
-            assert f"| `{declared.name}` |" in page
+        for name in table.names():
+            assert f"| `{name}` |" in page
 
 
 def test_the_gallery_shows_the_catalogue() -> None:
@@ -37,7 +36,7 @@ def test_the_gallery_shows_the_catalogue() -> None:
         for path in catalogue_directory().rglob("*.toml")
     ]
     for name in names:
-        assert f"### `{name}`" in page, "run: python docs/gallery.py"
+        assert f"### `{name}`" in page, "run: python docs/generate_gallery.py"
         assert (DOCS / "gallery" / f"{name.replace('/', '_')}.png").is_file()
     pictures = list((DOCS / "gallery").glob("*.png"))
     assert len(pictures) == len(names)
@@ -45,8 +44,6 @@ def test_the_gallery_shows_the_catalogue() -> None:
 
 
 def test_the_example_of_the_documentation_is_valid(tmp_path: Path) -> None:
-    from oppload_cli.stimulus import load_all
-
     page = (DOCS / "stimuli.md").read_text(encoding="utf-8")
     example = page.split("```toml\n")[1].split("```")[0]
     path = tmp_path / "example.toml"
@@ -65,7 +62,7 @@ def test_every_file_of_the_catalogue_is_valid_by_the_schema() -> None:
         assert problems(table, schema, schema) == [], path.name
 
 
-def test_the_schema_refuses_what_the_code_refuses() -> None:
+def test_the_schema_refuses_the_mistakes_that_the_code_refuses() -> None:
     schema = json_schema()
     path = catalogue_directory() / "klapoetke2017" / "loom.toml"
     text = path.read_text(encoding="utf-8")
@@ -88,11 +85,9 @@ def test_kinds_have_their_own_keys() -> None:
     disk = objects[0]["properties"]
     assert "period_deg" not in disk
     assert disk["growth"]["oneOf"][0]["required"] == ["kind", "speed_deg_s"]
-    known = {declared.name for declared in fields(Object)}
-    assert {name for one in objects for name in one["properties"]} == known
+    assert {name for one in objects for name in one["properties"]} == set(Object.names())
     steps = disk["growth"]["oneOf"]
-    growth = {declared.name for declared in fields(Growth)}
-    assert {name for one in steps for name in one["properties"]} == growth
+    assert {name for one in steps for name in one["properties"]} == set(Growth.names())
 
 
 def problems(value: Any, schema: dict[str, Any], root: dict[str, Any]) -> list[str]:

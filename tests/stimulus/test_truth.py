@@ -1,4 +1,4 @@
-"""The ground truth file says what the frames show."""
+"""The ground truth file agrees with the frames."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
+from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def test_approach_has_a_time_of_contact() -> None:
         ("opplod2023/approaching-block", True),
     ],
 )
-def test_what_looms(name: str, looms: bool) -> None:
+def test_only_complete_outlines_loom(name: str, looms: bool) -> None:
     assert stimulus.ground_truth(stimulus.load(name))["looming"] is looms
 
 
@@ -118,8 +119,6 @@ def test_edge_speed_is_the_change_of_the_size_on_the_display(name: str) -> None:
 
 
 def _reach(protocol: stimulus.Protocol, size_deg: float) -> float:
-    from oppload_cli.stimulus.geometry import Projection
-
     return Projection.of(protocol.display).reach(size_deg / 2)
 
 
@@ -142,5 +141,5 @@ def test_reading(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(StimulusError, match=words):
             stimulus.read_ground_truth(path)
-    with pytest.raises(StimulusError, match="No such file"):
+    with pytest.raises(StimulusError, match="no such file"):
         stimulus.read_ground_truth(tmp_path / "gone.json")

@@ -118,7 +118,7 @@ def test_every_picture_has_the_size_of_the_first(tmp_path: Path) -> None:
     assert all((picture == VERMILLION).all() for picture in pictures)
 
 
-def test_what_cannot_be_converted_is_grey() -> None:
+def test_a_picture_that_cannot_be_converted_is_grey() -> None:
     facts = InputFacts("a", "container", 8, 6, None, None)
     plane = np.full((6, 8), 16 + 219 // 2, np.uint8)
     grey = Colour(facts)(Picture(0, 0.0, plane, 8, False))

@@ -10,6 +10,7 @@ import pytest
 from oppload_cli.errors import SourceError
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
+from oppload_cli.video.frames import MAX_PIXELS
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Span, parse_position
 from tests.media import grey_frames, write_video
@@ -25,7 +26,7 @@ def frames_of(path: Path, **options: Any) -> list[Frame]:
         return list(video)
 
 
-def test_grey_ffv1_gives_exactly_what_was_written(tmp_path: Path) -> None:
+def test_grey_ffv1_gives_exactly_the_written_pixels(tmp_path: Path) -> None:
     images = grey_frames(7)
     frames = frames_of(write_video(tmp_path / "a.mkv", images), height=None)
     assert [frame.index for frame in frames] == list(range(7))
@@ -153,9 +154,9 @@ def test_a_span_keeps_the_ordinals_and_times_of_the_file(tmp_path: Path) -> None
 
 def test_a_truncated_file_is_incomplete(tmp_path: Path) -> None:
     images = grey_frames(40, width=320, height=240)
-    whole = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
+    complete = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
     cut = tmp_path / "cut.avi"
-    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    cut.write_bytes(complete.read_bytes()[: complete.stat().st_size // 2])
     with open_video(cut, height=None) as video:
         frames = list(video)
         assert 0 < len(frames) < 40
@@ -190,7 +191,7 @@ def test_decoder_threads_follow_the_codec_the_size_and_the_cores(  # noqa: PLR09
         assert source.decode.threads == asked
 
 
-def test_vp8_is_decoded_by_one_thread_whatever_is_asked_for(tmp_path: Path) -> None:
+def test_vp8_is_decoded_by_one_thread_even_if_more_are_asked_for(tmp_path: Path) -> None:
     frames = [np.zeros((48, 64), np.uint8)] * 3
     path = write_video(tmp_path / "a.mkv", frames, codec="libvpx", pixel_format="yuv420p")
     with open_video(path, threads=3) as video:
@@ -211,6 +212,43 @@ def test_a_damaged_packet_loses_only_its_own_frames(tmp_path: Path) -> None:
         assert len(frames) + video.decode.failures >= 58
         assert len(frames) >= 57
         assert not video.decode.complete
+
+
+@pytest.mark.parametrize("then", ["gone", "text", "other"])
+def test_a_damaged_file_that_is_replaced_while_it_is_read(tmp_path: Path, then: str) -> None:
+    """To decode it again it has to be opened again; the rows so far are a result."""
+    path = write_video(
+        tmp_path / "a.avi", grey_frames(60, seed=4), codec="ffv1", options={"slicecrc": "1"}
+    )
+    data = bytearray(path.read_bytes())
+    data[-20000:-19700] = b"\x5a" * 300
+    path.write_bytes(data)
+    with open_video(path, height=None) as video:
+        frames = iter(video)
+        next(frames)
+        path.unlink()
+        if then == "text":
+            path.write_text("a shopping list\n" * 50)
+        elif then == "other":
+            write_video(path, grey_frames(60, seed=5), codec="mpeg4", pixel_format="yuv420p")
+        assert 40 < 1 + len(list(frames)) <= 60
+        assert not video.decode.complete or then == "other"
+
+
+def test_a_picture_of_many_bits_counts_as_more_pixels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_video(
+        tmp_path / "a.mkv", [np.zeros((48, 64), np.uint8)] * 2, pixel_format="yuv444p10le"
+    )
+    monkeypatch.setenv(MAX_PIXELS, str(48 * 64 * 4))  # 48 bits are four times 12
+    with open_video(path) as video:
+        assert len(list(video)) == 2
+    monkeypatch.setenv(MAX_PIXELS, str(48 * 64 * 4 - 1))
+    with pytest.raises(
+        SourceError, match=r"declares 64 x 48 pixels of 48 bits, more than 12287 of"
+    ):
+        open_video(path)
 
 
 def test_only_the_first_of_several_video_streams_is_read_and_sound_is_not(tmp_path: Path) -> None:
@@ -235,7 +273,9 @@ def test_only_the_first_of_several_video_streams_is_read_and_sound_is_not(tmp_pa
         (b"this is a shopping list\n" * 50, "not a video that can be read"),
     ],
 )
-def test_what_is_no_video_is_named(tmp_path: Path, content: bytes | None, message: str) -> None:
+def test_the_error_names_a_file_that_is_no_video(
+    tmp_path: Path, content: bytes | None, message: str
+) -> None:
     path = tmp_path / "a.mp4"
     if content is not None:
         path.write_bytes(content)

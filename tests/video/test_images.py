@@ -1,11 +1,15 @@
+"""Images and cameras as inputs."""
+
 from __future__ import annotations
 
+import os
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from oppload_cli.errors import SourceError
 from oppload_cli.video.images import image_paths
@@ -61,6 +65,90 @@ def test_a_damaged_image_is_counted_and_the_others_are_read(folder: Path) -> Non
         assert "frame_5.png" in video.decode.messages[0]
 
 
+SCENE = np.add.outer(np.arange(31), np.arange(43) * 3).astype(np.uint8)
+RGB = np.dstack([SCENE, SCENE[::-1], SCENE[:, ::-1]])
+GREY_OF_RGB = RGB @ [0.299, 0.587, 0.114]
+
+
+@pytest.mark.parametrize("suffix", ["png", "bmp", "ppm", "tiff", "webp", "jpg"])
+def test_every_format_gives_its_pixels(tmp_path: Path, suffix: str) -> None:
+    for index in range(2):
+        lossless: dict[str, Any] = {"lossless": True} if suffix == "webp" else {}
+        Image.fromarray(RGB).save(tmp_path / f"{index}.{suffix}", **lossless)
+    with open_video(tmp_path, height=None) as video:
+        frames = list(video)
+        assert video.decode.complete
+    error = np.abs(frames[1].luma * 255 - GREY_OF_RGB)
+    assert error.max() < (8 if suffix == "jpg" else 0.51)
+
+
+@pytest.mark.parametrize("suffix", ["png", "pgm", "tiff"])
+def test_of_sixteen_bits_eight_are_kept(tmp_path: Path, suffix: str) -> None:
+    deep = SCENE.astype(np.uint16) * 256 + 77
+    for index in range(2):
+        cv2.imwrite(str(tmp_path / f"{index}.{suffix}"), deep)
+    with open_video(tmp_path, height=None) as video:
+        np.testing.assert_array_equal(next(iter(video)).luma, SCENE / np.float32(255))
+
+
+def test_transparency_is_left_out_and_samples_of_32_bits_are_refused(tmp_path: Path) -> None:
+    Image.fromarray(np.dstack([RGB, SCENE])).save(tmp_path / "0.tiff")
+    Image.fromarray(SCENE / np.float32(255)).save(tmp_path / "1.tiff")
+    with open_video(tmp_path, height=None) as video:
+        [frame] = list(video)
+        assert (
+            "1.tiff is not an image that can be read (its samples have 32 bits"
+            in (video.decode.messages[0])
+        )
+    assert np.abs(frame.luma * 255 - GREY_OF_RGB).max() < 0.51
+
+
+@pytest.mark.parametrize("suffix", ["png", "webp", "tiff"])
+def test_an_animation_or_a_stack_among_images_is_named(tmp_path: Path, suffix: str) -> None:
+    pictures = [Image.fromarray(np.roll(RGB, 5 * index, 1)) for index in range(4)]
+    pictures[0].save(tmp_path / "0.png")
+    pictures[0].save(
+        tmp_path / f"1.{suffix}", save_all=True, append_images=pictures[1:], lossless=True
+    )
+    with open_video(tmp_path, height=None) as video:
+        assert len(list(video)) == 2
+        assert not video.decode.complete
+        assert (
+            f"1.{suffix} holds several pictures, of which only the first is read"
+            in (video.decode.messages[0])
+        )
+
+
+def test_hidden_twins_of_images_are_ignored(folder: Path) -> None:
+    for index in range(3):
+        (folder / f"._frame_{index}.png").write_bytes(b"\0\5\x16\7 of another system")
+    with open_video(folder, height=None) as video:
+        assert len(list(video)) == 12
+        assert video.decode.complete
+    (folder / ".f_0.png").write_bytes((folder / "frame_0.png").read_bytes())
+    assert len(image_paths(str(folder / ".f_%d.png"))) == 1
+
+
+def test_names_with_digits_of_other_kinds_are_sorted(tmp_path: Path) -> None:
+    names = ["1²3.png", "1²10.png", "٣.png", "2.png"]
+    for name in names:
+        cv2.imwrite(str(tmp_path / name), SCENE)
+    assert [path.name for path in image_paths(str(tmp_path))] == [
+        *("1²3.png", "1²10.png", "2.png", "٣.png")
+    ]
+    with pytest.raises(SourceError, match="no such file"):
+        open_video(tmp_path / f"%0{10**12}d.png")
+
+
+def test_what_is_no_regular_file_is_not_waited_for(folder: Path) -> None:
+    os.mkfifo(folder / "frame_20.png")
+    with open_video(folder, height=None) as video:
+        assert len(list(video)) == 12
+        assert video.decode.messages == [
+            "frame_20.png is not an image that can be read (no regular file)"
+        ]
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [("missing_%d.png", "no image there"), ("nowhere/f_%d.png", "no such folder")],
@@ -79,3 +167,47 @@ def test_images_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"nothing")
     with pytest.raises(SourceError, match="none of these images"):
         open_video(tmp_path)
+
+
+class FakeCamera:
+    """Three pictures, then nothing."""
+
+    def __init__(self, number: int) -> None:
+        self.remaining = 3 if number == 0 else 0
+        self.released = False
+
+    def read(self) -> tuple[bool, Any]:
+        self.remaining -= 1
+        return self.remaining >= 0, np.full((48, 64, 3), 255, np.uint8)
+
+    def get(self, _property: int) -> float:
+        return 30.0
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_camera_is_a_source_like_any_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    with open_video("camera:0", height=24) as video:
+        frames = list(video)
+        assert video.facts.frame_rate == 30
+        assert not video.decode.complete
+    assert [frame.index for frame in frames] == [0, 1, 2]
+    assert (frames[0].luma.shape, frames[0].time_s) == ((24, 32), 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("camera:x", "no camera's name"),
+        ("camera:²", "no camera's name"),
+        ("camera:1", "gives no picture"),
+    ],
+)
+def test_a_camera_that_is_not_there(
+    monkeypatch: pytest.MonkeyPatch, name: str, message: str
+) -> None:
+    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    with pytest.raises(SourceError, match=message):
+        open_video(name)

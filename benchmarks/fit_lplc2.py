@@ -1,0 +1,387 @@
+"""Fit preset ``lplc2`` to published peaks, with cross-validation over stimulus families.
+
+``python -m benchmarks.fit_lplc2 [REFERENCE.csv] [--free inward,lateral] [--seed 1]
+[--generations 60] [--cross-validate] [--state fit.npz] [--ablate]``. The motion that the arms
+see is computed once per stimulus; a differential evolution then searches the named parameters. A
+search that was stopped goes on from its state. See docs/lplc2.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from oppload_cli.errors import OpploadError, ParameterError, ResultError
+from oppload_cli.models.arms import (
+    DIRECTIONS,
+    ArmsJudgement,
+    arm_response,
+    arm_weights,
+    field_weights,
+)
+from oppload_cli.models.dpc import Layers
+from oppload_cli.models.registry import parameters_of
+from oppload_cli.models.timebase import Clock
+from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.reproduction.lplc2 import BATTERY, LOOM, low_passed
+from oppload_cli.stimulus.catalogue import load_all
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.opplod_parameters import OpplodParams
+
+    Floats = NDArray[np.float64]
+
+REFERENCE = Path(__file__).parent.parent / "oppload_cli/reference/lplc2_klapoetke2017.csv"
+# Ranges of the search; those marked by True are searched on a logarithmic scale.
+RANGES: dict[str, tuple[float, float, bool]] = {
+    "arm_cone": (40, 90, False),
+    "suppression_cone": (15, 90, False),
+    "suppression_field": (0.8, 2.2, False),
+    "inward": (0.1, 20, True),
+    "lateral": (0.1, 20, True),
+    "surround": (0.003, 10, True),
+    "suppression_s": (0.02, 0.8, True),
+    "half_saturation": (1e-5, 1, True),
+    "saturation": (0.3, 3, False),
+    "threshold": (0, 1.5, False),
+    "arm_power": (0.5, 4, False),
+    "calcium_s": (0.05, 1, True),
+}
+# The value of a parameter that switches its part off.
+ABLATIONS: dict[str, dict[str, object]] = {
+    "graded direction": {"graded": False},
+    "inward suppression": {"inward": 0.0},
+    "lateral suppression": {"lateral": 0.0},
+    "normalisation by the field": {"surround": 0.0},
+    "slow suppression": {"suppression_s": 0.0},
+    "saturation and division": {"half_saturation": 1e4, "threshold": 0.0},
+    "calcium low-pass": {"calcium_s": 0.0},
+    "no response to the first motion after rest": {"history": 0.0},
+}
+AS_GOOD = 1.1  # solutions up to this many times the least mean square error count as equally good
+
+
+@dataclass(frozen=True)
+class Target:
+    """One published peak: its stimulus in the catalogue, its family, and its value."""
+
+    stimulus: str
+    family: str
+    peak: float
+
+
+def read_reference(path: Path) -> list[Target]:
+    """Read published peaks.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file with the columns ``stimulus``, ``axis_deg``, ``width_deg`` and
+        ``peak_relative_to_loom``; stimuli by their name in the catalogue, or as in the file of
+        the package.
+
+    Raises
+    ------
+    ResultError
+        If a stimulus is unknown or stands there twice, a peak is no number or below 0, or the
+        loom is missing.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeError) as error:
+        raise ResultError(f"{path}: cannot be read ({error}); give a CSV file of peaks") from None
+    targets: list[Target] = []
+    for number, row in enumerate(rows, 2):
+        target = _target(f"{path}: line {number}", row)
+        if any(target.stimulus == other.stimulus for other in targets):
+            raise ResultError(
+                f"{path}: line {number}: stimulus '{target.stimulus}' stands there twice; "
+                f"keep one row"
+            )
+        targets.append(target)
+    if not any(target.family == LOOM for target in targets):
+        raise ResultError(f"{path}: has no row of 'loom', which the others are relative to")
+    return targets
+
+
+def _target(where: str, row: Mapping[str, str | None]) -> Target:
+    name, axis = row.get("stimulus") or "", row.get("axis_deg") or ""
+    for word in ("right", "down"):
+        name = name.removesuffix(f"_{word}")
+    width = row.get("width_deg") or ""
+    for family in BATTERY:
+        same_width = not width or family.width_deg == float(width)
+        if name in {family.name, family.published} and same_width:
+            break
+    else:
+        raise ResultError(f"{where}: no stimulus '{name}' with width '{width}' in the battery")
+    members = {each.name: each for each in load_all(f"klapoetke2017/{family.name}")}
+    wanted = [
+        member
+        for member in members
+        if len(members) == 1 or (axis and member.endswith(f"-{float(axis):g}"))
+    ]
+    if len(wanted) != 1:
+        raise ResultError(f"{where}: stimulus '{name}' has no axis '{axis}'")
+    try:
+        peak = float(row.get("peak_relative_to_loom") or "")
+    except ValueError:
+        peak = np.nan
+    if not peak >= 0:
+        raise ResultError(f"{where}: the peak must be a number of at least 0")
+    return Target(wanted[0], family.name, peak)
+
+
+class _Weights(NamedTuple):
+    """The cells that excite and suppress each arm, and those of the field."""
+
+    arms: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
+    field: NDArray[np.float32]
+
+
+class Battery:
+    """The motion that the arms of the unit in the middle see, of every stimulus.
+
+    Parameters
+    ----------
+    stimuli : iterable of str
+        Names in the catalogue; the loom is always among them.
+    params : OpplodParams
+        Of preset ``lplc2``; its cells and its field stay.
+    """
+
+    def __init__(self, stimuli: Iterable[str], params: OpplodParams) -> None:
+        self.params = params
+        self.loom = f"klapoetke2017/{LOOM}"
+        self.maps = {name: self._seen(name) for name in dict.fromkeys((self.loom, *stimuli))}
+
+    def _seen(self, name: str) -> tuple[Floats, Floats]:
+        (protocol,) = load_all(name)
+        video = StimulusVideo(protocol, 240)
+        shape = video.working.height, video.working.width
+        layers = Layers(shape, Clock())
+        dpc = layers.dpc(self.params, (0, 90))
+        arms = ArmsJudgement(shape, self.params.resolved(shape[0]))
+        empty = np.zeros((5, *arms.maps.responses.shape), np.float32)
+        maps, times = [], []
+        for frame in video:
+            layers.clock.time_s = frame.time_s
+            times.append(frame.time_s)
+            if dpc.step(frame.luma):
+                layer = dpc.layer
+                amount, parts = arms.pooled(
+                    dict(layer.sums.pathways), layer.photoreceptors, layer.kernels
+                )
+                maps.append(np.stack([amount, *parts]))
+            else:
+                maps.append(empty)
+        return np.array(times), np.asarray(maps, np.float64)
+
+    def peaks(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the peaks over the loom's with some parameters changed."""
+        params = self.params.replaced(**values).resolved(240)
+        reach = (params.receptive_field or 0) / 2 / (params.cell or 1)
+        further = reach * params.suppression_field
+        arms = [
+            (
+                arm_weights(reach, phi, params.arm_cone),
+                arm_weights(further, phi, params.suppression_cone),
+            )
+            for phi in DIRECTIONS
+        ]
+        weights = _Weights(arms, field_weights(reach))
+        found = {name: self._peak(seen, weights, params) for name, seen in self.maps.items()}
+        return {name: peak / (found[self.loom] or 1e-12) for name, peak in found.items()}
+
+    @staticmethod
+    def _peak(seen: tuple[Floats, Floats], weights: _Weights, params: OpplodParams) -> float:
+        times, maps = seen
+
+        def over(part: int, kernel: NDArray[np.float32]) -> Floats:
+            side = maps.shape[-1]
+            middle = (len(kernel) - side) // 2
+            if middle >= 0:
+                inner = kernel[middle : middle + side, middle : middle + side]
+            else:
+                inner = np.pad(kernel, -middle)
+            return cast("Floats", np.tensordot(maps[:, part], inner, 2))
+
+        amount = params.surround * over(0, weights.field)
+        total = np.zeros(len(times))
+        for arm, (excited, suppressed) in enumerate(weights.arms):
+            left, back, right = ((arm + turn) % 4 + 1 for turn in (1, 2, 3))
+            sideways = over(left, suppressed) + over(right, suppressed)
+            against = params.inward * over(back, suppressed) + params.lateral * sideways
+            total += arm_response(
+                over(arm + 1, excited).astype(np.float32),
+                low_passed(against + amount, times, params.suppression_s).astype(np.float32),
+                params.half_saturation,
+                params.saturation,
+            )
+        above = np.maximum(total - params.threshold, 0) ** params.arm_power
+        return float(low_passed(above, times, params.calcium_s).max())
+
+
+def check_count(free: Sequence[str], targets: Sequence[Target]) -> None:
+    """Refuse more parameters than rows beside the loom; raise ParameterError."""
+    rows = sum(target.family != LOOM for target in targets)
+    if len(free) > rows:
+        raise ParameterError(
+            f"--free names {len(free)} parameters for {rows} rows; free fewer, or add rows"
+        )
+
+
+def fit(
+    battery: Battery,
+    targets: Sequence[Target],
+    free: Sequence[str],
+    *,
+    seed: int,
+    generations: int,
+    state: Path | None = None,
+) -> tuple[Floats, Floats]:
+    """Search the free parameters.
+
+    Returns
+    -------
+    population : ndarray, shape (n, parameters)
+        The best first, logarithms where `RANGES` says so.
+    errors : ndarray, shape (n,)
+        Mean square errors.
+
+    Raises
+    ------
+    ParameterError
+        If there are more parameters than rows.
+    """
+    check_count(free, targets)
+    rows = [target for target in targets if target.family != LOOM]
+
+    def error(point: Floats) -> float:
+        peaks = battery.peaks(values_of(free, point))
+        return float(np.mean([(peaks[row.stimulus] - row.peak) ** 2 for row in rows]))
+
+    bounds = [np.log(RANGES[name][:2]) if RANGES[name][2] else RANGES[name][:2] for name in free]
+    begun: Floats | str = "latinhypercube"
+    if state is not None and state.exists():
+        begun = np.load(state)["population"]
+
+    def keep(intermediate_result: object) -> None:
+        if state is not None:
+            np.savez(state, population=intermediate_result.population)  # type: ignore[attr-defined]
+
+    found = differential_evolution(
+        error, bounds, rng=seed, popsize=6, maxiter=generations, tol=1e-8, polish=False,
+        init=begun, callback=keep,
+    )  # fmt: skip
+    order = np.argsort(found.population_energies)
+    return found.population[order], found.population_energies[order]
+
+
+def values_of(free: Sequence[str], point: Floats) -> dict[str, float]:
+    """Return the parameters at one point of the search."""
+    return {
+        name: float(np.exp(value) if RANGES[name][2] else value)
+        for name, value in zip(free, point, strict=True)
+    }
+
+
+def likeness(peaks: Mapping[str, float], rows: Sequence[Target]) -> tuple[float, float]:
+    """Return Pearson's r, and the root mean square difference, without the loom."""
+    model = np.array([peaks[row.stimulus] for row in rows])
+    neurons = np.array([row.peak for row in rows])
+    r = float(np.corrcoef(model, neurons)[0, 1]) if np.ptp(model) and len(rows) > 1 else np.nan
+    return r, float(np.sqrt(np.mean((model - neurons) ** 2)))
+
+
+def cross_validated(
+    battery: Battery, targets: Sequence[Target], free: Sequence[str], *, seed: int, generations: int
+) -> tuple[float, float]:
+    """Return r and rms of rows that were predicted without their own family of stimuli."""
+    rows = [target for target in targets if target.family != LOOM]
+    predicted: dict[str, float] = {}
+    for family in dict.fromkeys(row.family for row in rows):
+        others = [target for target in targets if target.family != family]
+        population, _ = fit(battery, others, free, seed=seed, generations=generations)
+        peaks = battery.peaks(values_of(free, population[0]))
+        left = [row for row in rows if row.family == family]
+        predicted.update({row.stimulus: peaks[row.stimulus] for row in left})
+        print(f"without {family}: " + ", ".join(
+            f"{predicted[row.stimulus]:.3f} ({row.peak:g})" for row in left
+        ), flush=True)  # fmt: skip
+    return likeness(predicted, rows)
+
+
+def ablated(
+    targets: Sequence[Target], params: OpplodParams
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Yield r and rms with each part of the preset switched off, nothing else changed."""
+    rows = [target for target in targets if target.family != LOOM]
+    for part, values in ABLATIONS.items():
+        battery = Battery([row.stimulus for row in rows], params.replaced(**values))
+        yield part, likeness(battery.peaks({}), rows)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fit, print the parameters with their spread, and cross-validate if asked."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("reference", type=Path, nargs="?", default=REFERENCE)
+    parser.add_argument("--free", default=",".join(RANGES))
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--generations", type=int, default=60)
+    parser.add_argument("--cross-validate", action="store_true")
+    parser.add_argument("--state", type=Path)
+    parser.add_argument("--ablate", action="store_true", help="switch parts off; no fit")
+    chosen = parser.parse_args(arguments)
+    free = chosen.free.split(",")
+    try:
+        unknown = [name for name in free if name not in RANGES]
+        if unknown:
+            raise ParameterError(f"--free: no parameter '{unknown[0]}'; one of {', '.join(RANGES)}")
+        targets = read_reference(chosen.reference)
+        check_count(free, targets)
+        params = cast("OpplodParams", parameters_of("opplod", "lplc2"))
+        battery = Battery([target.stimulus for target in targets], params)
+        rows = [target for target in targets if target.family != LOOM]
+        print("preset: r {:.3f}, rms {:.3f}".format(*likeness(battery.peaks({}), rows)), flush=True)
+        if chosen.ablate:
+            for part, result in ablated(targets, params):
+                print("without {}: r {:.3f}, rms {:.3f}".format(part, *result), flush=True)
+            return 0
+        population, errors = fit(
+            battery, targets, free,
+            seed=chosen.seed, generations=chosen.generations, state=chosen.state,
+        )  # fmt: skip
+        found = battery.peaks(values_of(free, population[0]))
+        print("fit: r {:.3f}, rms {:.3f}".format(*likeness(found, rows)))
+        good = population[errors <= AS_GOOD * errors[0]]
+        print(f"{len(good)} solutions within {AS_GOOD:g} times the least mean square error:")
+        values = [values_of(free, point) for point in good]
+        for name in free:
+            each = [one[name] for one in values]
+            print(f"  {name} {each[0]:.4g} ({min(each):.4g} to {max(each):.4g})")
+        if chosen.cross_validate:
+            result = cross_validated(
+                battery, targets, free, seed=chosen.seed, generations=chosen.generations
+            )
+            print("cross-validated over families: r {:.3f}, rms {:.3f}".format(*result))
+    except OpploadError as error:
+        print(f"fit_lplc2: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,245 @@
+"""Measure how responses depend on the frame rate: the table and the figure of ``docs/time.md``.
+
+    python -m benchmarks.rates [--phases N] [--figure docs/time.png] [--controls]
+
+Looming disks are drawn at the times of the frames, at 10 to 240 frames/s and with dropped and
+jittered frames, and go through the analysis of ``oppload run``. Two frames of the same disk at
+30 frames/s may differ in the peak, because a sample hits or misses the last moment: every rate
+is shown with `--phases` shifts of its first frame, and compared with the mean at 30 frames/s.
+Frames end where the disk stops to grow.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.models.registry import parameters_of
+from oppload_cli.models.timebase import FRAME, TimeParams
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.stimulus.catalogue import load, load_all
+from oppload_cli.stimulus.renderer import Renderer
+from oppload_cli.video.frames import Frame, Picture
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.stimulus.protocol import Protocol
+
+    Times = NDArray[np.float64]
+    Table = dict[tuple[tuple[str, str, str], float, str], tuple[float, ...]]
+
+RATES = (10, 15, 24, 25, 30, 50, 60, 90, 120, 240)
+DISKS = {
+    "l/v 20 ms": ("klapoetke2017/loom-l-over-v", 20),
+    "l/v 40 ms": ("klapoetke2017/loom-l-over-v", 40),
+    "l/v 80 ms": ("klapoetke2017/loom-l-over-v", 80),
+    "paper, centre": ("opplod2023/looming-disk-centre", None),
+    "paper, off centre": ("opplod2023/looming-disk-off-centre", None),
+}
+CASES = (
+    *((name, preset, "opplod") for preset in ("default", "reference") for name in DISKS),
+    *((name, "default", "dlgmd") for name in DISKS),
+)
+CONTROLS = ("controls/receding-disk", "controls/translating-disk-speed", "controls/texture-pan")
+
+
+class Shown(StimulusVideo):
+    """A stimulus as it looks at other times than those of its own frames."""
+
+    def __init__(self, protocol: Protocol, height: int, rate: float, times: Times) -> None:
+        display = replace(protocol.display, frame_rate=Fraction(rate).limit_denominator(1001))
+        super().__init__(replace(protocol, display=display), height)
+        self._times = times
+
+    def __iter__(self) -> Iterator[Frame]:
+        renderer = Renderer(self.protocol)
+        for index, time_s in enumerate(self._times):
+            drawn = renderer._picture(time_s, time_s)
+            grey = np.clip(np.rint(drawn * np.float32(255)), 0, 255).astype(np.uint8)
+            picture = Picture(index, time_s, grey)
+            yield Frame(index, float(time_s), self._luminance(picture))
+
+
+class Result(NamedTuple):
+    """The largest response, when it was, and the first alarm."""
+
+    peak: float
+    peak_s: float
+    alarm_s: float
+
+
+def disk(name: str) -> tuple[Protocol, float]:
+    """Return a stimulus and the time at which its disk stops to grow."""
+    protocol, l_over_v = DISKS[name]
+    if l_over_v is None:
+        loaded = load(protocol)
+        return loaded, float(loaded.frame_count / loaded.display.frame_rate)
+    loaded = load(protocol, {"disk.growth.l_over_v_ms": l_over_v})
+    contact_s = loaded.timing.before_s + loaded.timing.motion_s
+    return loaded, contact_s - l_over_v / 1000 / np.tan(np.radians(30))
+
+
+def frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
+    """Return the times of frames: evenly, every seventh or so dropped, or jittered by a quarter."""
+    times = (np.arange(int(end_s * rate) + 1) + phase) / rate
+    random = np.random.default_rng([5, round(1000 * phase)])
+    jitter = (random.random(len(times)) - 0.5) * 0.5 / rate
+    dropped = random.random(len(times)) < 0.15
+    if "jittered" in kind:
+        times += jitter
+    times = np.maximum(times - times[0], 0) + phase / rate
+    if "dropped" in kind:
+        times = times[~dropped]
+    within: Times = times[times <= end_s]
+    return within
+
+
+def shown(
+    case: tuple[str, str, str], rate: float, kind: str, phase: float, interval: str
+) -> Result:
+    """Run one detector on one disk."""
+    name, preset, model = case
+    protocol, end_s = disk(name)
+    height = 600 if preset == "reference" and name.startswith("paper") else 240
+    params = parameters_of(model, preset)
+    if height == 600:
+        params = params.replaced(receptive_field=200)
+    video = Shown(protocol, height, rate, frame_times(rate, kind, phase, end_s))
+    found = [
+        (record.responses[model], record.time_s, record.alarms[model])
+        for record in analyse(
+            video, [params], alarm=alarm_params(preset), places=None, rmo=None,
+            time=TimeParams(interval=interval),
+        )
+    ]  # fmt: skip
+    peak, peak_s = max((each.response, -time_s) for each, time_s, _ in found if each)
+    alarms = [time_s for _, time_s, alarm in found if alarm]
+    return Result(peak, -peak_s, alarms[0] if alarms else np.nan)
+
+
+def mean_of(
+    case: tuple[str, str, str], rate: float, kind: str, phases: int, interval: str
+) -> list[Result]:
+    """Return the results at all shifts of the first frame."""
+    count = phases if rate <= 60 or kind else 1
+    return [shown(case, rate, kind, shift / count, interval) for shift in range(count)]
+
+
+def measured(phases: int, interval: str, rates: tuple[float, ...]) -> Table:
+    """Return, by case and by rate and kind, mean and extremes of the peak, and the times."""
+    table: Table = {}
+    for case in CASES:
+        there = mean_of(case, 30, "", phases, interval)
+        reference = Result(*np.mean(there, axis=0))
+        kinds = [(30, "dropped"), (30, "jittered"), (60, "dropped and jittered")]
+        for rate, kind in [*((rate, "") for rate in rates), *(kinds if interval != FRAME else ())]:
+            here = np.array(mean_of(case, rate, kind, phases, interval))
+            ratios = here[:, 0] / reference.peak
+            table[case, rate, kind] = (
+                *(ratios.mean(), ratios.min(), ratios.max()),
+                *(here[:, 1:].mean(axis=0) - reference[1:]),
+            )
+        print(case, {k[1:]: np.round(v, 3).tolist() for k, v in table.items() if k[0] == case})
+    return table
+
+
+def markdown(table: Table) -> Iterator[str]:
+    """Yield the table of the page: over the stimuli, the smallest and the largest mean."""
+    detectors = list(dict.fromkeys(case[1:] for case, _, _ in table))
+    names = [f"{model}, {preset}" for preset, model in detectors]
+    yield f"| frames/s | {' | '.join(f'{name}: peak | alarm (s)' for name in names)} |"
+    yield "|---" * (1 + 2 * len(names)) + "|"
+    for rate, kind in dict.fromkeys(key[1:] for key in table):
+        cells = []
+        for detector in detectors:
+            rows = [v for (c, *how), v in table.items() if (c[1:], *how) == (detector, rate, kind)]
+            peaks = [row[0] for row in rows if np.isfinite(row[0])]  # D-LGMD misses slow disks
+            alarms = [row[4] for row in rows]
+            late = [each for each in alarms if not np.isnan(each)]
+            cells.append(f"{min(peaks):.2f} to {max(peaks):.2f}")
+            cells.append(f"{min(late):+.3f} to {max(late):+.3f}" if late else "none")
+        yield f"| {rate:g} {kind} | {' | '.join(cells)} |"
+
+
+def draw(path: Path, before: Table, after: Table) -> None:
+    """Draw the peak over the frame rate, with frames and with intervals."""
+    from matplotlib.figure import Figure  # noqa: PLC0415 - only with --figure
+
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
+    both = figure.subplots(1, 2, sharey=True)
+    for axes, table, title in zip(
+        both, (before, after), ("frames counted", "time base of 1/30 s"), strict=True
+    ):
+        for case in CASES:
+            rates = [rate for each, rate, kind in table if each == case and not kind]
+            ratios = [max(1.2e-4, table[case, rate, ""][0]) for rate in rates]
+            if not np.isfinite(table[case, 30, ""][0]):  # no response at 30 frames/s
+                continue
+            colour = {"default": "#D55E00", "reference": "#CC79A7"}[case[1]]
+            axes.plot(rates, ratios, "o-", ms=3, color="#0072B2" if case[2] == "dlgmd" else colour)
+        axes.axhspan(0.75, 1.25, color="0.9", zorder=0)
+        axes.set(xscale="log", yscale="log", title=title, xlabel="frames/s", ylim=(1e-4, 1e4))
+        axes.set_xticks([10, 15, 30, 60, 120, 240], ["10", "15", "30", "60", "120", "240"])
+        axes.minorticks_off()
+    both[0].set_ylabel("peak over that at 30 frames/s")
+    for label, colour in (
+        ("OppLoD, default", "#D55E00"), ("OppLoD, reference", "#CC79A7"), ("D-LGMD", "#0072B2"),
+    ):  # fmt: skip
+        both[1].plot([], [], color=colour, label=label)
+    both[1].legend(frameon=False)
+    figure.savefig(path, dpi=90)
+
+
+def controls() -> Iterator[str]:
+    """Yield the largest response to controls over that to the disk of l/v 40 ms, and alarms."""
+    for preset in ("default", "reference"):
+        for rate in (30, 120, 240):
+            looming = shown(("l/v 40 ms", preset, "opplod"), rate, "", 0, "1/30").peak
+            for name in CONTROLS:
+                for protocol in load_all(name):
+                    end_s = float(protocol.frame_count / protocol.display.frame_rate)
+                    video = Shown(protocol, 240, rate, frame_times(rate, "", 0, end_s))
+                    records = list(
+                        analyse(
+                            video, [parameters_of("opplod", preset)], alarm=alarm_params(preset),
+                            places=None, rmo=None,
+                        )
+                    )  # fmt: skip
+                    answers = [record.responses["opplod"] for record in records]
+                    peak = max(each.response for each in answers if each)
+                    alarm = any(r.alarms["opplod"] for r in records)
+                    yield (
+                        f"{preset} {rate} {protocol.name}: {peak / looming:.4f} of the disk, "
+                        f"alarm {'yes' if alarm else 'no'}"
+                    )
+
+
+def main() -> None:
+    """Measure, and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--phases", type=int, default=3)
+    parser.add_argument("--figure", type=Path)
+    parser.add_argument("--controls", action="store_true")
+    arguments = parser.parse_args()
+    if arguments.controls:
+        for line in controls():
+            print(line, flush=True)
+        return
+    after = measured(arguments.phases, "1/30", RATES)
+    print("\n".join(markdown(after)))
+    if arguments.figure:
+        draw(arguments.figure, measured(1, FRAME, (10, 15, 24, 30, 60, 120, 240)), after)
+
+
+if __name__ == "__main__":
+    main()

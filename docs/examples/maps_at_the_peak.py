@@ -1,0 +1,14 @@
+"""The layers of OppLoD, and the responses of its units, at the peak of the response."""
+
+import oppload_cli as oppload
+
+best, layers, units = 0.0, {}, None
+with oppload.open_source("controls/looming-perspective", preset="reference") as frames:
+    model = oppload.Opplod(frames.working.shape, oppload.parameters_of("opplod", "reference"))
+    for frame in frames:
+        answer = model.step(frame.luma)
+        if answer is not None and answer.response > best:
+            best, units = answer.response, model.units.responses.copy()
+            layers = {name: values.copy() for name, values in model.maps.items()}
+print({name: round(float(values.mean()), 6) for name, values in layers.items()})
+print("strongest unit (row, column):", divmod(int(units.argmax()), units.shape[1]))

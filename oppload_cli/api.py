@@ -1,0 +1,337 @@
+"""Python's way in: run detectors on anything that holds frames, and work with the result."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, cast
+
+import pandas as pd
+
+from oppload_cli.errors import ResultError
+from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write_atomic
+from oppload_cli.files.names import is_there
+from oppload_cli.files.reading import reading
+from oppload_cli.files.tables import Table
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.pipeline.execute import collected
+from oppload_cli.pipeline.outputs import IfExists, Outputs
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.sources import StimulusVideo, open_source
+from oppload_cli.plots.curves import plot_curves
+from oppload_cli.report.writing import write_report
+from oppload_cli.results import reading as tables
+from oppload_cli.results.writing import detection_line, detection_values, write_sidecar
+from oppload_cli.stimulus.files import file_stem
+from oppload_cli.stimulus.truth import ground_truth
+from oppload_cli.video.inputs import result_stem
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from fractions import Fraction
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from oppload_cli.pipeline.sources import Source
+    from oppload_cli.results.record import FrameRecord
+
+
+DETECTION_COLUMNS = (
+    "frame", "time_s", "id", "x", "y", "width", "height", "centre_x", "centre_y", "response",
+    "alarm", "time_to_contact_s",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(tables.Result):
+    """The result of one input, from :func:`run` or :func:`read_result`.
+
+    Attributes
+    ----------
+    path : Path
+        The table; its name alone where the result was never saved.
+    frames : DataFrame
+        A row per frame with the columns of ``frames.csv``; empty cells are NaN.
+    sidecar : dict
+        The content of ``oppload.json``: settings, facts about the input, versions.
+    detections : DataFrame
+        A row per looming object and frame, as in ``detections.jsonl``.
+    saved : bool
+        Whether it was read from the files at `path`.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> result = oppload.run("controls/looming-perspective", rmo=False)
+    >>> result
+    Result('controls/looming-perspective', 102 frames, opplod: 1 alarm, dlgmd: 1 alarm)
+    >>> result.frames.columns[:5].tolist()
+    ['frame', 'time_s', 'luma_change', 'opplod_response', 'opplod_alarm']
+    >>> bool(result.summary["dlgmd"]["alarm_frames"] == result.frames["dlgmd_alarm"].sum())
+    True
+    """
+
+    detections: pd.DataFrame = field(default_factory=lambda: _detections([]))
+    saved: bool = False
+
+    def __repr__(self) -> str:
+        alarms = [f"{name}: {_plural(self._alarms(name), 'alarm')}" for name in self.models]
+        rows = _plural(len(self.frames), "frame")
+        name = self.sidecar.get("input", {}).get("name") or self.stem
+        return f"Result({', '.join([repr(str(name)), rows, *alarms])})"
+
+    def _alarms(self, name: str) -> int:
+        on = self.frames[f"{name}_alarm"].fillna(0).astype(bool)
+        return int((on & ~on.shift(fill_value=False)).sum())
+
+    @property
+    def summary(self) -> dict[str, dict[str, Any]]:
+        """Peak, first response and first alarm of each detector, by its name.
+
+        Examples
+        --------
+        >>> import oppload_cli as oppload
+        >>> sorted(oppload.run("controls/size-steps", rmo=False).summary["dlgmd"])[:3]
+        ['alarm_frames', 'first_alarm_frame', 'first_alarm_time_s']
+        """
+        return dict(self.sidecar.get("summary", {}))
+
+    def plot(self, **options: Any) -> tuple[Figure, list[Axes]]:
+        """Draw the responses over time; options as of :func:`oppload_cli.plot_curves`.
+
+        Examples
+        --------
+        >>> import oppload_cli as oppload
+        >>> result = oppload.run("controls/looming-perspective", rmo=False)
+        >>> figure, axes = result.plot(scale="peak", models=["opplod"])
+        >>> axes[0].get_ylabel()
+        'response / peak'
+        """
+        return plot_curves(self, **options)
+
+    def report(self, folder: str | Path = ".", *, video: str | Path | None = None) -> Path:
+        """Write the page of ``oppload report``: video, boxes, curves and alarms in sync.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if it does not exist; a page of the same name is replaced.
+        video : str or Path, optional
+            The video, or its folder, where it has moved.
+
+        Returns
+        -------
+        Path
+            The page, which opens in any browser; without a video where there is none.
+
+        Raises
+        ------
+        OpploadError
+            If the page cannot be made.
+
+        Examples
+        --------
+        >>> import tempfile, oppload_cli as oppload
+        >>> result = oppload.run("controls/looming-perspective", rmo=False)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(result.report(folder).name)
+        controls_looming-perspective.report.html
+        """
+        videos = None if video is None else Path(video)
+        with TemporaryDirectory() as kept:
+            path = self.path if self.saved else self.save(kept)
+            return write_report([path], Path(folder), videos=videos).first
+
+    def save(
+        self, folder: str | Path = ".", stem: str | None = None, *, if_exists: str = "error"
+    ) -> Path:
+        """Write the files of ``oppload run``: table, detections and sidecar.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made if it does not exist.
+        stem : str, optional
+            The beginning of their names; else that of the input.
+        if_exists : str
+            ``error``, ``overwrite``, or ``skip``, which keeps a complete result.
+
+        Returns
+        -------
+        Path
+            The table, ``{stem}.frames.csv``.
+
+        Raises
+        ------
+        OutputError
+            If a file exists already, or cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, oppload_cli as oppload
+        >>> result = oppload.run("controls/looming-perspective", rmo=False)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     path = result.save(folder)
+        ...     again = oppload.read_result(path)
+        >>> path.name, len(again.frames), len(again.detections) == len(result.detections)
+        ('controls_looming-perspective.frames.csv', 102, True)
+        """
+        folder, stem = Path(folder), file_stem(stem or self.stem)
+        outputs = Outputs.of(folder, stem, self.models)
+        if outputs.kept(IfExists(if_exists)):
+            return outputs.csv
+        make_folder(folder)
+        sidecar = dict(self.sidecar)
+        truth = sidecar.get("stimulus")
+        if isinstance(truth, dict) and "frames" in truth:
+            beside = folder / f"{stem}.stimulus.json"
+            write_atomic(beside, json.dumps(truth) + "\n")
+            kept = ("name", "looming", "contact_time_s", "display")
+            sidecar["stimulus"] = {"path": str(beside), **{key: truth[key] for key in kept}}
+        with PartFile(outputs.csv) as file, output_errors(outputs.csv):
+            table = Table(file.stream, self.frames.columns)
+            for row in _plain(self.frames):
+                table.write(row)
+        if outputs.detections is not None:
+            lines = [detection_line(row) for row in _plain(self.detections)]
+            write_atomic(outputs.detections, "".join(lines))
+        if outputs.sidecar is not None:
+            sidecar.pop("schema", None)
+            write_sidecar(outputs.sidecar, sidecar)
+        return outputs.csv
+
+
+def run(
+    source: Source,
+    preset: str = DEFAULT_PRESET,
+    *,
+    models: Sequence[str] = (),
+    rate: float | Fraction | None = None,
+    height: int | str | None = None,
+    fov: float | None = None,
+    rmo: bool = True,
+    settings: Mapping[str, Any] | None = None,
+) -> Result:
+    """Run detectors on a video, a stimulus or an array, and keep the result in memory.
+
+    Parameters
+    ----------
+    source : str, Path, FrameSource, Protocol or array
+        As :func:`oppload_cli.open_source` takes it.
+    preset : str
+        ``default`` for videos of cameras, ``reference`` for studies of the model, or ``paper``.
+    models : sequence of str
+        Names of detectors; OppLoD and D-LGMD if left out.
+    rate, height
+        As of :func:`oppload_cli.open_source`.
+    fov : float, optional
+        Field of view across the width of the frame in degrees; a stimulus has its own.
+    rmo : bool
+        Whether radial motion opponency is measured.
+    settings : mapping of str, optional
+        Single parameters, such as ``{"opplod.gain": 2}``.
+
+    Returns
+    -------
+    Result
+        What ``oppload run`` writes for the same input.
+
+    Raises
+    ------
+    SourceError
+        If nothing can be read from the source.
+    ParameterError
+        If a name or a value is wrong.
+
+    Examples
+    --------
+    >>> import numpy as np, oppload_cli as oppload
+    >>> flat = np.full((20, 60, 80), 128, np.uint8)
+    >>> result = oppload.run(flat, preset="reference", models=["dlgmd"], rate=30)
+    >>> float(result.frames["dlgmd_response"].max())
+    0.0
+    """
+    chosen = resolve(
+        preset=preset,
+        models=[models] if isinstance(models, str) else list(models),
+        height=None if height is None else str(height),
+        fov=None if fov is None else str(fov),
+        measure_rmo=rmo,
+        assignments=[f"{name}={_text(value)}" for name, value in (settings or {}).items()],
+    )
+    records: list[FrameRecord] = []
+    pixels = chosen.height or "native"
+    with open_source(source, rate=rate, height=pixels, preset=preset) as frames:
+        truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
+        columns, sidecar = collected(frames, chosen, records.append, truth)
+    found = [detection_values(each, one) for each in records for one in each.detections]
+    name = sidecar["input"]["name"]
+    named = isinstance(source, str | Path) and is_there(Path(source))
+    stem = result_stem(name) if named else file_stem(name)
+    table = _table([record.values() for record in records], columns)
+    return Result(Path(f"{stem}.frames.csv"), table, sidecar, _detections(found))
+
+
+def read_result(path: str | Path) -> Result:
+    """Read a result that :func:`run` or ``oppload run`` has saved.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``frames.csv``; its sidecar and its detections are beside it, or are missing.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    ResultError
+        If a file cannot be read, or is not a result.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.read_result("missing.frames.csv")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+    ...
+    oppload_cli.errors.ResultError: missing.frames.csv: cannot be read (no such file...
+    """
+    read = tables.read_result(Path(path))
+    beside = read.path.with_name(f"{read.stem}.detections.jsonl")
+    found: list[dict[str, Any]] = []
+    if beside.exists():
+        with reading(beside, ResultError, form="JSON lines", repair="run the input again"):
+            found = [json.loads(line) for line in beside.read_text(encoding="utf-8").splitlines()]
+    return Result(read.path, read.frames, read.sidecar, _detections(found), saved=True)
+
+
+def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
+    """Return rows as a table of numbers: None is NaN, and True is 1."""
+    table = pd.DataFrame.from_records(list(rows), columns=list(columns))
+    kinds = {name: int if table[name].dtype == bool else float for name in columns}
+    return table.astype({name: kind for name, kind in kinds.items() if name != "frame"})
+
+
+def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    # In degrees too, where the field of view is known.
+    columns = dict.fromkeys([*DETECTION_COLUMNS, *(rows[0] if rows else ())])
+    return pd.DataFrame.from_records(list(rows), columns=list(columns))
+
+
+def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Return the rows of a table as plain values; None for an empty cell."""
+    return cast(
+        "list[dict[str, Any]]", table.astype(object).where(table.notna(), None).to_dict("records")
+    )
+
+
+def _plural(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,0 +1,1 @@
+"""Every detector on one battery of stimuli: selectivity, invariance and cost."""

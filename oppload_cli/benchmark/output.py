@@ -1,0 +1,352 @@
+"""The files of a benchmark: tidy tables, figures and one page."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib.colors import LogNorm
+
+from oppload_cli.benchmark.battery import BATTERY, CONTROL, LOOMING, TABLES
+from oppload_cli.environment import environment
+from oppload_cli.evaluation.detectors import label_of
+from oppload_cli.evaluation.page import number
+from oppload_cli.files.atomic import output_errors, remove, write_atomic
+from oppload_cli.files.html import embedded, rendered
+from oppload_cli.files.tables import open_table
+from oppload_cli.models.registry import detectors
+from oppload_cli.plots.style import PAGE, SHADES, png_bytes, save, styled_figure
+from oppload_cli.results.writing import write_sidecar
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from oppload_cli.benchmark.battery import Table
+    from oppload_cli.benchmark.run import Shown
+    from oppload_cli.evaluation.detectors import EvaluatedDetector
+    from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.files.tables import Cell
+
+SCHEMA = "oppload.benchmark/1"
+STIMULI: dict[str, type] = {
+    "table": str,
+    "column": str,
+    "kind": str,
+    "stimulus": str,
+    "detector": str,
+    "peak": float,
+    "peak_over_loom": float,
+    "peak_time_s": float,
+    "motion_end_s": float,
+    "alarms": int,
+    "first_alarm_s": float,
+}
+SUMMARY: dict[str, type] = {
+    "detector": str,
+    "auc": float,
+    "looming_alarmed": int,
+    "looming": int,
+    "controls_alarmed": int,
+    "controls": int,
+    "largest_control_over_loom": float,
+    "largest_control": str,
+    "cost_ms": float,
+}
+LEAST, MOST = 1e-3, 10.0  # of the shades: response over that to the looming disk
+FILES = ("stimuli.csv", "summary.csv", "benchmark.json", "benchmark.html")
+
+
+class Cells(NamedTuple):
+    """One column of a table for one detector.
+
+    Attributes
+    ----------
+    over_loom : float
+        Largest response of its stimuli over that to the looming disk; NaN where the detector
+        answers to none of both.
+    alarmed, stimuli : int
+        How many of its stimuli alarmed, and how many there are.
+    """
+
+    over_loom: float
+    alarmed: int
+    stimuli: int
+
+
+class Summary(NamedTuple):
+    """What the whole battery says about one detector.
+
+    Attributes
+    ----------
+    auc : float
+        Chance that its peak is larger for a looming stimulus than for a control, 0 to 1;
+        0.5 tells nothing apart.
+    looming_alarmed, looming, controls_alarmed, controls : int
+        How many stimuli alarmed, of how many.
+    largest_control_over_loom : float
+        Of all controls.
+    largest_control : str
+        Its column.
+    cost_ms : float or None
+        Per frame of 427 x 240 on one core.
+    """
+
+    auc: float
+    looming_alarmed: int
+    looming: int
+    controls_alarmed: int
+    controls: int
+    largest_control_over_loom: float
+    largest_control: str
+    cost_ms: float | None
+
+
+class Benchmark:
+    """Everything that was measured.
+
+    Parameters
+    ----------
+    shown : sequence of Shown
+        Every stimulus, in the order of the battery.
+    evaluated : sequence of EvaluatedDetector
+        The detectors.
+    clips : Evaluation, optional
+        On labelled clips.
+    """
+
+    def __init__(
+        self,
+        shown: Sequence[Shown],
+        evaluated: Sequence[EvaluatedDetector],
+        clips: Evaluation | None = None,
+    ) -> None:
+        self.shown, self.detectors, self.clips = shown, list(evaluated), clips
+        self.names = [each.name for each in evaluated]
+        self._peaks = {name: np.array([_peak(each, name) for each in shown]) for name in self.names}
+        first = next(i for i, each in enumerate(shown) if each.column is BATTERY[0])
+        self.loom = {name: float(self._peaks[name][first]) for name in self.names}
+        self.tables = [table for table in TABLES if len(self.labels(table)) > 1]
+
+    def labels(self, table: Table) -> list[str]:
+        """Return the headings of a table's columns."""
+        columns = [each.column for each in self.shown if each.column.table == table.name]
+        return list(dict.fromkeys(column.label for column in columns))
+
+    def over_loom(self, name: str, peak: float) -> float:
+        """Return a response over that to the looming disk; infinite where that is 0."""
+        if peak == 0:
+            return 0.0
+        return peak / self.loom[name] if self.loom[name] else math.inf
+
+    def cells(self, table: Table, label: str, name: str) -> Cells:
+        """Return one cell of a table."""
+        found = [
+            (self._peaks[name][i], _alarms(each, name))
+            for i, each in enumerate(self.shown)
+            if (each.column.table, each.column.label) == (table.name, label)
+        ]
+        largest = max(peak for peak, _ in found)
+        return Cells(
+            self.over_loom(name, largest), sum(alarms > 0 for _, alarms in found), len(found)
+        )
+
+    def summary(self, name: str) -> Summary:
+        """Return what the whole battery says about one detector."""
+        kinds = np.array([each.column.kind for each in self.shown])
+        alarmed = np.array([_alarms(each, name) > 0 for each in self.shown])
+        peaks = self._peaks[name]
+        looming, control = kinds == LOOMING, kinds == CONTROL
+        higher = peaks[looming][:, None] - peaks[control]
+        auc = float(np.mean(higher > 0) + np.mean(higher == 0) / 2) if higher.size else math.nan
+        worst, over = "", math.nan
+        if control.any():
+            place = int(np.argmax(np.where(control, peaks, -1)))
+            over = self.over_loom(name, float(peaks[place]))
+            worst = self.shown[place].column.label
+        cost = detectors()[name.partition(":")[0]].cost_ms
+        return Summary(
+            auc,
+            int(alarmed[looming].sum()),
+            int(looming.sum()),
+            int(alarmed[control].sum()),
+            int(control.sum()),
+            over,
+            worst,
+            cost,
+        )
+
+
+def _peak(shown: Shown, name: str) -> float:
+    found = next(each for each in shown.measured if each.detector == name)
+    return found.peak or 0.0
+
+
+def _alarms(shown: Shown, name: str) -> int:
+    return next(each for each in shown.measured if each.detector == name).alarms
+
+
+def write_benchmark(
+    benchmark: Benchmark, folder: Path, *, command: Sequence[str]
+) -> Iterator[Path]:
+    """Write all files of a benchmark.
+
+    Parameters
+    ----------
+    benchmark : Benchmark
+        What was measured.
+    folder : Path
+        For the files.
+    command : sequence of str
+        The command line, for ``benchmark.json``.
+
+    Yields
+    ------
+    Path
+        Each file once it is written.
+
+    Raises
+    ------
+    OutputError
+        If one cannot be written.
+    """
+    for name in FILES:
+        with output_errors(folder / name):
+            remove(folder / name)
+    with open_table(folder / "stimuli.csv", STIMULI) as table:
+        for row in _rows(benchmark):
+            table.write(row)
+    yield folder / "stimuli.csv"
+    summaries = {name: benchmark.summary(name) for name in benchmark.names}
+    with open_table(folder / "summary.csv", SUMMARY) as table:
+        for name, summary in summaries.items():
+            table.write({"detector": name, **_known(summary._asdict())})
+    yield folder / "summary.csv"
+    pictures = {}
+    for each in benchmark.tables:
+        figure = drawn(benchmark, each)
+        path = folder / f"{each.name}.pdf"
+        save(figure, path)
+        pictures[each.name] = png_bytes(figure, 160)
+        yield path
+    sidecar = {
+        "schema": SCHEMA,
+        "tool": environment(),
+        "command": list(command),
+        "detectors": {each.name: each.as_dict() for each in benchmark.detectors},
+    }
+    write_sidecar(folder / "benchmark.json", sidecar)
+    yield folder / "benchmark.json"
+    write_atomic(folder / "benchmark.html", _page(benchmark, summaries, pictures))
+    yield folder / "benchmark.html"
+
+
+def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
+    for each in benchmark.shown:
+        for found in each.measured:
+            over = benchmark.over_loom(found.detector, found.peak or 0.0)
+            yield _known(
+                {
+                    "table": each.column.table,
+                    "column": each.column.label,
+                    "kind": each.column.kind,
+                    "stimulus": each.stimulus,
+                    "detector": found.detector,
+                    "peak": found.peak,
+                    "peak_over_loom": over,
+                    "peak_time_s": found.peak_time_s,
+                    "motion_end_s": each.motion_end_s,
+                    "alarms": found.alarms,
+                    "first_alarm_s": found.first_alarm_s,
+                }
+            )
+
+
+def _known(row: Mapping[str, Any]) -> dict[str, Cell]:
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in row.items()
+    }
+
+
+def drawn(benchmark: Benchmark, table: Table) -> Figure:
+    """Draw one table as a heat map: response over that to the looming disk, dots for alarms.
+
+    Parameters
+    ----------
+    benchmark : Benchmark
+        What was measured.
+    table : Table
+        One of its tables.
+    """
+    labels, names = benchmark.labels(table), benchmark.names
+    cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]
+    values = np.array([[cell.over_loom for cell in row] for row in cells])
+    width = min(PAGE, 2.4 + 0.26 * len(labels) + 0.9)
+    with styled_figure(width, 1.2 + 0.17 * len(names) + 0.35) as figure:
+        axes = figure.subplots()
+        shades = axes.imshow(
+            np.clip(np.nan_to_num(values, nan=0.0, posinf=MOST), LEAST, MOST),
+            norm=LogNorm(LEAST, MOST),
+            cmap=SHADES,
+            aspect="auto",
+        )
+        for y, row in enumerate(cells):
+            for x, cell in enumerate(row):
+                if cell.alarmed:
+                    whole = cell.alarmed == cell.stimuli
+                    bright = cell.over_loom > 0.1
+                    axes.plot(
+                        x,
+                        y,
+                        "o",
+                        markersize=3.2,
+                        color="black" if bright else "white",
+                        fillstyle="full" if whole else "left",
+                    )
+        axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(len(names)), [label_of(name) for name in names])
+        axes.set_xlabel(table.axis)
+        axes.set_title(table.title)
+        axes.tick_params(length=0)
+        axes.spines[:].set_visible(False)
+        bar = figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
+        bar.set_label("response over that to the looming disk")
+    return figure
+
+
+def _page(
+    benchmark: Benchmark, summaries: Mapping[str, Summary], pictures: Mapping[str, bytes]
+) -> str:
+    clips = []
+    if benchmark.clips is not None:
+        chosen = (
+            ("detection_rate", "at 1 per minute"),
+            ("detection_rate", "alarm as shipped"),
+            ("false_alarms_per_minute", "alarm as shipped"),
+            ("roc_auc", "last second before contact"),
+        )
+        values = {
+            (each.detector, each.measure, each.condition): each.value
+            for each in benchmark.clips.measurements
+        }
+        clips = [
+            (name, [values.get((name, *which), math.nan) for which in chosen])
+            for name in benchmark.names
+        ]
+    return rendered(
+        "benchmark.html",
+        summaries=sorted(summaries.items(), key=lambda item: -_rank(item[1])),
+        tables=[(table, embedded(pictures[table.name])) for table in benchmark.tables],
+        clips=clips,
+        detectors={name: detectors()[name.partition(":")[0]] for name in benchmark.names},
+        label_of=label_of,
+        number=number,
+    )
+
+
+def _rank(summary: Summary) -> float:
+    return -1.0 if math.isnan(summary.auc) else summary.auc

@@ -1,0 +1,114 @@
+"""``oppload benchmark``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from oppload_cli.cli.options import complete_models, jobs_option
+from oppload_cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from oppload_cli.benchmark.battery import Column
+    from oppload_cli.benchmark.output import Benchmark
+    from oppload_cli.evaluation.detectors import EvaluatedDetector
+
+TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, background"
+
+
+@click.command(short_help="compare all detectors on one set of stimuli")
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    metavar="NAME[:PRESET]",
+    shell_complete=complete_models,
+    help="Detectors: NAME, or NAME:PRESET of one that presets change.  [default: all]",
+)
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="TABLE[,TABLE...]",
+    help=f"Tables of the battery: {TABLE_NAMES}.  [default: all]",
+)
+@click.option(
+    "--manifest",
+    type=click.Path(path_type=Path),
+    metavar="MANIFEST.csv",
+    help="Labelled clips to evaluate the detectors on as well, as by 'oppload evaluate'.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default=Path("benchmark"),
+    metavar="DIR",
+    show_default=True,
+    help="Folder of the results.",
+)
+@jobs_option("Detectors")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+def benchmark(  # noqa: PLR0917 - click passes them by name
+    models: tuple[str, ...],
+    only: tuple[str, ...],
+    manifest: Path | None,
+    output: Path,
+    jobs: int,
+    quiet: bool,
+) -> int:
+    """Compare all detectors: what each answers to, when it alarms, what it costs.
+
+    Every detector sees a battery of looming stimuli and controls. DIR gets benchmark.html, one
+    page with everything, stimuli.csv and summary.csv, a PDF per table, benchmark.json with all
+    settings, and a file per stimulus in stimuli/: a benchmark that was stopped goes on from
+    these when the same command is given again.
+    """
+    from oppload_cli.benchmark.battery import columns_of
+    from oppload_cli.benchmark.output import write_benchmark
+    from oppload_cli.evaluation.detectors import chosen_detectors
+    from oppload_cli.files.atomic import make_folder
+
+    names = [name for text in models for name in text.split(",")]
+    columns = columns_of([name for text in only for name in text.split(",")])
+    detectors = chosen_detectors(names)
+    make_folder(output)
+    found = _measured(columns, detectors, manifest, output, jobs=jobs, quiet=quiet)
+    for path in write_benchmark(found, output, command=["oppload", *sys.argv[1:]]):
+        click.echo(path)
+    return ExitCode.INCOMPLETE if found.clips and found.clips.faults else ExitCode.DONE
+
+
+def _measured(
+    columns: list[Column],
+    detectors: list[EvaluatedDetector],
+    manifest: Path | None,
+    output: Path,
+    *,
+    jobs: int,
+    quiet: bool,
+) -> Benchmark:
+    from oppload_cli.benchmark.output import Benchmark
+    from oppload_cli.benchmark.run import show
+    from oppload_cli.cli.progress import progress_bar
+    from oppload_cli.evaluation.evaluate import evaluate
+    from oppload_cli.evaluation.manifest import read_manifest
+    from oppload_cli.processes import cores
+
+    read = read_manifest(manifest) if manifest else None
+    with progress_bar(None, "stimulus", quiet=quiet) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        shown = show(
+            columns, detectors, output / "stimuli", jobs=jobs or cores(), progress=progress
+        )
+    clips = None
+    if read is not None:
+        with progress_bar(len(read.entries), "clip", quiet=quiet) as bar:
+            clips = evaluate(read, detectors, jobs=jobs or cores(), progress=bar.update)
+    return Benchmark(shown, detectors, clips)

@@ -1,0 +1,107 @@
+"""``oppload report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from oppload_cli.cli import check_display, say, show_file
+from oppload_cli.cli.options import jobs_option
+from oppload_cli.errors import ExitCode, ParameterError
+from oppload_cli.files.names import is_folder
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+@click.command(short_help="make a page per result: video, curves and alarms in sync")
+@click.argument(
+    "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder of the pages.  [default: the folder of the results]",
+)
+@click.option(
+    "--video",
+    "videos",
+    type=click.Path(path_type=Path, exists=True),
+    metavar="INPUT|DIR",
+    help="The video, or the folder of the videos, where they have moved.",
+)
+@jobs_option("Pages")
+@click.option("--show", is_flag=True, help="Open the page in the browser, where there is one.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+def report(  # noqa: PLR0917 - click passes them by name
+    results: tuple[Path, ...],
+    output: Path | None,
+    videos: Path | None,
+    jobs: int,
+    show: bool,
+    quiet: bool,
+) -> int:
+    """Make one HTML page per result; it opens offline in any browser.
+
+    RESULT is a frames.csv of 'oppload run', or a folder of results, searched to any depth.
+    The page {stem}.report.html holds the video with its boxes, the responses over their
+    thresholds, RMO, the truth of a stimulus, the alarms and the settings, all in sync. A
+    long video stands beside the page as {stem}.report.mp4. Several results get an
+    index.html too, which can be sorted.
+    """
+    from oppload_cli.results.collecting import tables_in
+
+    if show:
+        check_display()
+    tables = [table for path in results for table in tables_in(path)]
+    folder = output or _folder_of(results)
+    page, code = write_pages(tables, folder, videos=videos, jobs=jobs, quiet=quiet)
+    click.echo(page)
+    if show:
+        show_file(page)
+    return code
+
+
+def write_pages(
+    tables: Sequence[Path], folder: Path, *, jobs: int, quiet: bool, videos: Path | None = None
+) -> tuple[Path, ExitCode]:
+    """Write pages, showing progress; print what they lack.
+
+    Returns
+    -------
+    page : Path
+        The index, or the only page.
+    code : ExitCode
+        ``INCOMPLETE`` if a result has no page.
+    """
+    from oppload_cli.cli.progress import progress_bar
+    from oppload_cli.processes import cores
+    from oppload_cli.report.writing import write_report
+
+    alone = len(tables) == 1
+    total = None if alone else len(tables)
+    unit = "frame" if alone else "page"
+    with progress_bar(total, unit, quiet=quiet) as bar:
+        written = write_report(
+            tables,
+            folder,
+            videos=videos,
+            jobs=jobs or cores(),
+            frames=bar.update if alone else None,
+            done=None if alone else bar.update,
+        )
+    for line in (*written.notes, *map(str, written.failures)):
+        say(f"oppload: {line}")
+    return written.first, ExitCode.INCOMPLETE if written.failures else ExitCode.DONE
+
+
+def _folder_of(results: Sequence[Path]) -> Path:
+    """Return the folder of the results, which must be one."""
+    folders = {path if is_folder(path) else path.parent for path in results}
+    if len(folders) > 1:
+        raise ParameterError("the results lie in several folders; give one for the pages, --output")
+    return folders.pop()

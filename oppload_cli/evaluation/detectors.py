@@ -1,0 +1,177 @@
+"""The detectors that are evaluated: each under the presets that change it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
+from oppload_cli.models.registry import ALL, detector_of, detectors, parameters_of
+from oppload_cli.models.timebase import TimeParams, time_params
+from oppload_cli.palette import INK
+from oppload_cli.pipeline.repeats import RepeatParams
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from oppload_cli.detection.parameters import AlarmParams
+    from oppload_cli.schema import Parameters
+
+_USUAL_PRESETS = (DEFAULT_PRESET, "reference")
+# Of Okabe and Ito's palette, for the presets after the default one.
+_COLOURS = ("#009E73", "#CC79A7")
+
+
+@dataclass(frozen=True)
+class EvaluatedDetector:
+    """A detector with its parameters, its alarm and its working height.
+
+    Attributes
+    ----------
+    name : str
+        ``NAME``, or ``NAME:PRESET`` of a detector that presets change.
+    meaning : str
+        One line for the reader.
+    height : int
+        Working height in pixels.
+    params : Parameters
+        Of the detector.
+    alarm : AlarmParams
+        Of its alarm.
+    repeats : RepeatParams
+        How it takes repeated pictures.
+    time : TimeParams
+        Its time base.
+    """
+
+    name: str
+    meaning: str
+    height: int
+    params: Parameters
+    alarm: AlarmParams
+    repeats: RepeatParams = field(default_factory=RepeatParams)
+    time: TimeParams = field(default_factory=TimeParams)
+
+    @property
+    def detector(self) -> str:
+        """The name of the detector in a frame's record."""
+        return detector_of(self.params).name
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything that its responses and alarms depend on, ready for JSON."""
+        return {
+            "meaning": self.meaning,
+            "height": self.height,
+            "parameters": self.params.resolved(self.height).as_dict(),
+            "alarm": self.alarm.as_dict(),
+            "repeats": self.repeats.as_dict(),
+            "time": self.time.as_dict(),
+        }
+
+
+def evaluated_detectors(
+    names: Iterable[str] = (), repeats: RepeatParams | None = None
+) -> list[EvaluatedDetector]:
+    """Return the detectors to evaluate: those chosen, then the baselines.
+
+    Parameters
+    ----------
+    names : iterable of str
+        ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, or ``all``.
+        Where none that presets change is named, they are evaluated under ``default`` and
+        ``reference``.
+    repeats : RepeatParams, optional
+        How all of them take repeated pictures.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not known.
+    """
+    chosen = _full_names(names)
+    with_presets, others = _by_presets()
+    own = [name for name in chosen if name not in others] or _usual(with_presets)
+    rest = [name for name in others if detectors()[name].evaluated or name in chosen]
+    return [_evaluated(name, repeats or RepeatParams()) for name in (*own, *rest)]
+
+
+def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
+    """Return some detectors, and no others; all of them where none is named.
+
+    Parameters
+    ----------
+    names : iterable of str
+        As for `evaluated_detectors`. The detectors that presets change stand there under
+        ``default`` and ``reference`` where none or ``all`` is named.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not known.
+    """
+    return [_evaluated(name, RepeatParams()) for name in _full_names(list(names) or [ALL])]
+
+
+def _by_presets() -> tuple[list[str], list[str]]:
+    """Return the names of the detectors that presets change, and those of the others."""
+    changed = [name for name, each in detectors().items() if each.presets]
+    return changed, [name for name in detectors() if name not in changed]
+
+
+def _usual(with_presets: Iterable[str]) -> list[str]:
+    return [f"{name}:{preset}" for name in with_presets for preset in _USUAL_PRESETS]
+
+
+def _full_names(names: Iterable[str]) -> list[str]:
+    """Return each name once: presets that are left out filled in, variants as they are called."""
+    with_presets, others = _by_presets()
+    known = [*(f"{name}:{preset}" for name in with_presets for preset in PRESETS), *others]
+    full: list[str] = []
+    for name in names:
+        variant = name.replace(":", "_")
+        if name == ALL:
+            full += _usual(with_presets)
+            full += [other for other in others if not detectors()[other].variant_of]
+        elif name in with_presets:
+            full.append(f"{name}:{DEFAULT_PRESET}")
+        else:
+            full.append(variant if variant in others else name)
+    for name in full:
+        if name not in known:
+            raise ParameterError(f"no model '{name}'{suggestion(name, known)}")
+    return list(dict.fromkeys(full))
+
+
+def _evaluated(full_name: str, repeats: RepeatParams) -> EvaluatedDetector:
+    name, _, preset = full_name.partition(":")
+    preset = preset or DEFAULT_PRESET
+    meaning = PRESETS[preset].meaning if detectors()[name].presets else detectors()[name].meaning
+    params = parameters_of(name, preset)
+    return EvaluatedDetector(
+        full_name,
+        meaning,
+        PRESETS[preset].height,
+        params,
+        alarm_params(preset),
+        repeats,
+        time_params(preset),
+    )
+
+
+def label_of(full_name: str) -> str:
+    """Return the label of an evaluated detector for the reader, e.g. ``OppLoD default``."""
+    name, _, preset = full_name.partition(":")
+    label = detectors()[name].label if name in detectors() else name.replace("_", " ")
+    return f"{label} {preset}".rstrip()
+
+
+def colour_of(full_name: str) -> str:
+    """Return the colour of an evaluated detector in plots, as ``#RRGGBB``."""
+    name, _, preset = full_name.partition(":")
+    if preset in {"", DEFAULT_PRESET}:
+        return detectors()[name].colour if name in detectors() else INK
+    others = [each for each in PRESETS if each != DEFAULT_PRESET]
+    place = others.index(preset) if preset in others else len(_COLOURS)
+    return (*_COLOURS, INK)[min(place, len(_COLOURS))]

@@ -1,0 +1,345 @@
+"""Alarms, detections and their lead, by a fixed threshold or as the detector has them.
+
+The definitions stand in ``docs/evaluation.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from oppload_cli.evaluation.metrics.intervals import (
+    Estimate,
+    Measurement,
+    interval,
+    weighted_mean,
+    weighted_median,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.evaluation.metrics.clips import Clip, Flags, Numbers
+    from oppload_cli.evaluation.metrics.intervals import Weights
+
+
+SILENCE_S = 1.0
+RATES = (0.5, 1.0, 2.0)  # false alarms per minute
+HIGHEST_RATE = 10.0  # false alarms per minute up to which they are counted
+RULE_OF_THREE = 3.0  # events that 95 % of all series would show, where this one shows none
+SHIPPED = "alarm as shipped"
+
+
+def events(above: Flags, time_s: Numbers) -> list[int]:
+    """Return the positions at which alarms begin: upward crossings after a second of silence.
+
+    A response that flickers about the threshold is one alarm, not many.
+
+    Parameters
+    ----------
+    above : ndarray of bool, shape (n,)
+        Whether the response is above the threshold, or an alarm on; if it is so at the
+        first frame, an alarm begins there.
+    time_s : ndarray, shape (n,)
+        Presentation times.
+    """
+    frames = np.flatnonzero(above)
+    silence = np.diff(time_s[frames], prepend=-np.inf)
+    return [int(frame) for frame in frames[silence >= SILENCE_S - 1e-6]]
+
+
+@dataclass(frozen=True)
+class _Outcomes:
+    """Detections and false alarms in every clip, under one rule of alarm.
+
+    Attributes
+    ----------
+    detected, lead_s : ndarray, shape (clips,)
+        1 or 0, and seconds before contact; NaN for a clip without an approach, and for
+        the lead of one that is not detected.
+    false_alarms : ndarray, shape (clips,)
+        In the clip's footage without an approach.
+    """
+
+    detected: Numbers
+    lead_s: Numbers
+    false_alarms: Numbers
+
+
+class Thresholds:
+    """The alarms that each fixed threshold on a detector's response gives.
+
+    Parameters
+    ----------
+    clips : sequence of Clip
+        All clips.
+    detector : str
+        Its name.
+
+    Attributes
+    ----------
+    levels : ndarray, shape (m,)
+        Every local maximum of the footage without an approach, the largest first: a
+        response must be above a level to alarm.
+    counts : ndarray of int, shape (clips, m)
+        False alarms of each clip at each level.
+    minutes : ndarray, shape (clips,)
+        Footage of each clip without an approach.
+    peaks : ndarray, shape (clips,)
+        Largest response from onset to contact; NaN without an approach.
+    """
+
+    def __init__(self, clips: Sequence[Clip], detector: str) -> None:
+        self.clips, self.detector = clips, detector
+        self.minutes = np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
+        quiet = [slice(*clip.quiet) for clip in clips]
+        responses = [clip.outputs[detector].response for clip in clips]
+        calm = [response[part] for response, part in zip(responses, quiet, strict=True)]
+        self.levels = np.unique(np.concatenate([_maxima(each) for each in calm]))[::-1]
+        # A clip with more is over every rate, however often it is drawn.
+        most = int(HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
+        self.counts = np.array(
+            [
+                _counts(each, clip.time_s[part], self.levels, most)
+                for each, clip, part in zip(calm, clips, quiet, strict=True)
+            ]
+        ).reshape(len(clips), len(self.levels))
+        self._largest = [
+            np.maximum.accumulate(response[slice(*clip.approach)])
+            for response, clip in zip(responses, clips, strict=True)
+        ]
+        self.peaks = np.array([each[-1] if len(each) else np.nan for each in self._largest])
+
+    def rates(self, weights: Weights) -> Numbers:
+        """Return the false alarms per minute at each level; NaN without footage.
+
+        Each clip counts as often as `weights` say.
+        """
+        minutes = float(weights @ self.minutes)
+        if not minutes:
+            return np.full(len(self.levels), np.nan)
+        return np.asarray(weights @ self.counts / minutes, np.float64)
+
+    def lowest(self, weights: Weights, rate: float) -> float:
+        """Return the lowest level that keeps to a rate of false alarms.
+
+        Parameters
+        ----------
+        weights : ndarray of int, shape (clips,)
+            How often each clip counts.
+        rate : float
+            False alarms per minute.
+
+        Returns
+        -------
+        float
+            The lowest level with no more at it and at every higher one; NaN without
+            footage.
+        """
+        # Lower thresholds merge alarms into one that never ends, so the higher ones count.
+        over = self.rates(weights) > rate + 1e-9
+        if not len(over) or not weights @ self.minutes:
+            return float("nan")
+        return float(self.levels[int(over.argmax()) - 1 if over.any() else -1])
+
+    def held_out(self, rate: float) -> Numbers:
+        """Return a threshold for each clip that keeps to a rate in all other clips.
+
+        NaN if the other clips hold no footage without an approach.
+        """
+        others = 1 - np.eye(len(self.minutes), dtype=np.int64)
+        return np.array([self.lowest(each, rate) for each in others])
+
+    def false_alarms(self, level: float) -> Numbers:
+        """Return the false alarms of each clip at one of the `levels`; NaN at NaN."""
+        if np.isnan(level):
+            return np.full(len(self.minutes), np.nan)
+        at = int(np.searchsorted(-self.levels, -level))
+        return np.asarray(self.counts[:, at], np.float64)
+
+    def detected(self, threshold: float) -> Numbers:
+        """Return 1 for each approach with a response above a threshold, and 0 for the others.
+
+        NaN for a clip without an approach, and for all at the threshold NaN.
+        """
+        if np.isnan(threshold):
+            return np.full(len(self.peaks), np.nan)
+        return np.where(np.isnan(self.peaks), np.nan, self.peaks > threshold)
+
+    def leads(self, threshold: float) -> Numbers:
+        """Return the seconds before contact at which each approach is first above a threshold.
+
+        NaN for an approach that is not detected.
+        """
+        made = np.full(len(self.peaks), np.nan)
+        for index in map(int, np.flatnonzero(self.detected(threshold) == 1)):
+            clip = self.clips[index]
+            above = int(np.searchsorted(self._largest[index], threshold, side="right"))
+            made[index] = clip.lead(clip.approach[0] + above)
+        return made
+
+    def outcomes(self, level: float) -> _Outcomes:
+        """Return the outcomes in every clip at one of the `levels`."""
+        return _Outcomes(self.detected(level), self.leads(level), self.false_alarms(level))
+
+
+def _maxima(response: Numbers) -> Numbers:
+    """Return the local maxima, those at the ends included."""
+    padded = np.concatenate([[-np.inf], response, [-np.inf]])
+    return np.asarray(response[(response >= padded[:-2]) & (response >= padded[2:])], np.float64)
+
+
+def _counts(response: Numbers, time_s: Numbers, levels: Numbers, most: int) -> NDArray[np.int64]:
+    """Return the number of alarms at each of the falling levels.
+
+    It changes only at the clip's own responses.
+    """
+    own = np.unique(response)[::-1]
+    found: list[int] = []
+    for value in own:
+        found.append(len(events(response > value, time_s)))
+        if found[-1] > most:
+            break
+    if not found:
+        return np.zeros(len(levels), np.int64)
+    # The first own response at or below each level; below all of them one alarm lasts.
+    at = np.searchsorted(-own[: len(found)], -levels)
+    everywhere = 1 if len(found) == len(own) else found[-1]
+    return np.append(found, everywhere)[at]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A rule of alarm with its outcomes.
+
+    Attributes
+    ----------
+    condition : str
+        Such as ``at 1 per minute``.
+    thresholds : ndarray, shape (clips,)
+        The threshold in each clip; NaN for the alarm as shipped.
+    outcomes : _Outcomes
+        Per clip.
+    measurements : list of Measurement
+        Over all clips.
+    """
+
+    condition: str
+    thresholds: Numbers
+    outcomes: _Outcomes
+    measurements: list[Measurement]
+
+
+def condition_of(rate: float) -> str:
+    """Return the name of a rate of false alarms per minute."""
+    return f"at {rate:g} per minute"
+
+
+def at_rate(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
+    """Decide by the lowest threshold that keeps to a rate of false alarms per minute.
+
+    The rate is that over all footage; the threshold is chosen again in each draw.
+    """
+    clips, condition = thresholds.clips, condition_of(rate)
+    threshold = thresholds.lowest(np.ones(len(clips), np.int64), rate)
+    drawn = [thresholds.lowest(each, rate) for each in draws]
+    # Many draws share a threshold.
+    known = {each: thresholds.outcomes(each) for each in {threshold, *drawn}}
+    own, each_draw = known[threshold], [known[each] for each in drawn]
+    measured = _measurements(clips, thresholds.detector, condition, own, draws, drawn=each_draw)
+    estimate = Estimate(threshold, *interval(np.array(drawn)))
+    footage = int((thresholds.minutes > 0).sum())
+    level = Measurement(thresholds.detector, "threshold", condition, *estimate, footage)
+    return Decision(condition, np.full(len(clips), threshold), own, [*measured, level])
+
+
+def held_out(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
+    """Decide in each clip by the threshold that keeps to a rate in all other clips."""
+    clips, detector = thresholds.clips, thresholds.detector
+    chosen = thresholds.held_out(rate)
+    above = [
+        None if np.isnan(threshold) else clip.outputs[detector].response > threshold
+        for clip, threshold in zip(clips, chosen, strict=True)
+    ]
+    outcomes, condition = _outcomes(clips, above), f"held out {condition_of(rate)}"
+    # Each kind of motion has few clips: they are not split by clip again.
+    measurements = _measurements(clips, detector, condition, outcomes, draws, by_kind=False)
+    return Decision(condition, chosen, outcomes, list(measurements))
+
+
+def shipped(clips: Sequence[Clip], detector: str, draws: Weights) -> Decision | None:
+    """Take the detector's own alarm as it ran; None for a detector without an alarm."""
+    alarms = [clip.outputs[detector].alarm for clip in clips]
+    if all(each is None for each in alarms):
+        return None
+    outcomes = _outcomes(clips, alarms)
+    measurements = list(_measurements(clips, detector, SHIPPED, outcomes, draws))
+    return Decision(SHIPPED, np.full(len(clips), np.nan), outcomes, measurements)
+
+
+def _outcomes(clips: Sequence[Clip], alarms: Sequence[Flags | None]) -> _Outcomes:
+    """Return the outcomes of alarms that are given for every frame of every clip."""
+    detected, leads, false = (np.full(len(clips), np.nan) for _ in range(3))
+    for index, (clip, on) in enumerate(zip(clips, alarms, strict=True)):
+        if on is None:
+            continue
+        quiet = slice(*clip.quiet)
+        false[index] = len(events(on[quiet], clip.time_s[quiet]))
+        start, stop = clip.approach
+        if stop > start and clip.label.looming:
+            found = np.flatnonzero(on[start:stop])
+            detected[index] = float(len(found) > 0)
+            if len(found):
+                leads[index] = clip.lead(start + int(found[0]))
+    return _Outcomes(detected, leads, false)
+
+
+def _measurements(
+    clips: Sequence[Clip],
+    detector: str,
+    condition: str,
+    outcomes: _Outcomes,
+    draws: Weights,
+    *,
+    drawn: Sequence[_Outcomes] | None = None,
+    by_kind: bool = True,
+) -> Iterator[Measurement]:
+    """Yield the measurements; each draw has outcomes of its own in `drawn`, or shares them."""
+    each_draw = list(drawn) if drawn is not None else [outcomes] * len(draws)
+    once = np.ones(len(clips), np.int64)
+
+    def found(statistic: Callable[[_Outcomes, Weights], float]) -> Estimate:
+        values = [statistic(*pair) for pair in zip(each_draw, draws, strict=True)]
+        return Estimate(statistic(outcomes, once), *interval(np.array(values)))
+
+    rate = found(lambda each, weights: weighted_mean(each.detected, weights))
+    approaches = int((~np.isnan(outcomes.detected)).sum())
+    yield Measurement(detector, "detection_rate", condition, *rate, approaches)
+    lead = found(lambda each, weights: weighted_median(each.lead_s, weights))
+    detections = int(np.nansum(outcomes.detected))
+    yield Measurement(detector, "lead_time_s", condition, *lead, detections)
+    minutes = np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
+    kinds = np.array([clip.label.kind for clip in clips])
+    for kind in ("", *(sorted(set(kinds[minutes > 0])) if by_kind else ())):
+        members = (kinds == kind) | (kind == "")
+
+        def per_minute(each: _Outcomes, weights: Weights, members: Flags = members) -> float:
+            counts, counted = each.false_alarms, members & ~np.isnan(each.false_alarms)
+            total = float(minutes[counted] @ weights[counted])
+            return float(counts[counted] @ weights[counted]) / total if total else float("nan")
+
+        counted = members & ~np.isnan(outcomes.false_alarms)
+        estimate = found(per_minute)
+        if estimate.value == 0:  # no draw differs: the bootstrap knows nothing
+            estimate = Estimate(0.0, 0.0, RULE_OF_THREE / float(minutes[counted].sum()))
+        yield Measurement(
+            detector,
+            "false_alarms_per_minute",
+            f"{condition}, {kind}" if kind else condition,
+            *estimate,
+            int((counted & (minutes > 0)).sum()),
+        )

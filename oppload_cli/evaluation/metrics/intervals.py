@@ -1,0 +1,137 @@
+"""Bootstrap over clips: how far a measurement depends on the choice of clips."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.evaluation.metrics.clips import Numbers
+
+    Weights = NDArray[np.int64]
+
+
+SEED = 20231
+DRAWS = 1000
+LEVEL = 95
+
+
+class Measurement(NamedTuple):
+    """One row of ``evaluation.csv``.
+
+    Attributes
+    ----------
+    detector, measure, condition : str
+        The detector, the measure and the condition under which it was taken.
+    value, low, high : float
+        The value with the bounds of its interval; NaN where it is not determined.
+    n : int
+        Number of clips, windows, pairs or frames behind it.
+    """
+
+    detector: str
+    measure: str
+    condition: str
+    value: float
+    low: float
+    high: float
+    n: int
+
+
+class Estimate(NamedTuple):
+    """A value with its interval; NaN where it is not determined."""
+
+    value: float
+    low: float
+    high: float
+
+
+def draws_of(looming: Sequence[bool], count: int = DRAWS, seed: int = SEED) -> Weights:
+    """Draw clips with replacement; the numbers with and without an approach stay the same.
+
+    Parameters
+    ----------
+    looming : sequence of bool
+        Of each clip, whether an object approaches.
+    count : int
+        Number of draws.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    ndarray of int, shape (count, clips)
+        How often each clip is in each draw.
+    """
+    random = np.random.default_rng(seed)
+    weights = np.zeros((count, len(looming)), np.int64)
+    for kind in (True, False):
+        members = np.flatnonzero(np.array(looming, bool) == kind)
+        if len(members):
+            shares = np.full(len(members), 1 / len(members))
+            weights[:, members] = random.multinomial(len(members), shares, count)
+    return weights
+
+
+def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
+    """Return a statistic of all clips with its percentile interval over the draws.
+
+    Parameters
+    ----------
+    statistic : callable
+        Takes how often each clip counts, and returns a number, or NaN.
+    draws : ndarray of int, shape (count, clips)
+        From :func:`draws_of`.
+    """
+    value = statistic(np.ones(draws.shape[1], np.int64))
+    return Estimate(value, *interval(np.array([statistic(each) for each in draws])))
+
+
+def interval(values: Numbers) -> tuple[float, float]:
+    """Return the bounds of the central 95 % of values.
+
+    Parameters
+    ----------
+    values : ndarray, shape (count,)
+        One for each draw; NaN where a draw does not determine it.
+
+    Returns
+    -------
+    tuple of float
+        NaN if fewer than half of the draws determine it.
+    """
+    known = values[~np.isnan(values)]
+    if 2 * len(known) < len(values) or not len(known):
+        return float("nan"), float("nan")
+    tail = (100 - LEVEL) / 2
+    # Ratios may be infinite, and between infinite ones nothing can be interpolated.
+    low, high = np.percentile(known, [tail, 100 - tail], method="nearest")
+    return float(low), float(high)
+
+
+def weighted_mean(values: Numbers, weights: Weights) -> float:
+    """Return the mean of values that count `weights` times each.
+
+    NaN is left out; the mean is NaN if nothing else counts.
+    """
+    known = ~np.isnan(values)
+    total = weights[known].sum()
+    return float((values[known] * weights[known]).sum() / total) if total else float("nan")
+
+
+def weighted_median(values: Numbers, weights: Weights) -> float:
+    """Return the median of values that count `weights` times each.
+
+    NaN is left out, infinite values count; the median is NaN if nothing counts.
+    """
+    known = ~np.isnan(values)
+    repeated = np.sort(np.repeat(values[known], weights[known]))
+    if not len(repeated):
+        return float("nan")
+    low, high = repeated[(len(repeated) - 1) // 2], repeated[len(repeated) // 2]
+    return float(low if low == high else (low + high) / 2)

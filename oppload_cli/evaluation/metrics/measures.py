@@ -1,0 +1,245 @@
+"""Every measurement of a detector over labelled clips (``docs/evaluation.md``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from oppload_cli.evaluation.metrics.alarms import (
+    RATES,
+    SHIPPED,
+    Decision,
+    Thresholds,
+    at_rate,
+    condition_of,
+    held_out,
+    shipped,
+)
+from oppload_cli.evaluation.metrics.groups import of_conditions, of_objects
+from oppload_cli.evaluation.metrics.intervals import (
+    Measurement,
+    estimate,
+    weighted_mean,
+    weighted_median,
+)
+from oppload_cli.evaluation.metrics.windows import (
+    AHEAD,
+    Curve,
+    curve,
+    ordered_pairs,
+    scored,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from oppload_cli.evaluation.metrics.clips import Box, Clip, Numbers
+    from oppload_cli.evaluation.metrics.intervals import Weights
+
+
+NEAR_CONTACT = 15  # frames before contact
+GROWN = 1.5  # times as large as the box, about its centre
+FRAME_CENTRE = "frame_centre"  # for comparison
+
+
+@dataclass(frozen=True)
+class Performance:
+    """All measurements of one detector.
+
+    Attributes
+    ----------
+    measurements : list of Measurement
+        In the order of the page.
+    decisions : list of Decision
+        By rule of alarm.
+    curve : Curve or None
+        Over one-second windows.
+    thresholds : Thresholds
+        For the curve of detections over false alarms.
+    """
+
+    measurements: list[Measurement]
+    decisions: list[Decision]
+    curve: Curve | None
+    thresholds: Thresholds
+
+
+def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performance:
+    """Measure one detector over at least one clip, with the draws of the bootstrap."""
+    thresholds = Thresholds(clips, detector)
+    decisions = [
+        *(at_rate(thresholds, rate, draws) for rate in RATES),
+        *(held_out(thresholds, rate, draws) for rate in RATES),
+    ]
+    own = shipped(clips, detector, draws)
+    decisions += [own] if own else []
+    score, positive, owner = scored(clips, detector)
+
+    def area(weights: Weights, name: str) -> float:
+        drawn = curve(score, positive, weights[owner])
+        return float("nan") if drawn is None else float(getattr(drawn, name))
+
+    measurements = [each for decision in decisions for each in decision.measurements]
+    for decision in decisions:
+        if decision.condition in {condition_of(1.0), SHIPPED}:
+            measurements += of_conditions(clips, detector, decision, draws)
+    measurements += of_objects(clips, detector, draws)
+    for measure, name in (("roc_auc", "auc"), ("average_precision", "average_precision")):
+        found = estimate(partial(area, name=name), draws)
+        condition = "last second before contact"
+        measurements.append(Measurement(detector, measure, condition, *found, len(score)))
+    measurements += _of_order(clips, detector, draws)
+    ratios = distinct_ratios(thresholds)
+    found = estimate(partial(weighted_median, ratios), draws)
+    known = int((~np.isnan(ratios)).sum())
+    condition = "median over clips"
+    measurements.append(Measurement(detector, "distinct_ratio", condition, *found, known))
+    measurements += of_places(clips, detector, draws)
+    whole = curve(score, positive, np.ones(len(score)))
+    return Performance(measurements, decisions, whole, thresholds)
+
+
+def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
+    for frames in AHEAD:
+        pairs = [ordered_pairs(clip, detector, frames) for clip in clips]
+        shares = np.array([share for share, _ in pairs])
+        yield Measurement(
+            detector,
+            "ordered_pairs",
+            f"{frames} frames before contact",
+            *estimate(partial(weighted_mean, shares), draws),
+            sum(count for _, count in pairs),
+        )
+
+
+def distinct_ratios(thresholds: Thresholds) -> Numbers:
+    """Return how far each approach stands out from the footage before it.
+
+    Parameters
+    ----------
+    thresholds : Thresholds
+        Of the detector.
+
+    Returns
+    -------
+    ndarray, shape (clips,)
+        Largest response from onset to contact over the largest one before onset; over
+        the median of the clips without an approach if less than half a second comes
+        before. 1 where both are 0, infinite where only the latter is; NaN without an
+        approach.
+    """
+    clips, peaks = thresholds.clips, thresholds.peaks
+    before = np.array([_largest_before(clip, thresholds.detector) for clip in clips])
+    looming = np.array([clip.label.looming for clip in clips])
+    calm = before[~looming & ~np.isnan(before)]
+    usual = float(np.median(calm)) if len(calm) else float("nan")
+    ratios = np.full(len(clips), np.nan)
+    for index in np.flatnonzero(~np.isnan(peaks)):
+        peak = float(peaks[index])
+        base = usual if np.isnan(before[index]) else float(before[index])
+        ratios[index] = peak / base if base else float("inf") if peak else 1.0
+    return ratios
+
+
+def _largest_before(clip: Clip, detector: str) -> float:
+    start, stop = clip.quiet
+    if clip.seconds(start, stop) < 0.5:
+        return float("nan")
+    return float(clip.outputs[detector].response[start:stop].max())
+
+
+class _Place(NamedTuple):
+    """A boxed frame of a clip with the distance of the winning unit.
+
+    Attributes
+    ----------
+    clip : int
+        Position of the clip.
+    frame : int
+        The frame.
+    near : bool
+        Whether it is within 15 frames before contact, or at it.
+    distance_px, distance_diagonals : float
+        From the centre of the winning unit to that of the box, in source pixels and
+        in diagonals of the box; NaN without a winner.
+    inside : bool
+        Whether the unit's centre is inside the box grown by half its size.
+    """
+
+    clip: int
+    frame: int
+    near: bool
+    distance_px: float
+    distance_diagonals: float
+    inside: bool
+
+
+def places(clips: Sequence[Clip], detector: str) -> list[_Place]:
+    """Return every boxed frame that is clear of warm-up, for a detector with units.
+
+    ``frame_centre`` stands for a detector that always points at the middle of the frame.
+    """
+    found = []
+    for index, clip in enumerate(clips):
+        centres, contact = _centres(clip, detector), clip.label.contact
+        for frame, box in sorted(clip.label.boxes.items()):
+            if clip.first <= frame < len(clip):
+                near = contact is not None and contact - NEAR_CONTACT <= frame <= contact
+                found.append(_Place(index, frame, near, *_compared(centres[frame], box)))
+    return found
+
+
+def _centres(clip: Clip, detector: str) -> Numbers:
+    if detector == FRAME_CENTRE:
+        return np.tile([clip.width / 2, clip.height / 2], (len(clip), 1))
+    winner = clip.outputs[detector].winner
+    if winner is None:
+        return np.full((len(clip), 2), np.nan)
+    return np.asarray(winner[:, :2] + winner[:, 2:] / 2, np.float64)
+
+
+def _compared(centre: Numbers, box: Box) -> tuple[float, float, bool]:
+    left, top, width, height = box
+    off = np.abs(centre - (left + width / 2, top + height / 2))
+    distance = float(np.hypot(*off))
+    inside = bool(off[0] <= GROWN * width / 2 and off[1] <= GROWN * height / 2)
+    return distance, distance / float(np.hypot(width, height)), inside
+
+
+def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Measurement]:
+    """Return how near a detector's winning unit is to the labelled boxes.
+
+    Empty for a detector without units, and without boxes.
+    """
+    has_units = detector == FRAME_CENTRE or any(
+        clip.outputs[detector].winner is not None for clip in clips
+    )
+    found = places(clips, detector) if has_units else []
+    made = []
+    for condition, part in (
+        (f"within {NEAR_CONTACT} frames of contact", [each for each in found if each.near]),
+        ("all boxed frames", found),
+    ):
+        if not part:
+            continue
+        owner = np.array([each.clip for each in part])
+        for name, middle in (
+            ("inside", weighted_mean),
+            ("distance_px", weighted_median),
+            ("distance_diagonals", weighted_median),
+        ):
+            values = np.array([getattr(each, name) for each in part], np.float64)
+            each = estimate(partial(_of_frames, middle, values, owner), draws)
+            known = int((~np.isnan(values)).sum())
+            made.append(Measurement(detector, f"place_{name}", condition, *each, known))
+    return made
+
+
+def _of_frames(
+    middle: Callable[[Numbers, Weights], float], values: Numbers, owner: Weights, weights: Weights
+) -> float:
+    """Return a statistic of frames, each of which counts as often as the clip that owns it."""
+    return middle(values, weights[owner])

@@ -1,0 +1,209 @@
+"""Plots of an evaluation: each takes the axes and the performance of every detector."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+
+from oppload_cli.evaluation.detectors import colour_of, label_of
+from oppload_cli.evaluation.metrics.alarms import RATES, condition_of
+from oppload_cli.evaluation.metrics.windows import AHEAD
+from oppload_cli.plots.style import DASHES, FAINT, INK, STYLE, new_figure, png_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from oppload_cli.evaluation.evaluate import Evaluation
+    from oppload_cli.evaluation.metrics.clips import Numbers
+    from oppload_cli.evaluation.metrics.measures import Performance
+
+    Performances = Mapping[str, Performance]
+
+
+SIZE = 4.8, 3.2  # inches
+DPI = 160
+HIGHEST_RATE = 6.0  # false alarms per minute on the axis
+RATE = 1.0  # false alarms per minute at which leads and kinds are shown
+
+
+def _detection(axes: Axes, performances: Performances) -> None:
+    for rate in RATES:
+        axes.axvline(rate, color=FAINT, lw=0.7, linestyle=":")
+    for each, look in _looks(performances):
+        rates, detected = detection_curve(each)
+        axes.step(rates, detected, where="post", **look)
+    axes.set(xlim=(0, HIGHEST_RATE), ylim=(0, 1.02), title="detection by one fixed threshold")
+    axes.set_xlabel("false alarms per minute of footage without an approach")
+    axes.set_ylabel("share of approaches detected")
+    _legend(axes, "lower right")
+
+
+def detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
+    """Return the detection rate for each number of false alarms per minute.
+
+    Returns
+    -------
+    rates, detected : ndarray, shape (m,)
+        Both rise; empty without an approach or without other footage.
+    """
+    thresholds = performance.thresholds
+    once = np.ones(len(thresholds.minutes), np.int64)
+    rates = np.maximum.accumulate(thresholds.rates(once))
+    peaks = thresholds.peaks[~np.isnan(thresholds.peaks)]
+    if not len(peaks) or not len(rates) or np.isnan(rates).any():
+        return np.empty(0), np.empty(0)
+    detected = (peaks[:, None] > thresholds.levels).mean(axis=0)
+    # Of the thresholds with as many false alarms the lowest counts.
+    last = np.append(np.diff(rates) > 0, True)
+    return np.append(rates[last], rates[-1] + HIGHEST_RATE), np.append(detected[last], detected[-1])
+
+
+def _roc(axes: Axes, performances: Performances) -> None:
+    _shares(axes, "false positive rate", "true positive rate", "ROC")
+    axes.plot([0, 1], [0, 1], color=FAINT, lw=0.7, linestyle=":")
+    for each, look in _looks(performances):
+        if each.curve is not None:
+            look["label"] += f" ({each.curve.auc:.2f})"
+            axes.plot(each.curve.false_rate, each.curve.true_rate, **look)
+    _legend(axes, "lower right")
+
+
+def _precision_recall(axes: Axes, performances: Performances) -> None:
+    _shares(axes, "recall", "precision", "precision and recall")
+    for each, look in _looks(performances):
+        if each.curve is not None:
+            look["label"] += f" ({each.curve.average_precision:.2f})"
+            rises = np.append(True, np.diff(each.curve.true_rate) > 0)
+            recall, precision = each.curve.true_rate[rises], each.curve.precision[rises]
+            axes.step(recall, precision, where="pre", **look)
+    _legend(axes, "lower left")
+
+
+def _order(axes: Axes, performances: Performances) -> None:
+    for index, (each, look) in enumerate(_looks(performances)):
+        found = {one.condition: one for one in each.measurements if one.measure == "ordered_pairs"}
+        rows = [found[f"{frames} frames before contact"] for frames in AHEAD]
+        x, width = _beside(len(rows), index, len(performances))
+        values = np.array([row.value for row in rows])
+        spread = np.array([[row.value - row.low, row.high - row.value] for row in rows]).T
+        bars: dict[str, Any] = {"ecolor": INK, "elinewidth": 0.7, "capsize": 1.5}
+        axes.bar(x, values, width * 0.9, color=look["color"], label=look["label"])
+        axes.errorbar(x, values, np.maximum(spread, 0), fmt="none", **bars)
+    axes.axhline(0.5, color=FAINT, lw=0.7, linestyle=":")
+    axes.set_xticks(range(len(AHEAD)), [str(frames) for frames in AHEAD])
+    axes.set(ylim=(0, 1.3), title="within clips: correctly ordered pairs of windows")
+    axes.set_yticks(np.arange(0, 1.01, 0.2))
+    axes.set_xlabel("frames from the window's end to contact")
+    axes.set_ylabel("share of pairs")
+    axes.legend(loc="upper center", ncols=3)
+
+
+def _leads(axes: Axes, performances: Performances) -> None:
+    labels = []
+    for row, (each, look) in enumerate(_looks(performances)):
+        outcomes = next(d.outcomes for d in each.decisions if d.condition == condition_of(RATE))
+        leads = np.sort(outcomes.lead_s[~np.isnan(outcomes.lead_s)])
+        approaches = int((~np.isnan(outcomes.detected)).sum())
+        labels.append(f"{look['label']}\n{len(leads)} of {approaches}")
+        # Points of equal leads stand above and below each other, so that all are seen.
+        y = row + 0.09 * _rank_among_equal(leads)
+        axes.plot(leads, y, "o", color=look["color"], markersize=3.5, alpha=0.8)
+        if len(leads):
+            axes.plot([np.median(leads)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.2)
+    axes.set_yticks(range(len(labels)), labels)
+    axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel="time before contact (s)")
+    axes.set_xlim(left=-0.02)
+    axes.set_title("lead at 1 false alarm per minute (bar: median)")
+
+
+def _rank_among_equal(values: Numbers) -> Numbers:
+    rounded = np.round(values, 3)
+    ranks = np.array([(rounded[:index] == each).sum() for index, each in enumerate(rounded)], float)
+    return np.where(ranks % 2, 1, -1) * np.ceil(ranks / 2)
+
+
+def _false_alarms(axes: Axes, performances: Performances) -> None:
+    prefix = f"{condition_of(RATE)}, "
+    kinds: dict[str, float] = {}
+    for index, (each, look) in enumerate(_looks(performances)):
+        kinds = {
+            one.condition.removeprefix(prefix): one.value
+            for one in each.measurements
+            if one.measure == "false_alarms_per_minute" and one.condition.startswith(prefix)
+        }
+        y, height = _beside(len(kinds), index, len(performances))
+        values = list(kinds.values())
+        axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
+    axes.set_yticks(range(len(kinds)), list(kinds))
+    axes.invert_yaxis()
+    axes.set_xlim(0, max(RATE, axes.get_xlim()[1]))
+    axes.set_title("false alarms by kind of motion, at 1 per minute in all")
+    axes.set_xlabel("false alarms per minute")
+    if not any(bar.get_width() for bars in axes.containers for bar in bars):
+        axes.text(0.5, 0.5, "no false alarm", transform=axes.transAxes, ha="center", color=FAINT)
+    axes.legend(loc="best")
+
+
+def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
+    """Return positions and width of bars, so that those of all detectors are side by side."""
+    width = 0.8 / of
+    return np.arange(count, dtype=np.float64) + (index - (of - 1) / 2) * width, width
+
+
+def _shares(axes: Axes, x: str, y: str, title: str) -> None:
+    axes.set(xlim=(-0.01, 1.01), ylim=(0, 1.02), xlabel=x, ylabel=y, title=title)
+
+
+def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
+    """Yield each performance with the label, colour and dashes of its line."""
+    for index, (name, each) in enumerate(performances.items()):
+        look = {"label": label_of(name), "color": colour_of(name), "lw": 1.2}
+        yield each, {**look, "ls": DASHES[index % len(DASHES)]}
+
+
+def _legend(axes: Axes, place: Literal["lower left", "lower right"]) -> None:
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc=place)
+
+
+class _Plot(NamedTuple):
+    """A plot of the page."""
+
+    caption: str
+    draw: Callable[[Axes, Performances], None]
+
+
+PLOTS = {
+    "detection.png": _Plot(
+        "Detection rate over false alarms per minute, for every fixed threshold.", _detection
+    ),
+    "roc.png": _Plot("ROC over one-second windows; area in brackets.", _roc),
+    "precision-recall.png": _Plot(
+        "Precision over recall of the same windows; average in brackets.", _precision_recall
+    ),
+    "within-clip.png": _Plot(
+        "Correctly ordered pairs of windows within clips; bars: 95 % intervals.", _order
+    ),
+    "lead-time.png": _Plot("Lead of each detected approach.", _leads),
+    "false-alarms.png": _Plot(
+        "False alarms per minute by kind of motion, at 1 per minute in all.", _false_alarms
+    ),
+}
+
+
+def figure_of(plot: str, performances: Performances) -> Figure:
+    """Return one of the `PLOTS`, with the detectors in the order of its legend."""
+    with mpl.rc_context(STYLE):
+        figure = new_figure(*SIZE)
+        PLOTS[plot].draw(figure.subplots(), performances)
+    return figure
+
+
+def drawn(evaluation: Evaluation) -> dict[str, bytes]:
+    """Return all `PLOTS` of an evaluation, as PNG by file name."""
+    return {name: png_bytes(figure_of(name, evaluation.performances), DPI) for name in PLOTS}

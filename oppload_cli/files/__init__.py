@@ -1,0 +1,1 @@
+"""Result files: one way to write them."""

@@ -1,0 +1,110 @@
+"""Growth of the changed area, an engineering baseline for still cameras."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import cv2
+
+from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import grey_levels
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.dpc import Map
+
+SPAN = 3  # frames over which growth is measured
+
+
+@dataclass(frozen=True, kw_only=True)
+class AreaGrowthParams(Parameters):
+    """Parameters of area growth."""
+
+    least: float = parameter(
+        0.1, "difference from frame 0 above which a pixel counts", low=0, high=1
+    )
+
+
+@dataclass(frozen=True)
+class AreaGrowthResponse(Response):
+    """The answer of area growth, with its inner values."""
+
+    area: int = 0
+    size: float = 0.0
+    dsize: float = 0.0
+    growth: float = 0.0
+    frame_diff: float = 0.0
+
+
+class AreaGrowth(Detector):
+    """The relative growth of the area that differs from frame 0.
+
+    ``area = count |L(t) - L(0)| > 0.1``, ``size = sqrt(area)``, and the growth is
+    ``(size(t) - size(t-3)) / 3`` over the size: one over the time to contact in frames. For a
+    camera that stands still, and a scene that was empty at first.
+
+    Source: ``docs/detectors.md``.
+    """
+
+    name = "area_growth"
+    label = "area growth"
+    colour = "#A6761D"
+    meaning = "relative growth of the area that differs from the first frame"
+    unit = "1/frame"
+    response_column = "1/frame", "growth of the size over the size, at least 0"
+    details = (
+        Column("area", "px", "count of the pixels that differ from frame 0"),
+        Column("size", "px", "square root of the area"),
+        Column("dsize", "px/frame", "growth of the size over 3 frames"),
+        Column("growth", "1/frame", "growth of the size over the size"),
+        Column("frame_diff", "0 to 1", "mean absolute difference from the frame before"),
+    )
+    answers = AreaGrowthResponse
+    parameters = AreaGrowthParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.1}
+    evaluated = False
+    reference = "defined here"
+    answers_to = "what grows before a still camera, by light or by approach"
+    made_for = "any size and rate, a still camera"
+    cost_ms = 0.05
+    warm_up = 0
+
+    params: AreaGrowthParams
+
+    def __init__(
+        self, shape: tuple[int, int], params: AreaGrowthParams | None = None, **others: Any
+    ) -> None:
+        super().__init__(shape, params, **others)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._start: NDArray[np.uint8] | None = None
+        self._sizes: deque[float] = deque(maxlen=SPAN + 1)
+
+    def step(self, luma: Map) -> AreaGrowthResponse:
+        """Take the next frame."""
+        now = grey_levels(luma, self.shape)
+        if self._start is None:
+            self._start = self._before = now
+        pixels = self.shape[0] * self.shape[1]
+        levels = self.params.least * 255
+        # Whole grey levels above a threshold are those above its whole part.
+        _, changed = cv2.threshold(
+            cv2.absdiff(now, self._start), math.floor(levels), 255, cv2.THRESH_BINARY
+        )
+        area = cv2.countNonZero(changed)
+        difference = float(cv2.norm(now, self._before, cv2.NORM_L1)) / (255 * pixels)
+        self._before = now
+        size = math.sqrt(area)
+        self._sizes.append(size)
+        dsize = (size - self._sizes[0]) / SPAN if len(self._sizes) > SPAN else 0.0
+        growth = dsize / size if size else 0.0
+        return AreaGrowthResponse(max(growth, 0.0), None, area, size, dsize, growth, difference)

@@ -1,0 +1,335 @@
+"""The judgement of preset ``lplc2``: the four arms of an LPLC2 neuron (``docs/lplc2.md``).
+
+It stands in the place of the opponent products of :mod:`oppload_cli.models.opposing_motion`. Each
+unit has an arm in each cardinal direction. Motion along an arm away from the middle excites it;
+motion towards the middle, across the arm, and all motion in the field suppress it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from oppload_cli.models.detector import UnitMaps
+from oppload_cli.models.dpc import convolved, excitation, inhibition, referred
+from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.opposing_motion import (
+    Judgement,
+    cell_centres,
+    has_history,
+    pool,
+    pooling_weights,
+    selected_units,
+)
+from oppload_cli.schema import parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from oppload_cli.models.dpc import Map, Photoreceptors
+    from oppload_cli.models.kernels import Kernels
+    from oppload_cli.models.opplod_parameters import OpplodParams
+
+DIRECTIONS = 0, 90, 180, 270  # of the arms, in degrees
+ARM_EDGE = 4.0  # degrees: how gradually the weight of an arm falls at the edge of its cone
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmParams(DpcParams):
+    """Parameters of the arms; they count with ``judgement=arms`` only (preset ``lplc2``)."""
+
+    kernel_height: int = parameter(
+        0,
+        "working height that the DPC constants in px are meant for; at another one they are "
+        "scaled; 0: never",
+        unit="px",
+        low=0,
+        high=8192,
+    )
+    graded: bool = parameter(
+        True, "whether the arms see the graded direction of motion, or the four S_phi"
+    )
+    arm_cone: float = parameter(
+        90.0, "half-width of the cone in which an arm is excited", unit="deg", low=1, high=180
+    )
+    suppression_cone: float = parameter(
+        36.0, "half-width of the cone in which an arm is suppressed", unit="deg", low=1, high=180
+    )
+    suppression_field: float = parameter(
+        1.7, "reach of suppression along an arm, over that of excitation", low=0.1, high=10
+    )
+    inward: float = parameter(5.0, "suppression by motion towards the middle", low=0, high=1000)
+    lateral: float = parameter(4.0, "suppression by motion across the arm", low=0, high=1000)
+    surround: float = parameter(
+        0.25, "suppression by all motion in the field (normalisation)", low=0, high=1000
+    )
+    suppression_s: float = parameter(
+        0.15, "time constant of suppression; 0: none", unit="s", low=0, high=60
+    )
+    half_saturation: float = parameter(
+        1e-3, "excitation that fills half of an arm without suppression", low=1e-12, high=1e9
+    )
+    saturation: float = parameter(1.0, "exponent of an arm's saturation", low=0.05, high=20)
+    arm_power: float = parameter(
+        1.5, "exponent of the sum of the arms above the threshold", low=0.1, high=10
+    )
+    calcium_s: float = parameter(
+        0.0, "time constant of the calcium signal; 0: none", unit="s", low=0, high=60
+    )
+
+    def scaled(self, scale: float) -> dict[str, float]:
+        """Return the DPC constants in px at a working size that is `scale` times as large."""
+        return {
+            "sigma_excitation": self.sigma_excitation * scale,
+            "sigma_inhibition": self.sigma_inhibition * scale,
+            "kernel_radius": min(50, max(1, round(self.kernel_radius * scale))),
+            "latency_lambda": self.latency_lambda / scale,
+        }
+
+
+# ---- The equations -------------------------------------------------------------------------
+
+
+class Motion(NamedTuple):
+    """Motion at every pixel: how much of it there is, and its components.
+
+    All are arrays of float32, shape (height, width); `right` and `up` may be negative.
+    """
+
+    amount: Map
+    right: Map
+    up: Map
+
+
+def graded_motion(p: Sequence[Map], kernels: Kernels) -> Motion:
+    """Return the motion whose direction the directional inhibitions tell together.
+
+    S_phi passes or blocks; the differences ``J_phi = I_(phi+180) - I_phi`` of two axes form a
+    vector J that points where the edge moves, by a graded angle. ``(I - |J|) / 2`` is I_phi for
+    the pathway of exactly this direction, so that S of it is ``max(0, E - (I - |J|) / 2)``.
+
+    Parameters
+    ----------
+    p : sequence of ndarray of float32, shape (height, width)
+        P(t), P(t-1) and P(t-2).
+    kernels : Kernels
+        With the masks of the axes 0 and 90 degrees.
+
+    Returns
+    -------
+    Motion
+        In units of S.
+
+    Source: ``docs/model.md``, section 4, and ``docs/lplc2.md``.
+    """
+    e, i = excitation(p, kernels), inhibition(p, kernels)
+    one, two = kernels.inhibition
+    right, up = (
+        -2 * (convolved(p[1], one * mask) + convolved(p[2], two * mask))
+        for mask in (kernels.masks[0], kernels.masks[90])
+    )
+    length = np.hypot(right, up)
+    amount = np.minimum(np.maximum(e - (i - length) / 2, 0), e)
+    share = amount / np.maximum(length, np.float32(1e-12))
+    return Motion(amount, share * right, share * up)
+
+
+def arm_weights(reach: float, direction: float, cone: float) -> Map:
+    """Weigh the cells about a unit that an arm sees.
+
+    Parameters
+    ----------
+    reach : float
+        Length of the arm in cells, above 0.
+    direction : float
+        Direction of the arm in degrees, counter-clockwise, 0 = right.
+    cone : float
+        Half-width of its cone in degrees.
+
+    Returns
+    -------
+    ndarray of float32, shape (2 n + 1, 2 n + 1)
+        From 0 to 1 by row and column of the offset; 0 in the middle.
+    """
+    n = math.ceil(reach)
+    y, x = np.mgrid[n : -n - 1 : -1, -n : n + 1].astype(np.float64)
+    distance = np.hypot(x, y)
+    off = np.degrees(np.angle(np.exp(1j * (np.arctan2(y, x) - math.radians(direction)))))
+    within = 1 / (1 + np.exp((np.abs(off) - cone) / ARM_EDGE))
+    weights = within * np.clip(reach - distance + 0.5, 0, 1) * (distance > 0)
+    return np.asarray(weights, np.float32)
+
+
+def field_weights(reach: float) -> Map:
+    """Weigh the cells of a unit's complete field as `arm_weights` does those of an arm."""
+    weights = arm_weights(reach, 0, 360)
+    weights[len(weights) // 2, len(weights) // 2] = 1
+    return weights
+
+
+def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -> Map:
+    """Return ``o^g / (o^g + (s + q)^g)``: saturation, and division by what suppresses.
+
+    Parameters
+    ----------
+    outward : ndarray of float32
+        o, the excitation of an arm, at least 0.
+    suppression : ndarray of float32
+        q, at least 0.
+    half : float
+        s, the excitation that fills half of an arm without suppression, above 0.
+    exponent : float
+        g, above 0.
+
+    Returns
+    -------
+    ndarray of float32
+        From 0 to 1.
+    """
+    ratio = np.maximum(outward, 0) / (np.float32(half) + np.maximum(suppression, 0))
+    power = ratio**exponent
+    return np.asarray(power / (1 + power), np.float32)
+
+
+def smoothing(elapsed: float, constant: float) -> float:
+    """Return the share of a first-order low-pass that is new after some time; 1 without one."""
+    return 1 - math.exp(-elapsed / constant) if constant else 1.0
+
+
+# ---- The judgement over one video ----------------------------------------------------------
+
+
+class ArmsJudgement:
+    """Four arms at every cell, summed, enhanced above a threshold, and a calcium signal.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        Resolved parameters (`receptive_field` and `cell` are numbers).
+    per_second : float
+        Intervals per second.
+
+    Attributes
+    ----------
+    maps : UnitMaps
+        The units at the latest frame; its pathways hold motion in the four directions.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
+    ) -> None:
+        self._params, self._per_second = params, per_second
+        cell, field = params.cell or 1, params.receptive_field or 0
+        centres_y, centres_x = (cell_centres(length, cell) for length in shape)
+        sigma = params.pool_sigma * cell
+        self._down, self._across = (
+            pooling_weights(length, along, sigma, params.border)
+            for length, along in zip(shape, (centres_y, centres_x), strict=True)
+        )
+        reach = field / 2 / cell
+        further = reach * params.suppression_field
+        self._excited = [arm_weights(reach, phi, params.arm_cone) for phi in DIRECTIONS]
+        self._suppressed = [
+            arm_weights(further, phi, params.suppression_cone) for phi in DIRECTIONS
+        ]
+        self._field = field_weights(reach)
+        units = np.zeros((len(centres_y), len(centres_x)), np.float32)
+        self.maps = UnitMaps(units, {}, centres_y, centres_x, float(field), sigma)
+        self._selected = selected_units(self.maps, params.grid(), shape)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the frames that have passed."""
+        self._suppression = np.zeros((len(DIRECTIONS), *self.maps.responses.shape), np.float32)
+        self._calcium = np.zeros_like(self.maps.responses)
+
+    def judge(self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels) -> Judgement:
+        """Judge the motion of one frame.
+
+        Parameters
+        ----------
+        pathways : dict of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees; used where the direction is not graded.
+        seen : Photoreceptors
+            Their latest frames.
+        kernels : Kernels
+            With the masks of the axes 0 and 90 degrees.
+
+        Returns
+        -------
+        Judgement
+            Of the best unit; its response is ``c2 (R - T_o)^p``, 0 unless R, the sum of its arms,
+            is above T_o.
+        """
+        params = self._params
+        everywhere, moving = self.pooled(pathways, seen, kernels)
+        self.maps = self.maps._replace(pathways=dict(zip(DIRECTIONS, moving, strict=True)))
+        amount = _over(everywhere, self._field)
+        kept = smoothing(seen.elapsed, params.suppression_s * self._per_second)
+        total = np.zeros_like(amount)
+        for arm, suppression in enumerate(self._suppression):
+            across = moving[(arm + 1) % 4] + moving[(arm + 3) % 4]
+            against = params.inward * moving[(arm + 2) % 4] + params.lateral * across
+            now = _over(against, self._suppressed[arm]) + params.surround * amount
+            suppression[:] += np.float32(kept) * (now - suppression)
+            outward = _over(moving[arm], self._excited[arm])
+            total += arm_response(outward, suppression, params.half_saturation, params.saturation)
+        total *= self._selected
+        above = np.maximum(total - np.float32(params.threshold), 0)
+        responses = np.asarray(params.gain * above**params.arm_power, np.float32)
+        self.maps = self.maps._replace(responses=responses)
+        if params.calcium_s:
+            new = smoothing(seen.elapsed, params.calcium_s * self._per_second)
+            self._calcium += np.float32(new) * (responses - self._calcium)
+        row, column = divmod(int(total.argmax()), total.shape[1])
+        return Judgement(
+            float(responses[row, column]),
+            float(total[row, column]),
+            float(self.maps.centres_x[column]),
+            float(self.maps.centres_y[row]),
+            float(self._calcium.max()) if params.calcium_s else None,
+        )
+
+    def pooled(
+        self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels
+    ) -> tuple[Map, list[Map]]:
+        """Return motion over cells, in units of E: its amount, and its part in each direction.
+
+        Parameters are those of `judge`.
+
+        Returns
+        -------
+        tuple of ndarray of float32 and list of ndarray of float32, shape (rows, columns)
+            The amount, and its parts in `DIRECTIONS`, at least 0.
+        """
+        if self._params.graded:
+            motion = graded_motion(seen.maps, kernels)
+            parts = [motion.amount]
+            parts += [np.maximum(part, 0) for part in (motion.right, motion.up)]
+            parts += [np.maximum(-part, 0) for part in (motion.right, motion.up)]
+        else:
+            directed = [pathways[phi] for phi in DIRECTIONS]
+            parts = [np.maximum.reduce(directed), *directed]
+        unit = np.float32(1 / kernels.excitation.sum())
+        pooled = [pool(np.ascontiguousarray(part), self._down, self._across) for part in parts]
+        amount = pooled[0]
+        factor = np.full_like(amount, unit)
+        if seen.share != 1:
+            e = np.float32(kernels.excitation.sum()) * pool(seen.maps[0], self._down, self._across)
+            other = referred(amount, e, seen.share, directional=True)
+            factor *= other / np.maximum(amount, np.float32(1e-12))
+        if self._params.history:
+            factor *= has_history(seen.coarse(amount.shape), self._params.history)
+        return amount * factor, [part * factor for part in pooled[1:]]
+
+
+def _over(values: Map, weights: Map) -> Map:
+    """Sum values over the cells about each unit, weighted by their offset."""
+    summed = cv2.filter2D(values, cv2.CV_32F, weights, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(summed, np.float32)

@@ -1,0 +1,312 @@
+"""What a detector is: the one seam between the models and everything that uses them.
+
+A detector is one file in this room: its frozen parameters, its `step`, its columns, its label
+and colour. One line in :mod:`oppload_cli.models.registry` makes it known everywhere.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.models.dpc import Layers
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.timebase import Clock
+from oppload_cli.schema import Parameters
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.dpc import Map
+
+
+class Box(NamedTuple):
+    """A rectangle in pixels: its left top corner, width and height.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.Box(10, 20, 30, 40).centre
+    (25.0, 40.0)
+    """
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+    @property
+    def centre(self) -> tuple[float, float]:
+        """Its centre in pixels: x and y."""
+        return self.x + self.width / 2, self.y + self.height / 2
+
+
+class Column(NamedTuple):
+    """One column of ``frames.csv``.
+
+    Attributes
+    ----------
+    name : str
+        As in the header; a detector gives its own without the prefix ``NAME_``.
+    unit : str
+        Unit of its values.
+    meaning : str
+        One line for the user.
+    preset : str
+        The only preset under which it stands in the table; empty for all.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.Dlgmd.columns[0].name
+    's'
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    preset: str = ""
+
+
+@dataclass(frozen=True)
+class Response:
+    """The answer of a detector to one frame.
+
+    A detector with columns of its own extends it by a field for each.
+
+    Attributes
+    ----------
+    response : float
+        At least 0; the larger, the more the frame looks like an approach.
+    box : Box or None
+        Where it comes from, in working pixels; None where it comes from nowhere in particular.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.Response(0.5).box is None
+    True
+    """
+
+    response: float
+    box: Box | None = None
+
+
+class UnitMaps(NamedTuple):
+    """What the units of a detector saw in the latest frame; the next frame overwrites it.
+
+    Attributes
+    ----------
+    responses : ndarray of float32, shape (rows, columns)
+        The response of every unit, at least 0.
+    pathways : mapping of int to ndarray of float32, shape (rows, columns)
+        The pooled S_phi at the units, by direction phi in degrees; empty where products are
+        not pooled.
+    centres_y, centres_x : ndarray, shapes (rows,) and (columns,)
+        Centres of the units in working pixels.
+    field : float
+        Side of a unit's receptive field in working pixels.
+    spread : float
+        Sigma in working pixels of the pooled S of a thin edge.
+
+    Examples
+    --------
+    >>> import numpy as np, oppload_cli as oppload
+    >>> model = oppload.Opplod((240, 320))
+    >>> model.units.responses.shape == (len(model.units.centres_y), len(model.units.centres_x))
+    True
+    >>> model.units.centres_x[:2].tolist(), model.units.field
+    ([10.0, 22.0], 240.0)
+    """
+
+    responses: Map
+    pathways: Mapping[int, Map]
+    centres_y: NDArray[np.float64]
+    centres_x: NDArray[np.float64]
+    field: float
+    spread: float
+
+
+class Detector(ABC):
+    """A model that answers each frame of one video with a response.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : Parameters, optional
+        Of the class `parameters`; the defaults if left out.
+    frame_rate : float, optional
+        Frames per second of the video, where it is known.
+    layers : Layers, optional
+        Where it gets photoreceptors and DPC layers from; detectors that are given the same
+        ones share what is alike in them.
+
+    Attributes
+    ----------
+    name : str
+        Its name on the command line and in the columns: lower case, digits and underscores.
+    label, colour : str
+        Its name and its colour (``#RRGGBB``) in figures and in annotated videos.
+    meaning : str
+        One line for the user.
+    unit : str
+        Unit of its response, for the axes of figures.
+    response_column : tuple of str
+        Unit and meaning of the column ``NAME_response``.
+    columns : tuple of Column
+        Its own columns; each is a field of `answers`, with a default.
+    details : tuple of Column
+        Further columns of its own, which stand in the table with ``--columns all`` only: the
+        inner values that its authors publish. Each is a field of `answers`, with a default.
+    answers : type of Response
+        The class of its answers.
+    parameters : type of Parameters
+        The class of its parameters.
+    presets : mapping of str to Parameters
+        Its parameters under the presets that differ from the defaults.
+    alarm_floors : mapping of str to float
+        By preset, the response at or below which it never alarms; ``default`` serves the
+        presets that are not named.
+    by_default : bool
+        Whether it runs where no detector is chosen.
+    variant_of : str
+        The detector that it is a variant of; ``NAME:VARIANT`` stands for ``NAME_VARIANT``, and
+        ``all`` leaves variants out.
+    evaluated : bool
+        Whether `oppload evaluate` runs it where it is not chosen.
+    year : int or None
+        When it was published; None for one without a publication.
+    reference : str
+        The publication, or who defined it.
+    answers_to : str
+        What it answers to, and what it does not answer to, in one line.
+    made_for : str
+        The working size and the frame rate that its authors meant.
+    cost_ms : float or None
+        Milliseconds per frame of 427 x 240 on one core, as ``oppload models --measure`` gave.
+    least_size : tuple of int
+        The least height and width of the frames, in px.
+    warm_up : int
+        Intervals at the start for which it has no answer.
+    places : bool
+        Whether its responses have boxes, and `units` shows where objects loom.
+
+    Raises
+    ------
+    ParameterError
+        If the frames are smaller than `least_size`.
+
+    Examples
+    --------
+    >>> import numpy as np, oppload_cli as oppload
+    >>> model = oppload.Dlgmd((48, 64))
+    >>> isinstance(model, oppload.Detector), model.step(np.zeros((48, 64), np.float32))
+    (True, None)
+    """
+
+    name: ClassVar[str]
+    label: ClassVar[str]
+    colour: ClassVar[str]
+    meaning: ClassVar[str]
+    unit: ClassVar[str] = "arbitrary unit"
+    response_column: ClassVar[tuple[str, str]] = ("", "response; empty during warm-up")
+    columns: ClassVar[tuple[Column, ...]] = ()
+    details: ClassVar[tuple[Column, ...]] = ()
+    answers: ClassVar[type[Response]] = Response
+    parameters: ClassVar[type[Parameters]] = Parameters
+    presets: ClassVar[Mapping[str, Parameters]] = {}
+    alarm_floors: ClassVar[Mapping[str, float]] = {DEFAULT_PRESET: 0.0}
+    by_default: ClassVar[bool] = False
+    variant_of: ClassVar[str] = ""
+    evaluated: ClassVar[bool] = True
+    year: ClassVar[int | None] = None
+    reference: ClassVar[str] = ""
+    answers_to: ClassVar[str] = ""
+    made_for: ClassVar[str] = ""
+    cost_ms: ClassVar[float | None] = None
+    least_size: ClassVar[tuple[int, int]] = (1, 1)
+    warm_up: ClassVar[int] = 1
+    places: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        params: Parameters | None = None,
+        *,
+        frame_rate: float | None = None,
+        layers: Layers | None = None,
+    ) -> None:
+        self.need_size(shape, self.least_size)
+        self.shape, self.frame_rate = shape, frame_rate
+        self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
+        self.params = (params or self.parameters()).resolved(shape[0], frame_rate)
+
+    @abstractmethod
+    def step(self, luma: Map) -> Response | None:
+        """Take the next frame and answer to it.
+
+        Its presentation time, where it is known, is ``self.layers.time_s``.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance L(t), 0 to 1.
+
+        Returns
+        -------
+        Response or None
+            None during warm-up.
+
+        Raises
+        ------
+        FrameError
+            If the array is not a luminance image of the right shape.
+        """
+
+    @abstractmethod
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+
+    @classmethod
+    def need_size(cls, shape: tuple[int, int], least: tuple[int, int]) -> None:
+        """Refuse frames that are too small for the detector's fields.
+
+        Parameters
+        ----------
+        shape, least : tuple of int
+            Height and width of the frames, and the least ones, in px.
+
+        Raises
+        ------
+        ParameterError
+            If a side is too short; the message says the least size.
+        """
+        if shape[0] < least[0] or shape[1] < least[1]:
+            raise ParameterError(
+                f"model '{cls.name}' needs frames of at least {least[1]} x {least[0]} px, not "
+                f"{shape[1]} x {shape[0]}; raise --height, or choose another model"
+            )
+
+    def at_rest(self) -> Response:
+        """Return the answer to a frame in which nothing changed: no response."""
+        return self.answers(0.0)
+
+    @property
+    def maps(self) -> dict[str, Map]:
+        """The layers of the latest frame by their symbols, such as ``P`` and ``S``.
+
+        Arrays of float32, shape (height, width); the next frame overwrites them. Empty where
+        the detector has none.
+        """
+        return {}
+
+    @property
+    def units(self) -> UnitMaps | None:
+        """The units at the latest frame; None where the detector has none."""
+        return None

@@ -1,0 +1,542 @@
+"""Photoreceptors, DPC and MDE: the layers that several detectors share (sections 1, 2 and 4)."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.compute.loops import compiled_in
+from oppload_cli.errors import FrameError
+from oppload_cli.models.kernels import Kernels
+from oppload_cli.models.timebase import NEARLY_ONE, Clock, nearly_one
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable, Sequence
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.kernels import DpcParams, Kernel
+
+    Map = NDArray[np.float32]  # one value per pixel of the working frame
+
+MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
+TOO_YOUNG = 1 / 8  # reference intervals that a frame may lack and count as one interval old
+MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
+
+
+# ---- The equations -------------------------------------------------------------------------
+
+
+def photoreceptors(luma: Map, before: Map, out: Map | None = None) -> Map:
+    """Return ``P(t) = |L(t) - L(t-1)|`` (``docs/model.md``, section 1)."""
+    return np.asarray(cv2.absdiff(luma, before, dst=out), np.float32)
+
+
+def convolved(values: Map, kernel: Kernel) -> Map:
+    """Return ``W * P``, a true convolution that takes P as 0 beyond the frame."""
+    flipped = kernel[::-1, ::-1].astype(np.float32)  # OpenCV correlates: it takes W at -d
+    convolution = cv2.filter2D(values, cv2.CV_32F, flipped, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(convolution, np.float32)
+
+
+def excitation(p: Sequence[Map], kernels: Kernels) -> Map:
+    """Return ``E = W_E * P(t)``, eq. (E); `p` holds P(t), P(t-1) and P(t-2)."""
+    return convolved(p[0], kernels.excitation)
+
+
+def inhibition(p: Sequence[Map], kernels: Kernels) -> Map:
+    """Return ``I = W_I1 * P(t-1) + W_I2 * P(t-2)``, eq. (I)."""
+    one, two = kernels.inhibition
+    return convolved(p[1], one) + convolved(p[2], two)
+
+
+def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map:
+    """Return ``I_phi = (W_I1 M_phi) * P(t-1) + (W_I2 M_phi) * P(t-2)``, section 4.
+
+    `axis` is the direction phi in degrees. Opposite pathways need one of these only, as
+    ``I_phi + I_(phi+180) = I``.
+    """
+    mask = kernels.masks[axis] + 0.5
+    one, two = kernels.inhibition
+    return convolved(p[1], one * mask) + convolved(p[2], two * mask)
+
+
+def rectified(excitation: Map, inhibition: Map) -> Map:
+    """Return ``S = max(0, E - I)``, eq. (S)."""
+    # At most E: OpenCV convolves with large kernels by Fourier transform, whose rounding leaves
+    # I a little below 0, and S must be exactly 0 where nothing changed.
+    return np.asarray(np.minimum(np.maximum(excitation - inhibition, 0), excitation), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class PresynapticSums:
+    """S of D-LGMD, and S_phi of the pathways by their direction phi in degrees.
+
+    All are arrays of float32, shape (height, width), at least 0.
+    """
+
+    presynaptic: Map
+    pathways: dict[int, Map]
+
+    @classmethod
+    def zeros(cls, shape: tuple[int, int], axes: tuple[int, ...]) -> PresynapticSums:
+        """Return zeros, for both pathways of each axis."""
+        directions = [*axes, *(phi + 180 for phi in axes)]
+        # In one piece: maps of their own would all begin at the same place of a memory page, and
+        # push each other out of the cache.
+        presynaptic, *pathways = np.zeros((1 + len(directions), *shape), np.float32)
+        return cls(presynaptic, dict(zip(directions, pathways, strict=True)))
+
+
+@compiled_in("presynaptic")
+def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -> None:
+    """Compute S and S_phi (``docs/model.md``, sections 2 and 4).
+
+    Parameters
+    ----------
+    p : sequence of ndarray of float32, shape (height, width)
+        P(t), P(t-1) and P(t-2), contiguous.
+    kernels : Kernels
+        With the masks of no axis, or of two axes at a right angle.
+    out : PresynapticSums
+        Takes ``S = max(0, E - I)`` and ``S_phi = max(0, E - I_phi)``.
+    """
+    e, i = excitation(p, kernels), inhibition(p, kernels)
+    out.presynaptic[:] = rectified(e, i)
+    for axis in kernels.masks:
+        i_phi = directional_inhibition(p, kernels, axis)
+        out.pathways[axis][:] = rectified(e, i_phi)
+        out.pathways[axis + 180][:] = rectified(e, i - i_phi)
+
+
+# ---- Other intervals than the reference ----------------------------------------------------
+
+
+AnyValues = TypeVar("AnyValues", float, "Map")
+
+
+def referred(s: AnyValues, excitation: AnyValues, share: float, *, directional: bool) -> AnyValues:
+    """Refer S over an interval of another length to S over the reference interval.
+
+    E grows in proportion to the displacement of an edge, and inhibition takes a loss off it that
+    is constant once the edge moves by a few pixels: S over the reference interval is
+    ``share E - (E - S)``. Below 2 px, S of a pathway that passes the edge is about
+    proportional to the square of the displacement: then ``share^2 S`` is the larger one
+    (``docs/time.md`` measures both).
+
+    Parameters
+    ----------
+    s, excitation : float or ndarray of float32
+        S and E, summed or pooled over the neighbourhood that the edge sweeps.
+    share : float
+        Reference interval over the actual one, above 0.
+    directional : bool
+        Whether S is that of a pathway.
+
+    Returns
+    -------
+    float or ndarray of float32
+        At least 0.
+    """
+    less, squared = s - (1 - share) * excitation, share * share * s
+    if share > 1:  # the inverse of what follows
+        result: AnyValues = np.minimum(less, squared)
+    else:
+        result = np.maximum(less, squared if directional else 0)
+    return result
+
+
+# ---- The layers of one video ---------------------------------------------------------------
+
+
+class _Record:
+    """P of one frame, and the record of the frame that it was compared with."""
+
+    __slots__ = ("at", "before", "change", "coarse", "mean")
+
+    def __init__(self, at: float) -> None:
+        self.at = at
+        self.change: Map | None = None
+        self.mean = 0.0
+        self.before: _Record | None = None
+        self.coarse: Map | None = None
+
+
+class Photoreceptors:
+    """P of a video, now and one and two intervals ago.
+
+    P(t) compares a frame with the youngest one that is an interval old, or with the next one, if
+    that is nearer and lacks 1/8 of the reference interval at most. One interval ago is when the
+    frame was that it is compared with.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    stride : int
+        Reference intervals in one interval of these photoreceptors, at least 1.
+    clock : Clock, optional
+        Tells the time of the frames; without it each lasts one reference interval.
+
+    Attributes
+    ----------
+    frames : int
+        How many frames were taken.
+    elapsed : float
+        Reference intervals from the frame before to the latest one.
+    share : float
+        Length that the interval ought to have over that of the latest one; 1 within 3 %.
+    """
+
+    def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
+        self.shape, self.stride = shape, stride
+        self._clock = clock or Clock()
+        self._nothing: Map = np.zeros(shape, np.float32)
+        self._free: list[Map] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self.frames = 0
+        self.elapsed = self.share = 1.0
+        self._now: float | None = None
+        self._latest = _Record(0.0)
+        self._lumas: deque[tuple[_Record, Map]] = deque()
+        self._records: deque[_Record] = deque()
+
+    @property
+    def _series(self) -> tuple[_Record | None, ...]:
+        one = self._latest.before
+        return self._latest, one, one.before if one else None
+
+    @property
+    def maps(self) -> list[Map]:
+        """P now and one and two intervals ago, 0 to 1; zeros where nothing was compared."""
+        return [
+            self._nothing if each is None or each.change is None else each.change
+            for each in self._series
+        ]
+
+    @property
+    def means(self) -> list[float]:
+        """The mean of each of `maps` over the frame."""
+        return [each.mean if each else 0.0 for each in self._series]
+
+    @property
+    def luma_change(self) -> float | None:
+        """Mean of P(t) over the frame, 0 to 1; None where no earlier frame was compared.
+
+        Changes add up over time, so that it is referred to the length of an interval.
+        """
+        return None if self._latest.change is None else self._latest.mean * self.share
+
+    @property
+    def ready(self) -> bool:
+        """Whether P was measured now and one and two intervals ago."""
+        return all(each is not None and each.change is not None for each in self._series)
+
+    def coarse(self, shape: tuple[int, int]) -> list[Map]:
+        """Return `maps` averaged over squares; `shape` is their number down and across.
+
+        They are as large as fit, and centred in the frame.
+        """
+        (height, width), (rows, columns) = self.shape, shape
+        side = max(1, min(height // rows, width // columns))  # OpenCV is fast where all are equal
+        top, left = (height - rows * side) // 2, (width - columns * side) // 2
+        squares = np.s_[top : top + rows * side, left : left + columns * side]
+        averaged = []
+        for each, change in zip(self._series, self.maps, strict=True):
+            area = each.coarse if each else None
+            if area is None or area.shape != shape:
+                small = cv2.resize(change[squares], shape[::-1], interpolation=cv2.INTER_AREA)
+                area = np.asarray(small, np.float32)
+            if each:
+                each.coarse = area
+            averaged.append(area)
+        return averaged
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance L(t), 0 to 1.
+
+        Returns
+        -------
+        bool
+            `ready`.
+
+        Raises
+        ------
+        FrameError
+            If the array is not float32 of that shape, or holds a value that is not finite. The
+            frame is not taken then.
+        """
+        if luma.shape != self.shape or luma.dtype != np.float32:
+            raise FrameError(
+                f"a frame must be a float32 array of shape {self.shape}, "
+                f"not {luma.dtype} of shape {luma.shape}"
+            )
+        record = _Record(self._clock.now(self._now))
+        compared = self._compared_with(record.at)
+        if compared:
+            record.before, luma_before = compared
+            record.change = photoreceptors(luma, luma_before, self._room())
+            record.mean = cv2.mean(record.change)[0]
+            if not np.isfinite(record.mean):
+                self._free.append(record.change)
+                raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
+            self.share = nearly_one(self.stride / (record.at - record.before.at))
+        self.elapsed = 1.0 if self._now is None else nearly_one(record.at - self._now)
+        self._keep(record, luma)
+        self._now, self.frames = record.at, self.frames + 1
+        return self.ready
+
+    def _compared_with(self, now: float) -> tuple[_Record, Map] | None:
+        """Return the frame nearest to an interval old, and forget the luminance before it."""
+        lumas, wanted = self._lumas, now - self.stride
+        while len(lumas) > 1 and lumas[1][0].at <= wanted + NEARLY_ONE * self.stride:
+            self._free.append(lumas.popleft()[1])
+        if not lumas:
+            return None
+        older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
+        lacking = younger[0].at - wanted
+        if lacking <= TOO_YOUNG and lacking < wanted - older[0].at:
+            return younger
+        return older if older[0].at <= wanted + TOO_YOUNG else None
+
+    def _keep(self, record: _Record, luma: Map) -> None:
+        """Keep a frame for later ones, unless it comes shortly after the one kept last."""
+        records, before = self._records, self._latest
+        if before.change is not None and before is not records[-1]:
+            self._free.append(before.change)
+        self._latest = record
+        if records and record.at - records[-1].at < self.stride / MOST_KEPT:
+            return
+        kept = self._room()
+        np.copyto(kept, luma)
+        self._lumas.append((record, kept))
+        records.append(record)
+        oldest = self._series[-1]
+        while oldest and records[0] is not oldest:
+            forgotten = records.popleft()
+            forgotten.before = None
+            if forgotten.change is not None:
+                self._free.append(forgotten.change)
+
+    def _room(self) -> Map:
+        return self._free.pop() if self._free else np.empty(self.shape, np.float32)
+
+
+class Dpc:
+    """The distributed presynaptic connections over one video (``docs/model.md``, section 2).
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames, each at least 1.
+    params : DpcParams
+        The DPC constants.
+    axes : tuple of int
+        Directions phi in degrees of the pathways' axes: none, (45, 135) or (0, 90); each serves
+        the pathways phi and phi + 180.
+    photoreceptors : Hold of Photoreceptors, optional
+        Shared photoreceptors; own ones otherwise.
+
+    Attributes
+    ----------
+    kernels : Kernels
+        Of these constants and axes.
+    sums : PresynapticSums
+        S and S_phi of the latest frame, once `ready`; the next frame overwrites them.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        params: DpcParams,
+        axes: tuple[int, ...] = (),
+        photoreceptors: Hold[Photoreceptors] | None = None,
+    ) -> None:
+        self._photoreceptors = photoreceptors or Hold(Photoreceptors(shape))
+        self._shape, self._params = shape, params
+        self.use(axes)
+
+    def use(self, axes: tuple[int, ...]) -> None:
+        """Compute the pathways of these axes from the next frame on."""
+        self.axes = axes
+        self.kernels = Kernels.of(self._params, axes)
+        self.sums = PresynapticSums.zeros(self._shape, axes)
+
+    @property
+    def photoreceptors(self) -> Photoreceptors:
+        """P of the latest frames."""
+        return self._photoreceptors.layer
+
+    @property
+    def frames(self) -> int:
+        """How many frames were taken."""
+        return self._photoreceptors.frames
+
+    @property
+    def ready(self) -> bool:
+        """Whether S was computed for the latest frame: after three intervals."""
+        return self.photoreceptors.ready
+
+    @property
+    def maps(self) -> dict[str, Map]:
+        """P, E, I and S of the latest frame, and S_phi as ``S_45`` and so on.
+
+        E and I are computed when this is read: S needs neither of them by itself.
+        """
+        p = self.photoreceptors.maps
+        named = {f"S_{phi}": pathway for phi, pathway in self.sums.pathways.items()}
+        e, i = excitation(p, self.kernels), inhibition(p, self.kernels)
+        return {"P": p[0], "E": e, "I": i, "S": self.sums.presynaptic, **named}
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._photoreceptors.reset()
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; arguments, result and errors as `Photoreceptors.step`."""
+        if self._photoreceptors.step(luma):
+            presynaptic_sums(self.photoreceptors.maps, self.kernels, self.sums)
+        return self.ready
+
+
+# ---- Sharing -------------------------------------------------------------------------------
+
+
+class Layer(Protocol):
+    """What several detectors may share: it takes frames, and holds values of the latest one."""
+
+    @property
+    def frames(self) -> int:
+        """How many frames were taken."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has values."""
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; return `ready`."""
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+
+
+AnyLayer = TypeVar("AnyLayer", bound=Layer)
+
+
+class Hold(Generic[AnyLayer]):
+    """One user's hold on a layer that others may hold too.
+
+    Each user steps its own hold at every frame. The first one makes the layer compute; for the
+    others the values are there already.
+
+    Attributes
+    ----------
+    layer : Photoreceptors or Dpc
+        Read its values after `step`.
+    frames : int
+        How many frames this user has taken.
+    """
+
+    def __init__(self, layer: AnyLayer) -> None:
+        self.layer = layer
+        self.frames = 0
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; result and errors as by the layer."""
+        if self.frames == self.layer.frames:
+            self.layer.step(luma)
+        self.frames += 1
+        return self.layer.ready
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.layer.reset()
+        self.frames = 0
+
+
+class Layers:
+    """The layers of one video, each made and computed once however many detectors use it.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    clock : Clock, optional
+        Tells the time of the frames; without it each lasts one reference interval.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> layers = oppload.Layers((48, 64))
+    >>> one = oppload.Dlgmd((48, 64), layers=layers)
+    >>> other = oppload.FrameDifference((48, 64), layers=layers)
+    >>> one.layers is other.layers
+    True
+    """
+
+    def __init__(self, shape: tuple[int, int], clock: Clock | None = None) -> None:
+        self.shape = shape
+        self.clock = clock or Clock()
+        self._photoreceptors: dict[int, Photoreceptors] = {}
+        self._dpcs: list[tuple[DpcParams, int, Dpc]] = []
+        self._others: dict[Hashable, Any] = {}
+
+    @property
+    def time_s(self) -> float | None:
+        """Presentation time of the frame that is given now; None where nobody tells it."""
+        return self.clock.time_s
+
+    def photoreceptors(self, stride: int = 1) -> Hold[Photoreceptors]:
+        """Return a hold on the photoreceptors whose interval is `stride` reference intervals."""
+        if stride not in self._photoreceptors:
+            self._photoreceptors[stride] = Photoreceptors(self.shape, stride, self.clock)
+        return Hold(self._photoreceptors[stride])
+
+    def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> Hold[Dpc]:
+        """Return a hold on the DPC layers of some constants and axes.
+
+        Parameters
+        ----------
+        params : DpcParams
+            The DPC constants; others that it holds do not matter.
+        axes : tuple of int
+            As for :class:`Dpc`.
+        stride : int
+            Reference intervals between the frames that are compared, at least 1.
+        """
+        constants = params.dpc()
+        for known, known_stride, dpc in self._dpcs:
+            same = (known, known_stride) == (constants, stride)
+            if same and (not axes or dpc.axes in {axes, ()}):
+                if axes and not dpc.axes:
+                    dpc.use(axes)
+                return Hold(dpc)
+        dpc = Dpc(self.shape, constants, axes, self.photoreceptors(stride))
+        self._dpcs.append((constants, stride, dpc))
+        return Hold(dpc)
+
+    def other(self, key: Hashable, make: Callable[[], AnyLayer]) -> Hold[AnyLayer]:
+        """Return a hold on a layer of another kind.
+
+        Parameters
+        ----------
+        key : hashable
+            Its kind and all its constants.
+        make : callable
+            Makes it, where nobody holds one with this key.
+        """
+        if key not in self._others:
+            self._others[key] = make()
+        return Hold(self._others[key])

@@ -1,0 +1,121 @@
+"""Divergence of dense optical flow, an engineering baseline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import FrameError
+from oppload_cli.models.detector import Detector, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.dpc import Map
+
+SHORTEST_SIDE = 16  # inverse search refuses smaller frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class FlowDivergenceParams(Parameters):
+    """Parameters of flow divergence.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> isinstance(oppload.parameters_of("flow_divergence"), oppload.FlowDivergenceParams)
+    True
+    """
+
+    window: float = parameter(
+        5 / 12,
+        "side of the window over which the divergence is averaged, as a share of the height",
+        low=0.01,
+        high=1,
+    )
+
+
+def largest_divergence(flow: NDArray[np.float32], side: int) -> float:
+    """Return the largest mean divergence over the windows within a frame, at least 0, in 1/frame.
+
+    The divergence du/dx + dv/dy by central differences is averaged with its sign over every
+    square window that lies within the frame. By Gauss's theorem the mean is the flow out of the
+    window over its area: rotation, shear and translation cancel, an expanding surface remains.
+
+    Parameters
+    ----------
+    flow : ndarray of float32, shape (height, width, 2)
+        Motion (x, y) in px/frame.
+    side : int
+        Side of a window in px; at most the frame's shorter side is used.
+    """
+    divergence = np.gradient(flow[..., 0], axis=1) + np.gradient(flow[..., 1], axis=0)
+    height, width = divergence.shape
+    side = max(1, min(side, height, width))
+    sums = cv2.integral(divergence.astype(np.float64))
+    windows = sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side]
+    return max(0.0, float(windows.max()) / side**2)
+
+
+class FlowDivergence(Detector):
+    """The largest mean divergence of the flow over any window of the frame.
+
+    Dense inverse search flow (OpenCV's preset "ultrafast") between consecutive frames; the
+    response is the rate of expansion of areas, 0 for a frame under 16 px on a side.
+
+    Source: Kroeger et al. 2016 for the flow; ``docs/evaluation.md`` for the measure.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.FlowDivergence.meaning == oppload.detectors()["flow_divergence"].meaning
+    True
+    """
+
+    name = "flow_divergence"
+    label = "flow divergence"
+    colour = "#E69F00"
+    year = 2016
+    reference = "Kroeger et al. for the flow; the divergence is defined here"
+    answers_to = "expansion of textured surfaces"
+    made_for = "frames from 16 px on a side, any rate"
+    cost_ms = 2.6
+    meaning = "optical flow: largest mean divergence over a window of 5/12 of the height"
+    unit = "1/frame"
+    response_column = "1/frame", "largest mean divergence of optical flow over a window"
+    parameters = FlowDivergenceParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.3}
+
+    params: FlowDivergenceParams
+
+    def __init__(
+        self, shape: tuple[int, int], params: FlowDivergenceParams | None = None, **others: Any
+    ) -> None:
+        super().__init__(shape, params, **others)
+        self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._before: NDArray[np.uint8] | None = None
+
+    def step(self, luma: Map) -> Response | None:
+        """Take the next frame; None for the first one."""
+        if luma.shape != self.shape:
+            raise FrameError(f"a frame must be of shape {self.shape}, not of shape {luma.shape}")
+        now = cv2.convertScaleAbs(luma, alpha=255.0).astype(np.uint8)
+        before, self._before = self._before, now
+        if before is None:
+            return None
+        if min(self.shape) < SHORTEST_SIDE:
+            return Response(0.0)
+        flow = np.zeros((*self.shape, 2), np.float32)
+        self._search.calc(before, now, flow)
+        return Response(largest_divergence(flow, round(self.params.window * self.shape[0])))

@@ -1,0 +1,179 @@
+"""The parameters of OppLoD (``docs/model.md``, sections 4 and 5)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.models.arms import ArmParams
+from oppload_cli.schema import parameter
+
+LEAST_SIGMA = 0.01  # cells: below, a cell is pooled with itself alone
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpplodParams(ArmParams):
+    """Parameters of OppLoD: the DPC constants, opponency and enhancing (sections 4 and 5).
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.OpplodParams().replaced(gain=2).gain
+    2.0
+    """
+
+    judgement: str = parameter(
+        "pooled",
+        "opposing motion judgement: 'pooled' over cells, 'pixelwise' as the paper has it, or by "
+        "the 'arms' of an LPLC2 neuron",
+        choices=("pooled", "pixelwise", "arms"),
+    )
+    receptive_field: int | None = parameter(
+        None,
+        "side of a unit's square field; auto: field_share of the height",
+        unit="px",
+        low=2,
+        high=8192,
+    )
+    cell: int | None = parameter(
+        None, "spacing of cells; auto: cell_share of the height", unit="px", low=1, high=1024
+    )
+    field_share: float = parameter(
+        1.0,
+        "side of an automatic receptive_field, as a share of the working height",
+        low=0.01,
+        high=2,
+    )
+    cell_share: float = parameter(
+        0.05, "size of an automatic cell, as a share of the working height", low=0.001, high=0.5
+    )
+    pool_sigma: float = parameter(
+        1.0, "spread of pooling; 0: no pooling", unit="cells", low=0, high=10
+    )
+    axes: int = parameter(
+        45, "first axis of opponency; the other is 90 degrees on", unit="deg", choices=(0, 45)
+    )
+    border: int = parameter(
+        6,
+        "width of the strip along the edge of the frame in which S is set to 0",
+        unit="px",
+        low=0,
+        high=1000,
+    )
+    compression: float = parameter(
+        0.5, "exponent of the pooled S; below 1, contrast counts for less", low=0.1, high=2
+    )
+    strides: int = parameter(
+        2,
+        "compare frames 1, 2, ... up to this many intervals apart, and add the responses",
+        low=1,
+        high=16,
+    )
+    persistence: float = parameter(
+        0.5, "share of R that a unit keeps from one interval to the next", low=0, high=0.99
+    )
+    history: float = parameter(
+        0.125,
+        "S counts only where, one and two intervals ago, the change nearby was at least this share "
+        "of the present one: with less, motion has only just begun there; 0: off",
+        low=0,
+        high=1,
+    )
+    adaptation_level: float = parameter(
+        0.035, "R is divided where its background is above this level; 0: never", low=0, high=1e9
+    )
+    adaptation_s: float = parameter(
+        4.0, "length of this background, back from the latest frame", unit="s", low=0.1, high=60
+    )
+    adaptation_guard_s: float = parameter(
+        0.2,
+        "latest part of this time that does not yet count as background",
+        unit="s",
+        low=0,
+        high=60,
+    )
+    cone: float = parameter(
+        60.0,
+        "largest angle between an offset and the motion that is outward (or inward) there",
+        unit="deg",
+        low=1,
+        high=90,
+    )
+    periphery: float = parameter(
+        1.1, "weight of inward against outward motion, w_p", low=0, high=1000
+    )
+    threshold: float = parameter(0.0, "opponency above which it is enhanced, T_o", low=0, high=1e9)
+    gain: float = parameter(1.0, "gain of enhancing, c2", low=0, high=1e9)
+    units: str = parameter("every", "grid of units such as 5x5 (columns x rows), or 'every' cell")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.units != "every" and not re.fullmatch(r"[1-9]\d{0,2}x[1-9]\d{0,2}", self.units):
+            raise ParameterError(
+                f"parameter 'units' of opplod must be 'every' or columns x rows such as 5x5, "
+                f"not '{self.units}'"
+            )
+        if 0 < self.pool_sigma < LEAST_SIGMA:
+            raise ParameterError(
+                f"parameter 'pool_sigma' of opplod must be 0 or at least {LEAST_SIGMA:g}, "
+                f"not {self.pool_sigma:g}"
+            )
+        if self.judgement == "arms" and self.axes != 0:
+            raise ParameterError(
+                "parameter 'axes' of opplod must be 0 with judgement=arms (preset lplc2), whose "
+                f"arms are cardinal, not {self.axes}"
+            )
+        if self.judgement == "pixelwise":
+            self._check_pixelwise()
+
+    def _check_pixelwise(self) -> None:
+        literal = {
+            "cell": 1,
+            "border": 0,
+            "cone": 90,
+            "pool_sigma": 0,
+            "periphery": 0,
+            "compression": 1,
+            "strides": 1,
+            "persistence": 0,
+            "history": 0,
+            "adaptation_level": 0,
+        }
+        for name, value in literal.items():
+            if getattr(self, name) != value:
+                raise ParameterError(
+                    f"parameter '{name}' of opplod must be {value} with judgement=pixelwise "
+                    f"(preset paper), which is the paper to the letter"
+                )
+        if self.units == "every":
+            raise ParameterError(
+                "parameter 'units' of opplod must be a grid such as 5x5 with judgement=pixelwise"
+            )
+
+    def resolved(self, height: int, _: float | None = None) -> OpplodParams:
+        """Return these parameters with what follows from the video filled in.
+
+        `receptive_field` and `cell` become their shares of the working height (240 and 12 px at
+        240, and 100 and 8 px under preset ``reference``), but at least 2 and 1 px.
+        """
+        scale = height / self.kernel_height if self.kernel_height else 1.0
+        return self.replaced(
+            **self.scaled(scale),
+            kernel_height=0,
+            receptive_field=self.receptive_field
+            or max(2, min(8192, round(height * self.field_share))),
+            cell=self.cell or max(1, min(1024, round(height * self.cell_share))),
+        )
+
+    @property
+    def both_axes(self) -> tuple[int, int]:
+        """The two axes of opponency in degrees, 90 apart."""
+        return self.axes, self.axes + 90
+
+    def grid(self) -> tuple[int, int] | None:
+        """Return the grid of units as (columns, rows), or None where every cell is a unit."""
+        if self.units == "every":
+            return None
+        columns, rows = self.units.split("x")
+        return int(columns), int(rows)

@@ -1,0 +1,498 @@
+"""Opposing motion judgement (OMJ), made to work (``docs/model.md``, section 5).
+
+Pool the S maps over cells, multiply what moves apart on opposite sides of each unit, take
+outward minus inward. :mod:`oppload_cli.models.opposing_motion` is the paper to the letter instead.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from oppload_cli.compute.loops import compiled_in
+from oppload_cli.models.background import Background
+from oppload_cli.models.detector import UnitMaps
+from oppload_cli.models.dpc import referred
+from oppload_cli.models.kernels import Kernels
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.dpc import Map, Photoreceptors
+    from oppload_cli.models.opplod_parameters import OpplodParams
+
+    Floats = NDArray[np.float64]
+
+
+_BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
+POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
+
+
+class Judgement(NamedTuple):
+    """The winning unit of one frame.
+
+    Attributes
+    ----------
+    response : float
+        The enhanced response of the frame, at least 0.
+    opponency : float
+        R of the winning unit before enhancing, at least 0.
+    centre_x, centre_y : float
+        Centre of the winning unit in working pixels (pixel i covers [i, i + 1)).
+    calcium : float or None
+        The largest calcium signal of all units; None where there is none.
+    """
+
+    response: float
+    opponency: float
+    centre_x: float
+    centre_y: float
+    calcium: float | None = None
+
+
+# ---- The equations -------------------------------------------------------------------------
+
+
+def cell_centres(length: int, cell: int) -> Floats:
+    """Return where the centres of the cells lie along one side of the frame.
+
+    As many complete cells as fit, at least one, stand centred in the frame.
+
+    Parameters
+    ----------
+    length : int
+        Side of the frame in pixels.
+    cell : int
+        Spacing of the cells in pixels.
+    """
+    count = max(1, length // cell)
+    return np.asarray((length - count * cell) / 2 + (np.arange(count) + 0.5) * cell, np.float64)
+
+
+def pooling_weights(length: int, centres: Floats, sigma: float, border: int = 0) -> Map:
+    """Return the weights with which each cell pools the pixels along one side of the frame.
+
+    Parameters
+    ----------
+    length : int
+        Side of the frame in pixels.
+    centres : ndarray, shape (n,)
+        Centres of the cells in pixels; pixel i covers [i, i + 1).
+    sigma : float
+        Spread of the Gaussian in pixels; 0 takes the pixel at the centre alone.
+    border : int
+        Pixels at either end of the side that do not count.
+
+    Returns
+    -------
+    ndarray of float32, shape (n, length)
+        A Gaussian whose sum is 1 on an endless side.
+    """
+    distance = np.arange(length) + 0.5 - centres[:, None]
+    if sigma > 0:
+        reach = math.ceil(POOLED_SIGMAS * sigma)
+        offsets = np.arange(-reach, reach + 1)
+        weights = np.exp(-((distance / sigma) ** 2) / 2)
+        weights /= np.exp(-((offsets / sigma) ** 2) / 2).sum()
+        weights[np.abs(distance) > reach] = 0
+    else:
+        weights = (np.floor(centres)[:, None] == np.arange(length)).astype(np.float64)
+    if border:
+        weights[:, :border] = weights[:, -border:] = 0
+    return np.asarray(weights, np.float32)
+
+
+@compiled_in("maps")
+def pool(values: Map, down: Map, across: Map) -> Map:
+    """Pool a map over the cells: ``down values across'``, step 1 of section 5.
+
+    Parameters
+    ----------
+    values : ndarray of float32, shape (height, width)
+        S_phi, contiguous.
+    down, across : ndarray of float32, shapes (rows, height) and (columns, width)
+        :func:`pooling_weights` of either side.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, columns)
+    """
+    return np.asarray(down @ values @ across.T, np.float32)
+
+
+def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
+    """Weigh the offsets u of the opponent products, steps 2 and 3 of section 5.
+
+    Parameters
+    ----------
+    reach : int
+        Largest offset in cells, across and down.
+    axis : int
+        Direction phi of the passing pathway in degrees: 0, 45, 90 or 135.
+    cone : float
+        Largest angle in degrees between an offset and the axis, up to 90.
+    periphery : float
+        w_p, the weight of inward against outward motion.
+
+    Returns
+    -------
+    ndarray of float32, shape (2 reach + 1, 2 reach + 1)
+        By row and column of u: 1 within the cone about u_phi (outward), -w_p within that about
+        -u_phi (inward), else 0.
+
+    Source: ``docs/model.md``, section 5; the cone is that of ``docs/presets.md``.
+    """
+    # Along an axis or a diagonal each component of u_phi is -1, 0 or 1 times one length.
+    right = round(math.cos(math.radians(axis)) * math.sqrt(2))
+    up = round(math.sin(math.radians(axis)) * math.sqrt(2))
+    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    along = x * right - y * up
+    least = math.cos(math.radians(cone)) * math.hypot(right, up) * np.hypot(x, y)
+    within = np.abs(along) > least - 1e-9
+    return np.asarray(((along > 0) - periphery * (along < 0)) * within, np.float32)
+
+
+@compiled_in("maps")
+def opponent_products(passing: Map, opposite: Map, weights: Map) -> Map:
+    """Sum ``O(c, u) = S_phi(c + u) S_(phi+180)(c - u)`` over the offsets u, weighted.
+
+    Parameters
+    ----------
+    passing, opposite : ndarray of float32, shape (rows, columns)
+        The pooled S_phi and S_(phi+180), contiguous; beyond the frame they are 0.
+    weights : ndarray of float32, shape (2 reach + 1, 2 reach + 1)
+        :func:`offset_weights`.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows, columns)
+        ``out(c) - w_p in(c)`` of the unit at every cell c.
+    """
+    sums = np.zeros_like(passing)
+    rows, columns = passing.shape
+    reach = len(weights) // 2
+    for dy, dx in np.argwhere(weights) - reach:
+        y, x = abs(dy), abs(dx)  # beyond these margins one of the two is outside the frame
+        if 2 * y < rows and 2 * x < columns:
+            ahead = passing[y + dy : rows - y + dy, x + dx : columns - x + dx]
+            behind = opposite[y - dy : rows - y - dy, x - dx : columns - x - dx]
+            sums[y : rows - y, x : columns - x] += weights[reach + dy, reach + dx] * ahead * behind
+    return sums
+
+
+def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
+    """Tell where S has an inhibition that belongs to it: where motion has not just begun.
+
+    The first edges that move after a rest meet no inhibition, in no direction, and excite all
+    pathways alike. The history of a cell is the largest change within 6 cells.
+
+    Parameters
+    ----------
+    changes : sequence of ndarray of float32, shape (rows, columns)
+        P over cells, now and one and two intervals ago.
+    least : float
+        Least history, one and two intervals ago, over the largest change now in the cell or
+        beside it.
+
+    Returns
+    -------
+    ndarray of bool, shape (rows, columns)
+
+    Source: ``docs/time.md``.
+    """
+    now, *before = changes
+    needed = np.float32(least) * cv2.dilate(now, _BESIDE)
+    found = np.minimum(*(cv2.dilate(each, _NEARBY) for each in before))
+    return np.asarray(found >= needed)
+
+
+def enhanced(opponency: Map, gain: float, threshold: float) -> Map:
+    """Return ``c2 R^2`` where R is above T_o, else 0, step 4 of section 5."""
+    return np.where(opponency > threshold, np.float32(gain) * opponency**2, np.float32(0))
+
+
+def unit_starts(room: int, count: int) -> list[int]:
+    """Spread a row of units evenly.
+
+    Parameters
+    ----------
+    room : int
+        Side of the frame less that of a receptive field, in pixels.
+    count : int
+        How many units there are, at least 1.
+
+    Returns
+    -------
+    list of int
+        Where their fields start: from 0 to `room`; in the middle for one unit.
+    """
+    if count == 1:
+        return [room // 2]
+    return [round(index * room / (count - 1)) for index in range(count)]
+
+
+def selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[int, int]) -> Map:
+    """Return 1 at the cells that are units, 0 elsewhere.
+
+    Parameters
+    ----------
+    maps : UnitMaps
+        The centres of the cells, and the side of a receptive field.
+    grid : tuple of int or None
+        Columns and rows of the units, spread evenly; None where every cell is a unit.
+    shape : tuple of int
+        Height and width of the working frames.
+    """
+    if grid is None:
+        return np.ones_like(maps.responses)
+    field = min(int(maps.field), *shape)
+    rows, columns = (
+        [int(np.abs(centres - (start + field / 2)).argmin()) for start in starts]
+        for centres, starts in (
+            (maps.centres_y, unit_starts(shape[0] - field, grid[1])),
+            (maps.centres_x, unit_starts(shape[1] - field, grid[0])),
+        )
+    )
+    selected = np.zeros_like(maps.responses)
+    selected[np.ix_(rows, columns)] = 1
+    return selected
+
+
+# ---- The judgement over one video ----------------------------------------------------------
+
+
+class PooledJudgement:
+    """OMJ at every cell: pool, outward minus inward, enhance the best unit.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        Resolved parameters (`receptive_field` and `cell` are numbers).
+    per_second : float
+        Intervals per second.
+
+    Attributes
+    ----------
+    maps : UnitMaps
+        The units at the latest frame.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
+    ) -> None:
+        self._params, self._per_second = params, per_second
+        cell, field = params.cell or 1, params.receptive_field or 0
+        centres_y, centres_x = (cell_centres(length, cell) for length in shape)
+        sigma = params.pool_sigma * cell
+        self._down = pooling_weights(shape[0], centres_y, sigma, params.border)
+        self._across = pooling_weights(shape[1], centres_x, sigma, params.border)
+        reach = int(field / 2 // cell)
+        self._weights = {
+            axis: offset_weights(reach, axis, params.cone, params.periphery)
+            for axis in params.both_axes
+        }
+        self.maps = UnitMaps(
+            np.zeros((len(centres_y), len(centres_x)), np.float32),
+            {},
+            centres_y,
+            centres_x,
+            float(field),
+            # A power of a Gaussian is a Gaussian, wider where the power is below 1.
+            sigma / math.sqrt(params.compression),
+        )
+        self._excitation = np.float32(Kernels.of(params.dpc(), ()).excitation.sum())
+        self._gains = selected_units(self.maps, params.grid(), shape)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the frames that have passed."""
+        params = self._params
+        self._kept = np.zeros_like(self.maps.responses)
+        self._moving = 0.0  # intervals
+        # Times of frames add up with rounding: a hundredth of an interval decides no comparison.
+        self._background = Background(
+            params.adaptation_s * self._per_second + 0.01,
+            params.adaptation_guard_s * self._per_second + 0.01,
+        )
+
+    def opponency(self, pathways: Mapping[int, Map], seen: Photoreceptors | None = None) -> Map:
+        """Return R(c), outward minus inward opponency, of the unit at every cell.
+
+        Parameters
+        ----------
+        pathways : mapping of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees.
+        seen : Photoreceptors, optional
+            From which they were made, for what depends on the interval and on what came before.
+
+        Returns
+        -------
+        ndarray of float32, shape (rows, columns)
+            Sum over both axes of ``max(0, out - w_p in)``.
+        """
+        pooled = {phi: pool(s, self._down, self._across) for phi, s in pathways.items()}
+        if seen is not None:
+            pooled = self._in_time(pooled, seen)
+        if self._params.compression != 1:
+            pooled = {phi: each**self._params.compression for phi, each in pooled.items()}
+        self.maps = self.maps._replace(pathways=pooled)
+        total = np.zeros_like(self.maps.responses)
+        for axis, weights in self._weights.items():
+            products = opponent_products(pooled[axis], pooled[axis + 180], weights)
+            total += np.maximum(products, 0)
+        return total
+
+    def _in_time(self, pooled: dict[int, Map], seen: Photoreceptors) -> dict[int, Map]:
+        """Refer pooled S to the reference interval, and leave out motion that has just begun."""
+        if seen.share != 1:
+            e = self._excitation * pool(seen.maps[0], self._down, self._across)
+            pooled = {
+                phi: referred(s, e, seen.share, directional=True) for phi, s in pooled.items()
+            }
+        if self._params.history:
+            known = has_history(seen.coarse(self.maps.responses.shape), self._params.history)
+            if not known.all():
+                pooled = {phi: s * known for phi, s in pooled.items()}
+        return pooled
+
+    def judge(
+        self,
+        pathways: Mapping[int, Map],
+        further: Map | None = None,
+        seen: Photoreceptors | None = None,
+    ) -> Judgement:
+        """Judge the S maps of the four pathways.
+
+        Parameters
+        ----------
+        pathways : mapping of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees.
+        further : ndarray of float32, shape (rows, columns), optional
+            R of frames further apart, which is added.
+        seen : Photoreceptors, optional
+            As for `opponency`.
+
+        Returns
+        -------
+        Judgement
+            Of the best unit; its response is ``c2 R^2``, 0 unless R is above T_o.
+        """
+        params = self._params
+        opponency = self.opponency(pathways, seen)
+        elapsed = seen.elapsed if seen else 1.0
+        if further is not None:
+            opponency += further
+        if params.persistence:
+            cv2.accumulateWeighted(opponency, self._kept, 1 - params.persistence**elapsed)
+            opponency = self._kept.copy()
+        opponency *= self._gains
+        if params.adaptation_level:
+            opponency *= np.float32(self._adaptation(float(opponency.max()), elapsed))
+        responses = enhanced(opponency, params.gain, params.threshold)
+        self.maps = self.maps._replace(responses=responses)
+        row, column = divmod(int(opponency.argmax()), opponency.shape[1])
+        best = float(opponency[row, column])
+        return Judgement(
+            params.gain * best**2 if best > params.threshold else 0.0,
+            best,
+            float(self.maps.centres_x[column]),
+            float(self.maps.centres_y[row]),
+        )
+
+    def _adaptation(self, best: float, elapsed: float) -> float:
+        """Return what R is multiplied by: 1, or less in a scene full of opponent motion.
+
+        ``min(1, level / B)``, with B the background of the best unit's R (``docs/presets.md``).
+        """
+        if not best:  # a scene at rest is no background
+            return 1.0
+        self._moving += elapsed
+        background = self._background.step(best, self._moving)
+        return min(1.0, self._params.adaptation_level / background) if background else 1.0
+
+
+# ---- The paper to the letter ---------------------------------------------------------------
+
+
+class PixelwiseJudgement:
+    """Products pixel by pixel in the receptive fields of a grid of units.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        Resolved parameters with a grid of units.
+
+    Attributes
+    ----------
+    maps : UnitMaps
+        The units at the latest frame.
+    """
+
+    def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
+        self._params = params
+        self._field = min(params.receptive_field or 0, *shape)
+        columns, rows = params.grid() or (1, 1)
+        self.lefts = unit_starts(shape[1] - self._field, columns)
+        self.tops = unit_starts(shape[0] - self._field, rows)
+        self.maps = UnitMaps(
+            np.zeros((rows, columns), np.float32),
+            {},
+            np.asarray(self.tops, np.float64) + self._field / 2,
+            np.asarray(self.lefts, np.float64) + self._field / 2,
+            float(self._field),
+            0.0,
+        )
+
+    def reset(self) -> None:
+        """Forget the frames that have passed: this judgement remembers none."""
+
+    def judge(self, pathways: Mapping[int, Map], share: float = 1.0) -> Judgement:
+        """Judge the S maps of the four pathways.
+
+        Parameters
+        ----------
+        pathways : mapping of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees.
+        share : float
+            Reference interval over the actual one; S is multiplied by it.
+
+        Returns
+        -------
+        Judgement
+            The response is the sum of S_E over all units; the place is that of the unit with
+            the largest part of it.
+        """
+        if share != 1:
+            pathways = {phi: s * np.float32(share) for phi, s in pathways.items()}
+        values = np.array(
+            [[self._unit(pathways, top, left) for left in self.lefts] for top in self.tops]
+        )
+        row, column = divmod(int(values[..., 0].argmax()), values.shape[1])
+        self.maps.responses[:] = values[..., 0]
+        return Judgement(
+            float(values[..., 0].sum()),
+            float(values[row, column, 1]),
+            float(self.maps.centres_x[column]),
+            float(self.maps.centres_y[row]),
+        )
+
+    def _unit(self, pathways: Mapping[int, Map], top: int, left: int) -> tuple[float, float]:
+        """Return one unit's sum of ``S_E = c2 S_e^2``, and the sum of the products S_e."""
+        field = np.s_[top : top + self._field, left : left + self._field]
+        s_enhanced = s_e = 0.0
+        for phi in self._params.both_axes:
+            product = pathways[phi][field] * pathways[phi + 180][field][::-1, ::-1]
+            selected = product[product > self._params.threshold].astype(np.float64)
+            # The products in the other order are the same ones, rotated by 180 degrees.
+            s_enhanced += 2 * self._params.gain * float(selected @ selected)
+            s_e += 2 * float(selected.sum())
+        return s_enhanced, s_e

@@ -1,0 +1,1 @@
+"""Looming detectors of the field, each as its authors wrote it (``docs/detectors.md``)."""

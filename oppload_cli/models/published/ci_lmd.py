@@ -1,0 +1,118 @@
+"""CI-LMD: ON and OFF pathways that inhibit each other (2026)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import (
+    DECAY,
+    EDGE,
+    ChangeDetector,
+    averaged,
+    k3,
+    positive,
+    sigmoid,
+    spread,
+)
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from oppload_cli.models.published.parts import Plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class CiLmdParams(Parameters):
+    """Parameters of ci_lmd."""
+
+    on_inhibition: float = parameter(0.4, "weight of the spread ON in ON", low=0, high=100)
+    off_inhibition: float = parameter(0.6, "weight of the spread OFF in OFF", low=0, high=100)
+    off_on: float = parameter(0.25, "weight of OFF against ON", low=0, high=100)
+    on_off: float = parameter(0.3, "weight of ON against OFF", low=0, high=100)
+    threshold: float = parameter(10.0, "G that counts", unit="grey levels", above=0, high=1e6)
+
+
+@dataclass(frozen=True)
+class CiLmdResponse(Response):
+    """The answer of ci_lmd, with its output."""
+
+    ci_lmd: float = 0.5
+
+
+class CiLmd(ChangeDetector):
+    """The looming detector with cross-inhibition of ON and OFF.
+
+    P is convolved with an excitatory Gaussian (5 x 5 px, sigma 4) and an inhibitory one (9 x 9,
+    sigma 2; the smaller window has the larger sigma), neither with sum 1. D is the absolute
+    difference where both have one sign, and has that sign; ON and OFF are its parts.
+    ``So = ON - 0.4 W * ON(t-1) - 0.25 OFF``, ``Sf = OFF - 0.6 W * OFF(t-1) - 0.3 ON`` and
+    ``S = So + 0.9 Sf + 0.5 So Sf``.
+
+    Source: fuqinbing's CI model, 2026; ``docs/detectors.md``.
+    """
+
+    name = "ci_lmd"
+    label = "CI-LMD"
+    colour = "#DDCC77"
+    meaning = "cross-inhibition of ON and OFF after a difference of Gaussians"
+    unit = "grey levels"
+    response_column = "grey levels", "sum of G over the number of pixels"
+    details = (Column("ci_lmd", "0.5 to 1", "sigmoid of the sum of G over 0.9 of the pixels"),)
+    answers = CiLmdResponse
+    parameters = CiLmdParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 9.0}
+    year = 2026
+    reference = "Fu, CI model for looming detection"
+    answers_to = "places where a strong change has just ended; not to weak edges"
+    made_for = "any size and rate"
+    cost_ms = 2.0
+    warm_up = 0
+
+    params: CiLmdParams
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        self._on = self._off = self.zeros()
+
+    def first(self) -> CiLmdResponse:
+        """Return the answer to frame 0."""
+        return CiLmdResponse(0.0)
+
+    def answer(self, p: Plane) -> CiLmdResponse:
+        """Answer to the change of a frame."""
+        ask, d = self.params, difference(p)
+        brighter = positive(d)
+        on = cv2.scaleAdd(self._on, DECAY, brighter)
+        off = cv2.scaleAdd(self._off, DECAY, brighter - d)
+        w = k3(0, 1 / 4, 1 / 8)
+        so = cv2.addWeighted(on, 1, spread(self._on, w), -ask.on_inhibition, 0)
+        so = cv2.scaleAdd(off, -ask.off_on, so)
+        sf = cv2.addWeighted(off, 1, spread(self._off, w), -ask.off_inhibition, 0)
+        sf = cv2.scaleAdd(on, -ask.on_off, sf)
+        self._on, self._off = np.asarray(on), np.asarray(off)
+        s = cv2.addWeighted(so, 1, sf, 0.9, 0) + cv2.multiply(so, sf, scale=0.5)
+        g = averaged(np.asarray(s))
+        mean = float(g[g >= ask.threshold].sum(dtype=np.float64)) / self.pixels
+        return CiLmdResponse(mean, None, sigmoid(mean / 0.9))
+
+
+def difference(p: Plane) -> Plane:
+    """Return D: ``+-|e - i|`` where excitation and inhibition have one sign, else 0."""
+    e, i = blurred(p, 5, 4), blurred(p, 9, 2)
+    d = np.abs(e - i)
+    d[(e < 0) & (i < 0)] *= -1
+    d[(e < 0) != (i < 0)] = 0
+    return d
+
+
+def blurred(p: Plane, side: int, sigma: float) -> Plane:
+    """Return P convolved with a Gaussian of amplitude ``1 / (2 pi sigma^2)``, cut to a square."""
+    offsets = np.arange(side) - side // 2
+    line = np.exp(-(offsets**2) / (2 * sigma**2)) / (sigma * math.sqrt(2 * math.pi))
+    return np.asarray(cv2.sepFilter2D(p, -1, line, line, borderType=EDGE))

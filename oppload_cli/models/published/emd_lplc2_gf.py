@@ -1,0 +1,253 @@
+"""EMD-LPLC2-GF: motion detectors, an array of LPLC2 units and a giant fibre (Zhao et al. 2023)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.models.detector import Box, Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import ChangeDetector
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from oppload_cli.models.published.parts import Plane
+
+LOW_PASS = 1 / 6  # share of the input in each low-passed value
+HIGH_PASS = 25 / 26
+OFF_LEVEL = 0.05  # a resting pixel has this OFF signal: only differences of it matter
+
+AUTHORS_PIXELS = 200 * 150
+SATURATING_UNITS = 2500  # active units of the authors' array that make an input of 1
+VELOCITY_SCALE = 57.6  # (2116 - 676) / 2500 / 0.01 s
+STEP_S = 0.01  # the authors' frames
+
+REST_MV, SPIKE_MV, RESET_MV, LOWEST_MV = -60.0, -50.0, -70.0, -80.0
+MEMBRANE_STEPS, MEMBRANE_STEP_S, MEMBRANE_TAU_S = 20, 0.0005, 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class EmdLplc2GfParams(Parameters):
+    """Parameters of EMD-LPLC2-GF."""
+
+    height: int = parameter(
+        150, "rows to which taller frames are reduced", unit="px", low=8, high=10000
+    )
+    receptive_field: int | None = parameter(
+        None,
+        "side of a unit's field at the reduced size; auto: 2/3 of the rows",
+        unit="px",
+        low=4,
+        high=10000,
+    )
+    full_scale: float = parameter(1.0, "value of white: 1, or 255 as in grey levels", above=0)
+    arm_threshold: float = parameter(
+        2.0, "an arm counts if the sum of its motion is above this", low=0
+    )
+    current_gain: float = parameter(250.0, "gain of the giant fibre's input", low=0)
+
+
+@dataclass(frozen=True)
+class EmdLplc2GfResponse(Response):
+    """The answer of EMD-LPLC2-GF to one frame; see `EmdLplc2Gf.details`."""
+
+    active: int = 0
+    lplc2_sum: float = 0.0
+    lplc2_max: float = 0.0
+    max_x: int = -1
+    max_y: int = -1
+    lplc2_centre: float = 0.0
+    motion_abs: float = 0.0
+    current: float = 0.0
+    spikes: int = 0
+    v_end: float = REST_MV
+    collision: int = 0
+
+
+def add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Plane) -> None:
+    """Add the motion to the right and downwards between neighbouring pixels.
+
+    Reichardt's correlation: the delayed signal of a pixel times the signal of its neighbour,
+    minus the same for the opposite direction.
+
+    Parameters
+    ----------
+    signal, delayed : ndarray of float64, shape (height, width)
+        The ON or the OFF signal, and its low-passed copy.
+    motion : ndarray of float64, shape (2, height - 1, width - 1)
+        To the right and downwards; is changed in place.
+    room : ndarray of float64, shape (height - 1, width - 1)
+        Is overwritten: fresh arrays would take more time than what fills them.
+    """
+    here, late = signal[:-1, :-1], delayed[:-1, :-1]
+    neighbours = np.s_[:-1, 1:], np.s_[1:, :-1]
+    for way, there in enumerate(neighbours):
+        motion[way] += np.multiply(late, signal[there], out=room)
+        motion[way] -= np.multiply(here, delayed[there], out=room)
+
+
+def lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Plane:
+    """Return the response of the unit at every pixel: the product of its four arms.
+
+    Each arm sums the motion away from the unit over a rectangle of half the field by two fifths
+    of it, 0 beyond the frame, and counts only above the threshold.
+
+    Parameters
+    ----------
+    right, down : ndarray of float64, shape (height, width)
+        Motion to the right and downwards.
+    field : int
+        Side of the field in px, even.
+    threshold : float
+        Sum above which an arm counts.
+    """
+    half, width = field // 2, round(field * 2 / 5)
+    units = _arms(right, half, width, threshold)
+    if units.any():  # as a rule nothing expands
+        units *= _arms(np.ascontiguousarray(down.T), half, width, threshold).T
+    return units
+
+
+def _arms(motion: Plane, length: int, width: int, threshold: float) -> Plane:
+    """Return the product of the two arms along the rows: motion forwards after, and back before."""
+    height, columns = motion.shape
+    padded = cv2.copyMakeBorder(motion, width, width, length, length, cv2.BORDER_CONSTANT)
+    table = cv2.integral(padded)
+    first = width + 1 - width // 2  # rows from 1 - width // 2 to width // 2 around each
+    bands = table[width + 1 + width // 2 :][:height] - table[first : first + height]
+    middle = bands[:, length + 1 : length + 1 + columns]
+    before = bands[:, 1 : 1 + columns] - middle
+    after = bands[:, 2 * length + 1 : 2 * length + 1 + columns] - middle
+    before *= before > threshold
+    after *= after > threshold
+    before *= after
+    return np.asarray(before, np.float64)
+
+
+def membrane(voltage: float, current: float) -> tuple[float, int]:
+    """Return the giant fibre's voltage in mV after one frame, and how often it spiked.
+
+    ``dv/dt = (-v - 60 + 10 I) / 0.3``, by 20 Runge-Kutta steps of fourth order over 0.01 s. A
+    spike, above -50 mV, sets the voltage to -70 mV; it never falls below -80 mV.
+    """
+    # The equation is linear: a step of fourth order multiplies the distance to its fixed point.
+    ratio = MEMBRANE_STEP_S / MEMBRANE_TAU_S
+    kept = 1 - ratio + ratio**2 / 2 - ratio**3 / 6 + ratio**4 / 24
+    goal = REST_MV + 10 * current
+    spikes = 0
+    for _ in range(MEMBRANE_STEPS):
+        voltage = LOWEST_MV if voltage <= LOWEST_MV else goal + (voltage - goal) * kept
+        if voltage > SPIKE_MV:
+            spikes += 1
+            voltage = RESET_MV
+    return voltage, spikes
+
+
+class EmdLplc2Gf(ChangeDetector):
+    """Reichardt motion detectors, LPLC2 units with four arms, and a spiking giant fibre.
+
+    All constants count frames, as the authors wrote them for 100 frames/s. Taller frames are
+    reduced to the authors' 150 rows. A literal alarm is the first spike.
+
+    Source: Zhao J. et al. 2023 (iScience) and the authors' published code; ``docs/detectors.md``.
+    """
+
+    name = "emd_lplc2_gf"
+    label = "EMD-LPLC2-GF"
+    colour = "#6A51A3"
+    meaning = "EMD array, LPLC2 units with four arms, spiking giant fibre (Zhao et al. 2023)"
+    unit = "giant fibre input"
+    response_column = "", "input of the giant fibre, where it is above 0"
+    details = (
+        Column("active", "", "units above 0"),
+        Column("lplc2_sum", "", "sum of all units"),
+        Column("lplc2_max", "", "largest unit"),
+        Column("max_x", "px", "column of the largest unit at the reduced size; -1: none"),
+        Column("max_y", "px", "row of the largest unit at the reduced size; -1: none"),
+        Column("lplc2_centre", "", "the unit in the middle"),
+        Column("motion_abs", "", "sum of the absolute horizontal and vertical motion"),
+        Column("current", "", "input of the giant fibre"),
+        Column("spikes", "", "spikes of the giant fibre in this frame"),
+        Column("v_end", "mV", "voltage of the giant fibre at the end of the frame"),
+        Column("collision", "", "1 from the first spike on"),
+    )
+    year = 2023
+    reference = "Zhao J. et al. 2023, iScience"
+    answers_to = (
+        "motion outward on all four sides; not recession, translation, pans, noise, dimming"
+    )
+    made_for = "200 x 150 px, 100 frames/s"
+    cost_ms = 1.8
+    least_size = (8, 8)
+    answers = EmdLplc2GfResponse
+    parameters = EmdLplc2GfParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 1.0}
+    places = True
+    precision = np.float64
+
+    params: EmdLplc2GfParams
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        height, width = self.shape
+        self._rows = min(height, self.params.height)
+        self._columns = max(2, round(width * self._rows / height))
+        self._field = self.params.receptive_field or 2 * round(self._rows / 3)
+        size, inner = (self._rows, self._columns), (self._rows - 1, self._columns - 1)
+        self._filtered, self._on, self._off, self._now = np.zeros((4, *size))
+        self._motions, self._room = np.zeros((2, *inner)), np.zeros(inner)
+        self._voltage, self._input, self._active, self._collision = REST_MV, 0.0, 0, 0
+
+    def at_rest(self) -> EmdLplc2GfResponse:
+        """Return the answer to a frame in which nothing changed: no response."""
+        return EmdLplc2GfResponse(0.0, v_end=self._voltage, collision=self._collision)
+
+    def answer(self, p: Plane) -> EmdLplc2GfResponse:
+        """Answer to the change of a frame."""
+        size = self._columns, self._rows
+        if p.shape[::-1] != size:
+            p = np.asarray(cv2.resize(p, size, interpolation=cv2.INTER_AREA), np.float64)
+        right, down = self._motion(p * (self.params.full_scale / 255))
+        units = lplc2_units(right, down, self._field, self.params.arm_threshold)
+        return self._fibre(units, cv2.norm(right, cv2.NORM_L1) + cv2.norm(down, cv2.NORM_L1))
+
+    def _motion(self, change: Plane) -> Plane:
+        """Return the motion of both signals to the right and downwards."""
+        filtered, now = self._filtered, self._now
+        filtered += change
+        filtered *= HIGH_PASS
+        self._motions[:] = 0
+        for low_passed, level in ((self._on, None), (self._off, OFF_LEVEL)):
+            if level is None:
+                np.maximum(filtered, 0, out=now)
+            else:
+                np.maximum(np.subtract(level, filtered, out=now), 0, out=now)
+            cv2.addWeighted(now, LOW_PASS, low_passed, 1 - LOW_PASS, 0, dst=low_passed)
+            add_elementary_motion(now, low_passed, self._motions, self._room)
+        return self._motions
+
+    def _fibre(self, units: Plane, motion: float) -> EmdLplc2GfResponse:
+        height, width = units.shape
+        active = int(np.count_nonzero(units > 0))
+        drive = active / SATURATING_UNITS * AUTHORS_PIXELS / (self._rows * self._columns)
+        velocity = (drive - self._input) / STEP_S / VELOCITY_SCALE
+        current = self.params.current_gain * drive * velocity if self._active else 0.0
+        self._input, self._active = drive, active
+        self._voltage, spikes = membrane(self._voltage, current)
+        self._collision |= int(spikes > 0)
+        largest = float(units.max())
+        y, x = divmod(int(units.argmax()), width) if largest > 0 else (-1, -1)
+        centre = units[max(0, height // 2 - 1), max(0, width // 2 - 1)]
+        box = self._box(y, x) if largest > 0 else None
+        units_of_frame = active, float(units.sum()), largest, x, y, float(centre)
+        fibre = current, spikes, self._voltage, self._collision
+        return EmdLplc2GfResponse(max(0.0, current), box, *units_of_frame, motion, *fibre)
+
+    def _box(self, y: int, x: int) -> Box:
+        scale_y, scale_x = self.shape[0] / self._rows, self.shape[1] / self._columns
+        half = self._field / 2
+        left, top = (x + 1 - half) * scale_x, (y + 1 - half) * scale_y
+        return Box(left, top, self._field * scale_x, self._field * scale_y)

@@ -1,0 +1,141 @@
+"""LGMD1 with ON and OFF pathways and spike-frequency adaptation (Fu et al. 2018)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import (
+    Adaptation,
+    ChangeDetector,
+    DelayedSpread,
+    at_least,
+    averaged,
+    low_pass_share,
+    mean_change,
+    sigmoid,
+    spikes,
+    split,
+    total,
+)
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from oppload_cli.models.published.parts import Plane
+
+TAUS = 30.0, 60.0, 90.0  # ms: nearest neighbours, diagonals, feed-forward inhibition
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lgmd1OnoffParams(Parameters):
+    """Parameters of lgmd1_onoff."""
+
+    on_inhibition: float = parameter(0.5, "weight of the spread signal in ON", low=0, high=100)
+    off_inhibition: float = parameter(1.0, "weight of the direct signal in OFF", low=0, high=100)
+    threshold: float = parameter(
+        30.0, "excitation that counts, T_s", unit="grey levels", above=0, high=1e6
+    )
+    gate: float = parameter(
+        10.0,
+        "low-passed mean change from which on the detector is silent, T_ffi",
+        unit="grey levels",
+        low=0,
+    )
+    spike: float = parameter(0.78, "adapted potential of one spike, T_sp", low=0, high=1)
+    enough: int = parameter(5, "spikes without a pause that are a collision", low=1)
+
+
+@dataclass(frozen=True)
+class Lgmd1OnoffResponse(Response):
+    """The answer of lgmd1_onoff, with its inner values; `collision` stays once it is 1."""
+
+    mp: float = 0.0
+    smp: float = 0.5
+    sfa: float = 0.5
+    ffi: float = 0.0
+    spike: int = 0
+    nsp: int = 0
+    collision: int = 0
+
+
+class Lgmd1Onoff(ChangeDetector):
+    """The LGMD1 with two pathways of Fu et al. 2018, in the default build of their open source.
+
+    ``S = (ON - 0.5 ST(ON)) + (ST(OFF) - 1.0 OFF)``, 0 where it is below 30, where ST spreads
+    with a delay. In the OFF pathway the direct signal inhibits and the spread one excites.
+    The membrane potential is the sum of ``A3 * S``; its sigmoid adapts and gives spikes.
+
+    ON and OFF lie in two slots, those of even and those of odd frames. A frame that the
+    feed-forward inhibition silences does not write its slot, so that "the frame before" is then
+    two or more frames older.
+
+    Source: Fu et al. 2018; ``docs/detectors.md``.
+    """
+
+    name = "lgmd1_onoff"
+    label = "LGMD1 (ON, OFF)"
+    colour = "#AA4499"
+    meaning = "LGMD1, ON and OFF pathways with spike-frequency adaptation"
+    unit = "grey levels"
+    response_column = "grey levels", "membrane potential over the number of pixels"
+    columns = (Column("collision", "0 or 1", "1 from the fifth spike without a pause on"),)
+    details = (
+        Column("mp", "grey levels", "membrane potential"),
+        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
+        Column("sfa", "0.5 to 1", "the sigmoid after spike-frequency adaptation"),
+        Column("ffi", "grey levels", "feed-forward inhibition: low-passed mean change"),
+        Column("spike", "", "spikes of the frame"),
+        Column("nsp", "", "spikes without a pause"),
+    )
+    answers = Lgmd1OnoffResponse
+    parameters = Lgmd1OnoffParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 5.7}
+    year = 2018
+    reference = "Fu, Hu, Peng and Yue, Neural Networks"
+    answers_to = "edges that brighten, and the surroundings of edges that darken"
+    made_for = "99 x 72 to 432 x 240 px, 30 frames/s"
+    cost_ms = 0.7
+
+    params: Lgmd1OnoffParams
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        self._slots = [(self.zeros(), self.zeros()) for _ in range(2)]
+        self._spread = DelayedSpread((0, 1 / 4, 1 / 8), (0, *TAUS[:2]), self.ti)
+        self._adaptation = Adaptation(800, self.ti)
+        self._ffi, self._t = 0.0, 0
+        self._nsp = self._collision = 0
+
+    def at_rest(self) -> Lgmd1OnoffResponse:
+        """Return the answer to a frame in which nothing changed: no response."""
+        return Lgmd1OnoffResponse(0.0, collision=self._collision)
+
+    def answer(self, p: Plane) -> Lgmd1OnoffResponse:
+        """Answer to the change of a frame."""
+        self._t += 1
+        share = low_pass_share(self.ti, TAUS[2])
+        mean = mean_change(p)
+        self._ffi = share * mean + (1 - share) * self._ffi
+        if self._ffi >= self.params.gate:
+            mp, smp, sfa = 0.0, 0.5, 0.5
+            self._adaptation.potential = self._adaptation.adapted = 0.5
+        else:
+            mp = self._potential(p)
+            smp = sigmoid(mp / self.pixels)
+            sfa = self._adaptation.step(smp)
+        spike = spikes(sfa, 4, self.params.spike)
+        self._nsp = self._nsp + spike if spike else 0
+        self._collision |= int(self._nsp >= self.params.enough)
+        return Lgmd1OnoffResponse(
+            mp / self.pixels, None, mp, smp, sfa, self._ffi, spike, self._nsp, self._collision
+        )
+
+    def _potential(self, p: Plane) -> float:
+        on_before, off_before = self._slots[(self._t - 1) % 2]
+        on, off = self._slots[self._t % 2] = split(p, on_before, off_before)
+        s = on - self.params.on_inhibition * self._spread(on, on_before)
+        s += self._spread(off, off_before)
+        s -= self.params.off_inhibition * off
+        return total(averaged(at_least(s, self.params.threshold)))

@@ -1,0 +1,144 @@
+"""LGMD1 after Yue and Rind 2006, with one pathway and without a grouping layer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import (
+    ChangeDetector,
+    at_least,
+    k3,
+    mean_change,
+    sigmoid,
+    spread,
+)
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from oppload_cli.models.published.parts import Plane
+
+VARIANTS = "literal", "paper"
+MEANING = "'literal' as coded: brightening only; 'paper': of absolute changes"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lgmd1SingleParams(Parameters):
+    """Parameters of lgmd1_single."""
+
+    variant: str = parameter("literal", MEANING, choices=VARIANTS)
+    inhibition: float = parameter(0.6, "weight of inhibition, W_i", low=0, high=100)
+    threshold: float = parameter(
+        30.0, "excitation that counts, T_s", unit="grey levels", above=0, high=1e6
+    )
+    gate: float = parameter(
+        10.0,
+        "mean change of the frame before from which on the detector is silent, T_ffi",
+        unit="grey levels",
+        low=0,
+    )
+    spike: float = parameter(0.78, "potential that is a spike, T_sp", low=0, high=1)
+    enough: int = parameter(5, "spikes in a row that are a collision", unit="frames", low=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lgmd1SinglePaperParams(Lgmd1SingleParams):
+    """Parameters of lgmd1_single_paper."""
+
+    variant: str = parameter("paper", MEANING, choices=VARIANTS)
+
+
+@dataclass(frozen=True)
+class Lgmd1SingleResponse(Response):
+    """The answer of lgmd1_single, with its inner values; `collision` stays once it is 1."""
+
+    mp: float = 0.0
+    smp: float = 0.5
+    ffi: float = 0.0
+    spike: int = 0
+    nsp: int = 0
+    collision: int = 0
+
+
+class Lgmd1Single(ChangeDetector):
+    """The LGMD1 of Yue and Rind 2006, as Fu's open source has it.
+
+    ``s = E - 0.6 I`` with ``E = P(t)`` and ``I = K3(0, 1/4, 1/8) * P(t-1)``, where both have
+    one sign and s is at least 30; the membrane potential is the sum of s. A mean change of 10
+    grey levels in the frame before (feed-forward inhibition) silences it, as just before contact.
+
+    Where the image darkens E and I are negative, and so is s: as coded it sees brightening only.
+    The variant ``paper`` takes absolute values.
+
+    Source: Yue and Rind 2006; ``docs/detectors.md``.
+    """
+
+    name = "lgmd1_single"
+    label = "LGMD1 (single)"
+    colour = "#882255"
+    meaning = "LGMD1, one pathway: excitation minus lateral inhibition, gated by the mean change"
+    unit = "grey levels"
+    response_column = "grey levels", "membrane potential over the number of pixels"
+    columns = (Column("collision", "0 or 1", "1 from the fifth spike in a row on"),)
+    details = (
+        Column("mp", "grey levels", "membrane potential, the sum of s"),
+        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
+        Column("ffi", "grey levels", "feed-forward inhibition: mean change of the frame before"),
+        Column("spike", "0 or 1", "whether the frame has a spike"),
+        Column("nsp", "", "spikes in a row"),
+    )
+    answers = Lgmd1SingleResponse
+    parameters = Lgmd1SingleParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 2.7}
+    year = 2006
+    reference = "Yue and Rind, IEEE Trans. Neural Networks, as coded by Fu"
+    answers_to = "edges that brighten, until just before contact; not to dark objects"
+    made_for = "any size, 30 frames/s"
+    cost_ms = 0.6
+
+    params: Lgmd1SingleParams
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        self._p_before = self.zeros()
+        self._nsp = self._collision = 0
+
+    def at_rest(self) -> Lgmd1SingleResponse:
+        """Return the answer to a frame in which nothing changed: no response."""
+        return Lgmd1SingleResponse(0.0, collision=self._collision)
+
+    def answer(self, p: Plane) -> Lgmd1SingleResponse:
+        """Answer to the change of a frame."""
+        e = np.abs(p) if self.params.variant == "paper" else p
+        before, self._p_before = self._p_before, e
+        ffi = mean_change(before)
+        mp = 0.0 if ffi >= self.params.gate else self._potential(e, before)
+        smp = sigmoid(mp / self.pixels)
+        spike = int(smp >= self.params.spike)
+        self._nsp = (self._nsp + 1) % 256 if spike else 0  # the authors count in a byte
+        self._collision |= int(self._nsp >= self.params.enough)
+        return Lgmd1SingleResponse(
+            mp / self.pixels, None, mp, smp, ffi, spike, self._nsp, self._collision
+        )
+
+    def _potential(self, e: Plane, before: Plane) -> float:
+        i = spread(before, k3(0, 1 / 4, 1 / 8))
+        s = at_least(e - self.params.inhibition * i, self.params.threshold)
+        return float(s[e * i > 0].sum(dtype=np.float64))
+
+
+class Lgmd1SinglePaper(Lgmd1Single):
+    """The LGMD1 of Yue and Rind 2006 with absolute changes, as the paper has it."""
+
+    name = "lgmd1_single_paper"
+    variant_of = "lgmd1_single"
+    label = "LGMD1 (single, paper)"
+    colour = "#B3567F"
+    meaning = "LGMD1, one pathway of absolute changes, gated by the mean change"
+    parameters = Lgmd1SinglePaperParams
+    answers_to = "edges that brighten or darken, until just before contact"
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 5.5}

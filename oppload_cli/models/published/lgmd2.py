@@ -1,0 +1,136 @@
+"""LGMD2: ON and OFF pathways that are biased towards darkening (Fu et al. 2019)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import (
+    EDGE,
+    Adaptation,
+    ChangeDetector,
+    DelayedSpread,
+    grouped,
+    low_pass_share,
+    mean_change,
+    positive,
+    sigmoid,
+    spikes,
+    split,
+)
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from oppload_cli.models.published.parts import Plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lgmd2Params(Parameters):
+    """Parameters of lgmd2."""
+
+    on_bias: float = parameter(1.0, "least weight of inhibition in ON, w_on", low=0, high=100)
+    off_bias: float = parameter(0.5, "least weight of inhibition in OFF, w_off", low=0, high=100)
+    mediation: float = parameter(
+        8.0, "mean change at which the weights are 1, T_pm", unit="grey levels", above=0, high=255
+    )
+    decay: float = parameter(0.5, "share of G that is compared, C_de", above=0, high=1)
+    threshold: float = parameter(
+        15.0, "share of G that counts, T_de", unit="grey levels", above=0, high=1e6
+    )
+    spike: float = parameter(0.78, "adapted potential of one spike, T_sp", low=0, high=1)
+    enough: int = parameter(8, "spikes without a pause that are a collision", low=1)
+
+
+@dataclass(frozen=True)
+class Lgmd2Response(Response):
+    """The answer of lgmd2, with its inner values."""
+
+    mp: float = 0.0
+    smp: float = 0.5
+    sfa: float = 0.5
+    pm: float = 0.0
+    w_on: float = 1.0
+    w_off: float = 0.5
+    spike: int = 0
+    nsp: int = 0
+    collision: int = 0
+
+
+class Lgmd2(ChangeDetector):
+    """The LGMD2 of Fu et al. 2019, as in their open source.
+
+    ``So = max(ON - w_on ST_on(ON), 0)`` and ``Sf = max(OFF - w_off ST_off(OFF), 0)`` join to
+    ``S = So + Sf + So Sf``, which is grouped. The inhibition of ON is strong and fast, so that
+    brightening edges are suppressed: a bright object that approaches, or a dark one that
+    recedes, leaves the potential at 0.5.
+
+    Source: Fu et al. 2019; ``docs/detectors.md``.
+    """
+
+    name = "lgmd2"
+    label = "LGMD2"
+    colour = "#117733"
+    meaning = "LGMD2: ON and OFF pathways biased towards darkening, grouping, adaptation"
+    unit = "grey levels"
+    response_column = "grey levels", "membrane potential over the number of pixels"
+    columns = (Column("collision", "0 or 1", "1 where 8 spikes without a pause have come"),)
+    details = (
+        Column("mp", "grey levels", "membrane potential, the sum of G"),
+        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
+        Column("sfa", "0.5 to 1", "the sigmoid after spike-frequency adaptation"),
+        Column("pm", "grey levels", "photoreceptor mediation: low-passed mean change"),
+        Column("w_on", "", "weight of inhibition in ON"),
+        Column("w_off", "", "weight of inhibition in OFF"),
+        Column("spike", "", "spikes of the frame"),
+        Column("nsp", "", "spikes without a pause"),
+    )
+    answers = Lgmd2Response
+    parameters = Lgmd2Params
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 1.7}
+    year = 2019
+    reference = "Fu, Hu, Peng, Rind and Yue, IEEE Trans. Cybernetics"
+    answers_to = "edges that darken: dark objects that approach; silent for bright ones"
+    made_for = "99 x 72 to 432 x 240 px, 30 frames/s"
+    cost_ms = 0.9
+
+    params: Lgmd2Params
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        self._on = self._off = self.zeros()
+        self._spread_on = DelayedSpread((2, 1 / 2, 1 / 4), (15, 30, 45), self.ti)
+        self._spread_off = DelayedSpread((1, 1 / 4, 1 / 8), (60, 120, 180), self.ti)
+        self._adaptation = Adaptation(800, self.ti)
+        self._pm, self._nsp = 0.0, 0
+
+    def answer(self, p: Plane) -> Lgmd2Response:
+        """Answer to the change of a frame."""
+        share, ask = low_pass_share(self.ti, 90), self.params
+        mean = mean_change(p)
+        self._pm = share * mean + (1 - share) * self._pm
+        mediated = self._pm / ask.mediation
+        w_on, w_off = max(mediated, ask.on_bias), max(mediated, ask.off_bias)
+        g, _ = grouped(self._sums(p, w_on, w_off), 4, 0.01, EDGE)
+        mp = float(g[ask.decay * g >= ask.threshold].sum(dtype=np.float64))
+        smp = sigmoid(mp / self.pixels)
+        sfa = self._adaptation.step(smp)
+        spike = spikes(sfa, 4, ask.spike)
+        self._nsp = self._nsp + spike if spike else 0
+        collision = int(self._nsp >= ask.enough)
+        inner = mp, smp, sfa, self._pm, w_on, w_off, spike, self._nsp, collision
+        return Lgmd2Response(mp / self.pixels, None, *inner)
+
+    def _sums(self, p: Plane, w_on: float, w_off: float) -> Plane:
+        on, off = split(p, self._on, self._off)
+        so = positive(np.asarray(cv2.scaleAdd(self._spread_on(on, self._on), -w_on, on)))
+        sf = positive(np.asarray(cv2.scaleAdd(self._spread_off(off, self._off), -w_off, off)))
+        self._on, self._off = on, off
+        s: Plane = so * sf
+        s += so
+        s += sf
+        return s

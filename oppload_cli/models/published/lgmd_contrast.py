@@ -1,0 +1,119 @@
+"""LGMD with contrast vision beside motion vision (Fu and Li 2022)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import (
+    MIRROR,
+    ChangeDetector,
+    grouped,
+    k3,
+    positive,
+    sigmoid,
+    spread,
+    total,
+)
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from oppload_cli.models.published.parts import Plane
+
+
+@dataclass(frozen=True, kw_only=True)
+class LgmdContrastParams(Parameters):
+    """Parameters of lgmd_contrast."""
+
+    baseline: float = parameter(
+        3.0, "change at which compression is halved", unit="grey levels", above=0, high=255
+    )
+    inhibition: float = parameter(0.4, "weight of inhibition", low=0, high=100)
+    decay: float = parameter(0.5, "share of G that is compared", above=0, high=1)
+    threshold: float = parameter(0.7, "share of G that counts", above=0, high=1e6)
+
+
+@dataclass(frozen=True)
+class LgmdContrastResponse(Response):
+    """The answer of lgmd_contrast, with its inner values."""
+
+    mp: float = 0.5
+    sum_s: float = 0.0
+    sum_m_on: float = 0.0
+    sum_m_off: float = 0.0
+    sum_c_on: float = 0.0
+    sum_i_off: float = 0.0
+
+
+class LgmdContrast(ChangeDetector):
+    """The LGMD of Fu and Li 2022: changes are normalised by those around them.
+
+    ``M = tanh(x / (g * x + 3))`` of brightening and of darkening, with g a Gaussian of 9 x 9 px
+    and sigma 5; ``S = max(M - 0.4 I - C, 0)`` with I the M of the frame before, spread, and
+    ``C = |K3(1, -1/8, -1/8) * M|`` the contrast of M; ``S_on + S_off + S_on S_off`` is grouped.
+    Its response hardly depends on contrast; a flash of the whole frame gives the largest one.
+    No rule for spikes was published.
+
+    Source: Fu and Li 2022; ``docs/detectors.md``.
+    """
+
+    name = "lgmd_contrast"
+    label = "LGMD (contrast)"
+    colour = "#999933"
+    meaning = "LGMD with contrast normalisation: nearly the same response at all contrasts"
+    response_column = "", "sum of G over the number of pixels"
+    details = (
+        Column("mp", "0.5 to 1", "sigmoid of the sum of G; 0 for frame 0"),
+        Column("sum_s", "", "sum of S"),
+        Column("sum_m_on", "", "sum of M of brightening"),
+        Column("sum_m_off", "", "sum of M of darkening"),
+        Column("sum_c_on", "", "sum of C of brightening"),
+        Column("sum_i_off", "", "sum of I of darkening"),
+    )
+    answers = LgmdContrastResponse
+    parameters = LgmdContrastParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.27}
+    year = 2022
+    reference = "Fu and Li, harmonizing motion and contrast vision"
+    answers_to = "changes over areas, at any contrast; also to flashes"
+    made_for = "any size and rate"
+    cost_ms = 2.0
+    warm_up = 0
+
+    params: LgmdContrastParams
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        self._m = self.zeros(), self.zeros()
+
+    def first(self) -> LgmdContrastResponse:
+        """Return the answer to frame 0."""
+        return LgmdContrastResponse(0.0, mp=0.0)
+
+    def answer(self, p: Plane) -> LgmdContrastResponse:
+        """Answer to the change of a frame."""
+        on = positive(p)
+        before, self._m = self._m, (self._normalised(on), self._normalised(on - p))
+        inhibitions = [spread(m, k3(0, 1 / 4, 1 / 8), MIRROR) for m in before]
+        contrasts = [np.abs(spread(m, k3(1, -1 / 8, -1 / 8), MIRROR)) for m in self._m]
+        s_on, s_off = (
+            positive(m - self.params.inhibition * i - c)
+            for m, i, c in zip(self._m, inhibitions, contrasts, strict=True)
+        )
+        s = s_on + s_off + s_on * s_off
+        g, _ = grouped(s, 4, 0.01, MIRROR)
+        response = float(g[self.params.decay * g >= self.params.threshold].sum(dtype=np.float64))
+        sums = [total(each) for each in (s, *self._m, contrasts[0], inhibitions[1])]
+        potential = sigmoid(response / (0.1 * self.pixels))
+        return LgmdContrastResponse(response / self.pixels, None, potential, *sums)
+
+    def _normalised(self, x: Plane) -> Plane:
+        """Return M, 0 to 1."""
+        around = cv2.GaussianBlur(x, (9, 9), 5, borderType=MIRROR)
+        m: Plane = x / (np.asarray(around) + self.params.baseline)
+        return np.tanh(m, out=m)

@@ -1,0 +1,175 @@
+"""LGMD+: local weights, a noise gate and an adaptive bias (Fu et al. 2020)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import (
+    EDGE,
+    Adaptation,
+    ChangeDetector,
+    DelayedSpread,
+    grouped,
+    k3,
+    low_pass_share,
+    mean_change,
+    positive,
+    sigmoid,
+    spikes,
+    split,
+    spread,
+    total,
+)
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from oppload_cli.models.published.parts import Plane
+
+# Constants of the best agent that the authors' genetic algorithm found.
+LEAST_BIAS, FIELD_SPREAD = 0.6190473, 0.5307723
+GATE = 12.0  # grey levels
+LAST_FRAMES = 10  # over which the rate of spikes is counted
+
+
+@dataclass(frozen=True, kw_only=True)
+class LgmdPlusParams(Parameters):
+    """Parameters of lgmd_plus."""
+
+    on_gain: float = parameter(2.0, "weight of ON", low=0, high=100)
+    off_gain: float = parameter(1.0, "weight of OFF", low=0, high=100)
+    threshold: float = parameter(
+        18.0, "half of the G that counts", unit="grey levels", above=0, high=1e6
+    )
+    spike: float = parameter(0.68, "adapted potential of one spike", low=0, high=1)
+    rate: float = parameter(56.0, "rate of spikes that is a collision", unit="Hz", above=0)
+
+
+@dataclass(frozen=True)
+class LgmdPlusResponse(Response):
+    """The answer of lgmd_plus, with its inner values; `collision` stays once it is 1."""
+
+    mp: float = 0.0
+    smp: float = 0.5
+    sfa: float = 0.5
+    ffi: float = 0.0
+    spike: int = 0
+    spike_rate: float = 0.0
+    bias: float = LEAST_BIAS
+    tau_g: float = 10.0
+    collision: int = 0
+
+
+class LgmdPlus(ChangeDetector):
+    """The LGMD+ of Fu et al. 2020, with the constants of their best evolved agent.
+
+    Each product of the smoothing of P is cut to a whole number: changes under 5 grey levels
+    vanish, and much noise with them. Inhibition grows with the mean change and away from the
+    centre of the view; G is low-passed, the faster the more changes.
+
+    Source: Fu et al. 2020; ``docs/detectors.md``.
+    """
+
+    name = "lgmd_plus"
+    label = "LGMD+"
+    colour = "#CC6677"
+    meaning = "LGMD+: noise gate, local weights, bias that follows the mean change"
+    unit = "grey levels"
+    response_column = "grey levels", "membrane potential over the number of pixels"
+    columns = (
+        Column("collision", "0 or 1", "1 from the first frame on in which spikes come at 56 Hz"),
+    )
+    details = (
+        Column("mp", "grey levels", "membrane potential, the sum of the low-passed G"),
+        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
+        Column("sfa", "0.5 to 1", "the sigmoid after spike-frequency adaptation"),
+        Column("ffi", "grey levels", "feed-forward inhibition: low-passed mean change"),
+        Column("spike", "", "spikes of the frame"),
+        Column("spike_rate", "Hz", "rate of spikes in the last 10 frames"),
+        Column("bias", "", "weight of inhibition"),
+        Column("tau_g", "ms", "time constant of G"),
+    )
+    answers = LgmdPlusResponse
+    parameters = LgmdPlusParams
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 2.1}
+    year = 2020
+    reference = "Fu, Wang, Peng and Yue, IEEE Access"
+    answers_to = "strong moving edges, brightening ones twice as much, mostly away from the centre"
+    made_for = "any size, 30 frames/s; tuned on videos of car crashes"
+    cost_ms = 1.5
+
+    params: LgmdPlusParams
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        gaussian = np.outer(*[cv2.getGaussianKernel(3, 1).ravel()] * 2)
+        self._taps = [float(gaussian[1, 1]), float(gaussian[0, 1]), float(gaussian[0, 0])]
+        self._on = self._off = self._g = self.zeros()
+        self._spread = DelayedSpread((1, 1 / 4, 1 / 8), (10, 20, 30), self.ti)
+        self._adaptation = Adaptation(783, self.ti)
+        self._local = local_weights(self.shape)
+        self._counts: deque[int] = deque([0] * LAST_FRAMES, maxlen=LAST_FRAMES)
+        self._ffi, self._collision = 0.0, 0
+
+    def at_rest(self) -> LgmdPlusResponse:
+        """Return the answer to a frame in which nothing changed: no response."""
+        return LgmdPlusResponse(0.0, collision=self._collision)
+
+    def answer(self, p: Plane) -> LgmdPlusResponse:
+        """Answer to the change of a frame."""
+        share = low_pass_share(self.ti, 10)
+        mean = mean_change(p)
+        self._ffi = share * mean + (1 - share) * self._ffi
+        rest = 1 - self._ffi / GATE
+        tau_g = 10 * (rest if rest >= 0 else 0.5)
+        bias = max(self._ffi / GATE, LEAST_BIAS)
+        v, _ = grouped(self._sums(p, bias), 4, 0.5, EDGE)
+        v *= 0.5 * v >= self.params.threshold
+        share = low_pass_share(self.ti, tau_g)
+        self._g = np.asarray(cv2.addWeighted(v, share, self._g, 1 - share, 0))
+        mp = total(self._g)
+        smp = sigmoid(mp / (0.6 * self.pixels))
+        sfa = self._adaptation.step(smp)
+        spike = spikes(sfa, 10, self.params.spike)
+        self._counts.append(spike)
+        rate = 1000 * sum(self._counts) / (LAST_FRAMES * self.ti)
+        self._collision |= int(rate >= self.params.rate)
+        inner = mp, smp, sfa, self._ffi, spike, rate, bias, tau_g, self._collision
+        return LgmdPlusResponse(mp / self.pixels, None, *inner)
+
+    def _sums(self, p: Plane, bias: float) -> Plane:
+        """Return S, at least 0."""
+        on, off = split(self._smoothed(p), self._on, self._off)
+        weights = self._local * bias
+        so = positive(on - weights * self._spread(on, self._on))
+        sf = positive(off - weights * self._spread(off, self._off))
+        self._on, self._off = on, off
+        gains = self.params.on_gain, self.params.off_gain
+        return np.asarray(cv2.addWeighted(so, gains[0], sf, gains[1], 0))
+
+    def _smoothed(self, p: Plane) -> Plane:
+        """Return b: the Gaussian of P with every product cut to a whole number."""
+        centre, nearest, diagonal = (np.trunc(p * tap) for tap in self._taps)
+        b: Plane = centre + spread(nearest, k3(0, 1, 0))
+        b += spread(diagonal, k3(0, 0, 1))
+        return b
+
+
+def local_weights(shape: tuple[int, int]) -> Plane:
+    """Return V, the weight of inhibition: least in the middle of the view, at most 1.
+
+    ``V = max(1 - g, 0.1)`` with ``g = exp(-4.5 (y'^2 + x'^2)) / (2 pi s (h/w) s)``, where y'
+    and x' run from -1 to 1 over the frame.
+    """
+    height, width = shape
+    y, x = (np.arange(side) / max(side // 2, 1) - (side >= 2) for side in shape)
+    scale = 2 * math.pi * FIELD_SPREAD * (height / width) * FIELD_SPREAD
+    g = np.exp(-4.5 * (y[:, None] ** 2 + x**2)) / scale
+    return np.asarray(np.maximum(1 - g, 0.1), dtype=np.float32)

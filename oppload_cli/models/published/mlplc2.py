@@ -1,0 +1,232 @@
+"""mLPLC2: LPLC2 units with fields of attention (Liu and Fu 2025)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from oppload_cli.models.detector import Box, Column, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published import parts
+from oppload_cli.models.published.mlplc2_parts import (
+    BAND,
+    HALF_FIELD,
+    MOTION_MS,
+    SUMMED_FRAMES,
+    Attention,
+    corner_line,
+    correlate,
+    cut,
+    powered,
+)
+from oppload_cli.models.published.parts import ZERO, ChangeDetector, low_pass_share, spread
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.published.parts import Plane
+
+    Places = NDArray[np.intp]  # numbers of pixels, in the order of rows
+
+# Gaussians: the size of each, the part of it that is used, its sigma.
+EXCITATION, INHIBITION, COMPRESSION = (7, 3, 10.0), (11, 5, 20.0), (5, 5, 20.0)
+INHIBITION_WEIGHT, HALF_COMPRESSED, NEARLY = 1.2, 0.2, 1 - 1e-15
+GAIN, EXPONENTS = 10.0, (0.9, 0.5)  # of T4 (ON) and T5 (OFF)
+LEAST_MOTION, LOST_MOTION = 2.0, 1e-20
+KEPT_ABOVE, COLLISION = 10_000.0, 1000.0  # of the latest outputs of a field; of its output
+QUADRANTS = ("ru", "upper right"), ("lu", "upper left"), ("lb", "lower left"), ("rb", "lower right")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mlplc2Params(Parameters):
+    """Parameters of mLPLC2."""
+
+    compression_threshold: float = parameter(0.75, "compressed signal that counts", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class Mlplc2Response(Response):
+    """The answer of mLPLC2 to one frame; see `Mlplc2.details`."""
+
+    max_mag: float = 0.0
+    max_x: int = 0
+    max_y: int = 0
+    sum_lm: float = 0.0
+    n_fields: int = 0
+    field_id: int = 0
+    field_x: int = -1
+    field_y: int = -1
+    q_ru: float = 0.0
+    q_lu: float = 0.0
+    q_lb: float = 0.0
+    q_rb: float = 0.0
+    field_out: float = 0.0
+    best_out: float = 0.0
+    collision: int = 0
+
+
+class Mlplc2(ChangeDetector):
+    """LPLC2 units in square fields of attention, 150 px wide, that open where motion is largest.
+
+    Source: Liu and Fu 2025 and the authors' published code; ``docs/detectors.md``.
+    """
+
+    name = "mlplc2"
+    label = "mLPLC2"
+    colour = "#8C6BB1"
+    meaning = "LPLC2 units in fields of attention (Liu and Fu 2025)"
+    response_column = "", "largest output of a field of attention"
+    details = (
+        Column("max_mag", "", "largest motion of a pixel"),
+        Column("max_x", "px", "column of the largest motion, working size"),
+        Column("max_y", "px", "row of the largest motion, working size"),
+        Column("sum_lm", "", "sum of the net motion in all directions"),
+        Column("n_fields", "", "fields of attention"),
+        Column("field_id", "", "number of the oldest field; 0: none"),
+        Column("field_x", "px", "middle of the oldest field, working size; -1: none"),
+        Column("field_y", "px", "row of the same, working size"),
+        *(
+            Column(f"q_{key}", "", f"outward motion of the oldest field, {words}")
+            for key, words in QUADRANTS
+        ),
+        Column("field_out", "", "output of the oldest field"),
+        Column("best_out", "", "largest output of a field"),
+        Column("collision", "", "1 where the largest output is at least 1000"),
+    )
+    year = 2025
+    reference = "Liu and Fu 2025"
+    answers_to = "motion outward about places of large motion; drifting texture too"
+    made_for = "fields of 150 px, 30 frames/s"
+    cost_ms = 2.1
+    least_size = (15, 15)
+    answers = Mlplc2Response
+    parameters = Mlplc2Params
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 25_000.0}
+    places = True
+    precision = np.float64
+
+    params: Mlplc2Params
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        self._interval_ms = 1000 / (self.frame_rate or parts.USUAL_RATE)
+        line = corner_line(*COMPRESSION)
+        reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
+        self._reach = reach
+        # Compression passes the threshold where the signal is above this.
+        least = np.arctanh(min(self.params.compression_threshold, NEARLY))
+        with np.errstate(divide="ignore"):
+            limit = HALF_COMPRESSED * least / np.maximum(1 - least * reach, 0)
+        self._limit = np.asarray(limit, np.float64)
+        self._slots = [self.zeros(), self.zeros()]
+        self._signal, self._now, self._former = np.zeros((3, 2, self.pixels))
+        self._motion = np.zeros((2, 4, self.pixels))
+        self._moves = np.zeros(self.pixels, bool)
+        edge = np.zeros(self.shape, bool)
+        edge[BAND:-BAND, BAND:-BAND] = True
+        self._inner = edge.ravel()
+        self._active: list[Places] = [np.empty(0, np.intp)] * 2
+        self._earlier = list(self._active)
+        self._fields: list[Attention] = []
+        self._frames = self._opened = 0
+
+    def answer(self, p: Plane) -> Mlplc2Response:
+        """Answer to the change of a frame."""
+        self._frames += 1
+        # The current and the former change swap their roles at every frame.
+        self._slots[self._frames % 2] = p
+        self._drive(*self._slots)
+        self._compress()
+        # Most pixels do not move: only the others are computed.
+        for now, earlier in zip(self._active, self._earlier, strict=True):
+            self._moves[now] = self._moves[earlier] = True
+        moving = np.flatnonzero(self._moves & self._inner)
+        self._motion[:, :, moving] *= 1 - low_pass_share(self._interval_ms, MOTION_MS)
+        for motion, pair, now, before in zip(
+            self._motion, self._pairs(), self._now, self._former, strict=True
+        ):
+            correlate(motion, pair, (now, before), self.shape[1], self._interval_ms)
+        own = self._motion[:, :, moving]
+        self._moves[moving] = (own > LOST_MOTION).any(axis=(0, 1))
+        t4, t5 = (powered(*each) for each in zip(own, EXPONENTS, strict=True))
+        return self._attend(moving, GAIN * (t4 + t5))
+
+    def _drive(self, inhibiting: Plane, exciting: Plane) -> None:
+        """Let excitation and inhibition drive the ON and the OFF signal, which decay."""
+        excitation = cut(exciting, corner_line(*EXCITATION))
+        s = cut(inhibiting, corner_line(*INHIBITION))
+        np.multiply(s, -INHIBITION_WEIGHT, out=s)
+        np.add(s, excitation, out=s)
+        bright = excitation >= 0
+        # ON where both are above 0, OFF where both are below.
+        s *= (s > 0) == bright
+        self._signal *= parts.DECAY
+        on, off = self._signal.reshape(2, *self.shape)
+        on += np.maximum(s, 0, out=excitation)
+        off -= np.minimum(s, 0, out=excitation)
+
+    def _compress(self) -> None:
+        """Compress the signals, each by those around it; what is below the threshold is 0."""
+        self._now, self._former = self._former, self._now
+        oldest, self._earlier = self._earlier, self._active
+        self._active = [np.flatnonzero(each > self._limit) for each in self._signal]
+        for now, signal, former, at in zip(
+            self._now, self._signal, oldest, self._active, strict=True
+        ):
+            now[former] = 0
+            own = signal[at]
+            now[at] = np.tanh(own / (HALF_COMPRESSED + own * self._reach[at]))
+
+    def _pairs(self) -> Iterator[Places]:
+        """Yield the pixels that correlate: those with a signal now or in the frame before."""
+        for now, earlier in zip(self._active, self._earlier, strict=True):
+            either = np.union1d(now, earlier)
+            yield either[self._inner[either]]
+
+    def _attend(self, at: Places, motion: Plane) -> Mlplc2Response:
+        """Answer to the motion of some pixels in four directions, shape (4, n)."""
+        right, left, down, up = motion
+        y, x = np.divmod(at, self.shape[1])
+        magnitude = np.hypot(right + left, down + up)
+        net = np.stack([right - left, down - up])
+        net[np.abs(net) < LEAST_MOTION] = 0
+        self._open(y, x, magnitude)
+        for attention in list(self._fields):
+            attention.take(y, x, net)
+            old = self._frames > attention.birth + SUMMED_FRAMES
+            if old and sum(attention.outputs) < KEPT_ABOVE and len(self._fields) > 1:
+                self._fields.remove(attention)
+        moved = 0.0, 0, 0
+        if magnitude.size and magnitude.max() > 0:
+            best = int(magnitude.argmax())
+            moved = float(magnitude[best]), int(x[best]), int(y[best])
+        fields = self._fields or [Attention(0, -1, -1)]
+        oldest, largest = fields[0], max(fields, key=lambda each: each.outputs[-1])
+        output, side = largest.outputs[-1], 2.0 * HALF_FIELD
+        left_top = largest.x - HALF_FIELD, largest.y - HALF_FIELD
+        box = Box(*left_top, side, side) if output > 0 else None
+        place, last = (oldest.number, oldest.x, oldest.y), (oldest.outputs[-1], output)
+        count, hit = len(self._fields), int(output >= COLLISION)
+        values = *moved, float(np.abs(net).sum()), count, *place, *oldest.quadrants, *last, hit
+        return Mlplc2Response(output, box, *values)
+
+    def _open(self, y: Places, x: Places, magnitude: Plane) -> None:
+        """Open a field at the largest motion that the authors' scan finds beyond the others."""
+        # The place of the largest motion up to a pixel decides whether the pixel counts.
+        records = np.flatnonzero(np.diff(np.maximum.accumulate(magnitude), prepend=0.0) > 0)
+        y, x = y[records], x[records]
+        beyond = np.ones(len(records), bool)
+        for each in self._fields:
+            above, left = y - each.y + HALF_FIELD, x - each.x + HALF_FIELD
+            beyond &= (
+                (above < 0) | (above >= 2 * HALF_FIELD) | (left < 0) | (left >= 2 * HALF_FIELD)
+            )
+        if beyond.any():
+            last = np.flatnonzero(beyond)[-1]  # records grow
+            self._opened += 1
+            self._fields.append(Attention(self._opened, int(y[last]), int(x[last]), self._frames))

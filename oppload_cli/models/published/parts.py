@@ -1,0 +1,245 @@
+"""What the models of Fu and colleagues have in common.
+
+They see grey levels 0 to 255 and their signed change, and count time in frames of a truncated
+number of milliseconds. Source: ``docs/detectors.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import FrameError
+from oppload_cli.models.detector import Detector
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.detector import Response
+    from oppload_cli.models.dpc import Map
+
+    Plane = NDArray[np.floating[Any]]  # one value per pixel
+
+EDGE, ZERO, MIRROR = cv2.BORDER_REPLICATE, cv2.BORDER_CONSTANT, cv2.BORDER_REFLECT_101
+MOST_EXACT = 2**24  # the whole numbers of single precision
+USUAL_RATE = 30.0  # frames per second, where the rate is not known
+DECAY = 0.1  # share of ON and OFF that stays to the next frame
+
+
+class ChangeDetector(Detector):
+    """A detector that works on the signed change of grey levels between two frames.
+
+    A subclass answers to the change (`answer`) and forgets it (`forget`); `first` is its answer
+    to frame 0, None for none.
+
+    Attributes
+    ----------
+    precision : type
+        Of the maps, as in the authors' programs: single in C#, double in MATLAB.
+    ti : int
+        Milliseconds per frame, cut to an integer of at least 1 as the authors' programs do:
+        33 at 30 frames per second. Frames that come late count as one frame.
+    """
+
+    evaluated = False
+    precision: ClassVar[type[np.floating[Any]]] = np.float32
+
+    def __init__(self, shape: tuple[int, int], params: Any = None, **others: Any) -> None:
+        super().__init__(shape, params, **others)
+        self.ti = max(1, math.floor(1000 / (self.frame_rate or USUAL_RATE)))
+        self.pixels = shape[0] * shape[1]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._before: NDArray[np.uint8] | None = None
+        self.forget()
+
+    def step(self, luma: Map) -> Response | None:
+        """Take the next frame."""
+        now = grey_levels(luma, self.shape)
+        before, self._before = self._before, now
+        if before is None:
+            return self.first()
+        depth = cv2.CV_32F if self.precision is np.float32 else cv2.CV_64F
+        return self.answer(np.asarray(cv2.subtract(now, before, dtype=depth)))
+
+    def first(self) -> Response | None:
+        """Return the answer to frame 0."""
+        return None
+
+    def zeros(self) -> Plane:
+        """Return a map of zeros."""
+        return np.zeros(self.shape, self.precision)
+
+    @abstractmethod
+    def answer(self, p: Plane) -> Response | None:
+        """Answer to the change of a frame.
+
+        Parameters
+        ----------
+        p : ndarray of `precision`, shape (height, width)
+            ``P(t) = L8(t) - L8(t-1)``, -255 to 255; the answer may change it.
+        """
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Forget all changes."""
+
+
+def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return ``L8``, the luminance in whole grey levels, 0 to 255.
+
+    Raises
+    ------
+    FrameError
+        If the frame has another shape.
+    """
+    if luma.shape != shape:
+        raise FrameError(f"a frame must be of shape {shape}, not of shape {luma.shape}")
+    return np.asarray(cv2.convertScaleAbs(luma, alpha=255.0), np.uint8)
+
+
+def mean_change(p: Plane) -> float:
+    """Return the mean of the absolute change over the frame, in grey levels."""
+    total = float(cv2.norm(p, cv2.NORM_L1))
+    if total >= MOST_EXACT:
+        # The authors add up in single precision, which loses digits from here on.
+        total = float(np.cumsum(np.abs(p), dtype=np.float32)[-1])
+    return total / p.size
+
+
+def k3(centre: float, nearest: float, diagonal: float) -> Plane:
+    """Return the kernel K3: its centre, its four nearest neighbours and its diagonals."""
+    rows = (diagonal, nearest, diagonal), (nearest, centre, nearest)
+    return np.array([*rows, rows[0]], np.float64)
+
+
+def spread(values: Plane, kernel: Plane, border: int = EDGE) -> Plane:
+    """Return a map convolved with a symmetric kernel."""
+    return np.asarray(cv2.filter2D(values, -1, kernel, borderType=border))
+
+
+def averaged(values: Plane, border: int = EDGE) -> Plane:
+    """Return ``A3 * values``, the mean over 3 x 3 pixels."""
+    return np.asarray(cv2.blur(values, (3, 3), borderType=border))
+
+
+def at_least(values: Plane, least: float) -> Plane:
+    """Return a map with 0 where it is below a threshold above 0."""
+    # OpenCV keeps what is above the threshold, not what equals it.
+    below = float(np.nextafter(values.dtype.type(least), values.dtype.type(-np.inf)))
+    return np.asarray(cv2.threshold(values, below, 0, cv2.THRESH_TOZERO)[1])
+
+
+def positive(values: Plane) -> Plane:
+    """Return ``max(values, 0)``."""
+    return np.asarray(cv2.threshold(values, 0, 0, cv2.THRESH_TOZERO)[1])
+
+
+def sigmoid(value: float) -> float:
+    """Return ``sig(u) = 1 / (1 + exp(-u))``."""
+    return 1 / (1 + math.exp(-value)) if value > -700 else 0.0
+
+
+def low_pass_share(ti: float, tau: float) -> float:
+    """Return ``ti / (ti + tau)``, the share of the latest value in a low-pass."""
+    return ti / (ti + tau)
+
+
+class DelayedSpread:
+    """``ST``: a K3 kernel whose centre, nearest and diagonal taps are low-passed differently.
+
+    The low-pass of Fu's models, ``l x(t) + (1 - l) x(t-1)``, has the previous *input*, so that
+    both frames can be convolved with a kernel of their own.
+
+    Parameters
+    ----------
+    weights : tuple of float
+        Of the centre, the nearest neighbours and the diagonals.
+    taus : tuple of float
+        Their time constants in ms.
+    ti : float
+        Milliseconds per frame.
+    """
+
+    def __init__(
+        self, weights: tuple[float, float, float], taus: tuple[float, float, float], ti: float
+    ) -> None:
+        shares = [low_pass_share(ti, tau) for tau in taus]
+        pairs = list(zip(weights, shares, strict=True))
+        self._now = k3(*(weight * share for weight, share in pairs))
+        self._before = k3(*(weight * (1 - share) for weight, share in pairs))
+
+    def __call__(self, now: Plane, before: Plane) -> Plane:
+        """Return ST of a map, given the map one frame before."""
+        return np.asarray(cv2.add(spread(now, self._now), spread(before, self._before)))
+
+
+def split(p: Plane, on_before: Plane, off_before: Plane) -> tuple[Plane, Plane]:
+    """Return ON and OFF: brightening and darkening, with a tenth of those of the frame before.
+
+    ``ON(t) = max(P, 0) + 0.1 ON(t-1)`` and ``OFF(t) = max(-P, 0) + 0.1 OFF(t-1)``; the authors
+    count P from 0.1 as ON, which is the same for whole grey levels.
+    """
+    on = positive(p)
+    off = on - p
+    return (
+        np.asarray(cv2.scaleAdd(on_before, DECAY, on, dst=on)),
+        np.asarray(cv2.scaleAdd(off_before, DECAY, off, dst=off)),
+    )
+
+
+def total(values: Plane) -> float:
+    """Return the sum of a map."""
+    return float(cv2.sumElems(values)[0])
+
+
+def grouped(s: Plane, coefficient: float, offset: float, border: int) -> tuple[Plane, float]:
+    """Return ``S Ce / w`` and w, where ``Ce = A3 * S`` and ``w = max|Ce| / coefficient + offset``.
+
+    An isolated pixel has a small Ce and is weakened, an edge is not.
+    """
+    ce = averaged(s, border)
+    w = float(cv2.norm(ce, cv2.NORM_INF)) / coefficient + offset
+    return np.asarray(cv2.multiply(s, ce, dst=ce, scale=1 / w)), w
+
+
+class Adaptation:
+    """Spike-frequency adaptation: it passes a rising potential and forgets a steady one.
+
+    Parameters
+    ----------
+    tau : float
+        Time constant in ms.
+    ti : float
+        Milliseconds per frame.
+    """
+
+    RISE = 0.003
+    FLOOR = 0.5
+
+    def __init__(self, tau: float, ti: float) -> None:
+        self._share = tau / (tau + ti)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all potentials."""
+        self.potential = self.adapted = 0.0
+
+    def step(self, potential: float) -> float:
+        """Take the potential of a frame, 0.5 to 1; return the adapted one, 0.5 to 1."""
+        rise = potential - self.potential
+        kept = self.adapted + rise if rise <= self.RISE else potential
+        self.potential = potential
+        self.adapted = max(self._share * kept, self.FLOOR)
+        return self.adapted
+
+
+def spikes(adapted: float, gain: float, threshold: float) -> int:
+    """Return the number of spikes of a frame, ``floor(exp(gain (adapted - threshold)))``."""
+    return math.floor(math.exp(gain * (adapted - threshold)))

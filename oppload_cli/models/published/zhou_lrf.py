@@ -1,0 +1,243 @@
+"""A trained linear receptive field per LPLC2 unit (after Zhou et al. 2022)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import OpploadError, ParameterError
+from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.presets import DEFAULT_PRESET
+from oppload_cli.models.published.parts import EDGE, grey_levels, sigmoid
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from oppload_cli.models.dpc import Map
+    from oppload_cli.models.published.parts import Plane
+
+FIELD = 12  # elements across the field of a unit, 60 degrees
+WEIGHTS_FILE = "zhou_lrf.csv"
+UNIT_BIAS, HIT_BIAS = -0.966204, -1.944388  # b_e and b of the same training
+DELAY_KEPT = np.exp(-1 / 3)  # share of the delayed signal that it keeps from frame to frame
+AT_REST = sigmoid(HIT_BIAS)  # probability of a hit where nothing moves
+BLOCK_STEP = FIELD // 2  # elements between the units whose sum gives the probability of a hit
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZhouLrfParams(Parameters):
+    """Parameters of the trained receptive field."""
+
+    element: int | None = parameter(
+        None,
+        "side of an element (5 degrees), even; auto: 1/30 of the height, rounded down to even",
+        unit="px",
+        low=2,
+        high=1000,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if (self.element or 0) % 2:
+            raise ParameterError(
+                f"parameter 'element' of zhou_lrf must be even, not {self.element}"
+            )
+
+
+@dataclass(frozen=True)
+class ZhouLrfResponse(Response):
+    """The answer of the trained receptive field to one frame; see `ZhouLrf.details`."""
+
+    r_max: float = 0.0
+    x: int = 0
+    y: int = 0
+    r_sum: float = 0.0
+    p_hit: float = AT_REST
+    motion_abs: float = 0.0
+
+
+def weights() -> Plane:
+    """Return the weights for motion to the right, shape (12, 12), row 0 on top.
+
+    Raises
+    ------
+    OpploadError
+        If the file of the weights is missing from the installation, or is damaged.
+    """
+    path = files(__package__) / WEIGHTS_FILE
+    try:
+        lines = path.read_text("ascii").split()
+        values = np.array([line.split(",") for line in lines], np.float64)
+    except (OSError, ValueError) as error:
+        values, reason = np.empty(0), str(error)
+    else:
+        reason = f"it holds {values.shape}, not ({FIELD}, {FIELD}) numbers"
+    if values.shape != (FIELD, FIELD):
+        raise OpploadError(
+            f"{path}: the weights of zhou_lrf cannot be read ({reason}); install anew"
+        )
+    return values
+
+
+def blur_kernel(element: int) -> Plane:
+    """Return the Gaussian about a pixel corner, sigma half an element, cut at two elements.
+
+    Parameters
+    ----------
+    element : int
+        Side of an element in px, even.
+    """
+    offsets = np.arange(-2 * element, 2 * element) + 0.5
+    square = offsets[:, None] ** 2 + offsets**2
+    kernel = np.exp(-square / (2 * (element / 2) ** 2))
+    kernel[square > (2 * element) ** 2] = 0
+    return np.asarray(kernel / kernel.sum(), np.float64)
+
+
+class Blur:
+    """The blur at the corners of half elements: the only places at which it is needed.
+
+    Parameters
+    ----------
+    element : int
+        Side of an element in px, even.
+    """
+
+    def __init__(self, element: int) -> None:
+        self._step, self._reach = element // 2, 2 * element
+        # Bands of the kernel, half an element high: for each row of a band a matrix.
+        self._bands = (
+            blur_kernel(element).reshape(-1, self._step, 2 * self._reach).transpose(1, 2, 0)
+        )
+
+    def __call__(self, image: Plane, rows: int, columns: int) -> Plane:
+        """Return the blurred image.
+
+        Parameters
+        ----------
+        image : ndarray of float64, shape (height, width)
+            The nearest pixel is repeated beyond it.
+        rows, columns : int
+            Of elements.
+
+        Returns
+        -------
+        ndarray of float64, shape (2 rows + 1, 2 columns + 1)
+        """
+        padded = cv2.copyMakeBorder(image, *(self._reach,) * 4, borderType=EDGE)
+        wide = np.lib.stride_tricks.sliding_window_view(padded, 2 * self._reach, axis=1)
+        wide = wide[:, : 2 * columns * self._step + 1 : self._step]
+        count = self._bands.shape[2]
+        end = (2 * rows + count) * self._step
+        sums = np.zeros((2 * rows + count, 2 * columns + 1, count))
+        for row, band in enumerate(self._bands):
+            sums += np.ascontiguousarray(wide[row : end : self._step]) @ band
+        # Each place is the sum of one band of the kernel from each band of the image.
+        out = np.zeros((2 * rows + 1, 2 * columns + 1))
+        for number in range(count):
+            out += sums[number : number + len(out), :, number]
+        return out
+
+
+class ZhouLrf(Detector):
+    """Units over 12 x 12 motion detectors, with weights trained to tell hits from misses.
+
+    Frames are taken at 30 per second, as in the training; the constants count frames. The
+    weights were trained anew after the paper, as its authors did not publish theirs.
+
+    Source: Zhou et al. 2022 (eLife); ``docs/detectors.md``.
+    """
+
+    name = "zhou_lrf"
+    label = "Zhou LRF"
+    colour = "#006D2C"
+    meaning = "LPLC2 units with a trained linear receptive field (after Zhou et al. 2022)"
+    response_column = "", "largest unit"
+    details = (
+        Column("r_max", "", "largest unit"),
+        Column("x", "px", "middle of the largest unit's field at the working size"),
+        Column("y", "px", "middle of the largest unit's field at the working size"),
+        Column("r_sum", "", "sum of all units"),
+        Column("p_hit", "", "probability of a hit, 0 to 1"),
+        Column("motion_abs", "", "sum of the absolute horizontal and vertical motion"),
+    )
+    year = 2022
+    reference = "after Zhou et al. 2022, eLife; weights trained anew"
+    answers_to = "motion outward from a unit's middle, by contrast; not misses, retreats, rotation"
+    made_for = "60 degrees over 12 elements, 30 frames/s"
+    cost_ms = 2.0
+    answers = ZhouLrfResponse
+    parameters = ZhouLrfParams
+    evaluated = False
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 3.0}
+
+    params: ZhouLrfParams
+
+    def __init__(
+        self, shape: tuple[int, int], params: ZhouLrfParams | None = None, **others: Any
+    ) -> None:
+        super().__init__(shape, params, **others)
+        height, width = shape
+        self._element = self.params.element or max(2, 2 * (height // 60))
+        self._grid = height // self._element, width // self._element
+        self.need_size(shape, (FIELD * self._element,) * 2)
+        self._blur = Blur(self._element)
+        right = weights()
+        # Four directions by turns of 90 degrees; anchored at the block's top left element.
+        self._weights = [np.rot90(right, turn) for turn in (0, 2, 1, 3)]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._delayed: list[Plane] | None = None
+
+    def step(self, luma: Map) -> Response | None:
+        """Take the next frame; None for the first one."""
+        samples = self._samples(1 - grey_levels(luma, self.shape) / 255)
+        before = self._delayed
+        if before is None:
+            self._delayed = samples  # a settled start
+            return None
+        self._delayed = [
+            DELAY_KEPT * old + (1 - DELAY_KEPT) * new
+            for old, new in zip(before, samples, strict=True)
+        ]
+        return self._answer(samples, self._delayed)
+
+    def _samples(self, brightness: Plane) -> list[Plane]:
+        """Return the blurred brightness at each element's left, right, lower and upper edge."""
+        corners = self._blur(brightness, *self._grid)
+        across, along = corners[1::2, ::2], corners[::2, 1::2]
+        return [across[:, :-1], across[:, 1:], along[1:], along[:-1]]
+
+    def _answer(self, samples: list[Plane], delayed: list[Plane]) -> Response:
+        (left, right, lower, upper), (late_left, late_right, late_lower, late_upper) = (
+            samples,
+            delayed,
+        )
+        across = right * late_left - late_right * left
+        up = upper * late_lower - late_upper * lower
+        channels = [np.maximum(each, 0) for each in (across, -across, up, -up)]
+        rows, columns = (size - FIELD + 1 for size in self._grid)
+        drive = sum(
+            cv2.filter2D(channel, -1, each, anchor=(0, 0))[:rows, :columns]
+            for channel, each in zip(channels, self._weights, strict=True)
+        )
+        units = np.maximum(0, UNIT_BIAS + drive)
+        row, column = divmod(int(units.argmax()), columns)
+        largest = float(units[row, column])
+        hit = HIT_BIAS + float(units[::BLOCK_STEP, ::BLOCK_STEP].sum())
+        return ZhouLrfResponse(
+            largest,
+            r_max=largest,
+            x=(column + BLOCK_STEP) * self._element,
+            y=(row + BLOCK_STEP) * self._element,
+            r_sum=float(units.sum()),
+            p_hit=sigmoid(hit),
+            motion_abs=float(np.abs(across).sum() + np.abs(up).sum()),
+        )

@@ -1,0 +1,225 @@
+"""The detectors by name. A new detector is one file in this room and one line here."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.models.area_growth import AreaGrowth
+from oppload_cli.models.dlgmd import Dlgmd
+from oppload_cli.models.flow_divergence import FlowDivergence
+from oppload_cli.models.frame_difference import FrameDifference
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_named
+from oppload_cli.models.published.ci_lmd import CiLmd
+from oppload_cli.models.published.emd_lplc2_gf import EmdLplc2Gf
+from oppload_cli.models.published.hua import HuaFixed, HuaLiteral
+from oppload_cli.models.published.lgmd1_group import Lgmd1Group, Lgmd1GroupPaper
+from oppload_cli.models.published.lgmd1_onoff import Lgmd1Onoff
+from oppload_cli.models.published.lgmd1_single import Lgmd1Single, Lgmd1SinglePaper
+from oppload_cli.models.published.lgmd2 import Lgmd2
+from oppload_cli.models.published.lgmd_contrast import LgmdContrast
+from oppload_cli.models.published.lgmd_plus import LgmdPlus
+from oppload_cli.models.published.mlplc2 import Mlplc2
+from oppload_cli.models.published.plgmd import Plgmd
+from oppload_cli.models.published.zhou_lrf import ZhouLrf
+from oppload_cli.models.ttc_gradient import TtcGradient
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from oppload_cli.models.detector import Detector
+    from oppload_cli.schema import Parameters
+
+# Names and columns that mean something else in settings and tables.
+_TAKEN_NAMES = {
+    *("alarm", "places", "rmo", "repeats", "time"),
+    *("preset", "models", "height", "measure_rmo", "fov", "columns", "all"),
+}
+_COMMON_COLUMNS = {"frame", "time_s", "luma_change"}
+_RMO_COLUMNS = {"flow_vectors", "rom_pairs", "rom_share", "rmo_mean", "rmo_max", "rmo_index"}
+ALL, LITERAL = "all", "literal"  # words for detectors in `names_of`
+_EVERYONES = ("response", "alarm")
+_SIDES = ("x", "y", "width", "height", "unit_x", "unit_y")
+
+_detectors: dict[str, type[Detector]] = {}
+
+
+def register(detector: type[Detector]) -> type[Detector]:
+    """Make a detector known everywhere: settings, tables, alarms, figures, `oppload models`.
+
+    Parameters
+    ----------
+    detector : type of Detector
+        Returned as it is, so that this can be used as a decorator.
+
+    Raises
+    ------
+    ParameterError
+        If its name, its parameters or one of its columns is not valid, or is taken already.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.register(oppload.Dlgmd) is oppload.Dlgmd  # again: nothing changes
+    True
+    """
+    name = getattr(detector, "name", None)
+    where = f"detector '{name}' ({detector.__module__}.{detector.__qualname__})"
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise ParameterError(f"{where}: its name must be lower case, digits and underscores")
+    known = _detectors.get(name)
+    if name in _TAKEN_NAMES or (known is not None and known is not detector):
+        raise ParameterError(f"{where}: its name is taken; choose another one")
+    if not re.fullmatch(r"#[0-9A-Fa-f]{6}", getattr(detector, "colour", "")):
+        raise ParameterError(f"{where}: its colour must be written as #RRGGBB")
+    if not getattr(detector, "label", "") or not getattr(detector, "meaning", ""):
+        raise ParameterError(f"{where}: it needs a label and a meaning")
+    others = [each for each in _detectors.values() if each is not detector]
+    if any(each.parameters is detector.parameters for each in others):
+        raise ParameterError(
+            f"{where}: its parameters, {detector.parameters.__name__}, are those of another "
+            f"detector; give it a class of its own"
+        )
+    taken = {column for each in others for column in _columns_of(each)}
+    taken |= _COMMON_COLUMNS | _RMO_COLUMNS
+    for column in _columns_of(detector):
+        if column in taken:
+            raise ParameterError(f"{where}: its column '{column}' is taken; choose another name")
+        taken.add(column)
+    fields = detector.answers.__dataclass_fields__
+    for own in (*detector.columns, *detector.details):
+        if own.name not in fields:
+            raise ParameterError(
+                f"{where}: its column '{own.name}' must be a field of its answers, "
+                f"{detector.answers.__name__}"
+            )
+    _detectors[name] = detector
+    return detector
+
+
+def forget(name: str) -> None:
+    """Remove a registered detector again, as tests do."""
+    _detectors.pop(name, None)
+
+
+def detectors() -> dict[str, type[Detector]]:
+    """Return all detectors by name, in the order of their registration.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> list(oppload.detectors())[:2]
+    ['opplod', 'dlgmd']
+    """
+    return dict(_detectors)
+
+
+def default_names() -> tuple[str, ...]:
+    """Return the names of the detectors that run where none is chosen."""
+    return tuple(name for name, each in _detectors.items() if each.by_default)
+
+
+def detector_named(name: str) -> type[Detector]:
+    """Return a detector by its name.
+
+    Raises
+    ------
+    ParameterError
+        If no detector has that name.
+    """
+    if name not in _detectors:
+        raise ParameterError(f"no model '{name}'{suggestion(name, _detectors)}")
+    return _detectors[name]
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """Return the detectors that a user names.
+
+    Parameters
+    ----------
+    text : str
+        ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET``, several
+        of them with commas between them, or ``all``.
+
+    Raises
+    ------
+    ParameterError
+        If no detector has such a name.
+    """
+    found: list[str] = []
+    for part in text.split(","):
+        name, _, variant = part.strip().partition(":")
+        if name == ALL and not variant:
+            found += [one for one, each in _detectors.items() if not each.variant_of]
+            continue
+        detector_named(name)
+        variants = [one for one, each in _detectors.items() if each.variant_of == name]
+        full = f"{name}_{variant}"
+        if full not in variants and variant in PRESETS:
+            variant = ""
+        if variant and full not in variants and (variant != LITERAL or not variants):
+            known = [LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
+            has = f"it has {' and '.join(known)}" if variants else "it has none; see --preset"
+            raise ParameterError(f"model '{name}' has no variant '{variant}': {has}")
+        found.append(full if full in variants else name)
+    return tuple(dict.fromkeys(found))
+
+
+def placing_detector(names: Iterable[str]) -> type[Detector] | None:
+    """Return the first of some detectors whose answers have places: its objects are reported."""
+    return next((_detectors[name] for name in names if _detectors[name].places), None)
+
+
+def detector_of(params: Parameters) -> type[Detector]:
+    """Return the detector that a set of parameters belongs to.
+
+    Raises
+    ------
+    ParameterError
+        If no detector has such parameters.
+    """
+    for detector in _detectors.values():
+        if type(params) is detector.parameters:
+            return detector
+    raise ParameterError(f"no detector has parameters of the class {type(params).__name__}")
+
+
+def parameters_of(name: str, preset: str = DEFAULT_PRESET) -> Parameters:
+    """Return the parameters of a detector under a preset.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such detector, or no such preset.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.parameters_of("opplod", "paper").receptive_field
+    200
+    """
+    detector = detector_named(name)
+    return detector.presets.get(preset_named(preset).name) or detector.parameters()
+
+
+def alarm_floor_of(name: str, preset: str = DEFAULT_PRESET) -> float:
+    """Return the response at or below which a detector never alarms, under a preset."""
+    floors = detector_named(name).alarm_floors
+    return floors.get(preset, floors[DEFAULT_PRESET])
+
+
+def _columns_of(detector: type[Detector]) -> tuple[str, ...]:
+    everyones = (*_EVERYONES, *(_SIDES if detector.places else ()))
+    own = (column.name for column in (*detector.columns, *detector.details))
+    return tuple(f"{detector.name}_{column}" for column in (*everyones, *own))
+
+
+for _each in (
+    *(Opplod, Dlgmd, FrameDifference, FlowDivergence, TtcGradient, AreaGrowth),
+    *(Lgmd1Group, Lgmd1GroupPaper, Lgmd1Single, Lgmd1SinglePaper, Lgmd1Onoff),
+    *(Lgmd2, LgmdPlus, Plgmd, LgmdContrast, CiLmd),
+    *(EmdLplc2Gf, ZhouLrf, Mlplc2, HuaFixed, HuaLiteral),
+):
+    register(_each)

@@ -1,0 +1,113 @@
+"""The time base: how the models measure time (``docs/time.md``).
+
+The step of the models is a time, the interval, and not a frame: the paper and the authors of
+D-LGMD took it from one frame of 30 per second to the next.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
+from oppload_cli.schema import Parameters, parameter
+
+FRAME = "frame"
+REFERENCE_S = Fraction(1, 30)
+SHORTEST_S, LONGEST_S = 1e-4, 10.0
+NEARLY_ONE = 0.03  # times in files are rounded, often to milliseconds
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeParams(Parameters):
+    """The time base (``docs/time.md``)."""
+
+    interval: str = parameter(
+        str(REFERENCE_S),
+        "step of the models in seconds, such as 1/30 or 0.04; 'frame': from frame to frame",
+        unit="s",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.interval != FRAME:
+            self._seconds()
+
+    def _seconds(self) -> Fraction:
+        try:
+            seconds = Fraction(self.interval)
+        except (ValueError, ZeroDivisionError):
+            seconds = Fraction(0)
+        if not SHORTEST_S <= seconds <= LONGEST_S:
+            raise ParameterError(
+                f"parameter 'interval' of time must be 'frame', or {SHORTEST_S:g} to "
+                f"{LONGEST_S:g} seconds such as 1/30 or 0.04, not '{self.interval}'"
+            )
+        return seconds
+
+    @property
+    def per_second(self) -> float | None:
+        """Intervals per second; None where frames are counted."""
+        return None if self.interval == FRAME else float(1 / self._seconds())
+
+
+_PAPER = TimeParams(interval=FRAME)
+
+
+def time_params(preset: str = DEFAULT_PRESET) -> TimeParams:
+    """Return the time base under a preset: frames for ``paper``, 1/30 s for the others."""
+    return _PAPER if preset_named(preset).name == "paper" else TimeParams()
+
+
+class Clock:
+    """Tells the time of frames in intervals.
+
+    Parameters
+    ----------
+    params : TimeParams, optional
+        The time base.
+    frame_rate : float, optional
+        Frames per second of the video, for frames whose time nobody tells; without it each of
+        them lasts one interval.
+
+    Attributes
+    ----------
+    time_s : float or None
+        Presentation time in seconds of the frame that is given now; None where nobody tells it.
+    per_second : float
+        Intervals per second.
+    """
+
+    def __init__(self, params: TimeParams | None = None, frame_rate: float | None = None) -> None:
+        per_second = (params or TimeParams()).per_second
+        known = frame_rate if frame_rate and math.isfinite(frame_rate) else None
+        self._counts = per_second is None
+        self.per_second = per_second or known or float(1 / REFERENCE_S)
+        self._step = 1.0 if self._counts or not known else nearly_one(self.per_second / known)
+        self.time_s: float | None = None
+
+    def now(self, before: float | None) -> float:
+        """Return the time of the frame that is given now, in intervals.
+
+        Parameters
+        ----------
+        before : float or None
+            The time that the frame before was given; None for the first frame.
+
+        Returns
+        -------
+        float
+            Above `before`: a frame whose time does not lie after it comes one step later.
+        """
+        if not self._counts and self.time_s is not None:
+            now = float(self.time_s) * self.per_second  # a NumPy number would widen the maps
+            if before is None or now > before:
+                return now
+        return 0.0 if before is None else before + self._step
+
+
+def nearly_one(ratio: float) -> float:
+    """Return 1 for a ratio within 3 % of it, else the ratio."""
+    return 1.0 if abs(ratio - 1) <= NEARLY_ONE else ratio

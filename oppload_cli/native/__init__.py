@@ -1,1 +1,0 @@
-"""The inner loops in C, where a compiler was at hand when the package was built."""

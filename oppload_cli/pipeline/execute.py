@@ -1,0 +1,398 @@
+"""One input from its first frame to its result files."""
+
+from __future__ import annotations
+
+import os.path
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, NamedTuple
+
+import cv2
+
+from oppload_cli.compute.loops import is_large
+from oppload_cli.environment import environment
+from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason_of
+from oppload_cli.files.atomic import cannot_write
+from oppload_cli.files.tables import Table, rows_in
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.existing import kept_result
+from oppload_cli.pipeline.outputs import Writing, begun
+from oppload_cli.pipeline.repeats import Repeats
+from oppload_cli.pipeline.settings import ALL
+from oppload_cli.pipeline.task import Interrupted, Outcome, Task
+from oppload_cli.pipeline.times import FrameTimes
+from oppload_cli.processes import cores
+from oppload_cli.results.alarms import AlarmLog
+from oppload_cli.results.columns import columns_for
+from oppload_cli.results.record import ModelSummary
+from oppload_cli.video.opening import Opening
+from oppload_cli.video.optics import Optics
+from oppload_cli.video.span import Span
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from oppload_cli.pipeline.settings import Settings
+    from oppload_cli.pipeline.task import Watcher
+    from oppload_cli.results.alarms import Verdict
+    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.schema import Parameters
+    from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
+
+
+def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None = None) -> Outcome:
+    """Analyse one input and write its results.
+
+    Parameters
+    ----------
+    task : Task
+        The input, the settings and the outputs.
+    watcher : Watcher, optional
+        Told of each frame.
+    opening : Opening, optional
+        Of the same input, at the same height and span; closed at the end.
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    SourceError
+        If nothing can be read; nothing is written then.
+    OutputError
+        If a result exists, or cannot be written.
+    Interrupted
+        If the user stops it; the rows so far stay as ``NAME.part``.
+    """
+    kept = exists_already(task)
+    if kept is not None:
+        return Outcome(skipped=True, verdicts=kept)
+    started = time.perf_counter()
+    opening = opening or Opening(
+        task.name,
+        height=task.settings.height,
+        span=task.span,
+        image_rate=task.image_rate,
+        threads=task.threads,
+        colour=task.outputs is not None and task.outputs.annotated is not None,
+    )
+    with opening.result() as video:
+        _set_threads(video.working, task.threads)
+        if watcher:
+            watcher.opened(video)
+        run = _Run(task, video, watcher)
+        if task.outputs is None:
+            _write_stream(run, sys.stdout)
+        else:
+            table = begun(task.outputs, task.if_exists)
+            if table is None:
+                return Outcome(skipped=True, verdicts=exists_already(task) or ())
+            models = task.settings.models
+            writing = Writing(task.outputs, table, video, run.columns, models, boxes=task.boxes)
+            _write_files(run, writing, task.outputs.csv, started)
+        return run.outcome(time.perf_counter() - started)
+
+
+def collected(
+    source: DecodedSource,
+    settings: Settings,
+    keep: Callable[[FrameRecord], object],
+    stimulus: dict[str, Any] | None = None,
+) -> tuple[list[str], dict[str, Any]]:
+    """Analyse an open source, and write no file.
+
+    Parameters
+    ----------
+    source : DecodedSource
+        Iterated, not closed.
+    settings : Settings
+        The detectors and their parameters.
+    keep : callable
+        Takes the record of each frame.
+    stimulus : dict, optional
+        The ground truth of the source, for the sidecar.
+
+    Returns
+    -------
+    columns : list of str
+        Of the table that ``oppload run`` would write.
+    sidecar : dict
+        The content of its sidecar.
+    """
+    started = time.perf_counter()
+    _set_threads(source.working, 0)
+    run = _Run(Task(source.facts.name, settings), source, None, stimulus)
+    run.write(source, _Kept(keep))
+    return run.columns, run.sidecar(time.perf_counter() - started)
+
+
+def _set_threads(working: WorkingSize, threads: int) -> None:
+    # On small frames OpenCV's threads wait for each other longer than they work.
+    cv2.setNumThreads((threads or cores()) if is_large(working.shape) else 1)
+
+
+def exists_already(task: Task) -> tuple[Verdict, ...] | None:
+    """Return the alarms of a result that exists and is kept; None where there is none.
+
+    Raises
+    ------
+    OutputError
+        If a result exists and the task does not say what to do with it, or to skip it and it
+        is of another input or has other settings.
+    """
+    if task.outputs is None or not task.outputs.kept(task.if_exists):
+        return None
+    return kept_result(task)
+
+
+def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None:
+    """Write the files as frames come, and give them their names in the end."""
+    try:
+        run.write(writing.frames, writing)
+        writing.commit(lambda: run.sidecar(time.perf_counter() - started))
+    except BaseException as error:
+        if run.frames == 0:
+            writing.discard()
+            kept = ""
+        else:
+            writing.keep()
+            kept = f"the first {rows_in(writing.part)} rows are in {writing.part}"
+        explained = _explained(error, csv, kept)
+        if explained is None:
+            raise
+        raise explained from error
+
+
+def _explained(error: BaseException, path: Path, kept: str) -> BaseException | None:
+    """Return an error that also says which rows are kept; None for a bug."""
+    if isinstance(error, KeyboardInterrupt):
+        return Interrupted(kept)
+    kept = kept and f"; {kept}"
+    if isinstance(error, OSError):
+        error = cannot_write(path, error)
+    if isinstance(error, OpploadError):
+        return type(error)(f"{error}{kept}")
+    return None
+
+
+def _write_stream(run: _Run, stream: IO[str] | None) -> None:
+    if stream is None:  # as Python has it after "oppload ... >&-"
+        raise OutputError("standard output: is closed; open it, or give a folder with --output")
+    try:
+        run.write(run.video, _Rows(stream, run.columns))
+        stream.flush()
+    except BrokenPipeError:
+        raise  # the reader has gone: not an error of ours
+    except OSError as error:
+        raise OutputError(
+            f"standard output: cannot be written ({reason_of(error)}); free it"
+        ) from error
+
+
+class _Rows:
+    """The rows alone, on standard output."""
+
+    def __init__(self, stream: IO[str], columns: Sequence[str]) -> None:
+        self._table = Table(stream, columns)
+
+    def write(self, record: FrameRecord) -> None:
+        self._table.write(record.values())
+
+
+class _Kept(NamedTuple):
+    """Records that the caller keeps."""
+
+    write: Callable[[FrameRecord], object]
+
+
+class _Run:
+    """The state of one pass over a video."""
+
+    def __init__(
+        self,
+        task: Task,
+        video: DecodedSource,
+        watcher: Watcher | None,
+        stimulus: dict[str, Any] | None = None,
+    ) -> None:
+        self._task = task
+        self.video = video
+        self._watcher = watcher
+        self._summaries = {name: ModelSummary() for name in task.settings.models}
+        self._alarms = {name: AlarmLog(name) for name in task.settings.models}
+        self._repeats = Repeats(task.settings.repeats)
+        rate = video.facts.frame_rate
+        self._times = FrameTimes(float(rate) if rate else None)
+        self._stimulus = stimulus or _ground_truth(Path(task.name))
+        self._optics = _optics(task.settings.fov, video.facts, self._stimulus)
+        self._settings = task.settings.seen_through(self._optics, video.working)
+        self.frames = 0
+
+    @property
+    def columns(self) -> list[str]:
+        """Names of the table's columns."""
+        settings = self._settings
+        columns = columns_for(
+            settings.models,
+            rmo=settings.measure_rmo,
+            details=settings.columns == ALL,
+            degrees=self._optics is not None,
+            presets=(settings.preset,),
+        )
+        return [column.name for column in columns]
+
+    def write(self, frames: FrameSource, writing: Writing | _Rows | _Kept) -> None:
+        """Analyse every frame and write its record."""
+        settings = self._settings
+        records = analyse(
+            frames,
+            settings.model_params(),
+            alarm=settings.alarm,
+            places=settings.places,
+            rmo=settings.rmo,
+            repeats=self._repeats,
+            time=settings.time,
+            optics=self._optics,
+        )
+        for record in records:
+            writing.write(record)
+            self.frames += 1
+            self._times.step(record.time_s)
+            for name, summary in self._summaries.items():
+                summary.add(record, name)
+                self._alarms[name].add(record)
+            if self._watcher:
+                self._watcher.frame(record)
+        if self.frames == 0 and self._task.span != Span():
+            raise ParameterError(
+                f"{self._task.name}: has no frame between --start and --end; {self._length()}"
+            )
+
+    def _length(self) -> str:
+        """Return how long the input is, in words, as far as it is known."""
+        facts, decoded = self.video.facts, self.video.decode.decoded
+        count = max(decoded, facts.frames_declared or 0)
+        seconds = f"{float(count / facts.frame_rate):.2f} s, " if facts.frame_rate else ""
+        return f"it has {seconds}{count} frames"
+
+    def outcome(self, wall_s: float) -> Outcome:
+        """Return the outcome of the pass."""
+        decode = self.video.decode
+        return Outcome(
+            complete=decode.complete,
+            frames=self.frames,
+            wall_s=wall_s,
+            notes=tuple(decode.messages),
+            remarks=self._remarks(),
+            summaries=self._summaries,
+            verdicts=tuple(each.verdict for each in self._alarms.values()),
+        )
+
+    def _pictures_per_s(self) -> float | None:
+        rate = self.video.facts.frame_rate
+        return self._repeats.pictures_per_s(float(rate)) if rate else None
+
+    def _remarks(self) -> tuple[str, ...]:
+        remarks = self._times.notes()
+        pictures, rate = self._pictures_per_s(), self.video.facts.frame_rate
+        if pictures is not None and rate is not None:
+            remarks.append(f"{float(rate):.4g} frames/s file, about {pictures:.2g} pictures/s")
+        return tuple(remarks)
+
+    def _field_of_view(self, groups: Mapping[str, Parameters]) -> dict[str, Any] | None:
+        """Return the field of view, and the sizes of the detectors in degrees."""
+        if self._optics is None:
+            return None
+        scale = self.video.working.scale_y
+        sizes = {
+            f"{group}.{each.name}": self._optics.degrees(size * scale)
+            for group in self._settings.models
+            for each in groups[group].declared()
+            if each.unit == "px" and (size := getattr(groups[group], each.name))
+        }
+        return {**self._optics.as_dict(), "sizes_deg": sizes}
+
+    def sidecar(self, wall_s: float) -> dict[str, Any]:
+        """Return the content of the sidecar: the keys of ``docs/formats.md``, ready for JSON."""
+        task, settings = self._task, self._settings
+        facts, decode, working = self.video.facts, self.video.decode, self.video.working
+        rate = float(facts.frame_rate) if facts.frame_rate else None
+        groups = settings.resolved(working.height, rate)
+        return {
+            "tool": environment(),
+            "command": list(task.command),
+            "preset": settings.preset,
+            "models": list(settings.models),
+            "height": settings.height,
+            "columns": settings.columns,
+            "measure_rmo": settings.measure_rmo,
+            "parameters": {name: params.as_dict() for name, params in groups.items()},
+            "input": facts.as_dict(),
+            "span": asdict(task.span),
+            "working": {
+                "width": working.width,
+                "height": working.height,
+                "source_px_per_px_x": working.scale_x,
+                "source_px_per_px_y": working.scale_y,
+                "source_px_per_s_at_1_px_per_frame": working.scale_x * rate if rate else None,
+            },
+            "field_of_view": self._field_of_view(groups),
+            "decode": {
+                "declared": facts.frames_declared,
+                "decoded": decode.decoded,
+                "analysed": self.frames,
+                "failures": decode.failures,
+                "corrupt": decode.corrupt,
+                "missing": decode.missing,
+                "repeats": self._repeats.exact,
+                "near_repeats": self._repeats.near,
+                "pictures_per_s": self._pictures_per_s(),
+                "complete": decode.complete,
+                "messages": decode.messages,
+            },
+            "time": self._times.as_dict(),
+            "threads": {
+                "decoder": decode.threads,
+                "decoder_apart": decode.own_process,
+                "models": cv2.getNumThreads(),
+            },
+            "stimulus": self._stimulus,
+            "wall_s": round(wall_s, 3),
+            "frames_per_s": round(self.frames / wall_s, 1) if wall_s else None,
+            "summary": {name: summary.as_dict() for name, summary in self._summaries.items()},
+            "alarms": {name: each.verdict.as_dict() for name, each in self._alarms.items()},
+        }
+
+
+def _optics(
+    fov: float | None, facts: InputFacts, stimulus: Mapping[str, Any] | None
+) -> Optics | None:
+    """Return the optics of an input: as the user says, or as its ground truth does.
+
+    No container states the field of view: focal lengths in the data of pictures hold for the
+    uncropped sensor, which a video seldom uses.
+    """
+    if fov is not None:
+        return Optics.of_fov(facts.width, facts.height, fov)
+    try:
+        return Optics.of_display((stimulus or {})["display"], facts.width, facts.height)
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+
+
+def _ground_truth(video: Path) -> dict[str, Any] | None:
+    """Return the main facts of the ground truth beside a stimulus's video, if it exists."""
+    path = video.with_name(f"{video.stem}.stimulus.json")
+    if not os.path.lexists(path):  # False also for a name that is too long to look up
+        return None
+    from oppload_cli.stimulus.truth import read_ground_truth  # noqa: PLC0415 - few inputs have it
+
+    try:
+        truth = read_ground_truth(path)
+    except OpploadError as error:
+        return {"path": str(path), "error": str(error)}
+    kept = ("name", "looming", "contact_time_s", "display")
+    return {"path": str(path), **{key: truth[key] for key in kept}}

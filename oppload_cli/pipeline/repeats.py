@@ -1,0 +1,289 @@
+"""Repeats: pictures that a converter put into a file more than once."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from statistics import median
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Luma = NDArray[np.float32]
+
+KEEP, EXACT, NEAR = "keep", "exact", "near"
+
+SOME_ROWS = 16  # every so many
+CELLS = 15  # rows of cells over which a change is averaged
+PICTURES = 3  # whose median is the usual change
+ENOUGH, PROOF_S = 2, 2.0  # drops and rises within so many seconds that make a cadence
+BACK = 0.4  # share of the usual change to which the change rises after a repeat
+LENIENT = 2.0  # in a cadence one of its two changes may be so many times larger
+SPAN = 10  # pictures over which their mean interval is taken
+PULL = 0.1  # share of its lag behind the presentation times that an even clock makes up
+WORTH_TELLING = 0.05  # share of repeats among all frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepeatParams(Parameters):
+    """How repeats of a picture are taken (``docs/model.md``, "Repeats")."""
+
+    handling: str = parameter(
+        NEAR,
+        "repeats that the detectors do not see: 'exact' ones, also 'near' ones, or 'keep' all",
+        choices=(EXACT, NEAR, KEEP),
+    )
+    longest_s: float = parameter(
+        0.18,
+        "longest time for which one picture is repeated; a longer one is a scene at rest",
+        unit="s",
+        low=0,
+        high=10,
+    )
+    share: float = parameter(
+        0.25,
+        "a near repeat changes less than this share of the usual change",
+        low=0,
+        high=0.5,
+    )
+    least: float = parameter(
+        0.008,
+        "repeats are recognised only where the usual change of some cell is above this",
+        unit="luminance",
+        low=0,
+        high=1,
+    )
+
+
+class Repeat(NamedTuple):
+    """What a frame repeats.
+
+    Attributes
+    ----------
+    kind : str
+        ``exact``, ``near``, or empty for a frame that is not known to repeat the picture before.
+    passed_over : bool
+        Whether the detectors do not see it.
+    held : bool
+        Whether it belongs to a cadence, so that the answer to its picture still holds.
+    still_begins : bool
+        Whether the frames that were passed over before were no repeats but a still scene.
+    shift_s : float
+        Seconds from the presentation time to when the picture was taken: not 0 in a cadence,
+        where pictures were taken at even intervals.
+    """
+
+    kind: str = ""
+    passed_over: bool = False
+    held: bool = False
+    still_begins: bool = False
+    shift_s: float = 0.0
+
+
+class _Change(NamedTuple):
+    """Mean P of a frame against the picture shown before it: over the frame, and largest of a cell.
+
+    A picture that an encoder codes anew changes little in every cell. Where a scene slows
+    down, or an encoder spares bits, some cells still change as before.
+    """
+
+    mean: float
+    largest: float
+
+    def below(self, share: float, other: _Change, *, lenient: bool) -> bool:
+        """Tell whether both changes are less than a share of the others.
+
+        In a cadence (`lenient`) an encoder may have coded much of a repeat anew, or one cell
+        of it: then their geometric mean counts.
+        """
+        each = share * LENIENT if lenient else share
+        mean, largest = each * other.mean, each * other.largest
+        product = share**2 * other.mean * other.largest
+        return self.mean < mean and self.largest < largest and self.mean * self.largest < product
+
+
+_NONE = _Change(0.0, 0.0)
+
+
+class Repeats:
+    """Tells pictures that a converter repeated from a scene that slows down or stands still.
+
+    Content of 10 frames/s in a file of 30 repeats each picture twice: fed to the detectors it
+    would stand still, and then jump. Exact repeats are recognised at once. A near repeat, which
+    the encoder has coded anew, is a drop of the change far below that of the latest pictures;
+    it is recognised only in a cadence: when such drops have ended `ENOUGH` times with a rise as
+    steep. Where the scene comes to rest in a cadence, the detectors see it at the rate of the
+    pictures, and after `longest_s` every frame. All of this uses past frames only, so
+    that the first near repeats of a video are not recognised.
+
+    Parameters
+    ----------
+    params : RepeatParams
+
+    Attributes
+    ----------
+    exact, near : int
+        How many frames were recognised as repeats.
+    """
+
+    def __init__(self, params: RepeatParams) -> None:
+        self._params = params
+        self._shown: Luma | None = None  # the latest frame that the detectors saw
+        self._usual: deque[_Change] = deque(maxlen=PICTURES)
+        # The frames in a row that may be repeats: how many, the largest change of them, and
+        # when the picture was shown that they may repeat.
+        self._run, self._worst, self._since_s = 0, _NONE, 0.0
+        self._proofs: deque[tuple[float, int]] = deque()  # times and lengths of proved runs
+        self._before_s = 0.0
+        self._shown_s: deque[float] = deque(maxlen=SPAN + 1)  # of the pictures of the cadence
+        self._even_s = 0.0  # the latest one, evenly spaced
+        self._passed_over = False
+        self.exact = self.near = 0
+        self._frames = 0
+        self._pictures = self._repeats = 0  # while there is a cadence
+
+    def pictures_per_s(self, frame_rate: float) -> float | None:
+        """Return how many new pictures a second of moving scenes shows.
+
+        Parameters
+        ----------
+        frame_rate : float
+            Frames per second of the video.
+
+        Returns
+        -------
+        float or None
+            Above 0; the mean over those parts of the video that have a cadence. None if fewer
+            than `WORTH_TELLING` of all frames are repeats in a cadence.
+        """
+        if self._repeats < WORTH_TELLING * self._frames or not self._repeats:
+            return None
+        return frame_rate * self._pictures / (self._pictures + self._repeats)
+
+    def step(self, luma: Luma, time_s: float) -> Repeat:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance at the working size, 0 to 1; kept, not copied.
+        time_s : float
+            Its presentation time in seconds.
+        """
+        repeat = self._recognised(luma, time_s)
+        self.exact += repeat.kind == EXACT
+        self.near += repeat.kind == NEAR
+        if not repeat.passed_over:
+            self._shown = luma
+            self._even_s = self._evenly(time_s)
+            repeat = repeat._replace(shift_s=self._even_s - time_s)
+        self._frames += 1
+        self._passed_over = repeat.passed_over
+        self._before_s = time_s
+        return repeat
+
+    def _evenly(self, time_s: float) -> float:
+        """Return when a picture was taken.
+
+        A file of 30 frames/s shows each of 12 pictures/s for two or three frames: they begin
+        unevenly, but were taken at even intervals.
+        """
+        before = self._shown_s
+        if not self._is_cadence or not (
+            before and 0 < time_s - before[-1] <= self._params.longest_s
+        ):
+            before.clear()
+        before.append(time_s)
+        if len(before) == 1:
+            return time_s
+        even = self._even_s + (time_s - before[0]) / (len(before) - 1)
+        return even + PULL * (time_s - even)
+
+    def _recognised(self, luma: Luma, time_s: float) -> Repeat:
+        if self._shown is None:
+            return Repeat()
+        exact = _equal(luma, self._shown)
+        handling = self._params.handling
+        if handling == KEEP:
+            self.exact += exact
+            return Repeat()
+        change = _NONE if exact else _change(luma, self._shown) if handling == NEAR else None
+        while self._proofs and time_s - self._proofs[0][0] > PROOF_S:
+            self._proofs.popleft()
+        if not exact and not (change and self._is_drop(change)):
+            self._end_run(change, time_s)
+            return Repeat()
+        if not self._run:
+            self._worst, self._since_s = _NONE, self._before_s
+        self._run += 1
+        self._worst = _Change(*map(max, self._worst, change or _NONE))
+        if time_s - self._since_s > self._params.longest_s:
+            return self._at_rest(exact=exact)
+        held = self._is_cadence and self._run % (1 + self._longest) > 0
+        kind = EXACT if exact else NEAR if held else ""
+        return Repeat(kind, bool(kind), held)
+
+    @property
+    def _is_cadence(self) -> bool:
+        return len(self._proofs) >= ENOUGH
+
+    @property
+    def _longest(self) -> int:
+        """The longest run in the cadence: every frame after as many repeats is a picture."""
+        return sorted(run for _, run in self._proofs)[-ENOUGH]
+
+    def _is_drop(self, change: _Change) -> bool:
+        usual = self._usual_change()
+        return usual.largest >= self._params.least and change.below(
+            self._params.share, usual, lenient=self._is_cadence
+        )
+
+    def _usual_change(self) -> _Change:
+        if not self._usual:
+            return _NONE
+        means, largest = zip(*self._usual, strict=True)
+        return _Change(median(means), median(largest))
+
+    def _end_run(self, change: _Change | None, time_s: float) -> None:
+        """Take a new picture; the run before it is proved if the change rises as it dropped."""
+        proved = self._run > 0 and self._before_s - self._since_s <= self._params.longest_s
+        if change is not None:  # exact repeats prove themselves
+            usual = self._usual_change()
+            proved &= change.largest > BACK * usual.largest
+            proved &= self._worst.below(self._params.share, change, lenient=True)
+            self._usual.append(change)
+        if self._is_cadence:
+            self._pictures += 1
+            self._repeats += self._run * proved
+        if proved:
+            self._proofs.append((time_s, self._run))
+        self._run = 0
+
+    def _at_rest(self, *, exact: bool) -> Repeat:
+        """Take a frame of a run that is too long for repeats."""
+        if exact:
+            return Repeat(EXACT, still_begins=self._passed_over)
+        self._usual.clear()
+        self._run = 0
+        return Repeat()
+
+
+def _equal(one: Luma, other: Luma) -> bool:
+    """Compare frames; a few rows tell most of them apart."""
+    return np.array_equal(one[::SOME_ROWS], other[::SOME_ROWS]) and np.array_equal(one, other)
+
+
+def _change(one: Luma, other: Luma) -> _Change:
+    """Average the change over cells as large as fit; OpenCV is fast where they are equal."""
+    height, width = one.shape
+    side = max(1, min(height // CELLS, width))
+    rows, columns = height // side, width // side
+    complete = cv2.absdiff(one, other)[: rows * side, : columns * side]
+    cells = cv2.resize(complete, (columns, rows), interpolation=cv2.INTER_AREA)
+    return _Change(float(cells.mean()), float(cells.max()))

@@ -1,0 +1,406 @@
+"""The settings of a run, and the origin of each.
+
+Later origins win: the preset, then the TOML file, then the command line.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from oppload_cli.detection.parameters import (
+    AlarmParams,
+    PlaceParams,
+    alarm_params,
+    place_params,
+)
+from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.files.reading import reading, text_of
+from oppload_cli.models.presets import (
+    DEFAULT_PRESET,
+    EXAMPLE_SETTING,
+    Preset,
+    preset_in,
+    preset_named,
+)
+from oppload_cli.models.registry import default_names, detectors, names_of, parameters_of
+from oppload_cli.models.timebase import TimeParams, time_params
+from oppload_cli.motion.rmo import RmoParams
+from oppload_cli.pipeline.repeats import RepeatParams
+from oppload_cli.video.optics import parse_fov
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from oppload_cli.schema import Parameters
+    from oppload_cli.video.frames import WorkingSize
+    from oppload_cli.video.optics import Optics
+
+
+Kind = TypeVar("Kind", bound="Parameters")
+
+COMMAND_LINE = "command line"
+NATIVE = "native"
+USUAL, ALL = "usual", "all"  # columns of a table; `ALL` also stands for all models
+TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that decides how an input is analysed.
+
+    Attributes
+    ----------
+    preset : str
+        The preset's name.
+    models : tuple of str
+        The detectors to run, in order.
+    height : int or None
+        Working height in pixels; None keeps the native size.
+    measure_rmo : bool
+        Whether radial motion opponency is measured.
+    groups : dict of str to Parameters
+        Parameter sets by name: one of each detector, then ``alarm``, ``places``, ``rmo``,
+        ``repeats`` and ``time``.
+    origins : dict of str to str
+        Where each setting came from, by its dotted name: ``preset default``,
+        a file's path, or ``command line``.
+    columns : str
+        ``usual``, or ``all`` to write the inner values of the detectors too.
+    fov : float or None
+        Field of view across the width of the frame in degrees; None where it is not known.
+    angles : dict of str to float
+        Sizes that were given in degrees, by their dotted name; :meth:`seen_through` turns them
+        into pixels.
+    """
+
+    preset: str
+    models: tuple[str, ...]
+    height: int | None
+    measure_rmo: bool
+    groups: dict[str, Parameters]
+    origins: dict[str, str] = field(default_factory=dict)
+    columns: str = USUAL
+    fov: float | None = None
+    angles: dict[str, float] = field(default_factory=dict)
+
+    def group(self, name: str, kind: type[Kind]) -> Kind:
+        """Return one parameter set.
+
+        Parameters
+        ----------
+        name : str
+            Its name in `groups`.
+        kind : type of Parameters
+            Its class.
+
+        Raises
+        ------
+        ParameterError
+            If it is of another class.
+        """
+        params = self.groups[name]
+        if not isinstance(params, kind):
+            raise ParameterError(f"'{name}' holds {type(params).__name__}, not {kind.__name__}")
+        return params
+
+    @property
+    def alarm(self) -> AlarmParams:
+        """The parameters of the alarms."""
+        return self.group("alarm", AlarmParams)
+
+    @property
+    def places(self) -> PlaceParams:
+        """The parameters of the looming objects."""
+        return self.group("places", PlaceParams)
+
+    @property
+    def rmo(self) -> RmoParams | None:
+        """The parameters of radial motion opponency; None if it is not measured."""
+        return self.group("rmo", RmoParams) if self.measure_rmo else None
+
+    @property
+    def repeats(self) -> RepeatParams:
+        """How repeated pictures are taken."""
+        return self.group("repeats", RepeatParams)
+
+    @property
+    def time(self) -> TimeParams:
+        """The time base."""
+        return self.group("time", TimeParams)
+
+    def model_params(self) -> list[Parameters]:
+        """Return the parameter sets of the detectors to run, in order.
+
+        Raises
+        ------
+        ParameterError
+            If a size is given in degrees and :meth:`seen_through` has not turned it into pixels.
+        """
+        for name, degrees in self.angles.items():
+            raise ParameterError(
+                f"{name}={degrees:g}deg needs the field of view; give it with --fov DEGREES, "
+                f"or the size in pixels"
+            )
+        return [self.groups[name] for name in self.models]
+
+    def seen_through(self, optics: Optics | None, working: WorkingSize) -> Settings:
+        """Return the same settings with sizes in degrees turned into working pixels.
+
+        An angle is that of a length in the middle of the frame.
+
+        Parameters
+        ----------
+        optics : Optics or None
+            Of the input; without it the settings stay as they are.
+        working : WorkingSize
+            Its working size.
+
+        Raises
+        ------
+        ParameterError
+            If a size in pixels is out of range.
+        """
+        if optics is None:
+            return self
+        groups = dict(self.groups)
+        for full_name, degrees in self.angles.items():
+            group, _, name = full_name.partition(".")
+            pixels = round(optics.pixels(degrees) / working.scale_y)
+            try:
+                groups[group] = groups[group].replaced(**{name: pixels})
+            except ParameterError as error:
+                raise ParameterError(f"{full_name}={degrees:g}deg: {error}") from error
+        return replace(self, groups=groups, angles={})
+
+    def resolved(self, height: int, frame_rate: float | None = None) -> dict[str, Parameters]:
+        """Return all parameter sets with what follows from the video filled in.
+
+        Parameters
+        ----------
+        height : int
+            Working height in pixels.
+        frame_rate : float, optional
+            Frames per second, where it is known.
+        """
+        return {name: group.resolved(height, frame_rate) for name, group in self.groups.items()}
+
+
+def resolve(
+    *,
+    preset: str | None = None,
+    config: Path | None = None,
+    models: Sequence[str] = (),
+    height: str | None = None,
+    fov: str | None = None,
+    repeats: str | None = None,
+    measure_rmo: bool | None = None,
+    assignments: Sequence[str] = (),
+    usual: str = DEFAULT_PRESET,
+    columns: str | None = None,
+) -> Settings:
+    """Resolve the settings of a run from the preset, a TOML file and the command line.
+
+    Parameters
+    ----------
+    preset : str, optional
+        Name of the preset; else the file's, else `usual`.
+    config : Path, optional
+        A TOML file with ``preset``, ``models``, ``height``, ``measure_rmo``, ``columns``
+        and a table per parameter set.
+    models : sequence of str
+        Detectors to run, several of them also with commas between them, or ``all``; none
+        means OppLoD and D-LGMD. A preset after one, as ``opplod:reference``, is that of the
+        run.
+    height : str, optional
+        Working height in pixels, or ``native``.
+    fov : str, optional
+        Field of view across the width of the frame in degrees.
+    repeats : str, optional
+        ``near``, ``exact`` or ``keep``, in place of the parameter ``repeats.handling``.
+    measure_rmo : bool, optional
+        Whether radial motion opponency is measured; else the file's, else yes.
+    assignments : sequence of str
+        ``set.parameter=value``, such as `EXAMPLE_SETTING`; a size may be given as ``60deg``.
+    usual : str
+        The preset where none is chosen.
+    columns : str, optional
+        ``usual`` or ``all``; else the file's, else ``usual``.
+
+    Returns
+    -------
+    Settings
+
+    Raises
+    ------
+    ParameterError
+        If a name is unknown or a value out of range; the message says where.
+    """
+    content = _read(config) if config else {}
+    source = str(config) if config else ""
+    beside = preset_in(models)
+    if preset and beside and preset != beside:
+        raise ParameterError(f"--model asks for preset '{beside}' and --preset for '{preset}'")
+    preset = preset or beside
+    chosen = preset_named(preset) if preset else _preset_of_file(content, source, usual)
+    groups: dict[str, Parameters] = {
+        **{name: parameters_of(name, chosen.name) for name in detectors()},
+        "alarm": alarm_params(chosen.name),
+        "places": place_params(chosen.name),
+        "rmo": RmoParams(),
+        "repeats": RepeatParams(),
+        "time": time_params(chosen.name),
+    }
+    known = {f"{group}.{name}" for group, params in groups.items() for name in params.names()}
+    origins = dict.fromkeys([*TOP_LEVEL, *sorted(known)], f"preset {chosen.name}")
+    origins["preset"] = COMMAND_LINE if preset else source if "preset" in content else "default"
+    settings = Settings(chosen.name, default_names(), chosen.height, True, groups, origins)
+    settings = _with_file(settings, content, source)
+    given = {
+        "models": tuple(models) or None,
+        "height": height,
+        "fov": fov,
+        "measure_rmo": measure_rmo,
+        "columns": columns,
+    }
+    if repeats:
+        assignments = [*assignments, f"repeats.handling={repeats}"]
+    return _with_command_line(settings, given, assignments)
+
+
+def parse_height(value: str | int) -> int | None:
+    """Read a working height.
+
+    Parameters
+    ----------
+    value : str or int
+        Pixels, or ``native``.
+
+    Returns
+    -------
+    int or None
+        None for ``native``.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, or outside 1 to 8192.
+    """
+    if value == NATIVE:
+        return None
+    text = str(value)
+    if not re.fullmatch(r"[0-9]{1,4}", text) or not 1 <= int(text) <= 8192:
+        raise ParameterError(f"height must be 'native' or 1 to 8192 pixels, not '{value}'")
+    return int(text)
+
+
+def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> Settings:
+    groups, origins = dict(settings.groups), dict(settings.origins)
+    top: dict[str, Any] = {}
+    angles: dict[str, float] = {}
+    known = [*TOP_LEVEL, *groups]
+    for key, value in content.items():
+        try:
+            if key not in known:
+                raise ParameterError(f"no setting '{key}'{suggestion(key, known)}")
+            if key in groups:
+                groups[key] = _with_table(groups[key], key, value, angles)
+                origins.update((f"{key}.{name}", source) for name in value)
+            elif key != "preset":
+                top[key] = TOP_READERS[key](value)
+                origins[key] = source
+        except ParameterError as error:
+            raise ParameterError(f"{source}: {error}") from error
+    return replace(settings, groups=groups, origins=origins, angles=angles, **top)
+
+
+def _with_table(
+    params: Parameters, key: str, table: object, angles: dict[str, float]
+) -> Parameters:
+    if not isinstance(table, dict):
+        raise ParameterError(f"'{key}' is a table; write [{key}] on a line of its own")
+    found = {name: params.angle(name, value) for name, value in table.items()}
+    angles.update((f"{key}.{name}", angle) for name, angle in found.items() if angle)
+    return params.replaced(**{name: value for name, value in table.items() if not found[name]})
+
+
+def _with_command_line(
+    settings: Settings, given: Mapping[str, object], assignments: Sequence[str]
+) -> Settings:
+    groups, origins = dict(settings.groups), dict(settings.origins)
+    changes: dict[str, dict[str, object]] = {}
+    angles = dict(settings.angles)
+    for assignment in assignments:
+        group, name, text = _split(assignment, groups)
+        angle = groups[group].angle(name, text)
+        if angle:
+            angles[f"{group}.{name}"] = angle
+        else:
+            angles.pop(f"{group}.{name}", None)
+            changes.setdefault(group, {})[name] = groups[group].parsed(name, text)
+        origins[f"{group}.{name}"] = COMMAND_LINE
+    for group, values in changes.items():
+        groups[group] = groups[group].replaced(**values)
+    top = {key: TOP_READERS[key](value) for key, value in given.items() if value is not None}
+    origins.update(dict.fromkeys(top, COMMAND_LINE))
+    return replace(settings, groups=groups, origins=origins, angles=angles, **top)
+
+
+def _split(assignment: str, groups: Mapping[str, Parameters]) -> tuple[str, str, str]:
+    target, equals, text = assignment.partition("=")
+    group, dot, name = target.strip().partition(".")
+    if not equals or not dot:
+        raise ParameterError(
+            f"'{assignment}' is no setting; write set.parameter=value, e.g. {EXAMPLE_SETTING}"
+        )
+    if group not in groups:
+        raise ParameterError(f"no parameter set '{group}'{suggestion(group, groups)}")
+    return group, name, text.strip()
+
+
+def _models(names: object) -> tuple[str, ...]:
+    if not isinstance(names, list | tuple) or not names:
+        known = list(default_names())
+        raise ParameterError(f"models must be a list such as {known}, not {names!r}")
+    chosen = [one for name in names for one in names_of(str(name))]
+    return tuple(dict.fromkeys(chosen))
+
+
+def _yes_or_no(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ParameterError(f"measure_rmo must be true or false, not {value!r}")
+    return value
+
+
+def _columns(value: object) -> str:
+    if value not in {USUAL, ALL}:
+        raise ParameterError(f"columns must be '{USUAL}' or '{ALL}', not {value!r}")
+    return str(value)
+
+
+TOP_READERS: dict[str, Callable[[Any], Any]] = {
+    "models": _models,
+    "height": parse_height,
+    "fov": parse_fov,
+    "measure_rmo": _yes_or_no,
+    "columns": _columns,
+}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    import tomllib  # noqa: PLC0415 - seldom needed
+
+    with reading(path, ParameterError, form="TOML", check="check --config"):
+        return tomllib.loads(text_of(path))
+
+
+def _preset_of_file(content: Mapping[str, Any], source: str, usual: str) -> Preset:
+    name = content.get("preset", usual)
+    if not isinstance(name, str):
+        raise ParameterError(f"{source}: 'preset' must be a word in quotes, not {name!r}")
+    try:
+        return preset_named(name)
+    except ParameterError as error:
+        raise ParameterError(f"{source}: {error}") from error

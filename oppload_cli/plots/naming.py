@@ -1,0 +1,130 @@
+"""Names of results in one figure: what differs between them, in the order of its numbers."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from itertools import takewhile
+from typing import TYPE_CHECKING, Any
+
+from oppload_cli.errors import ParameterError, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from oppload_cli.results.reading import Result
+
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
+
+
+def labels_of(results: Sequence[Result], given: Sequence[str] = ()) -> list[str]:
+    """Return a short name for each result.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        At least one.
+    given : sequence of str
+        The user's names; then there must be one for each result.
+
+    Returns
+    -------
+    list of str
+        What differs between the inputs' names, such as ``l/v 10`` and ``l/v 20``; of results of
+        the same input what differs between their presets or parameters, or else their paths.
+
+    Raises
+    ------
+    ParameterError
+        If there are labels, but not one for each result.
+    """
+    if given:
+        if len(given) != len(results):
+            raise ParameterError(
+                f"{len(given)} label{'s' * (len(given) > 1)} for {len(results)} results; "
+                "give one for each, or none"
+            )
+        return [plain(label) for label in given]
+    return [plain(name) for name in _told_apart(results)]
+
+
+def _told_apart(results: Sequence[Result]) -> list[str]:
+    titles = [result.title for result in results]
+    if len(results) == 1:
+        return titles
+    if len(set(titles)) == len(titles):
+        return differences(titles)
+    settings = _settings_of(results)
+    if len(set(settings)) == len(settings):
+        return settings
+    return differences([f"{result.path.parent.name}/{result.stem}" for result in results])
+
+
+def _settings_of(results: Sequence[Result]) -> list[str]:
+    """Return the presets of the results, or the parameters that differ between them."""
+    presets = [str(result.sidecar.get("preset", "")) for result in results]
+    if len(set(presets)) == len(results):
+        return [f"preset {preset}" for preset in presets]
+    tables = [dict(_flat(result.sidecar.get("parameters"))) for result in results]
+    keys = [key for key in tables[0] if len({repr(table.get(key)) for table in tables}) > 1]
+    return [", ".join(f"{key} {table.get(key)}" for key in keys) for table in tables]
+
+
+def _flat(table: object, prefix: str = "") -> Iterable[tuple[str, Any]]:
+    if not isinstance(table, dict):
+        return
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def differences(names: Sequence[str]) -> list[str]:
+    """Return names without the words that all begin with, and those that all end with.
+
+    A number keeps the word before it: ``loom-l-over-v-10.avi`` and ``loom-l-over-v-20.avi`` give
+    ``l/v 10`` and ``l/v 20``. Names that differ in nothing stay as they are.
+    """
+    plain = [re.sub(r"l-over-v[-_]?", "l/v ", name) for name in names]
+    split = [_WORDS.findall(name) for name in plain]
+    begin = _shared(split)
+    end = _shared([words[begin:][::-1] for words in split])
+    if any(len(words) == begin + end or _NUMBER.fullmatch(words[begin]) for words in split):
+        while begin and not split[0][begin - 1][0].isalpha():
+            begin -= 1
+        begin = max(0, begin - 1)
+    made = ["".join(words[begin : len(words) - end]).strip(" -_./") for words in split]
+    only_suffixes = begin and split[0][begin - 1] == "." and not end
+    return plain if only_suffixes or len(set(made)) < len(set(names)) else made
+
+
+def _shared(split: Sequence[Sequence[str]]) -> int:
+    """Return how many words all begin with."""
+    return sum(1 for _ in takewhile(lambda words: len(set(words)) == 1, zip(*split, strict=False)))
+
+
+def in_number_order(labels: Sequence[str]) -> list[int]:
+    """Return the order of labels in which 9 comes before 10.
+
+    Labels without a number, or with the same ones, stay in the order in which they were given.
+    """
+
+    def key(at: int) -> tuple[list[float], int]:
+        return [float(number) for number in _NUMBER.findall(labels[at])], at
+
+    text = {_NUMBER.sub("", label) for label in labels}
+    return sorted(range(len(labels)), key=key) if len(text) == 1 else list(range(len(labels)))
+
+
+def wrapped(text: str, width: int) -> str:
+    """Return a text in lines of at most so many characters; nothing of it is cut."""
+    lines = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
+    return plain("\n".join(each for line in lines for each in line))
+
+
+def plain(text: str) -> str:
+    """Return a text that a figure shows as it is: no formula, and every character can be drawn."""
+    lines = (printable(line) for line in text.split("\n"))
+    return re.sub(r"(?<!\\)\$", r"\\$", "\n".join(lines))

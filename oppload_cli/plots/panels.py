@@ -1,0 +1,309 @@
+"""One panel of responses over time: its curves, their scale, thresholds and alarms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.ticker import FixedLocator, FuncFormatter
+
+from oppload_cli.errors import ResultError
+from oppload_cli.models.registry import detector_named
+from oppload_cli.plots.naming import in_number_order, labels_of, wrapped
+from oppload_cli.plots.style import (
+    CYCLE,
+    DASHES,
+    INK,
+    LEGEND_WIDTH,
+)
+from oppload_cli.results.thresholds import result_threshold
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from oppload_cli.results.reading import Result
+
+    Series = NDArray[np.float64]
+    Truth = dict[str, Any]
+
+
+SCALES = ("threshold", "peak", "raw")
+FLOOR = 0.01  # of the threshold; responses below it are drawn at it
+HEADROOM = 1.25  # over the peak
+BAR, BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
+
+
+@dataclass(frozen=True)
+class CurveOptions:
+    """How curves are drawn; arguments as of :func:`oppload_cli.plot_curves`."""
+
+    models: tuple[str, ...] = ()
+    scale: str = "threshold"
+    align: str | None = None
+    xlim: tuple[float, float] | None = None
+    title: str | None = None
+    labels: tuple[str, ...] = ()
+    marks: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
+    threshold: bool = True
+    any_length: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """The responses of a detector in one of the results, as a line of a panel.
+
+    Attributes
+    ----------
+    result : Result
+        The result.
+    number : int
+        Of the result, in the order in which the results were given.
+    detector, name, colour : str
+        The detector, the curve's name in a legend, and its colour.
+    zero_s : float
+        The time that is 0 on the axis.
+    dash : object
+        Of the line.
+    """
+
+    result: Result
+    number: int
+    detector: str
+    name: str
+    colour: str
+    zero_s: float = 0.0
+    dash: object = "-"
+
+    @property
+    def time(self) -> Series:
+        """Time of each frame on the axis."""
+        return self.result.frames["time_s"].to_numpy(float) - self.zero_s
+
+    @property
+    def response(self) -> Series:
+        """Response to each frame; NaN during warm-up."""
+        return self.result.frames[f"{self.detector}_response"].to_numpy(float)
+
+    @cached_property
+    def threshold(self) -> Series | None:
+        """The alarm's threshold in each frame; None where there is no alarm."""
+        if f"{self.detector}_alarm" not in self.result.frames.columns:
+            return None
+        threshold = result_threshold(self.result, self.detector)
+        known = np.isfinite(threshold) & (threshold > 0)
+        return np.where(known, threshold, np.nan) if known.any() else None
+
+    def scaled(self, scale: str) -> Series:
+        """Return the responses over the threshold, over their peak, or as they are."""
+        response = self.response
+        if scale == "threshold" and self.threshold is not None:
+            return np.asarray(response / self.threshold, np.float64)
+        peak = np.nanmax(response)
+        return response / peak if scale == "peak" and peak > 0 else response
+
+    def alarms(self) -> list[tuple[float, float]]:
+        """Return the begin and the duration of each alarm, on the axis."""
+        column = f"{self.detector}_alarm"
+        if column not in self.result.frames.columns:
+            return []
+        time, on = self.time, self.result.frames[column].to_numpy(float) == 1
+        step = float(np.median(np.diff(time)))
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
+        return [(time[a], time[b - 1] - time[a] + step) for a, b in edges.reshape(-1, 2)]
+
+
+def time_label(options: CurveOptions) -> str:
+    """Return the label of the time axis."""
+    return "time from contact (s)" if options.align else "time (s)"
+
+
+def panels_of(
+    results: Sequence[Result], options: CurveOptions, truths: Sequence[Truth | None]
+) -> list[list[Curve]]:
+    """Return the curves of each panel.
+
+    Several detectors over one input share a panel; one detector over several inputs shares one
+    too, in the order of their numbers. Several detectors over several inputs get a panel for each
+    input, and raw responses a panel for each curve.
+
+    Raises
+    ------
+    ResultError
+        If a result lacks a chosen detector, or its contact is not known.
+    """
+    for result in results:
+        result.need([f"{name}_response" for name in options.models])
+    detectors = [options.models or result.models for result in results]
+    labels = labels_of(results, options.labels)
+    zeros = [0.0] * len(results)
+    if options.align:
+        zeros = [_contact(results, options, truths, at) for at in range(len(results))]
+    order = in_number_order(labels)
+    if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
+        name = detectors[0][0]
+        return [
+            [
+                Curve(
+                    results[at], at, name, labels[at], CYCLE[rank % 7], zeros[at],
+                    DASHES[rank // 7 % 4],
+                )
+                for rank, at in enumerate(order)
+            ]
+        ]  # fmt: skip
+    groups = [
+        [
+            Curve(
+                results[at], at, name, detector_named(name).label, detector_named(name).colour,
+                zeros[at],
+            )
+            for name in detectors[at]
+        ]
+        for at in order
+    ]  # fmt: skip
+    if options.scale == "raw":
+        return [[curve] for group in groups for curve in group]
+    return groups
+
+
+def _contact(
+    results: Sequence[Result], options: CurveOptions, truths: Sequence[Truth | None], at: int
+) -> float:
+    given = options.marks.get("contact")
+    contact = given[at] if given else None
+    contact = contact_of(truths[at]) if contact is None else contact
+    if contact is None:
+        raise ResultError(
+            f"{results[at].path}: its time of contact is not known; give it with --contact, or a "
+            "manifest of clips with --manifest"
+        )
+    return contact
+
+
+def scale_of(curves: Sequence[Curve], wanted: str) -> str:
+    """Return the scale of a panel: over the peak where a curve has no threshold."""
+    if wanted == "threshold" and any(curve.threshold is None for curve in curves):
+        return "peak"
+    return wanted
+
+
+def draw_curves(
+    axes: Axes, curves: Sequence[Curve], options: CurveOptions, scale: str
+) -> list[str]:
+    """Draw curves, thresholds and alarms into one panel, and set its axes.
+
+    Returns
+    -------
+    list of str
+        What the legend has to explain.
+    """
+    values = [curve.scaled(scale) for curve in curves]
+    one_input = len({curve.number for curve in curves}) == 1
+    notes: list[str] = []
+    for order, (curve, value) in enumerate(zip(curves, values, strict=True)):
+        _draw_curve(axes, curve, value, scale, order)
+        _draw_alarms(axes, curve, None if one_input else BAR - order * BAR_STEP)
+        if options.threshold and scale != "threshold":
+            notes += _draw_threshold(axes, curve, scale)
+    if any(curve.alarms() for curve in curves):
+        notes.append("shaded: alarm on" if one_input else "bar at the top: alarm on")
+    if scale != options.scale:
+        notes.append("over the peak, as there is no alarm threshold")
+    axes.margins(x=0.01)
+    if options.xlim:
+        axes.set_xlim(options.xlim)
+    largest = max(float(np.nanmax(value, initial=0)) for value in values)
+    bars = 0 if one_input else BAR_STEP * len(curves)
+    if scale == "threshold":
+        if options.threshold:
+            axes.axhline(1, color=INK, lw=0.9)
+        log_axis(axes, max(10.0, 3 * largest) * 10 ** (4 * bars))
+    elif largest > 0:
+        axes.set_ylim(-0.03 * largest, HEADROOM * largest * (1 + bars))
+        if scale == "peak":
+            axes.set_yticks([0, 0.5, 1])
+    return list(dict.fromkeys(notes))
+
+
+def _draw_alarms(axes: Axes, curve: Curve, height: float | None) -> None:
+    """Shade the frames in which the alarm is on, or draw a bar at a height of the panel."""
+    for begin, duration in curve.alarms():
+        if height is None:
+            axes.axvspan(begin, begin + duration, color=curve.colour, alpha=0.18, lw=0)
+        else:
+            axes.axvspan(begin, begin + duration, height - 0.022, height, color=curve.colour, lw=0)
+
+
+def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int) -> None:
+    look: dict[str, Any] = {"color": curve.colour, "linestyle": curve.dash}
+    name = wrapped(curve.name, LEGEND_WIDTH)
+    if np.nanmax(curve.response) <= 0:
+        shown = np.where(np.isnan(value), np.nan, FLOOR) if scale == "threshold" else value
+        axes.plot(curve.time, shown, **look, label=f"{name}, no response")
+        return
+    best = int(np.nanargmax(value))
+    largest, time = float(value[best]), curve.time
+    shown = np.maximum(value, FLOOR) if scale == "threshold" else value
+    axes.plot(time, shown, **look, label=wrapped(_described(curve, scale, best), LEGEND_WIDTH))
+    if scale == "threshold" and largest < FLOOR:
+        return
+    # Hollow and of two sizes, so that two peaks in one place are both seen.
+    size = 6 - 2 * (order % 2)
+    axes.plot(
+        time[best], largest, "o", markersize=size, mfc="none", mec=curve.colour, zorder=3,
+        clip_on=not axes.get_autoscalex_on(),
+    )  # fmt: skip
+
+
+def _described(curve: Curve, scale: str, best: int) -> str:
+    """Return a curve's line in the legend: its name, its peak and when it was."""
+    peak, value = float(curve.response[best]), float(curve.scaled(scale)[best])
+    when = f"{curve.time[best]:.2f} s" if curve.zero_s else f"{curve.time[best]:.3g} s"
+    if len(curve.name) <= 12 and not curve.zero_s:
+        when += f" (frame {int(curve.result.frames['frame'].iloc[best])})"
+    if scale != "threshold":
+        return f"{curve.name}, peak {peak:.3g} at {when}"
+    if value < FLOOR:
+        return f"{curve.name}, below {FLOOR:g} of the threshold"
+    times = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
+    return f"{curve.name}, {times} times threshold at {when}"
+
+
+def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
+    """Draw the threshold of an alarm where it is in the panel; return the notes for the legend."""
+    threshold, peak = curve.threshold, float(np.nanmax(curve.response))
+    if threshold is None or peak <= 0:
+        return []
+    over = peak if scale == "peak" else 1.0
+    shown = np.where(threshold > HEADROOM * peak, np.nan, threshold) / over
+    if not np.isfinite(shown).any():
+        times = float(np.nanmin(threshold)) / peak
+        label = detector_named(curve.detector).label
+        return [f"threshold of {label} above the panel: {times:.3g} times the peak or more"]
+    axes.plot(
+        curve.time, shown, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)), drawstyle="steps-mid"
+    )
+    return ["dotted: threshold of the alarm"]
+
+
+def log_axis(axes: Axes, top: float) -> None:
+    """Make the axis logarithmic, from the floor to a top, with plain numbers."""
+    axes.set_yscale("log")
+    axes.set_ylim(0.75 * FLOOR, top)
+    last = int(np.floor(np.log10(top)))
+    step = 1 if last <= 2 else 2
+    axes.yaxis.set_major_locator(FixedLocator([10.0**power for power in range(-2, last + 1, step)]))
+    axes.yaxis.set_major_formatter(
+        FuncFormatter(lambda tick, _: f"≤{tick:g}" if tick <= FLOOR else f"{tick:,g}")
+    )
+    axes.minorticks_off()
+
+
+def contact_of(truth: Truth | None) -> float | None:
+    """Return the time of contact that a ground truth states, in seconds."""
+    contact = truth.get("contact_time_s") if truth else None
+    return float(contact) if isinstance(contact, int | float) else None

@@ -1,0 +1,165 @@
+"""Places of the winning units, over a frame of the video."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.patches import Rectangle
+
+from oppload_cli.errors import ResultError
+from oppload_cli.files.names import is_there
+from oppload_cli.models.detector import Box
+from oppload_cli.models.registry import detectors, placing_detector
+from oppload_cli.plots.naming import wrapped
+from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure
+from oppload_cli.results.reading import check_numbers
+from oppload_cli.video.source import open_video
+from oppload_cli.video.span import Position, Span
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.detector import Detector
+    from oppload_cli.results.reading import Result
+
+    Still = NDArray[np.float32]
+
+
+WEAKEST = 0.05  # response over the peak of the frames shown
+
+
+def still_of(result: Result, video: str | None = None) -> Still | None:
+    """Read the frame of the peak from the video that a result was made from.
+
+    Parameters
+    ----------
+    result : Result
+        With its sidecar, which names the input.
+    video : str, optional
+        The input, where it has moved.
+
+    Returns
+    -------
+    ndarray of float32, shape (height, width), or None
+        Luminance at the source's size; None if the input is not known.
+
+    Raises
+    ------
+    SourceError
+        If the video cannot be read.
+    ResultError
+        If it ends before that frame.
+    """
+    name = video or result.sidecar.get("input", {}).get("name")
+    if not isinstance(name, str) or (video is None and not is_there(Path(name))):
+        return None
+    peak = int(result.frames["frame"].iloc[_peak(result)])
+    span = Span(start=Position(frame=peak), duration=Position(frame=1))
+    with open_video(name, height=None, span=span) as source:
+        for frame in source:
+            return frame.luma
+    raise ResultError(f"{name}: ends before frame {peak}, so it is not the input of {result.path}")
+
+
+def plot_places(
+    result: Result, still: Still | None = None, *, title: str | None = None
+) -> tuple[Figure, list[Axes]]:
+    """Draw the centre of every winning unit, and the looming object's box at the peak.
+
+    Parameters
+    ----------
+    result : Result
+        With the places of a detector.
+    still : ndarray of float32, shape (height, width), optional
+        A frame to draw on; else the ground is white.
+    title : str, optional
+        Of the figure; else the input's name.
+
+    Returns
+    -------
+    matplotlib.figure.Figure, list of Axes
+        Not saved yet. A dot for each frame with at least 5 % of the peak: its area is the
+        response, its shade the time.
+
+    Raises
+    ------
+    ResultError
+        If the result has no places.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> result = oppload.run("controls/looming-perspective", rmo=False)
+    >>> figure, (panel,) = oppload.plot_places(result, title="where it looms")
+    >>> panel.get_xlabel()
+    'x (px)'
+    """
+    detector = _detector(result)
+    places = [f"{detector.name}_{name}" for name in ("unit_x", "unit_y", *Box._fields)]
+    result.need(places)
+    x, y, *box = (check_numbers(result.path, result.frames, name) for name in places)
+    response = result.frames[f"{detector.name}_response"].to_numpy(float)
+    best = _peak(result)
+    if not np.isfinite(x[best]):
+        raise ResultError(
+            f"{result.path}: column '{places[0]}' is empty at the peak, as {detector.label} never "
+            "responded"
+        )
+    shown = np.isfinite(x) & (response >= WEAKEST * response[best])
+    time = result.frames["time_s"].to_numpy(float)
+    rows, columns = _size(result, still)
+    with styled_figure(COLUMN, 0.85 + min(4.5, (COLUMN - 0.5) * rows / columns)) as figure:
+        axes = figure.subplots()
+        if still is not None:
+            axes.imshow(still, cmap="gray", vmin=-0.4, vmax=1.1, extent=(0, columns, rows, 0))
+        dots = axes.scatter(
+            x[shown], y[shown], c=time[shown], cmap=SHADES,
+            s=6 + 60 * response[shown] / response[best], edgecolors="white", linewidths=0.25,
+        )  # fmt: skip
+        frame = int(result.frames["frame"].iloc[best])
+        left, top, width, height = (side[best] for side in box)
+        if np.isfinite(left):
+            axes.add_patch(
+                Rectangle((left, top), width, height, fill=False, lw=1.2, ec=detector.colour)
+            )
+        told = f"box: looming object at the peak, frame {frame}"
+        axes.set_title(f"{wrapped(title or result.title, TITLE_WIDTH)}\n{told}", fontsize=7)
+        axes.set(
+            xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal"
+        )
+        bar = figure.colorbar(dots, ax=axes, orientation="horizontal", pad=0.02, aspect=40)
+        bar.set_label("time (s); area of a dot: response", color=INK)
+    return figure, [axes]
+
+
+def _detector(result: Result) -> type[Detector]:
+    """Return the detector whose places a result holds."""
+    detector = placing_detector(result.models)
+    if detector is None:
+        placing = [name for name, each in detectors().items() if each.places]
+        result.need([f"{placing[0]}_response"])
+        raise ResultError(f"{result.path}: holds no places of a detector; run one that has them")
+    return detector
+
+
+def _peak(result: Result) -> int:
+    response = f"{_detector(result).name}_response"
+    return int(np.nanargmax(result.frames[response].to_numpy(float)))
+
+
+def _size(result: Result, still: Still | None) -> tuple[int, int]:
+    """Return the rows and columns of the source, or those that the places reach."""
+    if still is not None:
+        return still.shape[0], still.shape[1]
+    facts = result.sidecar.get("input", {})
+    try:
+        return int(facts["height"]), int(facts["width"])
+    except (KeyError, TypeError, ValueError):
+        frames, name = result.frames, _detector(result).name
+        right = np.fmax(frames[f"{name}_unit_x"], frames[f"{name}_x"] + frames[f"{name}_width"])
+        bottom = np.fmax(frames[f"{name}_unit_y"], frames[f"{name}_y"] + frames[f"{name}_height"])
+        return int(bottom.max()), int(right.max())

@@ -1,0 +1,1 @@
+"""Pages: a result as one HTML file with its video, curves and alarms in sync."""

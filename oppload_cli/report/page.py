@@ -1,0 +1,364 @@
+"""What the page of a result says: curves over thresholds, alarms, boxes, truth, warnings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from oppload_cli.errors import OpploadError, ResultError, printable
+from oppload_cli.files.reading import reading
+from oppload_cli.models.presets import PRESETS
+from oppload_cli.models.registry import detector_named, placing_detector
+from oppload_cli.results.reading import check_numbers
+from oppload_cli.results.thresholds import find_truth, result_threshold
+from oppload_cli.results.writing import SCHEMA
+from oppload_cli.version import __version__
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.results.reading import Result
+
+    Series = NDArray[np.float64]
+
+
+DIGITS = 4  # of a number in the page; the table has all
+_PARTS = ("input", "working", "decode", "tool")  # of the sidecar, that the settings show
+RMO_CURVES = ("rmo_index", "rmo_mean")
+
+
+class Curve(NamedTuple):
+    """The responses of a detector over its threshold.
+
+    Attributes
+    ----------
+    name, label, colour : str
+        Of the detector.
+    values : ndarray, shape (rows,)
+        Response over the threshold of its alarm, or over its peak where it has no
+        threshold; NaN during warm-up.
+    thresholded : bool
+        Whether the values are over a threshold.
+    """
+
+    name: str
+    label: str
+    colour: str
+    values: Series
+    thresholded: bool
+
+    @property
+    def unit(self) -> str:
+        """What a value of 1 means, as words after a number."""
+        return "times the threshold" if self.thresholded else "of its peak"
+
+    @property
+    def best(self) -> int:
+        """The row of the largest value; 0 if there is none."""
+        return int(np.nanargmax(self.values)) if np.isfinite(self.values).any() else 0
+
+    @property
+    def peak(self) -> float:
+        """The largest value."""
+        return float(self.values[self.best])
+
+
+class AlarmSpan(NamedTuple):
+    """A time in which an alarm is on.
+
+    Attributes
+    ----------
+    curve : Curve
+        Of its detector.
+    first, last : int
+        The first and the last row.
+    frame : int
+        The frame of the first row.
+    start_s, end_s : float
+        Times of these rows.
+    peak : float
+        The largest value of the curve within.
+    """
+
+    curve: Curve
+    first: int
+    last: int
+    frame: int
+    start_s: float
+    end_s: float
+    peak: float
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a page says of a result.
+
+    Attributes
+    ----------
+    result : Result
+        The result.
+    curves : list of Curve
+        Of every detector.
+    alarms : list of AlarmSpan
+        In the order of their beginning.
+    boxes : dict of int to list
+        By row, ``[x, y, width, height, centre_x, centre_y, id, alarm, time to contact]`` in
+        source pixels and seconds; None where a number is not known.
+    box_colour : str
+        Of the detector that found them.
+    truth : dict or None
+        Sizes and contact of a stimulus.
+    notes : list of str
+        What the reader must know of the result, a sentence each.
+    """
+
+    result: Result
+    curves: list[Curve]
+    alarms: list[AlarmSpan]
+    boxes: dict[int, list[list[Any]]]
+    box_colour: str
+    truth: dict[str, Any] | None
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def strongest(self) -> Curve:
+        """The curve that goes highest over its threshold; one over its peak only if all are."""
+        return max(self.curves, key=lambda each: (each.thresholded, each.peak))
+
+    @property
+    def silence(self) -> str:
+        """Why a response above the threshold set off no alarm, as the end of a sentence."""
+        best = self.strongest
+        if not best.thresholded or best.peak <= 1 or any(a.curve is best for a in self.alarms):
+            return ""
+        return ", which did not count: it came at the start, a cut or a flash, or was too short"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the source in pixels, or of all boxes where it is not known."""
+        facts = self.result.part("input")
+        try:
+            return int(facts["width"]), int(facts["height"])
+        except (KeyError, TypeError, ValueError):
+            boxes = [box for each in self.boxes.values() for box in each]
+            right = max((box[0] + box[2] for box in boxes), default=16)
+            bottom = max((box[1] + box[3] for box in boxes), default=9)
+            return round(right), round(bottom)
+
+    def settings(self) -> dict[str, dict[str, str]]:
+        """Return what the sidecar says of the run, as texts by group and name."""
+        sidecar, parameters = self.result.sidecar, self.result.part("parameters")
+        words = sidecar.get("command")
+        run = {
+            "command": " ".join(map(str, words)) if isinstance(words, list) else None,
+            "preset": sidecar.get("preset"),
+        }
+        groups: dict[str, Any] = {"run": run, **{name: self.result.part(name) for name in _PARTS}}
+        groups |= {f"parameters: {name}": each for name, each in parameters.items()}
+        return {
+            printable(str(group)): {
+                printable(str(name)): printable(str(value))
+                for name, value in values.items()
+                if value is not None
+            }
+            for group, values in groups.items()
+            if isinstance(values, dict)
+        }
+
+    def data(self) -> dict[str, Any]:
+        """Return all that the script of the page needs, ready for JSON."""
+        frames = self.result.frames
+        rmo = [name for name in RMO_CURVES if name in frames.columns]
+        return {
+            "frames": frames["frame"].to_numpy(int).tolist(),
+            "time": _rounded(frames["time_s"].to_numpy(float), 9),
+            "size": self.size,
+            "curves": [
+                {
+                    "label": curve.label,
+                    "colour": curve.colour,
+                    "thresholded": curve.thresholded,
+                    "values": _rounded(curve.values),
+                    "alarms": [[a.first, a.last] for a in self.alarms if a.curve is curve],
+                }
+                for curve in self.curves
+            ],
+            "rmo": {name: _rounded(check_numbers(self.result.path, frames, name)) for name in rmo},
+            "truth": self.truth,
+            "boxes": self.boxes,
+            "boxColour": self.box_colour,
+        }
+
+
+def content_of(result: Result) -> Content:
+    """Return what the page of a result says.
+
+    Parameters
+    ----------
+    result : Result
+        As read.
+
+    Raises
+    ------
+    ResultError
+        If the result is of another version, or one of its files is damaged.
+    """
+    schema = result.sidecar.get("schema", SCHEMA)
+    if schema != SCHEMA:
+        raise ResultError(
+            f"{result.path}: its sidecar is of schema {schema}, not {SCHEMA}; run the input again"
+        )
+    curves = [_curve(result, name) for name in result.models]
+    alarms = [span for curve in curves for span in _alarms(result, curve)]
+    alarms.sort(key=lambda span: span.first)
+    placing = placing_detector(result.models)
+    notes = list(_notes(result, curves))
+    try:
+        truth = _truth(result)
+    except (OpploadError, KeyError, TypeError, ValueError) as error:
+        truth = None
+        notes.append(f"the ground truth of its stimulus cannot be read ({error})")
+    boxes = _boxes(result, placing.name) if placing else {}
+    return Content(result, curves, alarms, boxes, placing.colour if placing else "", truth, notes)
+
+
+def _curve(result: Result, name: str) -> Curve:
+    detector = detector_named(name)
+    response = check_numbers(result.path, result.frames, f"{name}_response")
+    threshold = result_threshold(result, name)
+    known = np.isfinite(threshold) & (threshold > 0)
+    peak = float(np.nanmax(response))
+    thresholded = bool(known.any()) and f"{name}_alarm" in result.frames.columns
+    over = np.where(known, threshold, np.nan) if thresholded else np.full(len(response), peak or 1)
+    return Curve(name, detector.label, detector.colour, response / over, thresholded)
+
+
+def _alarms(result: Result, curve: Curve) -> list[AlarmSpan]:
+    column = f"{curve.name}_alarm"
+    if column not in result.frames.columns:
+        return []
+    on = check_numbers(result.path, result.frames, column) == 1
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
+    times = result.frames["time_s"].to_numpy(float)
+    frames = result.frames["frame"].to_numpy(int)
+    return [
+        AlarmSpan(
+            curve,
+            int(first),
+            int(stop - 1),
+            int(frames[first]),
+            float(times[first]),
+            float(times[stop - 1]),
+            float(np.nanmax(curve.values[first:stop], initial=0.0)),
+        )
+        for first, stop in edges.reshape(-1, 2)
+    ]
+
+
+def _boxes(result: Result, name: str) -> dict[int, list[list[Any]]]:
+    """Return the boxes by row: from ``detections.jsonl``, or else those of the table."""
+    rows = {int(frame): row for row, frame in enumerate(result.frames["frame"])}
+    path = result.path.with_name(f"{result.stem}.detections.jsonl")
+    if result.path.name.endswith(".part"):
+        path = path.with_name(f"{path.name}.part")
+    boxes: dict[int, list[list[Any]]] = {}
+    if path.exists():
+        again = "run the input again"
+        with reading(path, ResultError, form="JSON Lines", repair=again):
+            lines = path.read_text(encoding="utf-8").split("\n")
+            for line in lines[:-1]:  # what follows the last line end is cut, or nothing
+                found = json.loads(line)
+                if not isinstance(found, dict) or not _is_box(found):
+                    raise ValueError(f"not a detection: {line[:40]}")
+                if found["frame"] in rows:
+                    boxes.setdefault(rows[found["frame"]], []).append(
+                        [_short(found.get(key)) for key in _DETECTION]
+                    )
+        return boxes
+    sides = [f"{name}_{side}" for side in _DETECTION[:4]]
+    if not set(sides) <= set(result.frames.columns):
+        return boxes
+    table = np.array([check_numbers(result.path, result.frames, side) for side in sides]).T
+    alarm = result.frames.get(f"{name}_alarm")
+    for row in np.flatnonzero(np.isfinite(table).all(axis=1)):
+        on = alarm is not None and bool(alarm.iloc[row] == 1)
+        boxes[int(row)] = [[*map(_short, table[row].tolist()), None, None, None, on, None]]
+    return boxes
+
+
+_DETECTION = (
+    *("x", "y", "width", "height"),
+    *("centre_x", "centre_y", "id", "alarm", "time_to_contact_s"),
+)
+
+
+def _is_box(found: dict[str, Any]) -> bool:
+    numbers = [found.get(key) for key in ("frame", *_DETECTION[:4])]
+    others = [found.get(key) for key in _DETECTION[4:]]
+    return all(isinstance(each, int | float) for each in numbers) and all(
+        each is None or isinstance(each, int | float) for each in others
+    )
+
+
+def _truth(result: Result) -> dict[str, Any] | None:
+    """Return angular sizes by object and row, where anything looms, and the contact."""
+    truth = find_truth(result)
+    if truth is None:
+        return None
+    by_frame = {int(each["frame"]): each for each in truth["frames"]}
+    frames = [by_frame.get(int(frame)) for frame in result.frames["frame"]]
+    names = dict.fromkeys(obj["id"] for each in frames if each for obj in each["objects"])
+    sizes = {name: [_true_size(each, name) for each in frames] for name in names}
+    contact = truth["contact_time_s"]
+    return {
+        "sizes": {
+            str(name): each for name, each in sizes.items() if any(s is not None for s in each)
+        },
+        "looming": [bool(each and each["looming"]) for each in frames],
+        "contact": None if contact is None else float(contact),
+    }
+
+
+def _true_size(frame: dict[str, Any] | None, name: str) -> Any:
+    objects = frame["objects"] if frame else ()
+    found = next((each for each in objects if each["id"] == name and each["visible"]), None)
+    return None if found is None else _short(found["angular_size_deg"])
+
+
+def _notes(result: Result, curves: list[Curve]) -> list[str]:
+    """Return what the reader must know of a result, a sentence each."""
+    notes = []
+    if result.path.name.endswith(".part"):
+        notes.append("the run was interrupted; the page shows the frames that it had written")
+    if not result.sidecar:
+        notes.append(
+            "the result has no sidecar; thresholds are those of the default settings, and may not "
+            "be those of the run"
+        )
+    version = result.part("tool").get("oppload")
+    if version not in (None, __version__):
+        notes.append(f"the result was made by oppload {version}, the page by {__version__}")
+    decode = result.part("decode")
+    if decode.get("complete") is False:
+        messages = decode.get("messages")
+        said = "; ".join(map(str, messages)) if isinstance(messages, list) else ""
+        notes.append(f"the video was not read completely ({said or 'damaged frames'})")
+    off = [curve.label for curve in curves if not curve.thresholded]
+    if off:
+        preset = PRESETS.get(str(result.sidecar.get("preset")))
+        why = f" ({preset.name}: {preset.no_alarm})" if preset and preset.no_alarm else ""
+        notes.append(f"no alarm of {', '.join(off)}{why}: curves are drawn over their peaks")
+    return notes
+
+
+def _short(value: Any) -> Any:
+    """Return a number of a few digits, and anything else as it is."""
+    return float(f"{value:.{DIGITS + 2}g}") if isinstance(value, float) else value
+
+
+def _rounded(values: Series, digits: int = DIGITS) -> list[float | None]:
+    """Return numbers for JSON, None for NaN."""
+    return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values]

@@ -1,0 +1,564 @@
+"use strict";
+(() => {
+  const byId = (id) => document.getElementById(id);
+  const data = JSON.parse(byId("data").textContent);
+  const rows = data.frames.length;
+  const time = data.time;
+  const stage = byId("stage");
+  const video = byId("video");
+  const canvas = byId("boxes");
+  const slider = byId("slider");
+  const exact = "requestVideoFrameCallback" in video;
+  let row = 0; // that the curves and the values show
+  let presented = 0; // whose picture is on the screen
+  let playable = false;
+
+  // --- The video -------------------------------------------------------------------------------
+
+  const inVideo = []; // rows whose frame the video holds
+  if (data.video) data.video.times.forEach((t, r) => t !== null && inVideo.push(r));
+
+  /** The last of some ordered rows whose time is at most t; the first if none is. */
+  function lastUpTo(list, timeOf, t) {
+    let low = 0;
+    let high = list.length - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (timeOf(list[middle]) <= t) low = middle;
+      else high = middle - 1;
+    }
+    return low;
+  }
+
+  /** The row that the video shows at a time. */
+  const shownAt = (t) => inVideo[lastUpTo(inVideo, (r) => data.video.times[r], t + 1e-5)];
+
+  /** The row of a time of the result, the nearest one. */
+  const all = data.frames.map((_, r) => r);
+  function rowNear(t) {
+    const r = lastUpTo(all, (each) => time[each], t);
+    return r + 1 < rows && time[r + 1] - t < t - time[r] ? r + 1 : r;
+  }
+
+  /** The middle of the time for which the video shows a row: no rounding reaches a neighbour. */
+  function middleOf(r) {
+    const start = data.video.times[r];
+    if (start === null) return null;
+    const next = inVideo[lastUpTo(inVideo, (each) => each, r) + 1];
+    const end = next === undefined ? video.duration : data.video.times[next];
+    return end > start ? (start + end) / 2 : start;
+  }
+
+  let waiting = null; // a seek that waits for the one under way
+  function seek(r) {
+    if (!playable) {
+      present(r);
+      return;
+    }
+    const t = middleOf(r);
+    if (t === null) return;
+    if (video.seeking) waiting = t;
+    else video.currentTime = t;
+  }
+
+  function onFrame(_, about) {
+    present(shownAt(about.mediaTime));
+    if (!video.paused) show(presented);
+    video.requestVideoFrameCallback(onFrame);
+  }
+
+  function follow() {
+    if (video.paused) return;
+    present(shownAt(video.currentTime));
+    show(presented);
+    requestAnimationFrame(follow);
+  }
+
+  function withoutVideo(sentence) {
+    playable = false;
+    video.hidden = byId("play").hidden = byId("speed").hidden = true;
+    byId("message").textContent = sentence;
+    byId("message").hidden = false;
+    present(row);
+  }
+
+  function address() {
+    const film = byId("film");
+    if (!film) return data.video.address;
+    const text = atob(film.textContent);
+    const bytes = new Uint8Array(text.length);
+    for (let i = 0; i < text.length; i += 1) bytes[i] = text.charCodeAt(i);
+    film.remove();
+    return URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
+  }
+
+  function load() {
+    if (!data.video) {
+      withoutVideo("The page has no video; the warnings say why.");
+      return;
+    }
+    video.addEventListener("loadedmetadata", () => {
+      playable = true;
+      stage.dataset.playable = "1";
+      seek(row);
+    });
+    video.addEventListener("error", () =>
+      withoutVideo(
+        data.video.address === null
+          ? "This browser cannot play the video (H.264)."
+          : `The video cannot be played; is ${data.video.name} still beside the page?`,
+      ),
+    );
+    video.addEventListener("seeked", () => {
+      if (waiting !== null) {
+        video.currentTime = waiting;
+        waiting = null;
+      } else present(shownAt(video.currentTime));
+    });
+    video.addEventListener("play", () => {
+      byId("play").textContent = "Pause";
+      if (!exact) follow();
+    });
+    video.addEventListener("pause", () => {
+      byId("play").textContent = "Play";
+      // To the middle of the frame on the screen: the clock may have gone on to the next one.
+      if (!video.seeking) go(video.ended ? shownAt(video.duration) : presented);
+    });
+    if (exact) video.requestVideoFrameCallback(onFrame);
+    video.src = address();
+  }
+
+  function toggle() {
+    if (!playable) return;
+    if (!video.paused) video.pause();
+    else {
+      if (row === rows - 1) go(0);
+      video.playbackRate = Number(byId("speed").value);
+      video.play();
+    }
+  }
+
+  // --- Boxes -----------------------------------------------------------------------------------
+
+  function present(r) {
+    presented = r;
+    stage.dataset.presented = r;
+    const width = Math.round(stage.clientWidth * devicePixelRatio);
+    const height = Math.round(stage.clientHeight * devicePixelRatio);
+    if (canvas.width !== width || canvas.height !== height) {
+      canvas.width = width;
+      canvas.height = height;
+    }
+    const context = canvas.getContext("2d");
+    context.clearRect(0, 0, width, height);
+    const boxes = data.boxes[r] || [];
+    stage.dataset.boxes = boxes.length;
+    for (const box of [...boxes].reverse()) drawBox(context, box);
+  }
+
+  function drawBox(context, [x, y, w, h, cx, cy, id, alarm, contact]) {
+    const across = canvas.width / data.size[0];
+    const down = canvas.height / data.size[1];
+    const unit = devicePixelRatio;
+    const line = (alarm ? 4 : 1.5) * unit;
+    const edges = [x * across, y * down, w * across, h * down];
+    const paths = [() => context.strokeRect(...edges)];
+    if (cx !== null) {
+      paths.push(() => {
+        context.beginPath();
+        context.moveTo(cx * across - 6 * unit, cy * down);
+        context.lineTo(cx * across + 6 * unit, cy * down);
+        context.moveTo(cx * across, cy * down - 6 * unit);
+        context.lineTo(cx * across, cy * down + 6 * unit);
+        context.stroke();
+      });
+    }
+    for (const [colour, extra] of [["#000", 2 * unit], [data.boxColour, 0]]) {
+      context.strokeStyle = colour;
+      context.lineWidth = line + extra;
+      paths.forEach((path) => path());
+    }
+    const words = [];
+    if (id !== null) words.push(`#${id}`);
+    if (alarm) words.push("alarm");
+    if (contact !== null) words.push(`contact in ${contact.toFixed(contact < 1 ? 2 : 1)} s`);
+    if (!words.length) return;
+    const text = words.join("  ");
+    context.font = `600 ${12 * unit}px system-ui, sans-serif`;
+    const wide = context.measureText(text).width + 10 * unit;
+    const left = Math.max(0, Math.min(edges[0], canvas.width - wide));
+    const top = edges[1] >= 20 * unit ? edges[1] - 18 * unit : Math.max(0, edges[1]);
+    context.fillStyle = data.boxColour;
+    context.fillRect(left, top, wide, 18 * unit);
+    context.fillStyle = "#fff";
+    context.textBaseline = "middle";
+    context.fillText(text, left + 5 * unit, top + 9.5 * unit);
+  }
+
+  // --- Curves ----------------------------------------------------------------------------------
+
+  const LOWEST = 0.01; // of the threshold, on the logarithmic axis
+  const charts = [];
+  const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const endOf = (r) => (r + 1 < rows ? time[r + 1] : time[r]);
+
+  function shade(u, first, last, colour, opacity, height) {
+    const left = u.valToPos(time[first], "x", true);
+    const right = Math.max(u.valToPos(endOf(last), "x", true), left + devicePixelRatio);
+    const { ctx, bbox } = u;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.globalAlpha = opacity;
+    ctx.fillStyle = colour;
+    ctx.fillRect(left, bbox.top + height[0], right - left, height[1] - height[0]);
+    ctx.restore();
+  }
+
+  function mark(u, scale, value, label, dash) {
+    const { ctx, bbox } = u;
+    const at = u.valToPos(value, scale, true);
+    const sideways = scale !== "x";
+    const [low, high] = sideways
+      ? [bbox.top, bbox.top + bbox.height]
+      : [bbox.left, bbox.left + bbox.width];
+    if (!(at >= low && at <= high)) return;
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = css("--ink");
+    ctx.lineWidth = devicePixelRatio;
+    ctx.setLineDash(dash.map((each) => each * devicePixelRatio));
+    ctx.beginPath();
+    ctx.moveTo(sideways ? bbox.left : at, sideways ? at : bbox.top);
+    ctx.lineTo(sideways ? bbox.left + bbox.width : at, sideways ? at : bbox.top + bbox.height);
+    ctx.stroke();
+    ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    const gap = 4 * devicePixelRatio;
+    if (sideways) {
+      ctx.textAlign = "left";
+      ctx.fillText(label, bbox.left + gap, at - gap);
+    } else {
+      const left = at < bbox.left + bbox.width / 2;
+      ctx.textAlign = left ? "left" : "right";
+      ctx.fillText(label, at + (left ? gap : -gap), bbox.top + bbox.height - gap);
+    }
+    ctx.restore();
+  }
+
+  /** Add a panel: its curves are {label, colour, values, alarms}. */
+  function panel(title, height, curves, scale, ticks, below) {
+    const heading = document.createElement("h2");
+    heading.textContent = title;
+    for (const curve of curves) {
+      const name = document.createElement("span");
+      name.className = "names";
+      name.append(" ", key(curve.colour), ` ${curve.label}`);
+      heading.append(name);
+    }
+    const host = document.createElement("div");
+    host.className = "chart";
+    host.setAttribute("role", "img");
+    host.setAttribute("aria-label", `${title} over time: ${curves.map((c) => c.label).join(", ")}`);
+    byId("charts").append(heading, host);
+    const line = { stroke: () => css("--dim"), font: "11px system-ui, sans-serif" };
+    const grid = { stroke: () => css("--line"), width: 1 };
+    const options = {
+      width: Math.max(200, host.clientWidth),
+      height,
+      padding: [6, 10, 0, 0],
+      legend: { show: false },
+      cursor: {
+        y: false,
+        points: { show: false },
+        drag: { x: true, y: false, setScale: false },
+        bind: { dblclick: () => () => zoom(time[0], time[rows - 1]) },
+      },
+      scales: { x: { time: false, range: () => range }, y: scale },
+      axes: [
+        { ...line, grid, ticks: { show: false }, size: 22, gap: 3 },
+        { ...line, grid, ticks: { show: false }, size: 48, ...ticks },
+      ],
+      series: [
+        {},
+        ...curves.map((curve) => ({
+          stroke: curve.colour,
+          width: 1.6,
+          points: { show: false },
+          spanGaps: false,
+        })),
+      ],
+      hooks: {
+        drawClear: [(u) => ground(u, curves)],
+        draw: [(u) => below(u)],
+        setSelect: [select],
+      },
+    };
+    const values = curves.map((curve) =>
+      scale.distr === 3
+        ? curve.values.map((v) => (v === null ? null : Math.max(v, LOWEST)))
+        : curve.values,
+    );
+    const u = new uPlot(options, [time, ...values], host);
+    const head = document.createElement("div");
+    head.className = "playhead";
+    u.over.append(head);
+    u.over.addEventListener("click", (event) => {
+      if (dragged) return;
+      const box = u.over.getBoundingClientRect();
+      go(rowNear(u.posToVal(event.clientX - box.left, "x")));
+    });
+    u.over.addEventListener("mousedown", () => {
+      dragged = false;
+    });
+    charts.push({ u, head, host, height });
+  }
+
+  /** Shade alarms and the looming of a stimulus behind the curves. */
+  function ground(u, curves) {
+    const { bbox } = u;
+    if (data.truth) {
+      const { looming } = data.truth;
+      for (let r = 0; r < rows; r += 1) {
+        const first = r;
+        while (r + 1 < rows && looming[first] && looming[r + 1]) r += 1;
+        if (looming[first]) shade(u, first, r, "#888", 0.14, [0, bbox.height]);
+      }
+    }
+    const strip = 5 * devicePixelRatio;
+    curves.forEach((curve, order) => {
+      for (const [first, last] of curve.alarms || []) {
+        shade(u, first, last, curve.colour, 0.3 / (1 + curves.length), [0, bbox.height]);
+        shade(u, first, last, curve.colour, 1, [order * strip, (order + 1) * strip]);
+      }
+    });
+  }
+
+  let range = [time[0], time[rows - 1]];
+  let dragged = false;
+
+  function select(u) {
+    const { left, width } = u.select;
+    dragged = width > 4;
+    if (dragged) zoom(u.posToVal(left, "x"), u.posToVal(left + width, "x"));
+    if (width) u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+  }
+
+  function zoom(from, to) {
+    const least = Math.max((time[rows - 1] - time[0]) / rows, 1e-6) * 4;
+    if (to - from < least) return;
+    range = [Math.max(from, time[0]), Math.min(to, time[rows - 1])];
+    for (const { u } of charts) u.setScale("x", { min: range[0], max: range[1] });
+    placeHeads();
+  }
+
+  /** Zoom by a factor about the current frame. */
+  function zoomBy(factor) {
+    const now = time[row];
+    zoom(now - (now - range[0]) * factor, now + (range[1] - now) * factor);
+  }
+
+  function placeHeads() {
+    const inside = time[row] >= range[0] && time[row] <= range[1];
+    for (const { u, head } of charts) {
+      head.hidden = !inside;
+      if (inside) head.style.transform = `translateX(${u.valToPos(time[row], "x")}px)`;
+    }
+  }
+
+  /** Keep the current frame in sight where only a part of the time is shown. */
+  function keepInSight() {
+    const wide = range[1] - range[0];
+    if (time[row] < range[0]) zoom(time[row], time[row] + wide);
+    else if (time[row] > range[1]) zoom(time[row] - wide, time[row]);
+  }
+
+  function drawCharts() {
+    const none = () => {};
+    const over = data.curves.filter((curve) => curve.thresholded);
+    const others = data.curves.filter((curve) => !curve.thresholded);
+    const contact = (u) => {
+      if (data.truth && data.truth.contact !== null) mark(u, "x", data.truth.contact, "contact", [4, 3]);
+    };
+    if (over.length) {
+      const most = Math.max(10, ...over.map((c) => c.values.reduce((a, b) => Math.max(a, b), 0)));
+      const top = 10 ** Math.ceil(Math.log10(most * 1.05));
+      const decades = [];
+      const step = top / LOWEST > 1e7 ? 100 : 10;
+      for (let at = LOWEST; at <= top * 1.001; at *= step) decades.push(Number(at.toPrecision(1)));
+      panel(
+        "Response over threshold",
+        230,
+        over,
+        { distr: 3, log: 10, range: () => [LOWEST, top] },
+        { splits: () => decades, values: (_, splits) => splits.map(plain) },
+        (u) => {
+          mark(u, "y", 1, "threshold", [4, 3]);
+          contact(u);
+        },
+      );
+    }
+    if (others.length) {
+      panel("Response over its peak", 150, others, { range: () => [0, 1.05] }, {}, contact);
+    }
+    const rmo = Object.entries(data.rmo).map(([name, values], order) => ({
+      label: name === "rmo_index" ? "index" : "mean",
+      colour: ["#cc79a7", "#e69f00"][order],
+      values,
+    }));
+    if (rmo.length) {
+      const splits = () => [-1, 0, 1];
+      panel("Radial motion opponency", 120, rmo, { range: () => [-1.08, 1.08] }, { splits }, contact);
+    }
+    const sizes = data.truth ? Object.entries(data.truth.sizes) : [];
+    if (sizes.length) {
+      const cycle = ["#888888", "#56b4e9", "#009e73", "#cc79a7"];
+      const curves = sizes.map(([label, values], order) => ({
+        label,
+        colour: cycle[order % cycle.length],
+        values,
+      }));
+      const most = Math.max(...curves.map((c) => c.values.reduce((a, b) => Math.max(a, b), 0)));
+      panel("Stimulus: angular size (deg)", 120, curves, { range: () => [0, most * 1.08] }, {}, contact);
+    }
+    const note = document.createElement("p");
+    note.className = "axis";
+    note.textContent = "time (s)";
+    byId("charts").append(note);
+    new ResizeObserver(() => {
+      for (const { u, host, height } of charts) {
+        u.setSize({ width: Math.max(200, host.clientWidth), height });
+      }
+      placeHeads();
+    }).observe(byId("charts"));
+    new ResizeObserver(() => present(presented)).observe(stage);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+      for (const { u } of charts) u.redraw();
+    });
+  }
+
+  // --- Values of the frame ---------------------------------------------------------------------
+
+  function key(colour) {
+    const mark = document.createElement("span");
+    mark.className = "key";
+    mark.style.background = colour;
+    return mark;
+  }
+
+  function plain(value) {
+    if (value >= 100 || Number.isInteger(value)) return value.toLocaleString("en", { maximumFractionDigits: 0 });
+    return Number(value.toPrecision(2)).toString();
+  }
+
+  /** A response in words that say no more than the axis shows. */
+  const size = (value) => (value > 0 && value < LOWEST ? `< ${LOWEST}` : plain(value));
+
+  function clock(t) {
+    if (t < 60) return `${t.toFixed(2)} s`;
+    return `${Math.floor(t / 60)}:${(t % 60).toFixed(2).padStart(5, "0")}`;
+  }
+
+  const cells = data.curves.map((curve) => {
+    const line = byId("values").insertRow();
+    const name = document.createElement("th");
+    name.scope = "row";
+    name.append(key(curve.colour), ` ${curve.label}`);
+    line.append(name);
+    return line.insertCell();
+  });
+
+  const alarmRows = [...document.querySelectorAll(".alarms tbody tr")].map((line) => ({
+    line,
+    first: Number(line.dataset.first),
+    last: Number(line.dataset.last),
+  }));
+
+  /** Show a row everywhere but in the picture. */
+  function show(r) {
+    row = r;
+    stage.dataset.row = r;
+    slider.value = r;
+    const now = `${clock(time[r])}, frame ${data.frames[r]}`;
+    slider.setAttribute("aria-valuetext", now);
+    byId("clock").textContent = now;
+    data.curves.forEach((curve, order) => {
+      const value = curve.values[r];
+      const alarm = curve.alarms.some(([first, last]) => first <= r && r <= last);
+      const unit = curve.thresholded ? "× threshold" : "of its peak";
+      cells[order].className = alarm ? "on" : "";
+      cells[order].textContent =
+        value === null ? "no response yet" : `${size(value)} ${unit}${alarm ? ", alarm" : ""}`;
+    });
+    for (const { line, first, last } of alarmRows) {
+      line.toggleAttribute("aria-current", first <= r && r <= last);
+    }
+    keepInSight();
+    placeHeads();
+  }
+
+  /** Go to a row: the picture follows. */
+  function go(r) {
+    const target = Math.max(0, Math.min(rows - 1, r));
+    if (!video.paused) video.pause();
+    show(target);
+    seek(target);
+  }
+
+  function goToAlarm(step) {
+    const starts = [...new Set(alarmRows.map((each) => each.first))].sort((a, b) => a - b);
+    const next = step > 0 ? starts.find((r) => r > row) : starts.findLast((r) => r < row);
+    if (next !== undefined) go(next);
+  }
+
+  function goToHash() {
+    const frame = /^#f(\d+)$/.exec(location.hash);
+    if (!frame) return;
+    const r = data.frames.indexOf(Number(frame[1]));
+    if (r >= 0) go(r);
+  }
+
+  // --- Buttons and keys ------------------------------------------------------------------------
+
+  const keys = {
+    " ": toggle,
+    ArrowLeft: (event) => go(row - (event.shiftKey ? 10 : 1)),
+    ArrowRight: (event) => go(row + (event.shiftKey ? 10 : 1)),
+    Home: () => go(0),
+    End: () => go(rows - 1),
+    n: () => goToAlarm(1),
+    p: () => goToAlarm(-1),
+    "+": () => zoomBy(0.5),
+    "=": () => zoomBy(0.5),
+    "-": () => zoomBy(2),
+    0: () => zoom(time[0], time[rows - 1]),
+  };
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const target = event.target.tagName;
+    // Buttons and lists have their own use for these keys.
+    if (event.key === " " && ["BUTTON", "SUMMARY", "A", "SELECT"].includes(target)) return;
+    if (target === "SELECT" && event.key.length > 1) return;
+    const action = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!action) return;
+    event.preventDefault();
+    action(event);
+  });
+
+  slider.max = rows - 1;
+  slider.addEventListener("input", () => go(Number(slider.value)));
+  byId("play").addEventListener("click", toggle);
+  byId("back").addEventListener("click", () => go(row - 1));
+  byId("on").addEventListener("click", () => go(row + 1));
+  byId("previous")?.addEventListener("click", () => goToAlarm(-1));
+  byId("next")?.addEventListener("click", () => goToAlarm(1));
+  byId("speed").addEventListener("change", () => {
+    video.playbackRate = Number(byId("speed").value);
+  });
+  for (const { line, first } of alarmRows) line.querySelector("button").addEventListener("click", () => go(first));
+  addEventListener("hashchange", goToHash);
+
+  drawCharts();
+  show(0);
+  goToHash();
+  load();
+})();

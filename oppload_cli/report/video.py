@@ -1,0 +1,221 @@
+"""The copy of a result's video that its page plays: H.264 of the page's size, frame by frame."""
+
+from __future__ import annotations
+
+import os
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import SourceError
+from oppload_cli.files.atomic import PartFile, output_errors
+from oppload_cli.files.names import is_file, is_folder
+from oppload_cli.processes.pool import Seldom
+from oppload_cli.processes.threads import Call, Prefetch
+from oppload_cli.video.colour import BT709, Colour, colour_size
+from oppload_cli.video.inputs import NUMBER
+from oppload_cli.video.recording import Recording
+from oppload_cli.video.source import DEFAULT_IMAGE_RATE, source_of
+from oppload_cli.video.span import Position, Span
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import av
+    from numpy.typing import NDArray
+
+    from oppload_cli.results.reading import Result
+    from oppload_cli.video.frames import InputFacts, PictureSource
+
+
+LONGEST_SIDE = 960  # px: half a screen, and all of a phone's
+MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
+STILL_SIDE, QUALITY = 320, 80  # px and JPEG quality of the picture in the index
+AHEAD = 4  # pictures that wait to be encoded
+# A key frame at least every half second at 30 frames/s: a step backwards decodes 15 frames at most.
+# Looking ahead, the encoder now and then gives other bytes for the same frames.
+_NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
+CODEC = {"preset": "veryfast", "crf": "24", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
+
+
+@dataclass(frozen=True)
+class VideoCopy:
+    """The copy of a video.
+
+    Attributes
+    ----------
+    times_s : ndarray of float64, shape (rows,)
+        For each row of the result, when the copy shows its frame; NaN where it never does.
+    still : bytes
+        The frame of one row as JPEG; empty if it was not decoded.
+    content : bytes or None
+        The MP4; None where it is a file of its own.
+    note : str
+        What may be wrong with it, as a sentence; else empty.
+    """
+
+    times_s: NDArray[np.float64]
+    still: bytes
+    content: bytes | None
+    note: str = ""
+
+
+def find_video(result: Result, moved: Path | None = None) -> str:
+    """Return the name of the video or of the images that a result was made from.
+
+    Parameters
+    ----------
+    result : Result
+        Its sidecar names the input, from the folder in which the run was started. It is
+        looked for there, and beside the result.
+    moved : Path, optional
+        Where the input is now, or the folder that it is in.
+
+    Raises
+    ------
+    SourceError
+        If it is not there, or cannot be shown again: a camera, a stream, an unknown input.
+    """
+    facts = result.part("input")
+    name, kind = facts.get("name"), facts.get("kind")
+    if moved is not None and (
+        not is_folder(moved) or kind == "images" or not isinstance(name, str)
+    ):
+        return str(moved)
+    if not isinstance(name, str) or not name:
+        raise SourceError("no sidecar names the video of this result")
+    if kind not in ("container", "images"):
+        raise SourceError(f"{name}: frames of a camera or a stream are not kept")
+    path = Path(name)
+    folder = result.path.parent
+    places = [moved / path.name] if moved else [path, folder / path, folder / path.name]
+    for place in places:
+        if is_file(place) or (kind == "images" and _holds_images(place)):
+            return str(place)
+    raise SourceError(f"{name}: is gone; --video says where it is now")
+
+
+def _holds_images(path: Path) -> bool:
+    return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))
+
+
+def copy_video(
+    result: Result, name: str, path: Path, *, still: int, tell: Callable[[int], object]
+) -> VideoCopy:
+    """Encode the frames of a result once more, as every browser plays them.
+
+    Parameters
+    ----------
+    result : Result
+        Its rows say which frames.
+    name : str
+        The video, from :func:`find_video`.
+    path : Path
+        The name of the copy where it is too large to be embedded.
+    still : int
+        The row whose frame is kept as a picture.
+    tell : callable
+        Takes the number of frames done since its last call.
+
+    Raises
+    ------
+    SourceError
+        If the video cannot be read, or holds none of the frames.
+    OutputError
+        If the copy cannot be written.
+    """
+    frames = result.frames["frame"].to_numpy(int)
+    rows = {int(frame): row for row, frame in enumerate(frames)}
+    span = Span(Position(frame=int(frames[0])), Position(frame=int(frames[-1]) + 1))
+    times_s, picture = np.full(len(frames), np.nan), b""
+    count = Seldom(tell)
+    source = Call(lambda: source_of(name, _image_rate(result), 0)).result()
+    size = _even_size(source.facts)
+    file = PartFile(path)
+    try:
+        recording = Recording(file, *size, source.facts.frame_rate, CODEC)
+        with (
+            output_errors(path),
+            _abandoned(recording),
+            closing(_ahead(source, span, size)) as ahead,
+        ):
+            for frame, time_s, shown in ahead:
+                written_s = recording.write(shown, time_s)
+                row = rows.get(frame)
+                if row is not None:
+                    times_s[row] = written_s
+                    picture = _jpeg(shown) if row == still else picture
+                count(1)
+            count.flush()
+            if np.isnan(times_s).all():
+                raise SourceError(f"{name}: holds none of the frames of this result")
+            recording.finish()
+        content = None
+        if file.raw.seek(0, os.SEEK_END) <= MOST_EMBEDDED:
+            file.raw.seek(0)
+            content = file.raw.read()
+        else:
+            file.commit()
+    finally:
+        source.close()
+        file.discard()
+    return VideoCopy(times_s, picture, content, _difference(result, name, source.facts, times_s))
+
+
+def _ahead(
+    source: PictureSource, span: Span, size: tuple[int, int]
+) -> Prefetch[tuple[int, float, av.VideoFrame]]:
+    """Return frames, times and pictures, which a thread decodes ahead of the caller."""
+    colour = Colour(source.facts, size)
+    pictures = span.within(source)
+    return Prefetch(((each.index, each.time_s, colour.planes(each)) for each in pictures), AHEAD)
+
+
+@contextmanager
+def _abandoned(recording: Recording) -> Iterator[None]:
+    """Abandon a recording if an error comes."""
+    try:
+        yield
+    except BaseException:
+        recording.abandon()
+        raise
+
+
+def _even_size(facts: InputFacts) -> tuple[int, int]:
+    """Return the size of the copy; H.264 of these colours has even sides only."""
+    width, height = colour_size(facts, LONGEST_SIDE)
+    return max(2, width - width % 2), max(2, height - height % 2)
+
+
+def _image_rate(result: Result) -> Fraction:
+    try:
+        return Fraction(result.part("input")["frame_rate"])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return DEFAULT_IMAGE_RATE
+
+
+def _jpeg(frame: av.VideoFrame) -> bytes:
+    colour = frame.to_ndarray(format="bgr24", src_colorspace=BT709)
+    scale = min(1.0, STILL_SIDE / max(colour.shape[:2]))
+    small = cv2.resize(colour, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    return data.tobytes()
+
+
+def _difference(result: Result, name: str, facts: InputFacts, times_s: NDArray[np.float64]) -> str:
+    """Return a sentence where this is not the video of the run, or not all of it."""
+    stated = result.part("input")
+    for fact in ("bytes", "width", "height"):
+        before, now = stated.get(fact), getattr(facts, fact)
+        if before is not None and now != before:
+            return (
+                f"{name}: is not the video of the run ({fact} was {before}, is {now}); "
+                f"boxes and curves may not fit"
+            )
+    lost = int(np.isnan(times_s).sum())
+    return f"{name}: {lost} frames of the result could not be decoded again" if lost else ""

@@ -1,0 +1,353 @@
+"""Writing the pages of results, and the index of many."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+from dataclasses import dataclass, field
+from functools import cache, partial
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from oppload_cli.errors import OpploadError, OutputError, SourceError, printable
+from oppload_cli.files.atomic import make_folder, write_atomic
+from oppload_cli.files.html import embedded, rendered
+from oppload_cli.processes.pool import outcomes
+from oppload_cli.report.page import Content, Curve, content_of
+from oppload_cli.report.video import VideoCopy, copy_video, find_video
+from oppload_cli.results.reading import Result, read_result, stem_of
+from oppload_cli.version import __version__
+from oppload_cli.video.inputs import REPORTED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+
+PAGE, INDEX = ".report.html", "index.html"
+GENERATOR = f"oppload {__version__}"
+SPARK = (240, 48)  # width and height of a small curve, in units of its drawing
+SPARK_LOW, SPARK_HIGH = -2.0, 2.0  # decades of the threshold that it shows
+
+
+class Entry(NamedTuple):
+    """A result as the index shows it.
+
+    Attributes
+    ----------
+    title : str
+        Of the input.
+    page : Path
+        The page that was written.
+    still : bytes
+        JPEG; empty without a video.
+    sparks : list of tuple
+        Colour and SVG path of the curve of each detector.
+    alarms : list of tuple
+        Label and colour of the detector, time in seconds, frame and peak of each alarm.
+    duration_s : float
+        From the first to the last frame.
+    peak : float
+        The largest response, in `unit`.
+    unit : str
+        What it is a multiple of.
+    notes : list of str
+        Sentences of warning.
+    video : Path or None
+        The copy of the video, where it is a file of its own.
+    """
+
+    title: str
+    page: Path
+    still: bytes
+    sparks: list[tuple[str, str]]
+    alarms: list[tuple[str, str, float, int, float]]
+    duration_s: float
+    peak: float
+    unit: str
+    notes: list[str]
+    video: Path | None
+
+
+@dataclass(frozen=True)
+class Report:
+    """What :func:`write_report` has written.
+
+    Attributes
+    ----------
+    pages : list of Path
+        In the order of the results.
+    index : Path or None
+        The index; None of a single result.
+    failures : list of OpploadError
+        Why a result has no page.
+    notes : list of str
+        Sentences on pages without a video, or with one that may not fit.
+    """
+
+    pages: list[Path]
+    index: Path | None = None
+    failures: list[OpploadError] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def first(self) -> Path:
+        """The page to open."""
+        return self.index or self.pages[0]
+
+
+class _Item(NamedTuple):
+    """A result, the page to make of it, and where the videos are now."""
+
+    result: Result | Path
+    page: Path
+    videos: Path | None
+    indexed: bool
+
+
+def write_report(
+    results: Sequence[Result | Path],
+    folder: Path,
+    *,
+    videos: Path | None = None,
+    jobs: int = 1,
+    frames: Callable[[int], object] | None = None,
+    done: Callable[[], object] | None = None,
+) -> Report:
+    """Write a page for each result, and an index of many.
+
+    Parameters
+    ----------
+    results : sequence of Result or Path
+        Results, or their tables; at least one.
+    folder : Path
+        Of the pages; made if it does not exist. Pages of the same name are replaced.
+    videos : Path, optional
+        The video, or the folder of the videos, where they have moved.
+    jobs : int
+        How many pages are made at a time, each in a process.
+    frames : callable, optional
+        Takes the number of frames of video that were copied since its last call.
+    done : callable, optional
+        Called after each result.
+
+    Returns
+    -------
+    Report
+        A result that cannot be read does not stop the others.
+
+    Raises
+    ------
+    OpploadError
+        If no page could be made: the first reason.
+    OutputError
+        If the index cannot be written, or there is an ``index.html`` that is not one of these.
+    """
+    make_folder(folder)
+    index = folder / INDEX if len(results) > 1 else None
+    if index is not None:
+        _refuse_other(index)
+    items = [
+        _Item(result, page, videos, index is not None)
+        for result, page in zip(results, _pages(results, folder), strict=True)
+    ]
+    found: dict[int, Entry] = {}
+    failed: dict[int, OpploadError] = {}
+    made = outcomes(_write_page, items, jobs, named=lambda item: str(item.page), told=frames)
+    for position, outcome in made:
+        if isinstance(outcome, OpploadError):
+            failed[position] = outcome
+        else:
+            found[position] = outcome
+        if done:
+            done()
+    failures = [failed[position] for position in sorted(failed)]
+    if not found:
+        raise failures[0]
+    entries = [found[position] for position in sorted(found)]
+    if index is not None:
+        write_atomic(index, _index_page(entries, failures))
+    notes = [f"{entry.page}: {note}" for entry in entries for note in entry.notes]
+    return Report([entry.page for entry in entries], index, failures, notes)
+
+
+def _pages(results: Sequence[Result | Path], folder: Path) -> Iterator[Path]:
+    """Yield the name of each page; results of one name are numbered."""
+    taken: set[str] = set()
+    for result in results:
+        stem = result.stem if isinstance(result, Result) else stem_of(result)
+        name, number = stem, 1
+        while name in taken:
+            number += 1
+            name = f"{stem}-{number}"
+        taken.add(name)
+        yield folder / f"{name}{PAGE}"
+
+
+def _refuse_other(index: Path) -> None:
+    """Refuse to replace an index that somebody else made."""
+    try:
+        head = index.read_bytes()[:2000]
+    except OSError:
+        return  # there is none, or writing it gives the reason
+    if b'<meta name="generator" content="oppload ' not in head:
+        raise OutputError(
+            f"{index}: exists already and was not made by oppload; choose another --output"
+        )
+
+
+def _write_page(item: _Item, tell: Callable[[int], object]) -> Entry:
+    """Write the page of one result."""
+    result = item.result if isinstance(item.result, Result) else read_result(item.result)
+    content = content_of(result)
+    beside = item.page.with_name(item.page.name.removesuffix(PAGE) + REPORTED)
+    copy: VideoCopy | None = None
+    try:
+        name = find_video(result, item.videos)
+        copy = copy_video(result, name, beside, still=content.strongest.best, tell=tell)
+        video_notes = [copy.note] if copy.note else []
+    except SourceError as error:
+        video_notes = [f"no video: {error}"]
+    notes = [*content.notes, *video_notes]
+    write_atomic(item.page, _page(content, copy, beside.name, notes, indexed=item.indexed))
+    strongest = content.strongest
+    times = result.frames["time_s"].to_numpy(float)
+    return Entry(
+        printable(result.title),
+        item.page,
+        copy.still if copy else b"",
+        [(curve.colour, _spark(curve, times)) for curve in content.curves],
+        [
+            (span.curve.label, span.curve.colour, span.start_s, span.frame, span.peak)
+            for span in content.alarms
+        ],
+        float(times[-1] - times[0]),
+        strongest.peak,
+        strongest.unit,
+        video_notes,
+        beside if copy and copy.content is None else None,
+    )
+
+
+def _page(
+    content: Content, copy: VideoCopy | None, beside: str, notes: list[str], *, indexed: bool
+) -> str:
+    """Return the page of a result as HTML."""
+    data = content.data()
+    data["video"] = None
+    if copy is not None:
+        times = [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()]
+        data["video"] = {
+            "times": times,
+            "address": None if copy.content is not None else _address(beside),
+            "name": printable(beside),
+        }
+    return rendered(
+        "result.html",
+        package=__package__,
+        generator=GENERATOR,
+        policy=_policy(_script("uPlot"), _script("result")),
+        chart=_script("uPlot"),
+        script=_script("result"),
+        style=_part("uplot", "uPlot.min.css"),
+        data=data,
+        film=base64.b64encode(copy.content).decode("ascii") if copy and copy.content else "",
+        title=printable(content.result.title),
+        content=content,
+        notes=[printable(note) for note in notes],
+        indexed=indexed,
+        seconds=seconds,
+        number=number,
+    )
+
+
+def _index_page(entries: Sequence[Entry], failures: Sequence[OpploadError]) -> str:
+    """Return the index as HTML: results with alarms first, the strongest before the others."""
+    ordered = sorted(entries, key=lambda each: (not each.alarms, -each.peak, each.title))
+    return rendered(
+        "index.html",
+        package=__package__,
+        generator=GENERATOR,
+        policy=_policy(_script("index")),
+        script=_script("index"),
+        entries=ordered,
+        alarmed=sum(bool(each.alarms) for each in entries),
+        failures=[printable(str(failure)) for failure in failures],
+        spark_size=SPARK,
+        threshold_row=_spark_row(1.0),
+        embedded=partial(embedded, kind="jpeg"),
+        address=lambda path: _address(path.name),
+        seconds=seconds,
+        number=number,
+    )
+
+
+def seconds(value: float) -> str:
+    """Return a time as text: ``0.37 s``, or ``3:07.25`` from a minute on."""
+    if value < 60:
+        return f"{value:.2f} s"
+    minutes, rest = divmod(value, 60)
+    return f"{int(minutes)}:{rest:05.2f}"
+
+
+def number(value: float) -> str:
+    """Return a multiple of a threshold or a peak as text, in two or three digits."""
+    if not np.isfinite(value):
+        return "\N{EN DASH}"
+    if 0 < value < 0.01:
+        return "< 0.01"
+    return f"{value:,.0f}" if value >= 10 else f"{value:.2g}"
+
+
+def _address(name: str) -> str:
+    """Return the relative address of a file beside the page, whatever characters it has."""
+    return "./" + quote(os.fsencode(name))
+
+
+def _spark(curve: Curve, times: Any) -> str:
+    """Return a curve as an SVG path: the largest value of each of a few hundred bins."""
+    known = np.flatnonzero(np.isfinite(curve.values))
+    if not len(known):
+        return ""
+    width = SPARK[0]
+    length = float(times[-1] - times[0]) or 1.0
+    column = np.minimum(((times[known] - times[0]) / length * width).astype(int), width - 1)
+    highest: dict[int, float] = {}
+    for at, value in zip(column.tolist(), curve.values[known].tolist(), strict=True):
+        highest[at] = max(value, highest.get(at, 0.0))
+    points = (f"{at} {_spark_row(value):.1f}" for at, value in sorted(highest.items()))
+    return "M" + "L".join(points)
+
+
+def _spark_row(value: float) -> float:
+    level = np.log10(value) if value > 0 else SPARK_LOW
+    share = (min(max(level, SPARK_LOW), SPARK_HIGH) - SPARK_LOW) / (SPARK_HIGH - SPARK_LOW)
+    return float(SPARK[1] - 2 - (SPARK[1] - 4) * share)
+
+
+@cache
+def _script(name: str) -> str:
+    """Return a script of the pages; uPlot with the notice that its licence asks for."""
+    if name != "uPlot":
+        return _part(f"{name}.js")
+    return f"/*\n{_part('uplot', 'LICENSE')}*/\n{_part('uplot', 'uPlot.iife.min.js')}"
+
+
+def _part(*names: str) -> str:
+    return files(__package__).joinpath("templates", *names).read_text("utf-8")
+
+
+def _policy(*scripts: str) -> str:
+    """Return a content security policy: these scripts, pictures and videos, no network."""
+    hashes = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(each.encode()).digest()).decode()}'"
+        for each in scripts
+    )
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:; "
+        f"media-src blob: file: 'self'; base-uri 'none'; form-action 'none'"
+    )

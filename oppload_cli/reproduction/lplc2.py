@@ -1,0 +1,406 @@
+"""The battery of an LPLC2 study: presets and models beside the neurons (``docs/lplc2.md``)."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from dataclasses import dataclass
+from io import StringIO
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import numpy as np
+
+from oppload_cli.files.tables import formatted
+from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.registry import detector_named, parameters_of
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle
+from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
+from oppload_cli.reference.lplc2 import SOURCE, peaks
+from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict
+from oppload_cli.reproduction.common import DPI, WIDE
+from oppload_cli.stimulus.catalogue import load_all
+from oppload_cli.tuning.present import present
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
+    from numpy.typing import NDArray
+
+    from oppload_cli.pipeline.settings import Settings
+    from oppload_cli.tuning.present import Responses
+
+    Series = NDArray[np.float64]
+
+PRESET = "lplc2"
+# One unit in the middle of the stimulus, as the neuron that an electrode or a dye is in.
+CENTRE = ("opplod.units=1x1",)
+FIELD = ("opplod.receptive_field=200",)  # 60 degrees, as that of preset lplc2
+SETTINGS = {PRESET: CENTRE, "reference": (*CENTRE, *FIELD), "paper": ()}
+MODELS = "mlplc2", "emd_lplc2_gf", "zhou_lrf"
+
+
+class Family(NamedTuple):
+    """Stimuli of the catalogue that differ in their axis alone.
+
+    Attributes
+    ----------
+    name : str
+        In the catalogue, without its folder.
+    width_deg : int or None
+        Width of its bars.
+    published : str
+        Its name among the published peaks; empty where there are none.
+    """
+
+    name: str
+    width_deg: int | None = None
+    published: str = ""
+
+
+LOOM = "loom"
+BATTERY = (
+    Family(LOOM, None, "loom"),
+    *(Family(f"bar-expand-{width}", width, "bar_expand") for width in (10, 20, 60)),
+    *(Family(f"bar-expand-{width}-one-end", width) for width in (10, 20, 60)),
+    Family("bar-expand-inward-corners", 10),
+    Family("bar-expand-inward-periphery", 10),
+    Family("cross-outward", 10, "cross_outward"),
+    Family("cross-inward", 10, "cross_inward"),
+    Family("bar-sweep", 10, "bar_sweep"),
+    Family("edge", None, "edge"),
+    Family("grating", None, "grating"),
+)
+_NAMED_DIRECTIONS = {"right": 0.0, "down": 270.0}
+
+
+class Row(NamedTuple):
+    """The peak of one preset or model for one stimulus; the columns of ``lplc2.csv``."""
+
+    stimulus: str
+    axis_deg: float | None
+    width_deg: int | None
+    preset_or_model: str
+    peak_over_loom: float
+    published: float | None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What one preset or model answered to the battery.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        In the order of the battery.
+    courses : dict of str to (ndarray, ndarray)
+        Times in s and calcium signals over the peak for the loom, by stimulus, for a figure.
+    """
+
+    rows: tuple[Row, ...]
+    courses: dict[str, tuple[Series, Series]]
+
+
+def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
+    """Return a response as a calcium indicator shows it: a first-order low-pass.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        The response; NaN counts as 0.
+    time_s : ndarray, shape (n,)
+        Rising times in s.
+    constant_s : float
+        Time constant in s; 0 for none.
+    """
+    known = np.nan_to_num(values)
+    if not constant_s:
+        return known
+    signal = np.zeros(len(known))
+    for index in range(1, len(known)):
+        share = 1 - math.exp(-(time_s[index] - time_s[index - 1]) / constant_s)
+        signal[index] = signal[index - 1] + share * (known[index] - signal[index - 1])
+    return signal
+
+
+def published() -> dict[tuple[str, float | None, int | None], float]:
+    """Return the published peaks over that of the loom, by stimulus, axis and width."""
+    known = {}
+    for peak in peaks():
+        kind, _, word = peak.stimulus.rpartition("_")
+        name = kind if word in _NAMED_DIRECTIONS else peak.stimulus
+        for family in BATTERY:
+            width = None if peak.width_deg is None else int(peak.width_deg)
+            if family.published == name and (name != "bar_expand" or family.width_deg == width):
+                known[family.name, peak.axis_deg, family.width_deg] = peak.relative
+    return known
+
+
+def show(name: str, families: Iterable[Family] = BATTERY) -> Shown:
+    """Show stimuli of the battery to a preset of OppLoD, or to another model.
+
+    Parameters
+    ----------
+    name : str
+        ``lplc2``, ``reference``, ``paper``, or a model.
+    families : iterable of Family
+        The loom among them.
+
+    Returns
+    -------
+    Shown
+        Peaks of the calcium signal over that for the loom; the time constant is that of
+        preset ``lplc2`` for all.
+    """
+    detector = "opplod" if name in SETTINGS else name
+    settings = (
+        resolve(preset=name, models=["opplod"], assignments=SETTINGS[name])
+        if name in SETTINGS
+        else resolve(models=[name])
+    )
+    signals = {
+        (family, axis): signal
+        for family in families
+        for axis, signal in _signals(family, settings, detector)
+    }
+    loom = next(float(signal.max()) for (family, _), (_, signal) in signals.items()
+                if family.name == LOOM)  # fmt: skip
+    known = published()
+    rows = tuple(
+        Row(
+            family.name, axis, family.width_deg, name,
+            float(signal.max()) / loom if loom > 0 else math.nan,
+            known.get((family.name, axis, family.width_deg)),
+        )
+        for (family, axis), (_, signal) in signals.items()
+    )  # fmt: skip
+    courses = {
+        f"{family.name}" if not axis else f"{family.name} {axis:g} deg": (time, signal / loom)
+        for (family, axis), (time, signal) in signals.items()
+        if loom > 0 and axis in {None, 0, 45}
+    }
+    return Shown(rows, courses)
+
+
+def _signals(
+    family: Family, settings: Settings, detector: str
+) -> Iterable[tuple[float | None, tuple[Series, Series]]]:
+    params = parameters_of("opplod", PRESET)
+    constant = params.calcium_s if isinstance(params, OpplodParams) else 0.0
+    for protocol in load_all(f"klapoetke2017/{family.name}"):
+        end = protocol.name.rpartition("/")[2].rpartition("-")[2]
+        axis = float(end) if end.isdigit() else None
+        found: Responses = present(protocol, settings)[detector]
+        yield axis, (found.time_s, low_passed(found.response, found.time_s, constant))
+
+
+# ---- Likeness ------------------------------------------------------------------------------
+
+
+def likeness(rows: Sequence[Row]) -> tuple[float, float]:
+    """Return Pearson's r without the loom, and the root mean square difference with it.
+
+    Only rows with a published peak count; NaN where there is no variation.
+    """
+    pairs = [(row.peak_over_loom, row.published) for row in rows if row.published is not None]
+    model, neurons = np.array(pairs, float).T
+    without = np.array([row.stimulus != LOOM for row in rows if row.published is not None])
+    rms = float(np.sqrt(np.mean((model - neurons) ** 2)))
+    if not np.isfinite(model).all() or not np.ptp(model[without]) > 0:
+        return math.nan, rms
+    return float(np.corrcoef(model[without], neurons[without])[0, 1]), rms
+
+
+def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
+    """Measure what LPLC2 neurons do, as ratios of peaks.
+
+    Returns
+    -------
+    dict of str to (float, float, float)
+        By phenomenon: the measurement, and its least and largest value in neurons
+        (``docs/lplc2.md`` gives the reasons).
+    """
+    peak = {(row.stimulus, row.axis_deg): row.peak_over_loom for row in rows}
+
+    def over(one: str, other: str, axes: Iterable[int]) -> list[float]:
+        return [_ratio(peak[one, axis], peak[other, axis]) for axis in axes]
+
+    quarter = range(0, 180, 15)
+    ends = [
+        ratio
+        for width in (10, 20, 60)
+        for ratio in over(f"bar-expand-{width}", f"bar-expand-{width}-one-end", range(0, 180, 30))
+    ]
+    bars = [peak["bar-expand-10", axis] for axis in quarter]
+    wide = [peak["bar-expand-60", axis] for axis in (0, 15, 30, 45)]
+    fields = [
+        peak[name, axis] for name in ("bar-sweep", "edge", "grating") for axis in range(0, 360, 45)
+    ]
+    corners = over("bar-expand-inward-corners", "bar-expand-10", quarter)
+    periphery = over("bar-expand-inward-periphery", "bar-expand-10", quarter)
+    return {
+        "both ends over one end, least": (_least(ends), 2.5, math.inf),
+        "outward cross": (peak["cross-outward", None], 0.35, 0.6),
+        "inward cross": (peak["cross-inward", None], 0, 0.05),
+        "inward corners over the bar, largest": (_largest(corners), 0, 0.4),
+        "inward periphery over the bar, largest": (_largest(periphery), 0, 0.4),
+        "60 deg bar, diagonal over cardinal": (_ratio(wide[3], wide[0]), 0, 1 / 3),
+        "60 deg bar, largest step up towards the diagonal": (
+            _largest([_ratio(after, before) for before, after in itertools.pairwise(wide)]), 0, 1,
+        ),
+        "10 deg bar, least over largest": (_ratio(_least(bars), _largest(bars)), 0.8, 1),
+        "sweeps, edges, gratings, least": (_least(fields), 0.01, 0.12),
+        "sweeps, edges, gratings, largest": (_largest(fields), 0.01, 0.12),
+    }  # fmt: skip
+
+
+def _least(values: Sequence[float]) -> float:
+    """Return the least value; NaN if one of them is NaN."""
+    return float(np.min(values))
+
+
+def _largest(values: Sequence[float]) -> float:
+    """Return the largest value; NaN if one of them is NaN."""
+    return float(np.max(values))
+
+
+def _ratio(one: float, other: float) -> float:
+    """Divide two peaks; NaN, which is in no range, where both are 0."""
+    if other > 0:
+        return one / other
+    return math.inf if one > 0 else math.nan
+
+
+# ---- The figure ----------------------------------------------------------------------------
+
+
+def battery() -> Built:
+    """Show the whole battery to three presets and to the other LPLC2 models."""
+    shown = {name: show(name) for name in (*SETTINGS, *MODELS)}
+    claims = (
+        Claim(
+            "Responses to bars, crosses, edges and gratings over that to the looming disk are "
+            "those of LPLC2 neurons.",
+            "over the 21 published peaks; holds: r at least 0.95 and rms at most 0.08; in part: "
+            "r at least 0.5 and rms at most 0.25",
+            {name: _alike(each.rows) for name, each in shown.items()},
+        ),
+        Claim(
+            "What LPLC2 neurons do with ends, crosses, inward motion and wide fields.",
+            "holds: all ratios are in the range of the neurons; in part: at least half of them",
+            {name: _does(each.rows) for name, each in shown.items()},
+        ),
+    )
+    return Built(
+        "lplc2",
+        "The battery of an LPLC2 study, beside the neurons",
+        "Peaks over the looming disk's for expanding bars by axis, for the other stimuli, and "
+        "calcium signals over time of preset lplc2.",
+        claims,
+        png_bytes(_draw(shown), DPI),
+        (
+            f"Neurons: {SOURCE}.",
+            "Response of the one unit in the middle of the stimulus (preset paper and the other "
+            "models: of the whole detector), low-passed with the time constant of preset lplc2.",
+        ),
+        {"lplc2.csv": table(row for each in shown.values() for row in each.rows)},
+    )
+
+
+def table(rows: Iterable[Row]) -> str:
+    """Return ``lplc2.csv``."""
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(Row._fields)
+    for row in rows:
+        numbers = ("" if value is None else formatted(value) for value in row[1:3])
+        last = ("" if value is None else formatted(value) for value in row[4:])
+        writer.writerow([row.stimulus, *numbers, row.preset_or_model, *last])
+    return text.getvalue()
+
+
+def _alike(rows: Sequence[Row]) -> Finding:
+    r, rms = likeness(rows)
+    verdict = Verdict.DOES_NOT
+    if r >= 0.5 and rms <= 0.25:
+        verdict = Verdict.HOLDS if r >= 0.95 and rms <= 0.08 else Verdict.IN_PART
+    return Finding(f"r {r:.3f}, rms {rms:.3g}.", verdict, {"r": r, "rms": rms})
+
+
+def _does(rows: Sequence[Row]) -> Finding:
+    found = phenomena(rows)
+    kept = [low <= value <= high for value, low, high in found.values()]
+    parts = "; ".join(f"{name}: {value:.2g}" for name, (value, _, _) in found.items())
+    in_part = Verdict.IN_PART if 2 * sum(kept) >= len(kept) else Verdict.DOES_NOT
+    return Finding(
+        f"{sum(kept)} of {len(kept)}. {parts}.",
+        Verdict.HOLDS if all(kept) else in_part,
+        {name: value for name, (value, _, _) in found.items()},
+    )
+
+
+def _draw(shown: Mapping[str, Shown]) -> Figure:
+    with styled_figure(WIDE, 7.4) as figure:
+        grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.05))
+        for column, width in enumerate((10, 60)):
+            panel = figure.add_subplot(grid[0, column], projection="polar")
+            _polar(cast("PolarAxes", panel), shown, width)
+        _others(figure.add_subplot(grid[1, 0]), shown[PRESET].rows)
+        _courses(figure.add_subplot(grid[1, 1]), shown[PRESET])
+    return figure
+
+
+def _polar(panel: PolarAxes, shown: Mapping[str, Shown], width: int) -> None:
+    curves = []
+    for name, colour, dash in ((PRESET, CYCLE[0], "-"), ("reference", CYCLE[2], "--")):
+        rows = [row for row in shown[name].rows if row.stimulus == f"bar-expand-{width}"]
+        peaks_by_axis = {row.axis_deg or 0.0: row.peak_over_loom for row in rows}
+        curves.append(_curve(f"preset {name}", peaks_by_axis, colour, dash))
+    neurons = {
+        axis or 0.0: value for (name, axis, _), value in published().items()
+        if name == f"bar-expand-{width}"
+    }  # fmt: skip
+    curves.append(_curve("LPLC2", neurons, LPLC2, ":"))
+    draw_polar(panel, curves)
+    panel.set_title(f"{width} deg bar", loc="center", pad=8)
+
+
+def _curve(name: str, values: Mapping[float, float], colour: str, dash: str) -> DirectionTuning:
+    ordered = dict(sorted(values.items()))
+    closed = full_circle(np.array(list(ordered)), np.array(list(ordered.values())))
+    look = {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
+    return DirectionTuning(name, *closed, "of the loom", look)
+
+
+def _others(axes: Axes, rows: Sequence[Row]) -> None:
+    other = [
+        row for row in rows
+        if row.published is not None and not row.stimulus.startswith(("bar-expand", LOOM))
+    ]  # fmt: skip
+    place = np.arange(len(other))
+    axes.barh(place + 0.2, [row.peak_over_loom for row in other], 0.4, color=CYCLE[0],
+              label="preset lplc2")  # fmt: skip
+    axes.barh(place - 0.2, [row.published or 0 for row in other], 0.4, color=LPLC2, label="LPLC2")
+    names = [
+        row.stimulus if row.axis_deg is None else f"{row.stimulus} {row.axis_deg:g} deg"
+        for row in other
+    ]
+    axes.set_yticks(place, names)
+    axes.invert_yaxis()
+    axes.set_xlabel("peak / peak for the loom")
+    axes.legend(frameon=False)
+
+
+def _courses(axes: Axes, shown: Shown) -> None:
+    chosen = LOOM, "cross-outward", "bar-expand-10", "bar-expand-60", "bar-expand-60 45 deg", "edge"
+    for name, colour in zip(chosen, CYCLE, strict=False):
+        time, signal = shown.courses[name]
+        axes.plot(time, signal, color=colour, lw=1, label=name)
+    axes.axhline(1, color=FAINT, lw=0.7, linestyle="--")
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel(f"calcium signal of {detector_named('opplod').label}, preset lplc2 / loom")
+    axes.legend(frameon=False, fontsize="small")

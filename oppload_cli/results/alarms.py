@@ -1,0 +1,212 @@
+"""The alarms of a run, one by one: in the sidecar, in ``alarms.csv`` and in words."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from oppload_cli.errors import printable
+from oppload_cli.files.tables import open_table
+from oppload_cli.models.registry import detectors
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    from oppload_cli.results.record import FrameRecord
+
+COLUMNS: dict[str, tuple[type, str]] = {
+    "video": (str, "the input, as it was named"),
+    "model": (str, "the detector"),
+    "start_frame": (int, "frame in which the alarm went on"),
+    "start_s": (float, "its presentation time"),
+    "end_s": (float, "presentation time of the last frame with the alarm on"),
+    "peak_over_threshold": (float, "largest response over its threshold"),
+    "x": (float, "left edge of the looming object's box at that response, in source px"),
+    "y": (float, "top edge"),
+    "width": (float, "width"),
+    "height": (float, "height"),
+    "time_to_contact_s": (float, "from the alarm's start, by the first estimate in it"),
+}
+
+
+@dataclass
+class AlarmEvent:
+    """One alarm of one detector, from the frame in which it goes on.
+
+    Attributes
+    ----------
+    start_frame, start_s, end_s, peak_over_threshold, time_to_contact_s
+        As in `COLUMNS`.
+    box : list of float or None
+        x, y, width and height in source pixels at the largest response; None where nothing
+        has a place.
+    """
+
+    start_frame: int
+    start_s: float
+    end_s: float
+    peak_over_threshold: float = 0.0
+    box: list[float] | None = None
+    time_to_contact_s: float | None = None
+
+    def add(self, record: FrameRecord, model: str) -> None:
+        """Take a frame in which the alarm is on."""
+        self.end_s = record.time_s
+        ratio, place = record.over_threshold(model), record.objects.get(model)
+        if place is not None and place.time_to_contact_s is not None:
+            contact_s = record.time_s - self.start_s + place.time_to_contact_s
+            self.time_to_contact_s = self.time_to_contact_s or contact_s
+        if ratio is not None and ratio > self.peak_over_threshold:
+            self.peak_over_threshold = ratio
+            self.box = list(place.box) if place is not None else self.box
+
+
+class Verdict(NamedTuple):
+    """What the alarms of one detector say about one input.
+
+    Attributes
+    ----------
+    model : str
+        The detector.
+    alarms : tuple of AlarmEvent
+        In their order.
+    peak : float or None
+        The largest response over its threshold; None without a response, or where the alarm
+        is off.
+    """
+
+    model: str
+    alarms: tuple[AlarmEvent, ...]
+    peak: float | None
+
+    @property
+    def strongest(self) -> float:
+        """The largest response over its threshold, of the alarms if there are some."""
+        return max((each.peak_over_threshold for each in self.alarms), default=self.peak or 0.0)
+
+    def __str__(self) -> str:
+        """Return it in words, such as ``no alarm, peak at 0.2 of the threshold``."""
+        if not self.alarms:
+            return f"no alarm{_silence(self.peak or 0.0)}"
+        first, count = self.alarms[0], len(self.alarms)
+        many = f", {count} alarms" if count > 1 else ""
+        strongest = f", strongest {times(self.strongest)} times the threshold"
+        return f"alarm at {first.start_s:.2f} s (frame {first.start_frame}){many}{strongest}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it ready for JSON."""
+        return {"alarms": [asdict(each) for each in self.alarms], "peak": self.peak}
+
+
+def _silence(peak: float) -> str:
+    """Return, as the end of a sentence, how near a peak over the threshold came to an alarm."""
+    if peak > 1:
+        return (
+            f", peak at {times(peak)} times the threshold, which did not count: it came at the "
+            "start, a cut or a flash, or was too short"
+        )
+    return f", peak at {times(peak)} of the threshold" if peak else ""
+
+
+class AlarmLog:
+    """Takes the frames of one input, and keeps the alarms of one detector."""
+
+    def __init__(self, model: str) -> None:
+        self._model = model
+        self._alarms: list[AlarmEvent] = []
+        self._on = False
+        self._peak: float | None = None
+
+    def add(self, record: FrameRecord) -> None:
+        """Take the next frame."""
+        ratio = record.over_threshold(self._model)
+        if ratio is not None:
+            self._peak = max(self._peak or 0.0, ratio)
+        on = record.alarms[self._model]
+        if on and not self._on:
+            self._alarms.append(AlarmEvent(record.frame, record.time_s, record.time_s))
+        if on:
+            self._alarms[-1].add(record, self._model)
+        self._on = on
+
+    @property
+    def verdict(self) -> Verdict:
+        """The alarms so far."""
+        return Verdict(self._model, tuple(self._alarms), self._peak)
+
+
+def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
+    """Return the verdicts that a sidecar holds.
+
+    Raises
+    ------
+    KeyError, TypeError, AttributeError
+        If it holds none that is whole.
+    """
+    return tuple(
+        Verdict(model, tuple(AlarmEvent(**each) for each in held["alarms"]), held["peak"])
+        for model, held in sidecar["alarms"].items()
+    )
+
+
+def in_words(verdicts: Iterable[Verdict]) -> str:
+    """Return the verdicts of all detectors on one input in one line."""
+    listed = list(verdicts)
+    if len(listed) == 1:
+        return str(listed[0])
+    return "; ".join(f"{label_of(each.model)} {each}" for each in listed)
+
+
+def times(value: float) -> str:
+    """Return a multiple of a threshold in few digits, without an exponent unless it is tiny."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.2g}"
+
+
+def label_of(model: str) -> str:
+    """Return the label of a detector; its name where it is not registered."""
+    known = detectors()
+    return known[model].label if model in known else model
+
+
+def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
+    """Write ``alarms.csv``: a row per alarm, sorted by input.
+
+    Rows of other inputs that the file holds already stay, so that a second batch into the same
+    folder, such as one that tries failed inputs again, adds to it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    found : mapping of str to iterable of Verdict
+        By input.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    rows = [row for row in _rows_in(path) if row["video"] not in found]
+    for video, verdicts in found.items():
+        rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
+    with open_table(path, {name: kind for name, (kind, _) in COLUMNS.items()}) as table:
+        for row in sorted(rows, key=lambda row: row["video"]):
+            table.write(row)
+
+
+def _row(video: str, model: str, alarm: AlarmEvent) -> dict[str, Any]:
+    row = {"video": printable(video), "model": model, **asdict(alarm)}
+    box = row.pop("box") or [None] * 4
+    return row | dict(zip(("x", "y", "width", "height"), box, strict=True))
+
+
+def _rows_in(path: Path) -> list[dict[str, Any]]:
+    """Return the rows of a file that exists; none if it has other columns."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.DictReader(file)
+            return list(reader) if reader.fieldnames == list(COLUMNS) else []
+    except (OSError, ValueError, csv.Error):
+        return []

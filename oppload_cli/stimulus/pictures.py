@@ -1,0 +1,206 @@
+"""Pictures with transparency: drawn by the package, or read from an image."""
+
+from __future__ import annotations
+
+import zlib
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import OpploadError, StimulusError
+from oppload_cli.stimulus.patterns import noise_tile
+from oppload_cli.stimulus.surfaces import Texture
+from oppload_cli.video.images import read_transparent
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from oppload_cli.stimulus.tables import Object
+
+    Floats = NDArray[np.float64]
+    Picture = NDArray[np.float32]
+
+_SIDE = 512  # texels of the longer side of a drawing
+_SMALLEST = 256  # an image with a shorter longer side is enlarged to it
+_LARGEST = 2048
+
+
+class Cutout(NamedTuple):
+    """A picture with transparency, cut to what is not transparent.
+
+    Attributes
+    ----------
+    texture : Texture
+        Luminance times opacity, and opacity.
+    width, height : float
+        Of the picture in its size (the longer side is 1).
+    mean : float
+        Mean luminance of what is not transparent.
+    """
+
+    texture: Texture
+    width: float
+    height: float
+    mean: float
+
+
+def cutout_of(obj: Object, seed: int) -> Cutout:
+    """Return the picture of an object.
+
+    Raises
+    ------
+    StimulusError
+        If its file cannot be read, has no transparency, or is transparent everywhere.
+    """
+    if obj.file is not None:
+        return _from_file(obj.id, obj.file)
+    return _drawn(str(obj.drawing), zlib.crc32(f"{seed}/{obj.id}".encode()))
+
+
+@lru_cache(maxsize=32)
+def _drawn(drawing: str, seed: int) -> Cutout:
+    random = np.random.default_rng(seed)
+    luminance, opacity = _DRAWINGS[drawing](random)
+    return _cut(luminance, opacity)
+
+
+@lru_cache(maxsize=32)
+def _from_file(identity: str, path: str) -> Cutout:
+    place = f"object '{identity}': file = '{path}'"
+    try:
+        luminance, opacity = read_transparent(path)
+    except OpploadError as problem:
+        raise StimulusError(f"{place}: {problem}") from None
+    if opacity is None or opacity.min() == 1:
+        raise StimulusError(
+            f"{place} has no transparency, so that its outline is not known; save it with an "
+            "alpha channel"
+        )
+    if opacity.max() < 0.5:
+        raise StimulusError(f"{place} is transparent everywhere; give a picture of something")
+    return _cut(luminance, opacity)
+
+
+def _cut(luminance: Picture, opacity: Picture) -> Cutout:
+    """Cut a picture to the rectangle around what is at least half opaque."""
+    solid = opacity >= 0.5
+    rows, columns = np.flatnonzero(solid.any(axis=1)), np.flatnonzero(solid.any(axis=0))
+    part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    both = np.stack([luminance * opacity, opacity], axis=-1)[part]
+    longer = max(both.shape[:2])
+    scale = _SMALLEST / longer if longer < _SMALLEST else min(1.0, _LARGEST / longer)
+    height, width = both.shape[0] / longer, both.shape[1] / longer
+    if scale != 1:
+        size = tuple(max(1, round(side * scale)) for side in (both.shape[1], both.shape[0]))
+        way = cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA
+        both = cv2.resize(both, size, interpolation=way)
+    both = np.ascontiguousarray(both, np.float32)
+    mean = float(both[..., 0].sum(dtype=np.float64) / both[..., 1].sum(dtype=np.float64))
+    return Cutout(Texture(both, repeats=False), width, height, mean)
+
+
+# ---- Drawings: (luminance, opacity) of _SIDE texels to a size -------------------------------
+
+
+def _grid(width: float, height: float) -> tuple[Floats, Floats]:
+    """Return x and y (up) of the texels from the middle, in half sizes."""
+    columns, rows = round(_SIDE * width), round(_SIDE * height)
+    x = (np.arange(columns) + 0.5 - columns / 2) / (_SIDE / 2)
+    y = (rows / 2 - np.arange(rows) - 0.5) / (_SIDE / 2)
+    return np.asarray(x[None, :]), np.asarray(y[:, None])
+
+
+def _texture(random: np.random.Generator, shape: tuple[int, ...], finest: float) -> Picture:
+    return noise_tile(_SIDE, 1.0, finest, random)[: shape[0], : shape[1]]
+
+
+def _ellipse(x: Floats, y: Floats, wide: float, high: float) -> Picture:
+    """Return the opacity of an ellipse about the origin with these half axes."""
+    radius = np.hypot(x / wide, y / high)
+    return np.asarray(np.clip((1 - radius) * min(wide, high) * _SIDE / 2 + 0.5, 0, 1), np.float32)
+
+
+def _block(x: Floats, y: Floats, wide: float, high: float) -> Picture:
+    """Return the opacity of a rectangle about the origin with these half sides."""
+    inside = np.minimum(wide - np.abs(x), high - np.abs(y))
+    return np.asarray(np.clip(inside * _SIDE / 2 + 0.5, 0, 1), np.float32)
+
+
+def _over(ground: Picture, share: Picture, luminance: float | Picture) -> Picture:
+    return np.asarray(ground + share * (luminance - ground), np.float32)
+
+
+def _ball(random: np.random.Generator) -> tuple[Picture, Picture]:
+    x, y = _grid(1, 1)
+    depth = np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))
+    light = 0.55 + 0.45 * np.clip(0.8 * depth + 0.5 * y - 0.3 * x, 0, 1)
+    texture = 1 + 0.25 * _texture(random, (_SIDE, _SIDE), 24)
+    stripe = np.where(np.abs(y + 0.3 * x) < 0.12, 0.45, 1.0)
+    luminance = np.clip(0.55 * light * texture * stripe, 0.02, 1)
+    return np.asarray(luminance, np.float32), _ellipse(x, y, 1, 1)
+
+
+def _box(random: np.random.Generator) -> tuple[Picture, Picture]:
+    x, y = _grid(1, 0.9)
+    luminance = 0.5 * (1 + 0.12 * _texture(random, (y.size, x.size), 12))
+    luminance = _over(luminance, _block(x, y, 0.12, 1), 0.62)
+    luminance = _over(luminance, _block(x - 0.5, y + 0.45, 0.3, 0.2), 0.85)
+    luminance = _over(luminance, _block(x - 0.5, y + 0.45, 0.2, 0.03), 0.1)
+    rim = 1 - _block(x, y, 0.95, 0.85)
+    opaque = np.ones((y.size, x.size), np.float32)
+    return np.clip(_over(luminance, rim, 0.3), 0.02, 1), opaque
+
+
+def _car(random: np.random.Generator) -> tuple[Picture, Picture]:
+    """Return a car from the front."""
+    x, y = _grid(1, 0.8)
+    cabin = _block(x / (0.78 - 0.22 * np.clip((y - 0.1) / 0.6, 0, 1)), y - 0.4, 1, 0.4)
+    body = _block(x, y + 0.24, 0.97, 0.4)
+    wheels = np.maximum(_block(x - 0.74, y + 0.6, 0.16, 0.2), _block(x + 0.74, y + 0.6, 0.16, 0.2))
+    opacity = np.maximum(np.maximum(cabin, body), wheels)
+    paint = 0.45 * (1 + 0.06 * _texture(random, (y.size, x.size), 40)) + 0.1 * y
+    luminance = _over(np.asarray(paint, np.float32), wheels, 0.05)
+    luminance = _over(luminance, body, np.asarray(paint, np.float32))
+    window = _block(x / (0.66 - 0.2 * np.clip((y - 0.1) / 0.6, 0, 1)), y - 0.42, 1, 0.27)
+    luminance = _over(luminance, window, 0.12)
+    for side in (-1, 1):
+        luminance = _over(luminance, _ellipse(x - side * 0.74, y + 0.1, 0.15, 0.09), 0.95)
+    luminance = _over(luminance, _block(x, y + 0.14, 0.4, 0.08), 0.1)
+    luminance = _over(luminance, _block(x, y + 0.42, 0.25, 0.06), 0.9)
+    return np.clip(luminance, 0.02, 1), opacity
+
+
+def _bird(random: np.random.Generator) -> tuple[Picture, Picture]:
+    x, y = _grid(1, 0.45)
+    body = _ellipse(x, y, 0.2, 0.26)
+    head = _ellipse(x, y - 0.25, 0.11, 0.13)
+    wings = np.maximum(
+        _ellipse(x - 0.5, y - 0.12 - 0.3 * (x - 0.5), 0.5, 0.12),
+        _ellipse(x + 0.5, y - 0.12 + 0.3 * (x + 0.5), 0.5, 0.12),
+    )
+    opacity = np.maximum(np.maximum(body, head), wings)
+    plumage = 0.35 * (1 + 0.3 * _texture(random, (y.size, x.size), 10))
+    luminance = _over(np.asarray(plumage, np.float32), body, 0.5)
+    luminance = _over(luminance, head, 0.25)
+    return np.clip(luminance, 0.02, 1), opacity
+
+
+_DRAWINGS: dict[str, Callable[[np.random.Generator], tuple[Picture, Picture]]] = {
+    "ball": _ball,
+    "box": _box,
+    "car": _car,
+    "bird": _bird,
+}
+
+
+@lru_cache(maxsize=1)
+def shadow_of() -> Texture:
+    """Return the opacity of a soft round shadow: (h, w, 2), black."""
+    x, y = _grid(1, 1)
+    share = np.clip(1.3 * (1 - np.hypot(x, y)), 0, 1) ** 0.7
+    both = np.stack([np.zeros_like(share), share], axis=-1)
+    return Texture(np.asarray(both, np.float32), repeats=False)

@@ -1,0 +1,241 @@
+"""Staged scenes: the camera and its pictures at any time, in metres and in pixels.
+
+The camera stands at the origin, looks ahead, and is an exact pinhole. World positions are
+``(right, up, ahead)`` in metres from its first place; the ground lies ``height_m`` below it.
+A picture is flat and faces the camera's first look.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple
+
+from oppload_cli.errors import StimulusError
+from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector, line_of
+from oppload_cli.stimulus.geometry import Projection
+from oppload_cli.stimulus.kinematics import motion_times, shaken, shown
+from oppload_cli.stimulus.tables import PICTURE, Camera
+
+if TYPE_CHECKING:
+    from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.stimulus.tables import Object
+
+NEAREST_M = 0.01  # nothing nearer to the camera than that is drawn
+_USUAL_CAMERA = Camera()
+Box = tuple[float, float, float, float]
+
+
+class View(NamedTuple):
+    """The camera at one time.
+
+    Attributes
+    ----------
+    place : tuple of float
+        Its place in the world, in metres.
+    axes : tuple of tuple of float
+        Right, up and ahead of the camera, in the world's axes.
+    eye_px : float
+        Focal length in pixels.
+    middle : tuple of float
+        Middle of the display in pixels, (x, y).
+    """
+
+    place: Vector
+    axes: tuple[Vector, Vector, Vector]
+    eye_px: float
+    middle: tuple[float, float]
+
+    def from_camera(self, offset: Vector) -> Vector:
+        """Return an offset from the camera, given in the world's axes, in the camera's axes."""
+        right, up, ahead = (_dot(axis, offset) for axis in self.axes)
+        return right, up, ahead
+
+    def to_px(self, seen: Vector) -> tuple[float, float]:
+        """Return the pixel position (x, y), y down, of a point in the camera's axes."""
+        right, up, ahead = seen
+        return self.middle[0] + self.eye_px * right / ahead, self.middle[1] - self.eye_px * up / (
+            ahead
+        )
+
+
+@dataclass(frozen=True)
+class Sight:
+    """A picture at one time, as the camera meets it.
+
+    Attributes
+    ----------
+    drawn : bool
+        Whether it is drawn: before the camera, in its time.
+    offset, velocity : tuple of float
+        Of its middle from the camera, in metres and m/s, in the world's axes.
+    contact_in_s : float or None
+        Until it hits, while it moves on a course to hit.
+    view : View
+        The camera.
+    """
+
+    drawn: bool
+    offset: Vector
+    velocity: Vector
+    contact_in_s: float | None
+    view: View
+
+    @property
+    def visible(self) -> bool:
+        """Whether it is drawn."""
+        return self.drawn
+
+    @property
+    def look(self) -> tuple[object, ...]:
+        """All that the picture depends on."""
+        return self.drawn, self.offset, self.view
+
+
+def camera_of(protocol: Protocol) -> Camera:
+    """Return the camera of a protocol; the usual one where it names none."""
+    return protocol.camera or _USUAL_CAMERA
+
+
+def view_of(protocol: Protocol, time: float) -> View:
+    """Return the camera of a protocol at a time, in seconds of the clip."""
+    camera, timing = camera_of(protocol), protocol.timing
+    elapsed = min(max(time - timing.before_s, 0.0), timing.motion_s)
+    (shake_x, shake_y), _ = shaken(camera, elapsed, f"{protocol.seed}/camera")
+    turn = math.radians(camera.start_deg + camera.pan_deg_s * elapsed + shake_x)
+    tilt = math.radians(shake_y)
+    cosine, sine = math.cos(turn), math.sin(turn)
+    right = (cosine, 0.0, -sine)
+    up = (-math.sin(tilt) * sine, math.cos(tilt), -math.sin(tilt) * cosine)
+    ahead = (math.cos(tilt) * sine, math.sin(tilt), math.cos(tilt) * cosine)
+    projection = Projection.of(protocol.display)
+    place = (0.0, 0.0, camera.forward_m_s * elapsed)
+    return View(place, (right, up, ahead), projection.eye_px, projection.middle)
+
+
+@lru_cache(maxsize=256)
+def _line(protocol: Protocol, obj: Object) -> Line:
+    start, end = motion_times(protocol.timing, obj)
+    if obj.course is None or obj.size_m is None:
+        raise StimulusError(f"object '{obj.id}' has no course")
+    return line_of(obj.course, obj.size_m, end - start)
+
+
+def sight_of(protocol: Protocol, obj: Object, time: float) -> Sight:
+    """Return a picture of the protocol at a time, in seconds of the clip."""
+    start, end = motion_times(protocol.timing, obj)
+    line, view = _line(protocol, obj), view_of(protocol, time)
+    elapsed = min(max(time - start, 0.0), end - start)
+    offset = line.position(elapsed)
+    moving = start <= time < end
+    velocity = line.velocity(elapsed) if moving else (0.0, 0.0, 0.0)
+    contact = contact_of(protocol, obj)
+    left = None if contact is None or not moving or time >= contact else contact - time
+    drawn = shown(obj, time, start, end) and view.from_camera(offset)[2] > NEAREST_M
+    return Sight(drawn, offset, velocity, left, view)
+
+
+def contact_of(protocol: Protocol, obj: Object) -> float | None:
+    """Return when a picture hits the camera, in seconds of the clip; None if it never does."""
+    nearest, distance = _line(protocol, obj).closest()
+    if nearest is None or distance > HIT_SIZES * (obj.size_m or 0.0) + 1e-9:
+        return None
+    return motion_times(protocol.timing, obj)[0] + nearest
+
+
+def miss_of(protocol: Protocol, obj: Object) -> float | None:
+    """Return the least distance of a picture's course from the camera, in its own sizes.
+
+    None for one that comes no nearer.
+    """
+    line = _line(protocol, obj)
+    distance = line.closest()[1]
+    if not line.speed or distance >= math.hypot(*line.start) - 1e-9:
+        return None
+    return distance / (obj.size_m or 1.0)
+
+
+def box_of(sight: Sight, half_width: float, half_height: float) -> Box | None:
+    """Return the box around a flat rectangle that faces the camera's first look.
+
+    Parameters
+    ----------
+    sight : Sight
+        Of its middle.
+    half_width, half_height : float
+        Of the rectangle, in metres.
+
+    Returns
+    -------
+    tuple of float or None
+        Left, top, width and height in pixels, which may reach beyond the display; None where
+        a part of it is beside or behind the camera.
+    """
+    right, up, ahead = sight.offset
+    corners = [
+        sight.view.from_camera((right + x, up + y, ahead))
+        for x in (-half_width, half_width)
+        for y in (-half_height, half_height)
+    ]
+    if min(corner[2] for corner in corners) <= 0:
+        return None
+    xs, ys = zip(*(sight.view.to_px(corner) for corner in corners), strict=True)
+    return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
+
+
+def enters(protocol: Protocol, obj: Object, time: float) -> bool:
+    """Tell whether a picture may touch the display: its bounding square does."""
+    sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
+    if not sight.drawn:
+        return False
+    box = box_of(sight, half, half)
+    if box is None:
+        return True
+    left, top, width, height = box
+    display = protocol.display
+    return left < display.width and top < display.height and left + width > 0 < top + height
+
+
+def check_stage(protocol: Protocol) -> None:
+    """Check what a staged scene asks of the tables of a protocol together.
+
+    Raises
+    ------
+    StimulusError
+        If they do not go together; the message names the key.
+    """
+    pictures = [obj for obj in protocol.objects if obj.kind == PICTURE]
+    scene, camera = protocol.scene, protocol.camera
+    if camera is not None and not pictures and scene.background is None:
+        raise StimulusError("camera goes with scene.background or an object of kind 'picture'")
+    if scene.background is None and not pictures:
+        return
+    if protocol.display.projection != "perspective":
+        raise StimulusError(
+            "display: projection must be 'perspective' with scene.background and with objects of "
+            "kind 'picture'"
+        )
+    if camera is not None and camera.moves and scene.has_footage:
+        raise StimulusError(
+            "camera: forward_m_s, pan_deg_s, start_deg and shake_deg need drawn surroundings, for "
+            f"the camera of the video scene.background = '{scene.background}' has moved already; "
+            "remove them"
+        )
+    for obj in pictures:
+        try:
+            _check_start(protocol, obj)
+        except StimulusError as problem:
+            raise StimulusError(f"object '{obj.id}': course: {problem}") from None
+
+
+def _check_start(protocol: Protocol, obj: Object) -> None:
+    ahead = _line(protocol, obj).start[2]
+    if ahead <= 0 and obj.course is not None and obj.course.kind != "overtaking":
+        raise StimulusError(
+            f"it starts {-ahead:g} m behind the camera; change start_m, or use kind 'overtaking'"
+        )
+
+
+def _dot(first: Vector, second: Vector) -> float:
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]

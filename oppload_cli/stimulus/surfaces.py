@@ -1,0 +1,273 @@
+"""Flat textured surfaces in three dimensions, seen by a pinhole camera in exact perspective.
+
+A point of a surface is ``origin + u right + v up``. Its pixel follows from a matrix of 3 x 3,
+and so does the derivative of the texture's coordinates by the pixel: how many texels a pixel
+covers is exact too, and the texture is averaged over them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from oppload_cli.stimulus.coverage import Window
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.stimulus.courses import Vector
+    from oppload_cli.stimulus.staging import View
+
+    Floats = NDArray[np.float64]
+    Picture = NDArray[np.float32]
+    Rectangle = tuple[float, float, float, float]
+
+_TAPS = 4  # samples along the longer side of what a pixel covers
+_NEAREST_M, _FARTHEST_M = 1e-6, 1e4
+_LEAST = 1e-3  # weight below which a level of the pyramid is not read
+
+
+class Texture:
+    """A picture and its smaller copies.
+
+    Parameters
+    ----------
+    values : ndarray
+        float32 (h, w) luminance, or (h, w, 2) with the opacity, by which the luminance has been
+        multiplied.
+    repeats : bool
+        Whether it repeats in both directions; its sides are then powers of 2.
+    """
+
+    def __init__(self, values: Picture, *, repeats: bool) -> None:
+        self.repeats = repeats
+        self.height, self.width = values.shape[:2]
+        if not repeats:
+            rows, columns = (1 << math.ceil(math.log2(side + 2)) for side in values.shape[:2])
+            padded = np.zeros((rows, columns, *values.shape[2:]), np.float32)
+            padded[1 : self.height + 1, 1 : self.width + 1] = values
+            values = padded
+        self._margin = 0.0 if repeats else 1.0
+        self.levels = [values]
+        while min(self.levels[-1].shape[:2]) > 2:
+            last = self.levels[-1]
+            size = last.shape[1] // 2, last.shape[0] // 2
+            half = cv2.resize(last, size, interpolation=cv2.INTER_AREA)
+            self.levels.append(np.asarray(half, np.float32))
+
+    def at(self, x: Picture, y: Picture, texels: Picture) -> Picture:
+        """Return the texture at positions.
+
+        Parameters
+        ----------
+        x, y : ndarray
+            float32 (h, w): column and row in texels of the picture, 0 at its left and upper edge;
+            OpenCV reads no further than 32767 texels.
+        texels : ndarray
+            float32 (h, w): side of the square of texels to average, at least 0.
+
+        Returns
+        -------
+        ndarray
+            float32 (h, w) or (h, w, 2).
+        """
+        depth = np.log2(np.clip(texels, np.float32(1), np.float32(1 << (len(self.levels) - 1))))
+        total = np.zeros((*x.shape, *self.levels[0].shape[2:]), np.float32)
+        for level in range(int(depth.min()), math.ceil(float(depth.max())) + 1):
+            weight = np.maximum(1 - np.abs(depth - np.float32(level)), 0)
+            part = bounds(weight > _LEAST)
+            if part is None:
+                continue
+            weight = weight[part][..., None] if total.ndim == 3 else weight[part]
+            total[part] += weight * self._read(level, x[part], y[part])
+        return total
+
+    def _read(self, level: int, x: Picture, y: Picture) -> Picture:
+        values, scale = self.levels[level], np.float32(0.5**level)
+        # sample k stands for the middle of its cell
+        column = (x + np.float32(self._margin)) * scale - np.float32(0.5)
+        row = (y + np.float32(self._margin)) * scale - np.float32(0.5)
+        border = cv2.BORDER_WRAP if self.repeats else cv2.BORDER_CONSTANT
+        return np.asarray(cv2.remap(values, column, row, cv2.INTER_LINEAR, borderMode=border))
+
+
+class Placed(NamedTuple):
+    """A surface in a part of the picture.
+
+    Attributes
+    ----------
+    window : Window
+        The part.
+    u, v : ndarray
+        float64 (h, w), place on the surface in metres.
+    depth : ndarray
+        float64 (h, w), distance along the camera's axis in metres; 0 where nothing is seen.
+    steps : tuple of ndarray
+        Derivatives of u and v by x, then those by y, in metres per pixel.
+    """
+
+    window: Window
+    u: Floats
+    v: Floats
+    depth: Floats
+    steps: tuple[Floats, Floats, Floats, Floats]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A flat textured surface.
+
+    Attributes
+    ----------
+    origin : tuple of float
+        Its point ``u = v = 0`` in the world, in metres.
+    right, up : tuple of float
+        Directions of u and v, of length 1 and at right angles.
+    texture : Texture
+        Its upper left corner lies at `corner`.
+    per_metre : float
+        Texels per metre.
+    corner : tuple of float
+        u and v of the texture's upper left corner.
+    extent : tuple of float or None
+        Least u, least v, largest u, largest v; None for an endless surface.
+    """
+
+    origin: Vector
+    right: Vector
+    up: Vector
+    texture: Texture
+    per_metre: float
+    corner: tuple[float, float] = (0.0, 0.0)
+    extent: Rectangle | None = None
+
+    def matrix(self, view: View) -> Floats:
+        """Return the matrix from ``(x, y, 1)`` in pixels to ``(u, v, 1) / depth``."""
+        offset = np.subtract(self.origin, view.place)
+        on_surface = np.stack([self.right, self.up, offset], axis=1)
+        camera = np.array(view.axes).T
+        eye, (x, y) = view.eye_px, view.middle
+        rays = camera @ np.array([[1 / eye, 0, -x / eye], [0, -1 / eye, y / eye], [0, 0, 1.0]])
+        return np.asarray(np.linalg.solve(on_surface, rays))
+
+    def window(self, view: View, height: int, width: int) -> Window:
+        """Return the part of the display that the surface may touch.
+
+        It is empty where the camera lies in the surface's own plane, or the surface behind it.
+        """
+        away = np.subtract(self.origin, view.place) @ np.cross(self.right, self.up)
+        if abs(away) < _NEAREST_M:
+            return Window(0, 0, 0, 0)
+        if self.extent is None:
+            return Window(0, height, 0, width)
+        u0, v0, u1, v1 = self.extent
+        corners = np.array([(u, v, 1.0) for u in (u0, u1) for v in (v0, v1)])
+        x, y, over = np.linalg.solve(self.matrix(view), corners.T)
+        if over.max() <= 0:
+            return Window(0, 0, 0, 0)
+        if over.min() <= 0:  # a corner beside or behind the camera
+            return Window(0, height, 0, width)
+        x, y = x / over, y / over
+        # averaging takes transparent edges a little further
+        low, high = (x.min() - 3, y.min() - 3), (x.max() + 3, y.max() + 3)
+        return Window.around(low, high, height, width)
+
+    def _placed(self, view: View, window: Window) -> Placed:
+        m = self.matrix(view)
+        x = np.arange(window.left, window.right)[None, :] + 0.5
+        y = np.arange(window.top, window.bottom)[:, None] + 0.5
+        over = m[2, 0] * x + m[2, 1] * y + m[2, 2]
+        # behind the camera and beyond the horizon nothing is seen
+        depth = 1 / np.maximum(over, 1 / _FARTHEST_M)
+        u, v = ((m[i, 0] * x + m[i, 1] * y + m[i, 2]) * depth for i in (0, 1))
+        steps = tuple(
+            (m[i, j] - at * m[2, j]) * depth for j in (0, 1) for i, at in ((0, u), (1, v))
+        )
+        depth = np.where(over > 1 / _FARTHEST_M, depth, 0.0)
+        return Placed(window, u, v, depth, (steps[0], steps[1], steps[2], steps[3]))
+
+    def seen(self, view: View, height: int, width: int) -> tuple[Placed, Picture] | None:
+        """Return the part of the display that shows the surface, and its share of each pixel.
+
+        Returns
+        -------
+        Placed
+            Where on the surface each pixel of the part looks.
+        ndarray
+            float32 (h, w), 0 to 1.
+
+        None where the surface is not seen.
+        """
+        window = self.window(view, height, width)
+        if 0 in window.shape:
+            return None
+        placed = self._placed(view, window)
+        covered = self._coverage(placed)
+        part = bounds(covered > 0)
+        if part is None:
+            return None
+        rows, columns = part
+        top, left = window.top, window.left
+        inner = Window(top + rows.start, top + rows.stop, left + columns.start, left + columns.stop)
+        u, v, depth, *steps = (each[part] for each in (*placed[1:4], *placed.steps))
+        return Placed(inner, u, v, depth, (steps[0], steps[1], steps[2], steps[3])), covered[part]
+
+    def _coverage(self, placed: Placed) -> Picture:
+        before = placed.depth > 0
+        # transparency has edges of its own
+        if self.extent is None or self.texture.levels[0].ndim == 3:
+            return np.asarray(before, np.float32)
+        u0, v0, u1, v1 = self.extent
+        ux, vx, uy, vy = placed.steps
+        across, along = np.hypot(ux, uy), np.hypot(vx, vy)
+        wide = _inside(placed.u, u0, u1, across)
+        high = _inside(placed.v, v0, v1, along)
+        return np.asarray(wide * high * before, np.float32)
+
+    def values(self, placed: Placed) -> Picture:
+        """Return the texture as each pixel sees it: float32 (h, w) or (h, w, 2)."""
+        scale = self.per_metre
+        x, y = (placed.u - self.corner[0]) * scale, (self.corner[1] - placed.v) * scale
+        if self.texture.repeats:
+            x -= self.texture.width * np.floor(x / self.texture.width)
+            y -= self.texture.height * np.floor(y / self.texture.height)
+        column, row = x.astype(np.float32), y.astype(np.float32)
+        ux, vx, uy, vy = (step * scale for step in placed.steps)
+        by_x, by_y = np.hypot(ux, vx), np.hypot(uy, vy)
+        longer = by_x >= by_y
+        long, short = np.where(longer, by_x, by_y), np.where(longer, by_y, by_x)
+        if float(np.max(long, initial=0.0)) <= 1.5 * float(np.max(short, initial=1e-9)):
+            return self.texture.at(column, row, long.astype(np.float32))
+        du = np.where(longer, ux, uy).astype(np.float32)
+        dv = -np.where(longer, vx, vy).astype(np.float32)
+        texels = np.maximum(short, long / _TAPS).astype(np.float32)
+        shifts = (np.arange(_TAPS, dtype=np.float32) + 0.5) / _TAPS - 0.5
+        taps = [self.texture.at(column + s * du, row + s * dv, texels) for s in shifts]
+        return np.asarray(sum(taps[1:], taps[0]) / np.float32(_TAPS), np.float32)
+
+    def to_px(self, view: View, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+        """Return the pixel positions x and y of places on the surface; NaN behind the camera."""
+        back = np.linalg.inv(self.matrix(view))
+        over = back[2, 0] * u + back[2, 1] * v + back[2, 2]
+        over = np.where(over > 0, over, np.nan)
+        x, y = ((back[i, 0] * u + back[i, 1] * v + back[i, 2]) / over for i in (0, 1))
+        return x, y
+
+
+def _inside(at: Floats, low: float, high: float, pixel: Floats) -> Floats:
+    """Return the share of pixels, each `pixel` metres wide, that lies between two lines."""
+    wide = np.maximum(pixel, 1e-12)
+    ends = np.minimum(at + wide / 2, high) - np.maximum(at - wide / 2, low)
+    return np.asarray(np.clip(ends / wide, 0.0, 1.0))
+
+
+def bounds(wanted: NDArray[np.bool_]) -> tuple[slice, slice] | None:
+    """Return the rows and columns of a picture that hold all True pixels; None without any."""
+    rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
+    if not len(rows):
+        return None
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

@@ -1,0 +1,381 @@
+"""Faults of a file that its container shows: an end that is missing, a checksum that is wrong.
+
+Demuxers pass over both in silence. Each check reads the structure of one kind of container,
+and the bytes only where a checksum covers them.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+CUT = "the file ends too early"
+WRONG = "a checksum of the file is wrong"
+BROKEN = "the structure of the file is damaged"
+PIECE = 1 << 20  # bytes that are read at a time
+MOST_PARTS = 2_000_000  # that are looked at: some seconds. Hours of video have fewer.
+
+
+class TooManyPartsError(Exception):
+    """A file has so many parts that it may have been made to be read for ever."""
+
+
+@dataclass
+class Reading:
+    """A file that has been demuxed to its end.
+
+    Attributes
+    ----------
+    file : binary file
+        Open for reading.
+    size : int
+        Its size in bytes.
+    read_to : int
+        The byte after the last packet of the video, or 0 where the demuxer does not say.
+    stream : int
+        The identifier of the video in the container: the PID of a transport stream.
+    """
+
+    file: IO[bytes]
+    size: int
+    read_to: int
+    stream: int
+    _parts: int = 0
+
+    def at(self, position: int, count: int) -> bytes:
+        """Return that many bytes, or fewer at the end of the file.
+
+        Raises
+        ------
+        TooManyPartsError
+            If it is called for more than `MOST_PARTS` parts.
+        """
+        self._parts += 1
+        if self._parts > MOST_PARTS:
+            raise TooManyPartsError
+        self.file.seek(position)
+        return self.file.read(count)
+
+
+def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) -> str | None:
+    """Return the first fault that the container of a file shows, as a sentence.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    container : str
+        The name of its demuxer.
+    read_to, stream : int
+        As for :class:`Reading`.
+
+    Returns
+    -------
+    str or None
+        None also where the container has neither an end that can be told nor checksums.
+    """
+    check = _CHECKS.get(container)
+    if check is None:
+        return None
+    # A file that has vanished, or is too short to tell, is not called faulty.
+    too_short = (OSError, struct.error, IndexError)
+    with suppress(*too_short, TooManyPartsError), Path(path).open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        return check(Reading(file, size, read_to, stream))
+    return None
+
+
+EBML, SEGMENT, CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
+CHECKSUM = b"\xbf\x84"  # of EBML: the first element of one that has a checksum
+
+
+def _matroska(reading: Reading) -> str | None:
+    """Walk over the elements of the segment; one of unknown length is walked through."""
+    position = 0
+    while position < reading.size:
+        head = reading.at(position, 12)
+        if not head[0]:  # an identifier has at most four bytes; zeros fill the end
+            return None if _only_zeros(reading, position) else BROKEN
+        name_length = 9 - head[0].bit_length()
+        if name_length > 4 or len(head) < name_length + 1 or not head[name_length]:
+            return CUT if len(head) < 12 else BROKEN
+        length = 9 - head[name_length].bit_length()
+        field = head[name_length : name_length + length]
+        most = (1 << 7 * length) - 1
+        content = int.from_bytes(field) & most
+        name = int.from_bytes(head[:name_length])
+        position += name_length + length
+        known = content != most
+        if known and position + content > reading.size:
+            return CUT
+        if name == SEGMENT or not known:
+            continue
+        if name != EBML and _wrong_checksum(reading, position, content):
+            return WRONG
+        position += content
+    return CUT if position > reading.size else None
+
+
+def _wrong_checksum(reading: Reading, position: int, length: int) -> bool:
+    if length < 6 or reading.at(position, 2) != CHECKSUM:
+        return False
+    declared = int.from_bytes(reading.file.read(4), "little")
+    return declared != _checksum(reading, position + 6, length - 6)
+
+
+def _checksum(reading: Reading, position: int, length: int) -> int:
+    value = 0
+    reading.file.seek(position)
+    while length > 0 and (piece := reading.file.read(min(PIECE, length))):
+        value = zlib.crc32(piece, value)
+        length -= len(piece)
+    return value
+
+
+def _only_zeros(reading: Reading, position: int) -> bool:
+    return not any(reading.at(position, PIECE))
+
+
+def _boxes(reading: Reading) -> str | None:
+    """Walk over the boxes of MP4 and MOV; the data of a fragment follow its index."""
+    position, kind = 0, b""
+    while position + 8 <= reading.size:
+        head = reading.at(position, 16)
+        length, kind = int.from_bytes(head[:4]), head[4:8]
+        if length == 1:
+            length = int.from_bytes(head[8:16])
+        if length == 0 or not kind.isalnum():
+            return None  # to the end of the file, or no box
+        position += max(length, 8)
+    return CUT if position > reading.size or kind == b"moof" else None
+
+
+def _gif(reading: Reading) -> str | None:
+    """Walk over the blocks to the mark of the end."""
+    head = reading.at(0, 13)
+    position = 13 + _colours(head[10])
+    while block := reading.at(position, 10):
+        if block[0] == ord(";"):
+            return None
+        if block[0] == ord("!"):
+            position += 2
+        elif block[0] == ord(","):
+            position += 11 + _colours(block[9])
+        elif block[0] == 0:
+            position += 1
+            continue
+        else:
+            return BROKEN
+        position = _after_the_parts(reading, position)
+    return CUT
+
+
+def _colours(flags: int) -> int:
+    """Return the size of a table of colours."""
+    return 3 << (flags & 7) + 1 if flags & 0x80 else 0
+
+
+def _after_the_parts(reading: Reading, position: int) -> int:
+    """Return the position after the parts of a block, each of which begins with its length."""
+    while length := reading.at(position, 1):
+        position += 1 + length[0]
+        if not length[0]:
+            break
+    return position
+
+
+def _flv(reading: Reading) -> str | None:
+    """Look for the last tag: its size follows it."""
+    (tag,) = struct.unpack(">I", reading.at(reading.size - 4, 4))
+    if not 11 <= tag <= reading.size - 4:
+        return CUT
+    return None if int.from_bytes(reading.at(reading.size - 4 - tag + 1, 3)) == tag - 11 else CUT
+
+
+def _mjpeg(reading: Reading) -> str | None:
+    end = reading.at(max(0, reading.size - 64), 64)
+    return None if end.rstrip(b"\0\r\n").endswith(b"\xff\xd9") else CUT
+
+
+def _apng(reading: Reading) -> str | None:
+    return None if reading.at(max(0, reading.size - 64), 64).find(b"IEND\xaeB`\x82") >= 0 else CUT
+
+
+def _y4m(reading: Reading) -> str | None:
+    """Expect nothing after the last frame: the demuxer leaves out one that is cut."""
+    return CUT if 0 < reading.read_to < reading.size else None
+
+
+IVF_HEAD = 12  # bytes before each frame, which the demuxer does not count
+
+
+def _ivf(reading: Reading) -> str | None:
+    return CUT if 0 < reading.read_to < reading.size - IVF_HEAD else None
+
+
+NUT_INDEX = b"NX\xdd\x67\x2f\x23\xe6\x4e"
+
+
+def _nut(reading: Reading) -> str | None:
+    """Expect the index, or nothing, after the last packet."""
+    rest = reading.at(reading.read_to, 8)
+    return None if not rest or not reading.read_to or rest.startswith(b"N") else CUT
+
+
+LAST_PAGE = 4
+
+
+def _ogg(reading: Reading) -> str | None:
+    """Walk over the pages: the last one of a stream says so."""
+    position, flags = 0, 0
+    while head := reading.at(position, 27):
+        if not head.startswith(b"OggS"):
+            return BROKEN if len(head) == 27 else CUT
+        lengths = reading.file.read(head[26])
+        position += 27 + len(lengths) + sum(lengths)
+        flags = head[5]
+    return None if position == reading.size and flags & LAST_PAGE else CUT
+
+
+DELIMITER = 2  # the kind of the unit before each picture
+
+
+def _av1(reading: Reading) -> str | None:
+    """Walk over the units of AV1, each of which has a length."""
+    position = kind = 0
+    while head := reading.at(position, 10):
+        if head[0] & 0x83 not in {0x02}:
+            return None  # of the kind without lengths, or with reserved bits
+        start = 2 if head[0] & 4 else 1
+        length = shift = 0
+        for byte in head[start:]:
+            start += 1
+            length |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                break
+        else:
+            return CUT
+        position += start + length
+        kind = head[0] >> 3
+    return CUT if position > reading.size or kind == DELIMITER else None
+
+
+def _mxf(reading: Reading) -> str | None:
+    """Look for the last partition, whose place the first one tells."""
+    head = reading.at(0, 64)
+    length = 1 if head[16] < 128 else 1 + (head[16] & 127)
+    (last,) = struct.unpack_from(">Q", head, 16 + length + 24)
+    return CUT if last >= reading.size else None
+
+
+ASF_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
+
+
+def _asf(reading: Reading) -> str | None:
+    """Compare with the size that the head declares; a broadcast declares none."""
+    head = reading.at(0, PIECE)
+    place = head.find(ASF_PROPERTIES)
+    if place < 0:
+        return None
+    (declared,) = struct.unpack_from("<Q", head, place + 40)
+    return CUT if declared > reading.size else None
+
+
+TS_PACKETS = {188: 0, 204: 0, 192: 4}  # plain, with error correction, with time codes: the mark
+TS_MARK, TS_BYTES, PIECE_PACKETS = 0x47, 188, 8192
+ADAPTED, PAYLOAD, BEGINS, FAULTY = 0x20, 0x10, 0x40, 0x80  # flags of a packet
+# Flags of its adaptation field: a jump of the count that is meant, and a key frame. Parts of a
+# broadcast that were put together begin with one.
+NEW_COUNT = 0xC0
+
+
+def _transport_stream(reading: Reading) -> str | None:
+    """Look at the packets: the mark of each, and the heads and the count of the video's."""
+    layout = _layout(reading)
+    if layout is None:
+        return None
+    start, mark, step = layout
+    if (reading.size - start) % step:
+        return CUT
+    last: int | None = None
+    for packets in _pieces(reading, start, mark, step):
+        head = packets[:, :6].astype(np.int64)
+        if (head[:, 0] != TS_MARK).any() or (head[:, 1] & FAULTY).any():
+            return BROKEN
+        video = ((head[:, 1] & 0x1F) << 8 | head[:, 2]) == reading.stream
+        head = head[video]
+        if _without_prefix(packets[video], head):
+            return BROKEN
+        counted = head[(head[:, 3] & PAYLOAD) != 0]
+        if len(counted):
+            if _packets_missing(counted, last):
+                return BROKEN
+            last = int(counted[-1, 3]) & 15
+    return None
+
+
+def _without_prefix(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool:
+    """Tell whether a picture begins without the three bytes with which it has to."""
+    first = np.where(head[:, 3] & ADAPTED, 5 + head[:, 4], 4)
+    begins = np.flatnonzero(((head[:, 1] & BEGINS) != 0) & (first <= TS_BYTES - 3))
+    prefix = packets[begins[:, None], first[begins, None] + np.arange(3)]
+    return bool((prefix != (0, 0, 1)).any())
+
+
+def _packets_missing(head: NDArray[np.int64], last: int | None) -> bool:
+    """Tell whether the count of packets jumps; one may be sent twice."""
+    count = head[:, 3] & 15
+    steps = np.diff(count, prepend=count[0] - 1 if last is None else last) % 16
+    meant = ((head[:, 3] & ADAPTED) != 0) & (head[:, 4] > 0) & ((head[:, 5] & NEW_COUNT) != 0)
+    return bool(((steps > 1) & ~meant).any())
+
+
+def _layout(reading: Reading) -> tuple[int, int, int] | None:
+    """Return where the first packet begins, its mark within it, and the distance to the next."""
+    head = reading.at(0, 5 * max(TS_PACKETS))
+    for step, mark in TS_PACKETS.items():
+        for start in range(step):
+            marks = head[start + mark :: step]
+            if len(marks) >= 4 and set(marks) == {TS_MARK}:
+                return start, mark, step
+    return None
+
+
+def _pieces(reading: Reading, start: int, mark: int, step: int) -> Iterator[NDArray[np.uint8]]:
+    """Yield packets as rows of bytes, from their marks on."""
+    reading.file.seek(start)
+    while piece := reading.file.read(step * PIECE_PACKETS):
+        rows = np.frombuffer(piece, np.uint8, len(piece) // step * step).reshape(-1, step)
+        yield rows[:, mark : mark + TS_BYTES]
+
+
+_CHECKS: dict[str, Callable[[Reading], str | None]] = {
+    "matroska,webm": _matroska,
+    "mov,mp4,m4a,3gp,3g2,mj2": _boxes,
+    "flv": _flv,
+    "gif": _gif,
+    "mjpeg": _mjpeg,
+    "jpeg_pipe": _mjpeg,
+    "mpegts": _transport_stream,
+    "yuv4mpegpipe": _y4m,
+    "ivf": _ivf,
+    "apng": _apng,
+    "nut": _nut,
+    "ogg": _ogg,
+    "obu": _av1,
+    "mxf": _mxf,
+    "asf": _asf,
+}

@@ -1,0 +1,187 @@
+"""From source pixels to degrees of the field of view, and back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from oppload_cli.errors import ParameterError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PINHOLE, FLAT = "pinhole", "flat"
+FOV = "--fov"  # origin of a field of view that the user knows
+WIDEST_DEG = 180.0
+
+
+class View(NamedTuple):
+    """Where an object is seen, how large, and how fast it grows.
+
+    Attributes
+    ----------
+    azimuth_deg, elevation_deg : float
+        Direction of its focus of expansion: to the right of the middle of the frame, and above
+        the horizontal plane through it; -90 to 90.
+    angular_width_deg, angular_height_deg : float
+        Angles that its box spans.
+    angular_size_deg : float
+        The larger one of the two.
+    angular_speed_deg_s : float or None
+        How fast this size grows, from the time to contact; None where that is not known.
+    """
+
+    azimuth_deg: float
+    elevation_deg: float
+    angular_width_deg: float
+    angular_height_deg: float
+    angular_size_deg: float
+    angular_speed_deg_s: float | None
+
+
+@dataclass(frozen=True)
+class Optics:
+    """The map from source pixels to directions.
+
+    Pinhole: a point at the angle e from the middle of the frame is ``f tan(e)`` from it, where
+    ``f`` is the focal length in pixels. Flat: pixels per degree are constant, as on the
+    displays of stimuli with ``projection = "flat"``.
+
+    Attributes
+    ----------
+    width, height : int
+        Of the displayed frame in source pixels.
+    per_radian : float
+        Pixels per radian in the middle of the frame: the focal length of a pinhole camera.
+    projection : str
+        ``pinhole`` or ``flat``.
+    origin : str
+        Where the field of view comes from: ``--fov``, or ``stimulus``.
+    """
+
+    width: int
+    height: int
+    per_radian: float
+    projection: str = PINHOLE
+    origin: str = FOV
+
+    @classmethod
+    def of_fov(cls, width: int, height: int, fov_deg: float) -> Optics:
+        """Return the pinhole camera with this field of view across the width of the frame."""
+        return cls(width, height, width / 2 / math.tan(math.radians(fov_deg) / 2))
+
+    @classmethod
+    def of_display(cls, display: Mapping[str, Any], width: int, height: int) -> Optics:
+        """Return the optics of a stimulus.
+
+        Parameters
+        ----------
+        display : mapping
+            ``width``, ``pixels_per_degree`` and ``projection`` of its ground truth.
+        width, height : int
+            Size of the video in pixels; it may have been scaled.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError, ZeroDivisionError
+            If the display lacks something, or its scale is no finite number above 0.
+        """
+        scale = float(display["pixels_per_degree"]) * width / float(display["width"])
+        if not 0 < scale < math.inf:
+            raise ValueError(f"{scale} pixels per degree")
+        projection = PINHOLE if display["projection"] == "perspective" else FLAT
+        return cls(width, height, math.degrees(scale), projection, "stimulus")
+
+    def degrees(self, pixels: float) -> float:
+        """Return the angle that a length spans, half of it on each side of the middle."""
+        half = pixels / 2 / self.per_radian
+        return 2 * math.degrees(half if self.projection == FLAT else math.atan(half))
+
+    def pixels(self, degrees: float) -> float:
+        """Return the length that spans an angle below 180 degrees; the inverse of `degrees`."""
+        half = math.radians(degrees / 2)
+        return 2 * self.per_radian * (half if self.projection == FLAT else math.tan(half))
+
+    def direction(self, x: float, y: float) -> tuple[float, float]:
+        """Return azimuth and elevation in degrees of a point in source pixels."""
+        right = (x - self.width / 2) / self.per_radian
+        up = (self.height / 2 - y) / self.per_radian
+        if self.projection == FLAT:
+            return math.degrees(right), math.degrees(up)
+        return math.degrees(math.atan(right)), math.degrees(math.atan(up / math.hypot(1, right)))
+
+    def between(self, one: tuple[float, float], other: tuple[float, float]) -> float:
+        """Return the angle in degrees between two points in source pixels."""
+        if self.projection == FLAT:
+            return math.degrees(math.dist(one, other) / self.per_radian)
+        a, b = ((x - self.width / 2, y - self.height / 2, self.per_radian) for x, y in (one, other))
+        across = math.hypot(
+            a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+        )
+        return math.degrees(math.atan2(across, sum(p * q for p, q in zip(a, b, strict=True))))
+
+    def view(
+        self,
+        box: tuple[float, float, float, float],
+        centre: tuple[float, float],
+        time_to_contact_s: float | None,
+    ) -> View:
+        """Return how an object is seen.
+
+        An object that approaches at constant speed has ``tan(size / 2) = (l/v) / t`` at the
+        time t before contact, so that its size grows by ``sin(size) / t``.
+
+        Parameters
+        ----------
+        box : tuple of float
+            Left, top, width and height in source pixels.
+        centre : tuple of float
+            Its focus of expansion, (x, y) in source pixels.
+        time_to_contact_s : float or None
+            Seconds, above 0.
+        """
+        left, top, width, height = box
+        x, y = left + width / 2, top + height / 2
+        across = self.between((left, y), (left + width, y))
+        down = self.between((x, top), (x, top + height))
+        size = max(across, down)
+        speed = None
+        if time_to_contact_s:
+            speed = math.degrees(math.sin(math.radians(size))) / time_to_contact_s
+        return View(*self.direction(*centre), across, down, size, speed)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the facts for the sidecar."""
+        return {
+            "origin": self.origin,
+            "projection": self.projection,
+            "horizontal_deg": self.degrees(self.width),
+            "vertical_deg": self.degrees(self.height),
+            "px_per_degree_in_the_middle": math.radians(self.per_radian),
+        }
+
+
+def parse_fov(value: str | float) -> float:
+    """Read a field of view.
+
+    Parameters
+    ----------
+    value : str or float
+        Degrees across the width of the frame.
+
+    Raises
+    ------
+    ParameterError
+        If it is no number above 0 and below 180.
+    """
+    try:
+        degrees = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        degrees = math.nan
+    if not 0 < degrees < WIDEST_DEG:
+        raise ParameterError(
+            f"fov must be above 0 and below 180 degrees, the horizontal field of view of the "
+            f"camera, not '{value}'"
+        )
+    return degrees

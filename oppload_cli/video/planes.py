@@ -1,0 +1,149 @@
+"""From a decoded frame to its luma at the working size, before it is turned.
+
+The process that decodes needs PyAV and not OpenCV, but for rare frames.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import av
+import numpy as np
+from av.video.reformatter import VideoReformatter
+
+if TYPE_CHECKING:
+    from av.video.frame import VideoFrame
+    from numpy.typing import NDArray
+
+    Plane = NDArray[Any]  # of uint8 or uint16
+
+
+WELL_ABOVE = 1.5  # for at least this factor swscale's averages are as good as OpenCV's
+AREA_EXACTLY = 0x20 | 0x40000 | 0x80000  # SWS_AREA, SWS_ACCURATE_RND, SWS_BITEXACT
+
+
+class Resizing:
+    """Brings planes to the working size by area averaging, before they are turned.
+
+    Parameters
+    ----------
+    width, height : int
+        The working size before it is turned, see :meth:`WorkingSize.coded`.
+    """
+
+    def __init__(self, width: int, height: int) -> None:
+        self._coded = (width, height)
+        self._scaler = VideoReformatter()
+
+    def __call__(self, plane: Plane) -> Plane:
+        """Return a plane at the working size.
+
+        Parameters
+        ----------
+        plane : ndarray of uint8 or uint16, shape (rows, columns)
+            Of any size; a plane of the working size is returned itself.
+
+        Returns
+        -------
+        ndarray of the same dtype, shape (height, width) before it is turned
+            Valid until the next call.
+        """
+        rows, columns = plane.shape
+        width, height = self._coded
+        if (columns, rows) == (width, height):
+            return plane
+        if columns >= WELL_ABOVE * width and rows >= WELL_ABOVE * height:
+            return self._averaged(plane)
+        import cv2
+
+        shrinks = width <= columns and height <= rows
+        method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(plane, self._coded, interpolation=method), plane.dtype)
+
+    def _averaged(self, plane: Plane) -> Plane:
+        """Average areas by swscale: within 0.7 of a code of the exact mean, 7 times as fast."""
+        kind = "gray" if plane.dtype == np.uint8 else "gray16le"
+        frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(plane), kind)
+        small = self._scaler.reformat(
+            frame, *self._coded, kind, interpolation=AREA_EXACTLY, threads=1
+        )
+        samples = small.planes[0].line_size // plane.itemsize
+        rows = np.frombuffer(memoryview(small.planes[0]), plane.dtype).reshape(-1, samples)
+        view: Plane = rows[: self._coded[1], : self._coded[0]]
+        return view
+
+
+LIMITED, FULL = 1, 2  # AVCOL_RANGE_MPEG, AVCOL_RANGE_JPEG
+# Grey without a stated range is limited if a video codec coded it, else full.
+LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
+WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
+PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
+PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
+
+
+def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
+    """Return the luma of a decoded frame, without a copy where it has a plane of its own.
+
+    Parameters
+    ----------
+    frame : av.VideoFrame
+        Any pixel format.
+
+    Returns
+    -------
+    plane : ndarray of uint8 or uint16, shape (height, width)
+        The Y plane; a frame without one (RGB, palettes) is converted to grey by the
+        Rec. 601 weights.
+    bits : int
+        Bits that a sample uses.
+
+    Raises
+    ------
+    ValueError, av.error.FFmpegError
+        If it cannot be converted, as where damage gives an impossible colour space.
+    """
+    name = frame.format.name
+    if name in PACKED_RGB:
+        return _grey(frame.to_ndarray(), PACKED_RGB[name]), 8
+    if name in PACKED_YUV:
+        frame, name = frame.reformat(format="yuv422p"), "yuv422p"
+    if not name.startswith(WITH_LUMA_PLANE) or name.startswith("grayf"):
+        return _grey(frame.to_ndarray(format="bgr24"), "BGR"), 8
+    # P010 and similar formats hold their bits at the top of 16.
+    bits = 16 if name.startswith("p") else frame.format.components[0].bits
+    return _view(frame, bits, big_endian=name.endswith("be")), bits
+
+
+def is_full_range(frame: VideoFrame, codec: str) -> bool:
+    """Tell whether a frame's luma uses its full range.
+
+    Parameters
+    ----------
+    frame : av.VideoFrame
+        A decoded frame.
+    codec : str
+        Name of its decoder, which decides for grey frames that state no range.
+    """
+    name = frame.format.name
+    if name.startswith("yuvj") or not name.startswith(WITH_LUMA_PLANE):
+        return name not in PACKED_YUV or frame.color_range == FULL
+    if name.startswith("gray") and frame.color_range != LIMITED:
+        return frame.color_range == FULL or codec not in LIMITED_GREY
+    return bool(frame.color_range == FULL)
+
+
+def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:
+    import cv2
+
+    try:
+        return np.asarray(cv2.cvtColor(colour, getattr(cv2, f"COLOR_{order}2GRAY")), np.uint8)
+    except cv2.error as error:
+        raise ValueError(str(error)) from error
+
+
+def _view(frame: VideoFrame, bits: int, *, big_endian: bool) -> NDArray[Any]:
+    plane = frame.planes[0]
+    kind = np.dtype(np.uint8) if bits == 8 else np.dtype(">u2" if big_endian else "<u2")
+    rows = np.frombuffer(memoryview(plane), kind).reshape(-1, plane.line_size // kind.itemsize)
+    view: NDArray[Any] = rows[: frame.height, : frame.width]
+    return view.astype(np.uint16) if big_endian and bits > 8 else view

@@ -1,0 +1,161 @@
+"""The benchmark of all detectors: its battery, its figures, and going on where it stopped."""
+
+from __future__ import annotations
+
+import csv
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.benchmark import battery, run
+from oppload_cli.benchmark.battery import BATTERY, CONTROL, LOOMING, TABLES, columns_of
+from oppload_cli.benchmark.output import Benchmark
+from oppload_cli.benchmark.run import Measured, Shown, show
+from oppload_cli.errors import ParameterError
+from oppload_cli.evaluation.detectors import chosen_detectors
+from tests.cli import inside
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+NAMES = ("frame_difference", "lgmd1_single")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def each_arithmetic() -> None:
+    """Once is enough: no compiled loops take part."""
+
+
+def small(kind: str) -> battery.Column:
+    """A stimulus of few pixels and frames."""
+    settings = {
+        "display.width": 72,
+        "display.height": 72,
+        "display.pixels_per_degree": 1.0,
+        "timing.motion_s": 0.8,
+    }
+    if kind == "bright":
+        return battery.Column(
+            "polarity", kind, "klapoetke2017/loom-bright", settings | {battery.L_OVER_V: 40}
+        )
+    return battery.Column("polarity", kind, battery.LOOM, settings | {battery.L_OVER_V: 40})
+
+
+def test_every_column_shows_stimuli_and_every_table_has_columns() -> None:
+    for column in BATTERY:
+        protocols = column.protocols()
+        assert 1 <= len(protocols) <= 8, column.label
+        assert {each.display.frame_rate for each in protocols} == {30}
+    assert {column.table for column in BATTERY} == {table.name for table in TABLES}
+    labels = [(column.table, column.label) for column in BATTERY]
+    assert len(set(labels)) == len(labels)
+    looming = {column.kind for column in BATTERY if column.table != battery.SELECTIVITY}
+    assert looming == {LOOMING}
+
+
+def test_contrast_is_that_of_the_disk_to_its_ground() -> None:
+    for column in columns_of(["contrast"])[1:]:
+        (protocol,) = column.protocols()
+        ground, disk = protocol.display.background, protocol.objects[0].luminance
+        assert disk is not None
+        assert (ground - disk) / ground == pytest.approx(float(column.label))
+
+
+def test_some_tables_are_shown_with_the_looming_disk() -> None:
+    found = columns_of(["noise"])
+    assert found[0] is BATTERY[0]
+    assert {column.table for column in found[1:]} == {"noise"}
+    with pytest.raises(ParameterError, match="no table 'loud'; choose from selectivity"):
+        columns_of(["loud"])
+
+
+def test_measures_are_kept_and_taken_up_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    columns = [small("dark"), small("bright")]
+    detectors = chosen_detectors(NAMES)
+    seen: list[tuple[int, int]] = []
+    first = show(columns, detectors, tmp_path, progress=lambda *counts: seen.append(counts))
+    assert seen == [(0, 2), (1, 2), (2, 2)]
+    bytes_of = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert len(bytes_of) == 2
+    dark, bright = first
+    # lgmd1_single sees brightening rather than darkening.
+    assert (bright.measured[1].peak or 0) > 2 * (dark.measured[1].peak or 0) > 0
+    assert dark.measured[0].peak == pytest.approx(bright.measured[0].peak or 0, rel=0.02)
+
+    next(tmp_path.iterdir()).write_text("cut off")
+    seen.clear()
+    assert show(columns, detectors, tmp_path, progress=lambda *counts: seen.append(counts)) == first
+    assert seen == [(1, 2), (2, 2)]
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == bytes_of
+    monkeypatch.setattr(run, "outputs_of", None)  # nothing is shown any more
+    assert show(columns, detectors, tmp_path) == first
+
+
+def shown(values: Sequence[tuple[str, float, int]]) -> list[Shown]:
+    """Make a benchmark of one detector with stated peaks and alarms."""
+    columns = [BATTERY[0]]
+    columns += [battery.Column("selectivity", "x", "x", {}, kind) for kind, _, _ in values[1:]]
+    return [
+        Shown(column, str(i), 1.0, [Measured("lgmd2", peak, 0.5, alarms, None)])
+        for i, (column, (_, peak, alarms)) in enumerate(zip(columns, values, strict=True))
+    ]
+
+
+def test_the_summary_counts_pairs_and_alarms() -> None:
+    stated = [(LOOMING, 4.0, 1), (LOOMING, 1.0, 0), (CONTROL, 1.0, 2), (CONTROL, 0.0, 0)]
+    found = Benchmark(shown(stated), chosen_detectors(["lgmd2"])).summary("lgmd2")
+    assert found.auc == pytest.approx((1 + 1 + 0.5 + 1) / 4)
+    assert (found.looming_alarmed, found.looming) == (1, 2)
+    assert (found.controls_alarmed, found.controls) == (1, 2)
+    assert (found.largest_control_over_loom, found.largest_control) == (0.25, "x")
+
+
+def test_a_detector_without_a_response_to_the_disk() -> None:
+    stated = [(LOOMING, 0.0, 0), (CONTROL, 0.0, 0), (CONTROL, 3.0, 1)]
+    benchmark = Benchmark(shown(stated), chosen_detectors(["lgmd2"]))
+    assert benchmark.over_loom("lgmd2", 0.0) == 0
+    assert np.isinf(benchmark.summary("lgmd2").largest_control_over_loom)
+
+
+def test_the_command_writes_tables_figures_and_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
+    monkeypatch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
+    call = "benchmark", "-o", tmp_path, "-q", "-j", "1", "--model", ",".join(NAMES)
+    done = inside.run(capsys, *call)
+    assert (done.returncode, done.stderr) == (0, "")
+    names = ["stimuli.csv", "summary.csv", "polarity.pdf", "benchmark.json", "benchmark.html"]
+    assert done.stdout.split() == [str(tmp_path / name) for name in names]
+    rows = list(csv.DictReader((tmp_path / "stimuli.csv").read_text().splitlines()))
+    assert [(row["column"], row["detector"]) for row in rows] == [
+        (column, name) for column in ("dark", "bright") for name in NAMES
+    ]
+    assert rows[0]["peak_over_loom"] == "1"
+    page = (tmp_path / "benchmark.html").read_text()
+    assert "LGMD1" in page
+    assert "https://" not in page
+    first = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert inside.run(capsys, *call).returncode == 0
+    again = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
+    assert again == first
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--model", "lgmd3", "no model 'lgmd3'; did you mean"),
+        ("--model", "opplod:robust", "no model 'opplod:robust'"),
+        ("--only", "sped", "no table 'sped'"),
+    ],
+)
+def test_wrong_names_are_refused(
+    option: str, value: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done = inside.run(capsys, "benchmark", "-o", tmp_path, option, value)
+    assert done.returncode == 2
+    assert message in done.stderr

@@ -1,0 +1,69 @@
+"""The results of the builds and of the plain functions, beside each other."""
+
+from __future__ import annotations
+
+import csv
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.compute import loops
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.outputs import Outputs
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Task
+from tests.media import disk, texture, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+ARITHMETICS = ("wide", "baseline", "portable")
+
+
+def approaching(textured: bool) -> Iterator[NDArray[np.uint8]]:
+    """A disk that grows in the middle: units on both sides of it answer alike."""
+    ground = texture(96, 96, 1) * 0.3 + 0.6 if textured else 0.9
+    for t in range(16):
+        yield np.rint(255 * ground * disk(96, 48, 48, 4 + 1.1**t * 3)).astype(np.uint8)
+
+
+@pytest.fixture(params=[False, True], ids=["symmetric", "textured"])
+def tables(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> dict[str, list[dict[str, str]]]:
+    """The rows of each arithmetic."""
+    wide, baseline = loops._load("wide"), loops._load("baseline")
+    if wide is None or baseline is None or not baseline.runs_wide():
+        pytest.skip("NOT COMPARED: both builds are needed, and a processor for them")
+    video = write_video(tmp_path / "a.avi", approaching(request.param))
+    rows = {}
+    for name in ARITHMETICS:
+        library = wide if name == "wide" else baseline
+        monkeypatch.setattr(loops, "_loaded", lambda library=library: ("", library))
+        monkeypatch.setattr(loops, "portable", name == "portable")
+        table = tmp_path / f"{name}.csv"
+        run_task(Task(str(video), resolve(height="96"), Outputs(table)))
+        with table.open(newline="") as file:
+            rows[name] = list(csv.DictReader(file))
+    return rows
+
+
+def test_responses_boxes_and_alarms_agree(tables: dict[str, list[dict[str, str]]]) -> None:
+    def column(name: str, arithmetic: str) -> NDArray[np.float64]:
+        return np.array([float(row[name] or "nan") for row in tables[arithmetic]])
+
+    for other in ARITHMETICS[1:]:
+        for name in ("opplod_response", "dlgmd_response"):
+            response = column(name, "wide")
+            peak = np.nanmax(response)
+            np.testing.assert_allclose(column(name, other), response, rtol=0, atol=1e-5 * peak)
+        for side in ("x", "y", "width", "height"):
+            name = f"opplod_{side}"
+            np.testing.assert_allclose(column(name, other), column(name, "wide"), atol=1e-3)
+        for name in ("opplod_alarm", "dlgmd_alarm"):
+            np.testing.assert_array_equal(column(name, other), column(name, "wide"))
+    assert np.nanmax(column("opplod_response", "wide")) > 0.01

@@ -1,0 +1,213 @@
+"""The door to the compiled loops: the build that is chosen, the switch, bands, the build hook."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli.compute import loops
+from oppload_cli.models.dlgmd import group
+from oppload_cli.models.dpc import Dpc
+from oppload_cli.models.kernels import DpcParams
+from tests.arithmetic import many_bands
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["many_bands"]
+
+ROOT = Path(__file__).parents[2]
+SOURCES = ROOT / "oppload_cli" / "compute"
+
+
+@pytest.fixture
+def builds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty folder of builds."""
+    monkeypatch.setattr(loops, "portable", False)
+    monkeypatch.setattr(loops, "__file__", str(tmp_path / "loops.py"))
+    loops._loaded.cache_clear()
+    yield tmp_path
+    loops._loaded.cache_clear()
+
+
+def build(folder: Path, name: str) -> None:
+    """Build the loops in a folder.
+
+    A build beside the sources is copied: compiling takes seconds.
+    """
+    built = SOURCES / f"loops.{name}{loops.SUFFIX}"
+    if built.exists():
+        for each in SOURCES.glob(f"{built.name}*"):
+            shutil.copy(each, folder)
+        return
+    if not (shutil.which("cc") or shutil.which("gcc")):
+        pytest.skip("no C compiler is installed")
+    for each in SOURCES.glob("*.[ch]"):
+        shutil.copy(each, folder)
+    code = "import sys, hatch_build as h; from pathlib import Path; " + (
+        "sys.exit(not h._compile(Path(sys.argv[1]), sys.argv[2], h.BUILDS.get(sys.argv[2], ())))"
+    )
+    subprocess.run([sys.executable, "-c", code, folder, name], cwd=ROOT, check=True)
+
+
+def calls_of_twins(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Group a small map; return the names of the twins that this called."""
+    called = []
+
+    def found(module: str, name: str) -> object:
+        called.append(f"{module}.{name}")
+        return lambda *_: (0.0, 0.0)
+
+    monkeypatch.setattr(loops, "_twin", found)
+    group(np.ones((3, 3), np.float32), 1, 0.0, 1.0, np.zeros((3, 3), np.float32))
+    return called
+
+
+def test_without_a_build_the_plain_functions_run(
+    builds: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert list(builds.iterdir()) == []
+    assert loops.arithmetic() == "portable"
+    assert calls_of_twins(monkeypatch) == []
+    assert "no compiled loops" in (loops.why_portable() or "")
+    with pytest.raises(RuntimeError, match="were not built"):
+        loops.loops()
+
+
+def test_a_build_is_found_and_can_be_switched_off(
+    builds: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    build(builds, "baseline")
+    assert loops.arithmetic() == "compiled"
+    assert calls_of_twins(monkeypatch) == ["maps.group"]
+    monkeypatch.setattr(loops, "portable", True)
+    assert loops.arithmetic() == "portable"
+    assert calls_of_twins(monkeypatch) == []
+
+
+@pytest.mark.parametrize(("value", "portable"), [("1", True), ("0", False), ("", False)])
+def test_the_environment_switches_the_loops_off(value: str, portable: bool) -> None:
+    code = "from oppload_cli.compute import loops; print(loops.portable, loops.arithmetic())"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "OPPLOAD_PORTABLE": value},
+        cwd=ROOT, check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    switched, arithmetic = done.stdout.strip().split(maxsplit=1)
+    assert switched == str(portable)
+    assert arithmetic == "portable" or not portable
+
+
+def test_the_baseline_build_agrees_with_the_wide_one(builds: Path) -> None:
+    frames = np.random.default_rng(8).random((4, 40, 61), dtype=np.float32)
+    maps = []
+    for name in ("baseline", "wide"):
+        build(builds, name)
+        loops._loaded.cache_clear()
+        dpc = Dpc((40, 61), DpcParams(), (45, 135))
+        for frame in frames:
+            dpc.step(frame)
+        maps.append(np.stack([dpc.sums.presynaptic, *dpc.sums.pathways.values()]))
+    np.testing.assert_allclose(maps[0], maps[1], atol=2e-6)
+    assert maps[0].max() > 0.1
+
+
+@pytest.mark.parametrize("damage", ["stale", "not a library"])
+def test_a_build_that_does_not_fit_is_not_used(
+    builds: Path, damage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if damage == "stale":
+        build(builds, "baseline")
+        monkeypatch.setattr(loops, "INTERFACE", loops.INTERFACE + 1)
+    else:
+        (builds / f"loops.baseline{loops.SUFFIX}").write_bytes(b"not a library")
+    assert loops.arithmetic() == "portable"
+    reason = "belongs to another version" if damage == "stale" else "does not load on this system"
+    assert reason in (loops.why_portable() or "")
+
+
+def test_a_cut_library_is_not_loaded(builds: Path) -> None:
+    """Loading it could end the process: its checksum says that it is not complete."""
+    build(builds, "baseline")
+    assert loops.why_portable() is None
+    library = builds / f"loops.baseline{loops.SUFFIX}"
+    cut = library.read_bytes()[:-4096]
+    library.unlink()  # this process has it loaded: cut in place, it would crash at its end
+    library.write_bytes(cut)
+    loops._loaded.cache_clear()
+    assert loops.arithmetic() == "portable"
+    assert loops.why_portable() == f"{library} is damaged; install oppload again"
+
+
+def test_small_frames_are_one_band_and_large_ones_several() -> None:
+    assert loops.bands_of((240, 427)) == [(0, 240)]
+    assert loops.bands_of((1, 1)) == [(0, 1)]
+    bands = loops.bands_of((1081, 1920))
+    assert bands[0][0] == 0
+    assert bands[-1][1] == 1081
+    assert all(first[1] == second[0] for first, second in itertools.pairwise(bands))
+
+
+@pytest.mark.usefixtures("many_bands")
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_every_band_is_computed_once(threads: int) -> None:
+    cv2.setNumThreads(threads)
+    computed: list[tuple[int, int, int]] = []
+    seen = set()
+
+    def compute(number: int, first: int, last: int) -> None:
+        computed.append((number, first, last))
+        seen.add(threading.get_ident())
+
+    loops.in_bands((40, 3), compute)
+    assert sorted(computed) == [(n, 7 * n, min(7 * n + 7, 40)) for n in range(6)]
+    assert (seen == {threading.get_ident()}) == (threads == 1)
+
+
+@pytest.mark.usefixtures("many_bands")
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_error_in_a_band_is_raised(threads: int) -> None:
+    cv2.setNumThreads(threads)
+
+    def fail(number: int, *_: int) -> None:
+        if number == 2:
+            raise ArithmeticError("band 2")
+
+    with pytest.raises(ArithmeticError, match="band 2"):
+        loops.in_bands((40, 3), fail)
+
+
+@pytest.mark.slow
+def test_the_hook_builds_what_the_wheel_takes(tmp_path: Path) -> None:
+    """Build a wheel in a copy of the project; without a compiler it is a pure one."""
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, tmp_path)
+    for name in ("oppload_cli", "stimuli"):
+        ignored = shutil.ignore_patterns("*.so", "__pycache__")
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=ignored)
+    tags = {}
+    for compiler in ("false", ""):
+        done = subprocess.run(
+            [sys.executable, "-m", "hatchling", "build", "-t", "wheel"],
+            cwd=tmp_path, check=False, capture_output=True, text=True,
+            env={"CC": compiler, "PATH": "/usr/bin:/bin"},
+        )  # fmt: skip
+        if "No module named hatchling" in done.stderr:
+            pytest.skip("hatchling is not installed")
+        assert done.returncode == 0, done.stderr
+        wheel = next((tmp_path / "dist").glob("*.whl"))
+        tags[compiler] = wheel.stem.split("-", 2)[2], "no C compiler" in done.stderr + done.stdout
+        wheel.unlink()
+    assert tags["false"] == ("py3-none-any", True)
+    if shutil.which("cc") or shutil.which("gcc"):
+        assert tags[""][0].startswith("py3-none-")
+        assert tags[""] != tags["false"]

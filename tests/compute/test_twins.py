@@ -1,0 +1,268 @@
+"""Each compiled twin against its plain function, and both against the literal reference."""
+
+from __future__ import annotations
+
+import inspect
+from importlib import import_module
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli.compute import loops
+from oppload_cli.models import dlgmd, dpc, opposing_motion
+from oppload_cli.models.dpc import PresynapticSums
+from oppload_cli.models.kernels import DpcParams, Kernels
+from oppload_cli.models.opposing_motion import cell_centres, offset_weights, pooling_weights
+from oppload_cli.motion import flow, rmo
+from oppload_cli.motion.flow import Cells
+from tests import reference
+from tests.arithmetic import many_bands
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from oppload_cli.models.dpc import Map
+
+    Taken = ParamSpec("Taken")
+    Returned = TypeVar("Returned")
+
+__all__ = ["many_bands"]
+
+SHAPES = [(1, 1), (5, 90), (13, 13), (7, 4), (40, 61)]
+AXES: list[tuple[int, ...]] = [(), (0, 90), (45, 135)]
+
+
+@pytest.fixture(autouse=True)
+def _compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(loops, "portable", False)
+    if loops.arithmetic() == "portable":
+        pytest.skip("the compiled loops were not built")
+
+
+def plain(function: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
+    """Return the plain function behind a compiled one."""
+    unwrapped: Callable[Taken, Returned] = inspect.unwrap(function)
+    assert unwrapped is not function
+    return unwrapped
+
+
+@pytest.mark.parametrize(
+    ("compiled", "module"),
+    [
+        (dpc.presynaptic_sums, "presynaptic"),
+        (dlgmd.group, "maps"),
+        (opposing_motion.pool, "maps"),
+        (opposing_motion.opponent_products, "maps"),
+        (flow.reduce, "flow"),
+        (flow.sample, "flow"),
+        (rmo.rmo_sums, "flow"),
+    ],
+)
+def test_a_twin_has_the_name_and_the_arguments_of_its_plain_function(
+    compiled: Callable[..., object], module: str
+) -> None:
+    twin = getattr(import_module(f"oppload_cli.compute.{module}"), compiled.__name__)
+    assert len(inspect.signature(twin).parameters) == len(inspect.signature(compiled).parameters)
+
+
+# ---- The presynaptic sums ------------------------------------------------------------------
+
+
+def photoreceptors(shape: tuple[int, int], seed: int) -> list[Map]:
+    """P(t), P(t-1) and P(t-2): little inhibits, and part of the frame does not change."""
+    rng = np.random.default_rng(seed)
+    maps = [rng.random(shape, dtype=np.float32) * np.float32(k) for k in (1, 0.03, 0.02)]
+    for each in maps:
+        each[shape[0] // 3 : shape[0] // 2, : shape[1] // 2] = 0
+    return maps
+
+
+def stacked(sums: PresynapticSums) -> Map:
+    return np.stack([sums.presynaptic, *(sums.pathways[phi] for phi in sorted(sums.pathways))])
+
+
+@pytest.mark.parametrize("radius", [1, 6, 12])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_presynaptic_sums(shape: tuple[int, int], radius: int) -> None:
+    for axes in AXES:
+        kernels = Kernels.of(DpcParams(kernel_radius=radius), axes)
+        out, other = (PresynapticSums.zeros(shape, axes) for _ in "ab")
+        for values in (out.presynaptic, *out.pathways.values()):
+            values[:] = np.nan  # a fresh array may hold anything
+        for seed in (1, 2):  # the second time, zeros of the first stay where they are
+            p = photoreceptors(shape, seed)
+            dpc.presynaptic_sums(p, kernels, out)
+            plain(dpc.presynaptic_sums)(p, kernels, other)
+            np.testing.assert_allclose(stacked(out), stacked(other), atol=1e-5)
+        wide = [np.asarray(each, np.float64) for each in p[::-1]]
+        expected = [reference.presynaptic(wide, radius)]
+        expected += [reference.pathway(wide, phi, radius) for phi in sorted(out.pathways)]
+        np.testing.assert_allclose(stacked(out), expected, atol=1e-5)
+        assert expected[0].max() > 0.1 or shape == (1, 1)
+
+
+@pytest.mark.parametrize("axes", [(0, 90), (45, 135)])
+@pytest.mark.parametrize("empty", ["left", "right", "above", "below", "nothing"])
+def test_presynaptic_sums_where_excitation_and_inhibition_are_about_equal(
+    axes: tuple[int, int], empty: str
+) -> None:
+    """E grows from the left to the right; one side of each block has no inhibition."""
+    shape = (70, 173)
+    rng = np.random.default_rng(5)
+    rows, columns = np.indices(shape)
+    sides = {"left": -columns, "right": columns, "above": -rows, "below": rows}
+    inhibits = sides[empty] % 14 < 9 if empty in sides else np.ones(shape, bool)
+    latest = rng.integers(0, 4, shape) + rng.integers(0, 2, shape) * columns // 2
+    before = rng.integers(5, 10, shape) * inhibits
+    p = [(each / 219).astype(np.float32) for each in (latest, before, np.zeros(shape))]
+    kernels = Kernels.of(DpcParams(), axes)
+    out, other = (PresynapticSums.zeros(shape, axes) for _ in "ab")
+    dpc.presynaptic_sums(p, kernels, out)
+    plain(dpc.presynaptic_sums)(p, kernels, other)
+    np.testing.assert_allclose(stacked(out), stacked(other), atol=1e-5)
+    shares = (stacked(other) > 0).mean(axis=(1, 2))
+    assert 0.005 < shares.min() <= shares.max() < 0.9
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        DpcParams(kernel_radius=30, inhibition_strength=90.0, latency_lambda=0.2),
+        DpcParams(latency_one=-10.0, latency_two=100.0),  # nothing excites
+        DpcParams(inhibition_strength=0.0),  # nothing inhibits
+        DpcParams(kernel_radius=9, sigma_inhibition=8.0, sigma_excitation=4.0),
+    ],
+)
+def test_presynaptic_sums_of_other_constants(params: DpcParams) -> None:
+    p, kernels = photoreceptors((45, 75), 3), Kernels.of(params, (45, 135))
+    out, other = (PresynapticSums.zeros((45, 75), (45, 135)) for _ in "ab")
+    dpc.presynaptic_sums(p, kernels, out)
+    plain(dpc.presynaptic_sums)(p, kernels, other)
+    scale = max(1.0, float(dpc.excitation(p, kernels).max()))
+    np.testing.assert_allclose(stacked(out), stacked(other), atol=1e-5 * scale)
+
+
+@pytest.mark.usefixtures("many_bands")
+@pytest.mark.parametrize("shape", [(40, 61), (13, 13), (8, 300)])
+def test_bands_and_threads_change_no_bit(
+    shape: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kernels = Kernels.of(DpcParams(kernel_radius=12), (45, 135))
+    results = []
+    for threads, band in ((1, 1000), (1, 7), (2, 7), (5, 7), (5, 1)):
+        cv2.setNumThreads(threads)
+        monkeypatch.setattr(loops, "_BAND", band)
+        out, g = PresynapticSums.zeros(shape, (45, 135)), np.empty(shape, np.float32)
+        for seed in (1, 2):
+            dpc.presynaptic_sums(photoreceptors(shape, seed), kernels, out)
+        means = dlgmd.group(out.presynaptic, 4, 0.1, 1.0, g)
+        results.append((stacked(out).tobytes(), g.tobytes(), means))
+    assert g.max() > 0
+    assert all(each == results[0] for each in results[1:])
+
+
+# ---- Grouping, pooling and opponent products -----------------------------------------------
+
+
+@pytest.mark.parametrize("side", [1, 4, 7, 100])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_grouping(shape: tuple[int, int], side: int) -> None:
+    s = np.random.default_rng(side).random(shape, dtype=np.float32)
+    s[:, shape[1] // 3 : shape[1] // 2] = 0
+    limit = 0.7 * side
+    out, other = np.full((2, *shape), np.nan, np.float32)
+    means = dlgmd.group(s, side, 0.3, limit, out)
+    np.testing.assert_allclose(means, plain(dlgmd.group)(s, side, 0.3, limit, other), rtol=1e-6)
+    expected = reference.grouped(s.astype(np.float64), side, 0.3, limit)
+    for found in (out, other):
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
+    assert means == pytest.approx((s.mean(dtype=np.float64), expected.mean()), rel=1e-5)
+
+
+@pytest.mark.parametrize("function", [dlgmd.group, plain(dlgmd.group)])
+@pytest.mark.parametrize(("threshold", "kept"), [(0.25, 0.25), (0.2500001, 0.0)])
+def test_grouping_keeps_a_value_that_equals_the_threshold(
+    function: Callable[..., object], threshold: float, kept: float
+) -> None:
+    s, out = np.zeros((2, 9, 9), np.float32)
+    s[4, 4] = 0.5  # alone, so that C is 0.5 and G is 0.25
+    function(s, 4, threshold, 1.0, out)
+    assert float(out[4, 4]) == float(out.sum()) == kept
+
+
+@pytest.mark.parametrize(("cell", "sigma"), [(8, 1.5), (7, 0.43), (1, 2.0), (24, 1.5)])
+@pytest.mark.parametrize("shape", [*SHAPES, (131, 118)])
+def test_pooling(shape: tuple[int, int], cell: int, sigma: float) -> None:
+    values = np.random.default_rng(2).random(shape, dtype=np.float32)
+    values[: shape[0] // 4] = 0
+    down, across = (
+        pooling_weights(length, cell_centres(length, cell), sigma * cell) for length in shape
+    )
+    found = opposing_motion.pool(values, down, across)
+    np.testing.assert_allclose(
+        found, plain(opposing_motion.pool)(values, down, across), rtol=1e-5, atol=1e-7
+    )
+    np.testing.assert_allclose(found, reference.pooled(values, cell, sigma), atol=2e-6)
+
+
+@pytest.mark.parametrize("axis", [0, 45, 90, 135])
+@pytest.mark.parametrize("cone", [90.0, 60.0, 45.0, 20.0])
+def test_opponent_products(axis: int, cone: float) -> None:
+    for shape, reach in (((1, 1), 3), ((5, 17), 6), ((9, 9), 2), ((4, 30), 0), ((2, 3), 9)):
+        one, other = np.random.default_rng(axis).random((2, *shape), dtype=np.float32)
+        weights = offset_weights(reach, axis, cone, 0.7)
+        found = opposing_motion.opponent_products(one, other, weights)
+        expected = reference.opponent_products(one, other, axis, reach, w_p=0.7, cone=cone)
+        np.testing.assert_allclose(found, expected, atol=2e-5)
+        alike = plain(opposing_motion.opponent_products)(one, other, weights)
+        np.testing.assert_allclose(found, alike, atol=1e-5)
+
+
+# ---- Motion --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reduction", [1, 2, 4])
+@pytest.mark.parametrize("shape", [(60, 106), (1, 1), (17, 31), (5, 90)])
+def test_reducing_rounds_as_opencv_does(reduction: int, shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(reduction)
+    rows, columns = (side * reduction for side in shape)
+    wider = rng.integers(0, 256, (rows, columns + 5)).astype(np.uint8)
+    wider[: rows // 2] //= 64  # sums of few values: many halves
+    frame = wider[:, 2 : 2 + columns]
+    out, other = np.empty((2, *shape), np.uint8)
+    flow.reduce(frame, reduction, out)
+    plain(flow.reduce)(frame, reduction, other)
+    np.testing.assert_array_equal(out, other)
+    means = frame.reshape(shape[0], reduction, shape[1], reduction).mean(axis=(1, 3))
+    assert np.abs(out - means).max() <= 0.5
+
+
+@pytest.mark.parametrize(
+    ("shape", "cells"),
+    [((60, 106), (17, 30)), ((61, 107), (15, 30)), ((33, 41), (32, 41)), ((16, 50), (1, 3))],
+)
+def test_sampling_has_the_bits_of_the_plain_function(
+    shape: tuple[int, int], cells: tuple[int, int]
+) -> None:
+    rng = np.random.default_rng(shape[0])
+    before, now = rng.integers(0, 9, (2, *shape)).astype(np.uint8)
+    now[:, : shape[1] // 3] = before[:, : shape[1] // 3]
+    motion = rng.normal(0.3, 1, (*shape, 2)).astype(np.float32)
+    arguments = (before, now, motion, Cells(*cells, 4, 24, 8), (0.5, 0.004))
+    expected = plain(flow.sample)(*arguments)
+    assert 0 < len(expected[1]) < cells[0] * cells[1]
+    np.testing.assert_array_equal(flow.sample(*arguments), expected)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3, 7, 100, 701])
+@pytest.mark.parametrize(("opposite", "outward", "sides"), [(30, 45, 2), (90, 90, 1), (0, 45, 2)])
+def test_rmo_sums(count: int, opposite: float, outward: float, sides: int) -> None:
+    starts, vectors = np.random.default_rng(count).normal(size=(2, count, 2))
+    vectors[::5] = 0
+    found = rmo.rmo_sums(starts, vectors, opposite, outward, sides)
+    expected = plain(rmo.rmo_sums)(starts, vectors, opposite, outward, sides)
+    assert (found[0], found[-1]) == (expected[0], expected[-1])
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert expected[-1] > 0 or count < 100 or not opposite

@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli.evaluation.metrics.alarms import (
+    Thresholds,
+    at_rate,
+    events,
+    held_out,
+    shipped,
+)
+from oppload_cli.evaluation.metrics.intervals import draws_of
+from tests.evaluation.make import NAME, clip, peaks
+
+# A minute of footage without an approach each, at 10 frames/s.
+CALM = clip(peaks(603, {100: 5.0, 200: 3.0, 300: 1.0}), motion="still")
+BUSY = clip(peaks(603, {100: 4.0, 105: 4.0, 200: 2.0}), motion="walking")
+# Half a minute before onset, then an approach.
+LOOM = clip(peaks(401, {50: 2.5, 390: 3.5, 395: 9.0}), 303, 400)
+LATE = clip(peaks(401, {398: 1.5}), 303, 400)
+CLIPS = [CALM, BUSY, LOOM, LATE]
+ONCE = np.ones(len(CLIPS), np.int64)
+DRAWS = draws_of([seen.label.looming for seen in CLIPS], 200)
+
+
+@pytest.mark.parametrize(
+    ("above", "expected"),
+    [
+        ([0, 0, 0, 0], []),
+        ([1, 1, 0, 0], [0]),
+        ([0, 1, 1, 1], [1]),
+        ([0, 1] + [0] * 9 + [1], [1, 11]),
+        ([0, 1] + [0] * 8 + [1, 1], [1]),
+        # Without a second of silence it is one alarm, however long.
+        ([0, 1, 0, 1] + [0] * 6 + [0, 1] + [0] * 9 + [1], [1, 21]),
+    ],
+)
+def test_an_alarm_begins_after_a_second_of_silence(above: list[int], expected: list[int]) -> None:
+    assert events(np.array(above, bool), np.arange(len(above)) / 10) == expected
+
+
+def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
+    thresholds = Thresholds(CLIPS, NAME)
+    assert thresholds.minutes == pytest.approx([1, 1, 0.5, 0.5])
+    # Three minutes: 5, 4 (twice within a second: one), 3, 2.5, 2 and 1 are the peaks.
+    assert [thresholds.lowest(ONCE, rate) for rate in (0, 0.34, 0.67, 1, 1.34, 1.7)] == [
+        5, 4, 3, 2.5, 2, 1,
+    ]  # fmt: skip
+    assert thresholds.false_alarms(2.5).tolist() == [2, 1, 0, 0]
+    # Drawn twice, a clip counts twice: 5 and 3 are then four alarms in two minutes.
+    assert thresholds.lowest(np.array([2, 0, 0, 0]), 1) == 3
+
+
+def test_a_low_threshold_that_merges_all_alarms_into_one_is_not_chosen() -> None:
+    flickers = clip([0.0, 0, 0, *([2.0] + [1.0] * 70) * 3, 0.5, 0.5])
+    thresholds = Thresholds([flickers], NAME)
+    assert thresholds.levels.tolist() == [2, 1, 0.5]
+    assert thresholds.counts[0].tolist() == [0, 3, 1]
+    assert thresholds.lowest(np.array([1]), 3) == 2
+
+
+def test_a_steady_response_is_one_alarm_from_its_start() -> None:
+    steady = clip([0.0] * 3 + [1.0] * 600)
+    thresholds = Thresholds([steady, CALM], NAME)
+    assert thresholds.false_alarms(0.0).tolist() == [1, 3]
+
+
+def test_detection_and_lead_at_a_threshold() -> None:
+    thresholds = Thresholds(CLIPS, NAME)
+    assert thresholds.detected(3)[2:].tolist() == [1, 0]
+    assert np.isnan(thresholds.detected(3)[:2]).all()
+    assert thresholds.leads(3)[2] == pytest.approx(1.0)
+    assert thresholds.leads(3.5)[2] == pytest.approx(0.5)  # it must be above
+    assert thresholds.detected(9)[2:].tolist() == [0, 0]
+    assert np.isnan(thresholds.leads(9)).all()
+
+
+def test_contact_and_onset_are_part_of_the_approach() -> None:
+    ends = [clip(peaks(60, {at: 1.0}), 20, 40) for at in (19, 20, 40, 41)]
+    assert Thresholds(ends, NAME).detected(0.5).tolist() == [0, 1, 1, 0]
+    assert Thresholds(ends, NAME).leads(0.5)[1:3].tolist() == pytest.approx([2.0, 0.0])
+
+
+def test_figures_at_a_rate() -> None:
+    found = at_rate(Thresholds(CLIPS, NAME), 1.0, DRAWS)
+    values = {(each.measure, each.condition): each for each in found.measurements}
+    assert values["detection_rate", "at 1 per minute"].value == 0.5
+    assert values["detection_rate", "at 1 per minute"].n == 2
+    assert values["lead_time_s", "at 1 per minute"].value == pytest.approx(1.0)
+    assert values["lead_time_s", "at 1 per minute"].n == 1
+    assert values["threshold", "at 1 per minute"].value == 2.5
+    of_kind = {
+        kind: values["false_alarms_per_minute", f"at 1 per minute{kind}"].value
+        for kind in ("", ", still", ", walking", ", before an approach")
+    }
+    assert of_kind == pytest.approx(
+        {"": 1, ", still": 2, ", walking": 1, ", before an approach": 0}
+    )
+    # Where one of the approaches is drawn twice all or none is detected.
+    rate = values["detection_rate", "at 1 per minute"]
+    assert (rate.low, rate.high) == (0, 1)
+
+
+def test_held_out_thresholds_come_from_the_other_clips() -> None:
+    thresholds = Thresholds(CLIPS, NAME)
+    # At most two alarms in the two minutes without CALM, which are 4 and 2.5.
+    assert thresholds.held_out(1.0).tolist() == [2, 2.5, 3, 3]
+    found = held_out(thresholds, 1.0, DRAWS)
+    assert found.outcomes.false_alarms.tolist() == [2, 1, 0, 0]
+    assert found.outcomes.detected[2:].tolist() == [1, 0]
+    values = {each.measure: each.value for each in found.measurements}
+    assert values["false_alarms_per_minute"] == pytest.approx(1)
+    assert values["lead_time_s"] == pytest.approx(1.0)
+
+
+def test_the_alarm_as_shipped() -> None:
+    clips = [
+        clip([0.0] * 603, alarm=[50, 51, 55, 500]),
+        clip([0.0] * 401, 303, 400, alarm=[*range(300, 306)]),
+        clip([0.0] * 401, 303, 400, alarm=[]),
+        clip([0.0] * 401, 303, 400, alarm=[390]),
+    ]
+    found = shipped(clips, NAME, draws_of([False, True, True, True], 100))
+    assert found is not None
+    # 55 is within a second of 50; the alarm that is on at onset began before it.
+    assert found.outcomes.false_alarms.tolist() == [2, 1, 0, 0]
+    assert found.outcomes.detected[1:].tolist() == [1, 0, 1]
+    assert found.outcomes.lead_s[[1, 3]] == pytest.approx([9.7, 1.0])
+    values = {each.measure: each.value for each in found.measurements}
+    assert values["detection_rate"] == pytest.approx(2 / 3)
+    assert values["lead_time_s"] == pytest.approx((9.7 + 1.0) / 2)
+    assert shipped(CLIPS, NAME, DRAWS) is None
+
+
+def test_without_footage_or_approaches_every_value_is_nan() -> None:
+    at_once = clip(peaks(40, {30: 1.0}), 0, 39)
+    thresholds = Thresholds([at_once], NAME)
+    assert np.isnan(thresholds.lowest(np.array([1]), 1.0))
+    found = at_rate(thresholds, 1.0, draws_of([True], 100))
+    assert all(np.isnan(each.value) for each in found.measurements)
+
+
+def test_each_draw_chooses_its_own_threshold() -> None:
+    # Only draws without the busy clip have a threshold that the approach is above.
+    clips = [clip(peaks(603, {100: 5.0})), clip([0.0] * 603), clip(peaks(60, {40: 3.0}), 3, 50)]
+    draws = draws_of([False, False, True], 400)
+    thresholds = Thresholds(clips, NAME)
+    found = at_rate(thresholds, 0.4, draws)
+    values = {each.measure: [each.value, each.low, each.high] for each in found.measurements}
+    assert values["detection_rate"] == [0, 0, 1]
+    assert values["threshold"] == [5, 0, 5]
+    # Held-out thresholds are not chosen again in each draw.
+    fixed = held_out(thresholds, 0.4, draws)
+    kept = {each.measure: [each.value, each.low, each.high] for each in fixed.measurements}
+    assert kept["detection_rate"] == [0, 0, 0]

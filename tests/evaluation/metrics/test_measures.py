@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli.evaluation.metrics.alarms import Thresholds
+from oppload_cli.evaluation.metrics.intervals import (
+    draws_of,
+    estimate,
+    interval,
+    weighted_mean,
+    weighted_median,
+)
+from oppload_cli.evaluation.metrics.measures import (
+    FRAME_CENTRE,
+    distinct_ratios,
+    measured,
+    of_places,
+    places,
+)
+from tests.evaluation.make import NAME, clip, peaks
+
+
+def test_draws_keep_the_number_of_clips_of_each_kind() -> None:
+    looming = [True, False, True, False, False]
+    draws = draws_of(looming, 300)
+    assert draws.shape == (300, 5)
+    assert set(draws[:, [0, 2]].sum(axis=1)) == {2}
+    assert set(draws[:, [1, 3, 4]].sum(axis=1)) == {3}
+    assert draws.mean(axis=0) == pytest.approx(np.ones(5), abs=0.15)
+    assert np.array_equal(draws, draws_of(looming, 300))
+
+
+def test_an_interval_is_that_of_the_draws() -> None:
+    values = np.repeat([0.0, 1.0], [6, 4])
+    found = estimate(lambda weights: weighted_mean(values, weights), draws_of([True] * 10, 4000))
+    assert found.value == pytest.approx(0.4)
+    # 2.5 and 97.5 % of a binomial of 10 draws with 0.4.
+    assert (found.low, found.high) == pytest.approx((0.1, 0.7))
+    low, high = interval(np.array([np.nan, np.nan, 1.0]))
+    assert np.isnan([low, high]).all()
+
+
+def test_the_median_of_weighted_values() -> None:
+    values = np.array([3.0, 1.0, np.nan, np.inf])
+    assert weighted_median(values, np.array([1, 1, 5, 0])) == 2
+    assert weighted_median(values, np.array([0, 1, 0, 2])) == np.inf
+    assert np.isnan(weighted_median(values, np.array([0, 0, 1, 0])))
+
+
+def test_distinct_ratios() -> None:
+    clips = [
+        clip(peaks(60, {10: 2.0, 45: 8.0}), 40, 50),  # 4 times what was before
+        clip(peaks(60, {45: 8.0}), 40, 50),  # nothing before
+        clip([0.0] * 60, 40, 50),  # nothing at all
+        clip(peaks(60, {8: 9.0}), 6, 50),  # 0.3 s before: against the clips without
+        clip(peaks(60, {20: 1.0})),
+        clip(peaks(60, {20: 3.0})),
+        clip(peaks(60, {20: 30.0})),
+    ]
+    ratios = distinct_ratios(Thresholds(clips, NAME))
+    assert ratios[:4].tolist() == [4, np.inf, 1, 3]
+    assert np.isnan(ratios[4:]).all()
+
+
+def test_places_of_the_winning_unit() -> None:
+    # Fields of 40 x 40 px; boxes of 40 x 20 px about (120, 60).
+    box = (100.0, 50.0, 40.0, 20.0)
+    fields = np.full((80, 4), np.nan)
+    fields[40] = 100, 40, 40, 40  # its centre on the box's
+    fields[50] = 130, 40, 40, 40  # 30 px off: at the edge of the grown box
+    fields[55] = 131, 40, 40, 40  # beyond it
+    fields[58] = 100, 56, 40, 40  # 16 px below: beyond 1.5 times half the height
+    boxes = dict.fromkeys((1, 40, 50, 55, 58, 60, 99), box)
+    seen = clip([0.0] * 80, 30, 65, boxes=boxes, winner=fields.tolist())
+    found = places([seen], NAME)
+    # Frame 1 is warm-up, 99 beyond the clip; 60 has no winner.
+    assert [each.frame for each in found] == [40, 50, 55, 58, 60]
+    assert [each.inside for each in found] == [True, True, False, False, False]
+    assert [each.near for each in found] == [False, True, True, True, True]
+    assert [each.distance_px for each in found] == pytest.approx(
+        [0, 30, 31, 16, np.nan], nan_ok=True
+    )
+    assert found[1].distance_diagonals == pytest.approx(30 / np.hypot(40, 20))
+    figures = {
+        (each.measure, each.condition): each
+        for each in of_places([seen], NAME, draws_of([True], 100))
+    }
+    assert figures["place_inside", "within 15 frames of contact"].value == 0.25
+    assert figures["place_inside", "all boxed frames"].value == 0.4
+    assert figures["place_inside", "all boxed frames"].n == 5
+    assert figures["place_distance_px", "within 15 frames of contact"].value == 30
+    assert figures["place_distance_px", "within 15 frames of contact"].n == 3
+    (middle, *_) = places([seen], FRAME_CENTRE)
+    assert middle.distance_px == pytest.approx(np.hypot(80, 40))
+
+
+def test_a_detector_without_units_has_no_measurements_of_places() -> None:
+    seen = clip([0.0] * 80, 30, 65, boxes={40: (0.0, 0.0, 1.0, 1.0)})
+    assert of_places([seen], NAME, draws_of([True], 100)) == []
+
+
+def test_every_measurement_of_a_perfect_detector() -> None:
+    clips = [
+        clip(peaks(100, {85: 1.0, 90: 2.0}), 80, 90),
+        clip(peaks(100, {84: 1.0}), 80, 90),
+        clip([0.0] * 303, motion="still"),
+    ]
+    draws = draws_of([True, True, False], 100)
+    found = {(f.measure, f.condition): f for f in measured(clips, NAME, draws).measurements}
+    last = "last second before contact"
+    for rate in ("0.5", "1", "2"):
+        assert found["detection_rate", f"at {rate} per minute"].value == 1
+        assert found["detection_rate", f"held out at {rate} per minute"].value == 1
+        assert found["false_alarms_per_minute", f"at {rate} per minute"].value == 0
+        assert found["lead_time_s", f"at {rate} per minute"].value == pytest.approx(0.55)
+    assert (found["roc_auc", last].value, found["average_precision", last].value) == (1, 1)
+    # Two positive windows; 30 s and twice 7.7 s of others, the rest of 0.7 s included.
+    assert found["roc_auc", last].n == 2 + 30 + 2 * 8
+    for frames, share in ((0, 1.0), (4, 1.0), (8, 0.5), (12, 0.5)):
+        assert found["ordered_pairs", f"{frames} frames before contact"].value == share
+    assert found["distinct_ratio", "median over clips"].value == np.inf
+    assert ("detection_rate", "alarm as shipped") not in found
+
+
+def test_the_interval_of_an_area_is_that_of_drawn_clips() -> None:
+    clips = [
+        clip(peaks(60, {55: 2.0}), 54, 56),  # above all others
+        clip([0.0] * 60, 54, 56),  # below all others
+        clip([0.0] * 3 + [1.0] * 100),
+    ]
+    # The earlier windows of the approaches tie with the second one: it is not all below.
+    found = {
+        f.measure: f for f in measured(clips, NAME, draws_of([True, True, False], 400)).measurements
+    }
+    area = found["roc_auc"]
+    others, ties = 10 + 2 * 4, 2 * 4
+    assert area.value == pytest.approx((1 + 0.5 * ties / others) / 2)
+    assert (area.low, area.high) == pytest.approx((0.5 * ties / others, 1))

@@ -1,0 +1,88 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli.evaluation.metrics.windows import (
+    before_contact,
+    curve,
+    ordered_pairs,
+    tiled,
+    window_to,
+    without_approach,
+)
+from tests.evaluation.make import NAME, clip, peaks
+
+
+@pytest.mark.parametrize("rate", [10, 12.5, 16.667, 25, 29.97, 30, 60])
+def test_a_window_holds_one_second_of_frames(rate: float) -> None:
+    seen = clip([0.0] * 200, rate=rate)
+    window = window_to(seen, 150, 3)
+    assert window is not None
+    assert window.stop == 150
+    assert abs(len(range(*window)) - rate) <= 0.5
+
+
+def test_windows_tile_backwards_and_the_rest_counts_from_half_a_second() -> None:
+    assert tiled(clip([0.0] * 30), 3, 28) == [(18, 28), (8, 18), (3, 8)]
+    assert tiled(clip([0.0] * 30), 4, 28) == [(18, 28), (8, 18)]
+
+
+def test_windows_about_an_approach() -> None:
+    seen = clip([0.0] * 60, 38, 45)
+    assert before_contact(seen) == (36, 46)
+    assert before_contact(seen, 4) == (32, 42)
+    # The last second before contact begins before onset: its frames are not negative too.
+    assert without_approach(seen) == [(26, 36), (16, 26), (6, 16)]
+    assert without_approach(clip([0.0] * 23)) == [(13, 23), (3, 13)]
+    assert before_contact(clip([0.0] * 23)) is None
+    assert before_contact(clip([0.0] * 60, 3, 6)) is None  # under half a second after warm-up
+
+
+def test_pairs_are_ordered_by_their_largest_responses() -> None:
+    # Windows before contact at 45: 36-45, then 26-35, 16-25, 6-15.
+    seen = clip(peaks(60, {40: 2.0, 30: 3.0, 20: 2.0, 10: 1.0, 50: 99.0}), 38, 45)
+    assert ordered_pairs(seen, NAME, 0) == ((0 + 0.5 + 1) / 3, 3)
+    # Four frames earlier the windows are 32-41, 22-31, 12-21 and a rest of 3-11.
+    assert ordered_pairs(seen, NAME, 4) == ((0 + 0.5 + 1) / 3, 3)
+    # Eight earlier the frame of the peak is in none: 28-37 holds the 3.
+    assert ordered_pairs(seen, NAME, 8) == (1.0, 3)
+    share, pairs = ordered_pairs(clip([0.0] * 60), NAME, 0)
+    assert np.isnan(share)
+    assert pairs == 0
+
+
+def test_areas_are_those_of_all_pairs_and_of_the_definition() -> None:
+    random = np.random.default_rng(3)
+    score = random.integers(0, 6, 60).astype(float)  # many ties
+    positive = random.random(60) < 0.3
+    weight = random.integers(0, 4, 60)
+    found = curve(score, positive, weight.astype(float))
+    assert found is not None
+    above, below = (
+        np.repeat(score[positive], weight[positive]),
+        np.repeat(score[~positive], weight[~positive]),
+    )
+    pairs = (above[:, None] > below) + 0.5 * (above[:, None] == below)
+    assert found.auc == pytest.approx(pairs.mean())
+    average = 0.0
+    for value in np.unique(above)[::-1]:
+        step = (above == value).sum() / len(above)
+        hits, false = (above >= value).sum(), (below >= value).sum()
+        average += step * hits / (hits + false)
+    assert found.average_precision == pytest.approx(average)
+
+
+def test_a_curve_by_hand() -> None:
+    score, positive = np.array([4.0, 3.0, 2.0, 1.0]), np.array([True, False, True, False])
+    found = curve(score, positive, np.ones(4))
+    assert found is not None
+    assert found.false_rate.tolist() == [0, 0, 0.5, 0.5, 1]
+    assert found.true_rate.tolist() == [0, 0.5, 0.5, 1, 1]
+    assert found.auc == 0.75
+    assert found.average_precision == pytest.approx((1 + 2 / 3) / 2)
+
+
+def test_one_kind_of_windows_has_no_curve() -> None:
+    assert curve(np.array([1.0, 2.0]), np.array([True, True]), np.ones(2)) is None
+    assert curve(np.empty(0), np.empty(0, bool), np.empty(0)) is None

@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
+from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
+from oppload_cli.evaluation.evaluate import analyse_clip
+from oppload_cli.evaluation.manifest import Entry
+from oppload_cli.evaluation.metrics.clips import Label
+from oppload_cli.models.flow_divergence import FlowDivergence
+from tests.media import grey_frames, write_video
+from tests.presets import REFERENCE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# Tests in which the size does not matter are quick at a small one.
+SMALL = [replace(each, height=60) for each in evaluated_detectors(["opplod:reference"])]
+
+
+def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
+    path = labelled / "beside.avi"
+    # Two OppLoDs of the same size, and one of another, in step.
+    wide = EvaluatedDetector(
+        "opplod:wide", "", 120, REFERENCE.replaced(receptive_field=80), alarm_params()
+    )
+    small = EvaluatedDetector("opplod:small", "", 60, REFERENCE, alarm_params())
+    usual = [replace(each, height=120) for each in evaluated_detectors(["opplod:reference"])]
+    analysed = analyse_clip(Entry(2, path, Label("beside.avi", 45, 89)), [wide, small, *usual])
+    clip = analysed.clip
+    assert clip is not None
+    assert analysed.faults == []
+    assert (len(clip), clip.width, clip.height, clip.first) == (90, 160, 120, 3)
+    assert list(clip.outputs)[:3] == ["opplod:wide", "opplod:small", "opplod:reference"]
+    for name, params, height in (
+        ("opplod:reference", REFERENCE, 120),
+        ("opplod:wide", REFERENCE.replaced(receptive_field=80), 120),
+        ("opplod:small", REFERENCE, 60),
+        ("dlgmd", DlgmdParams(), 120),
+    ):
+        with open_video(path, height=height) as video:
+            records = list(analyse(video, [params], rmo=None))
+        found, model = clip.outputs[name], name.split(":", maxsplit=1)[0]
+        answers = [record.responses[model] for record in records]
+        alone = [np.nan if each is None else each.response for each in answers]
+        assert np.array_equal(found.response, alone, equal_nan=True)
+        assert found.alarm is not None
+        assert found.alarm.tolist() == [record.alarms.get(model, False) for record in records]
+        last = answers[-1]
+        if isinstance(last, OpplodResponse) and last.box and found.winner is not None:
+            box = last.box
+            assert found.winner[-1].tolist() == [box.x, box.y, box.width, box.height]
+        else:
+            assert found.winner is None
+    changes = [record.luma_change for record in records]
+    assert np.array_equal(
+        clip.outputs["frame_difference"].response[1:], np.array(changes[1:], float), equal_nan=True
+    )
+
+
+def test_the_flow_skips_repeats(tmp_path: Path) -> None:
+    frames = [frame for frame in grey_frames(8, 128, 96) for _ in range(2)]
+    path = write_video(tmp_path / "twice.mkv", frames)
+    analysed = analyse_clip(Entry(2, path, Label("twice.mkv")), SMALL)
+    assert analysed.clip is not None
+    found = analysed.clip.outputs["flow_divergence"].response
+    assert found[1:4:2].tolist() == [0.0] * 2
+    assert found[5::2].tolist() == found[4::2].tolist()
+    with open_video(path, height=60) as video:
+        flow = FlowDivergence(video.working.shape)
+        answers = [flow.step(frame.luma) for frame in video if frame.index % 2 == 0]
+    assert answers[0] is None
+    assert found[2::2].tolist() == [each.response for each in answers[1:] if each]
+    assert np.isnan(found[0])
+
+
+@pytest.mark.parametrize(
+    ("label", "reason"),
+    [
+        (Label("a", 45, 90), "its contact, frame 90, is beyond its last frame, 89"),
+        (Label("a", 0, 2), "its contact, frame 2, is before the first response, frame 3"),
+    ],
+)
+def test_a_contact_without_any_response(labelled: Path, label: Label, reason: str) -> None:
+    analysed = analyse_clip(Entry(2, labelled / "centre.avi", label), SMALL)
+    assert analysed.clip is None
+    assert reason in analysed.faults[0]
+
+
+def test_a_clip_that_cannot_be_decoded_or_is_too_short_is_a_fault(tmp_path: Path) -> None:
+    (tmp_path / "text.avi").write_text("no video")
+    analysed = analyse_clip(Entry(2, tmp_path / "text.avi", Label("text.avi")), SMALL)
+    assert analysed.clip is None
+    assert "text.avi" in analysed.faults[0]
+    short = write_video(tmp_path / "short.mkv", grey_frames(3))
+    analysed = analyse_clip(Entry(2, short, Label("short.mkv")), SMALL)
+    assert analysed.faults == ["short.mkv: has 3 frames, too few for any response; leave it out"]
+
+
+def test_a_cut_clip_is_used_and_reported(tmp_path: Path) -> None:
+    whole = write_video(tmp_path / "whole.mkv", grey_frames(60, 320, 240)).read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) * 2 // 3])
+    boxes = {50: (0.0, 0.0, 1.0, 1.0)}
+    analysed = analyse_clip(Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes)), SMALL)
+    assert analysed.clip is not None
+    assert 30 < len(analysed.clip) < 50
+    assert analysed.faults[0] == "cut.mkv: is damaged or cut; what could be decoded is used"
+    assert "cut.mkv: the box of frame 50 is beyond its last frame" in analysed.faults[1]

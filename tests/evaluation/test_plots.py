@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.evaluation.metrics.intervals import draws_of
+from oppload_cli.evaluation.metrics.measures import measured
+from oppload_cli.evaluation.plots import PLOTS, detection_curve, figure_of
+from oppload_cli.plots.style import png_bytes
+from tests.evaluation.make import NAME, clip, peaks
+
+if TYPE_CHECKING:
+    from oppload_cli.evaluation.metrics.clips import Clip
+
+CLIPS = [
+    clip(peaks(100, {85: 1.0, 90: 2.0}), 80, 90),
+    clip(peaks(100, {84: 4.0}), 80, 90),
+    clip(peaks(603, {100: 3.0, 200: 1.5}), motion="still"),
+    clip(peaks(603, {100: 0.5}), motion="walking"),
+]
+MEASURED = {NAME: measured(CLIPS, NAME, draws_of([True, True, False, False], 100))}
+
+
+def test_detection_over_false_alarms() -> None:
+    rates, detected = detection_curve(MEASURED[NAME])
+    minutes = 2 + 2 * 7.7 / 60
+    # Above 3: none false, one approach of two; above 1.5: one false; then both.
+    assert rates[:3] == pytest.approx(np.array([0, 1, 2]) / minutes)
+    assert detected[:3].tolist() == [0.5, 1, 1]
+    lines = figure_of("detection.png", MEASURED).axes[0].get_lines()
+    assert np.asarray(lines[-1].get_xdata()).tolist() == rates.tolist()
+
+
+def test_leads_and_kinds_are_those_of_the_figures() -> None:
+    (axes,) = figure_of("lead-time.png", MEASURED).axes
+    # At one false alarm per minute two of them: the threshold is 0.5.
+    assert np.asarray(axes.get_lines()[0].get_xdata()).tolist() == pytest.approx([0.5, 0.6])
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["detector\n2 of 2"]
+    (axes,) = figure_of("false-alarms.png", MEASURED).axes
+    kinds = [label.get_text() for label in axes.get_yticklabels()]
+    assert kinds == ["before an approach", "still", "walking"]
+    assert [bar.get_width() for bar in axes.patches] == pytest.approx([0, 2, 0])  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "clips",
+    [
+        [clip([0.0] * 100)],
+        [clip([0.0] * 100, 0, 90)],
+    ],
+)
+def test_plots_without_approaches_or_false_alarms(clips: list[Clip]) -> None:
+    found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
+    for plot in PLOTS:
+        assert len(png_bytes(figure_of(plot, {NAME: found}), 40)) > 500

@@ -1,0 +1,193 @@
+"""Stimuli in place of a manifest: labels from the truth, and what is measured with them."""
+
+from __future__ import annotations
+
+import csv
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from oppload_cli import stimulus
+from oppload_cli.errors import StimulusError
+from oppload_cli.evaluation.metrics.alarms import Thresholds, at_rate
+from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
+from oppload_cli.evaluation.metrics.groups import of_conditions, of_objects, overlap
+from oppload_cli.evaluation.metrics.intervals import draws_of
+from oppload_cli.evaluation.staged import conditions_of, label_of, protocols_of
+from tests.cli.inside import oppload
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SMALL: dict[str, Any] = {"display.width": 64, "display.height": 48, "timing.motion_s": 1.0}
+HIT = "staged/collision-shape/background-street_drawing-box_size-m-1.6"
+MISS = "staged/near-miss/background-street_miss-sizes-2_side-left_speed-m-8"
+
+
+def test_the_benchmark_has_300_clips_in_two_parts() -> None:
+    names = [protocol.name for protocol in stimulus.load_all("staged/*")]
+    assert len(names) >= 300
+    for place in ("street", "sky", "forest", "room"):
+        part = stimulus.load_all(f"staged/*/background-{place}*")
+        assert len(part) == len(names) // 4
+        looming = [any(obj.course is not None for obj in protocol.objects) for protocol in part]
+        assert 70 < sum(looming) < len(part)
+
+
+def test_a_label_follows_from_the_truth() -> None:
+    truth = stimulus.ground_truth(stimulus.load(HIT, {**SMALL, "camera.looming_within_s": 0.5}))
+    label = label_of("a.mp4", truth)
+    assert [label.onset, label.contact, label.motion] == [15, 29, ""]
+    assert label.contacts[15] == pytest.approx(0.5)
+    assert list(label.boxes[29]) == [0, 0, 64, 48]
+    left, top, width, height = label.boxes[16]
+    eye = 32 / np.tan(np.radians(30))
+    assert width == pytest.approx(eye * 1.6 / (8 * 14 / 30), rel=1e-3)
+    assert (left + width / 2, top + height / 2) == pytest.approx((32, 24))
+    assert label.conditions["speed"] == "8 m/s"
+    assert label.conditions["camera"] == "at rest"
+    missed = label_of("b.mp4", stimulus.ground_truth(stimulus.load(MISS, SMALL)))
+    assert not missed.looming
+    assert missed.motion == "near miss at 2 sizes"
+    assert missed.boxes == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("staged/pan/background-sky_pan-8", "pan"),
+        ("staged/forward/background-sky_forward-m-1", "forward"),
+        ("staged/still/background-sky_noise-0", "still"),
+        ("staged/cut/background-sky_cut-1.6", "cut"),
+        ("staged/flash/background-sky_luminance-0", "flash"),
+        ("staged/braking/background-sky_relative-luminance-0.5", "braking"),
+        ("staged/receding/background-sky_speed-m-3_relative-luminance-0.4", "receding"),
+        ("controls/receding-disk", "controls"),
+    ],
+)
+def test_kinds_of_clips(name: str, kind: str) -> None:
+    table = stimulus.load_all(name)[0].as_table()
+    assert conditions_of(table)["kind"].startswith(kind)
+
+
+def test_the_users_own_videos_take_the_place_of_the_backgrounds() -> None:
+    made = protocols_of(["staged/*"], {}, ["a.mp4", "b.mp4"])
+    assert {protocol.scene.background for protocol in made} == {"a.mp4", "b.mp4"}
+    assert {protocol.scene.background_fit for protocol in made} == {"cover"}
+    assert not any(protocol.camera and protocol.camera.moves for protocol in made)
+    assert not any(protocol.scene.cut_s for protocol in made)
+    assert len(made) == 2 * 68
+    with pytest.raises(StimulusError, match="--background: none of staged/pan has a background"):
+        protocols_of(["staged/pan"], {}, ["a.mp4"])
+
+
+def truthful(
+    response: list[float],
+    conditions: dict[str, str],
+    contact: int | None = None,
+    box: tuple[float, ...] | None = None,
+    estimate: float = np.nan,
+) -> Clip:
+    """A clip of 20 frames at 10 per second; the true box is that of 10 x 10 px at 0."""
+    frames = len(response)
+    found = np.tile([np.nan] * 4 if box is None else box, (frames, 1))
+    output = Output(np.array(response), None, found, found, np.full(frames, estimate))
+    onset = None if contact is None else 5
+    label = Label(str(conditions), onset, contact, "", {}, {}, conditions)
+    if contact is not None:
+        label.boxes[contact - 5] = (0.0, 0.0, 10.0, 10.0)
+        label.contacts[contact - 4] = 0.4
+    return Clip(label, np.arange(frames) / 10, 100, 100, {"d": output})
+
+
+def test_outcomes_by_condition() -> None:
+    calm, high = [0.0] * 20, [0.0] * 12 + [5.0] + [0.0] * 7
+    clips = [
+        truthful(high, {"kind": "collision", "speed": "3 m/s"}, 15),
+        truthful(calm, {"kind": "collision", "speed": "12 m/s"}, 15),
+        truthful([0.0] * 10 + [9.0] + [0.0] * 9, {"kind": "near miss"}),
+        truthful(calm, {"kind": "near miss"}),
+        truthful(calm, {"kind": "pan"}),
+    ]
+    draws = draws_of([clip.label.looming for clip in clips], 100)
+    decision = at_rate(Thresholds(clips, "d"), 10.0, draws)
+    found = {
+        (one.measure, one.condition): one for one in of_conditions(clips, "d", decision, draws)
+    }
+    at = "at 10 per minute"
+    assert found["detection_rate", f"{at}, speed 3 m/s"][3] == 1
+    assert found["detection_rate", f"{at}, speed 12 m/s"][3] == 0
+    assert found["detection_rate", f"{at}, kind collision"][3:] == (0.5, 0.0, 1.0, 2)
+    assert found["lead_time_s", f"{at}, speed 3 m/s"].value == pytest.approx(0.3)
+    assert found["alarmed_share", f"{at}, kind near miss"].value == 0.5
+    assert found["alarmed_share", f"{at}, kind pan"].value == 0
+    assert found["alarmed_share", at].value == pytest.approx(1 / 3)
+    speeds = [condition for _, condition in found if "speed" in condition]
+    assert speeds.index(f"{at}, speed 3 m/s") < speeds.index(f"{at}, speed 12 m/s")
+
+
+def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:
+    assert overlap((0, 0, 10, 10), (5, 0, 10, 10)) == pytest.approx(1 / 3)
+    assert overlap((0, 0, 10, 10), (10, 0, 5, 5)) == 0
+    clips = [
+        truthful([1.0] * 20, {"kind": "a"}, 15, (0, 0, 10, 20), 0.44),
+        truthful([1.0] * 20, {"kind": "a"}, 15, (0, 0, 10, 10), 0.2),
+        truthful([1.0] * 20, {"kind": "a"}, 15),
+    ]
+    found = {one.measure: one for one in of_objects(clips, "d", draws_of([True] * 3, 100))}
+    assert found["box_overlap"].value == pytest.approx(0.5)
+    assert found["contact_within"].value == pytest.approx(1 / 3)
+    assert found["contact_error"].value == pytest.approx(0.3)
+    assert (found["box_overlap"].n, found["contact_within"].n, found["contact_error"].n) == (
+        3,
+        3,
+        2,
+    )
+
+
+@pytest.mark.slow
+def test_one_command_draws_labels_and_measures(tmp_path: Path) -> None:
+    changes = [f"--change={key}={value}" for key, value in SMALL.items()]
+    wanted = [HIT, MISS, *changes, "-j", "1", "--draws", "100", "--model", "opplod:default"]
+    done = oppload("evaluate", *wanted, "-o", tmp_path / "out")
+    assert done.returncode == 0
+    assert "1 approaches, 1 clips without one" in done.stderr
+    with (tmp_path / "out" / "evaluation.csv").open() as lines:
+        found = {(row["measure"], row["condition"]) for row in csv.DictReader(lines)}
+    assert ("alarmed_share", "alarm as shipped, kind near miss at 2 sizes") in found
+    assert ("box_overlap", "5 frames before contact") in found
+
+
+@pytest.mark.slow
+def test_a_lossless_video_of_a_stimulus_gives_what_the_stimulus_gives(tmp_path: Path) -> None:
+    changes = [f"--change={key}={value}" for key, value in SMALL.items()]
+    wanted = ["-j", "1", "--draws", "100", "--model", "opplod:default"]
+    assert oppload("evaluate", HIT, MISS, *changes, *wanted, "-o", tmp_path / "out").returncode == 0
+    for protocol in protocols_of([HIT, MISS], SMALL):
+        stimulus.write(protocol, tmp_path)
+    done = oppload("evaluate", *sorted(tmp_path.glob("*.avi")), *wanted, "-o", tmp_path / "b")
+    assert done.returncode == 0
+    figures = [(tmp_path / name / "evaluation.csv").read_bytes() for name in ("out", "b")]
+    assert figures[0] == figures[1]
+
+
+def test_what_cannot_be_drawn_is_a_fault(tmp_path: Path) -> None:
+    wanted = [HIT, MISS, "--change=scene.background=gone.mp4", "--draws", "100", "-j", "1"]
+    done = oppload("evaluate", *wanted, "-o", tmp_path)
+    assert done.returncode == 3
+    assert "scene: background = 'gone.mp4'" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["staged/collison"], "no stimulus 'staged/collison'"),
+        (["staged/collision", "--boxes", "b.json"], "--boxes goes with a manifest"),
+        (["m.csv", "--background", "a.mp4"], "--background and --change go with stimuli"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(arguments: list[str], said: str) -> None:
+    done = oppload("evaluate", *arguments)
+    assert done.returncode == 2
+    assert said in done.stderr

@@ -1,0 +1,112 @@
+"""The arms of preset lplc2: its equations, and the answers of LPLC2 neurons (docs/lplc2.md)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.models.arms import (
+    DIRECTIONS,
+    arm_response,
+    arm_weights,
+    graded_motion,
+    smoothing,
+)
+from oppload_cli.models.kernels import DpcParams, Kernels
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.registry import parameters_of
+from oppload_cli.results.columns import columns_for
+
+if TYPE_CHECKING:
+    from oppload_cli.models.dpc import Map
+    from oppload_cli.models.opplod_parameters import OpplodParams
+
+PARAMS = cast("OpplodParams", parameters_of("opplod", "lplc2"))
+
+
+def edge(angle_deg: float, at: float) -> Map:
+    """Draw a bright half-plane whose edge stands `at` px from the middle, along its normal."""
+    y, x = np.mgrid[:96, :96] - 47.5
+    angle = np.radians(angle_deg)
+    along = x * np.cos(angle) - y * np.sin(angle)
+    return np.asarray(np.clip(at - along + 0.5, 0, 1), np.float32)
+
+
+def square(half: float) -> Map:
+    """Draw a dark square of some half-width in px in the middle."""
+    y, x = np.mgrid[:240, :240] - 119.5
+    return np.asarray(1 - np.clip(half - np.maximum(abs(x), abs(y)) + 0.5, 0, 1), np.float32)
+
+
+def moving(angle_deg: float, step: float) -> tuple[float, float]:
+    """Return the direction in degrees and the amount of motion of an edge in the middle."""
+    frames = [edge(angle_deg, step * t) for t in range(-3, 1)]
+    p = [np.abs(frames[-1 - n] - frames[-2 - n]) for n in range(3)]
+    motion = graded_motion(p, Kernels.of(DpcParams(), (0, 90)))
+    middle = np.s_[32:64, 32:64]
+    right, up, amount = (
+        float(each[middle].sum()) for each in (motion.right, motion.up, motion.amount)
+    )
+    return float(np.degrees(np.arctan2(up, right))), amount
+
+
+@pytest.mark.parametrize("angle", [0, 20, 45, 70, 90, 135, 200, 300])
+def test_the_direction_of_motion_is_graded(angle: float) -> None:
+    found, amount = moving(angle, 2.0)
+    assert (found - angle + 180) % 360 - 180 == pytest.approx(0, abs=8)
+    assert amount == pytest.approx(moving(0, 2.0)[1], rel=0.35)
+
+
+def test_the_weights_of_an_arm() -> None:
+    right = arm_weights(3, 0, 45)
+    assert right.shape == (7, 7)
+    assert right[3, 3] == 0
+    np.testing.assert_allclose(right[3], [0, 0, 0, 0, 1, 1, 0.5], atol=1e-4)
+    assert right[2, 4] == pytest.approx(0.5)  # on the edge of the cone
+    for direction, turns in zip(DIRECTIONS, range(4), strict=True):
+        turned = arm_weights(3, direction, 45)
+        np.testing.assert_allclose(turned, np.rot90(right, turns), atol=1e-6)
+
+
+def test_an_arm_saturates_and_is_divided() -> None:
+    outward = np.array([0, 1, 3, 1], np.float32)
+    suppression = np.array([0, 0, 0, 1], np.float32)
+    found = arm_response(outward, suppression, 1.0, 1.0)
+    np.testing.assert_allclose(found, [0, 1 / 2, 3 / 4, 1 / 3], rtol=1e-6)
+    np.testing.assert_allclose(arm_response(outward, suppression, 1.0, 2.0)[2], 0.9, rtol=1e-6)
+
+
+def test_a_low_pass_forgets_with_its_time_constant() -> None:
+    assert smoothing(1.0, 0) == 1
+    assert smoothing(30, 30) == pytest.approx(1 - np.exp(-1))
+
+
+def test_its_parameters() -> None:
+    twice = PARAMS.resolved(480)
+    assert (twice.sigma_inhibition, twice.kernel_radius, twice.latency_lambda) == (10, 12, 0.35)
+    assert (twice.receptive_field, twice.cell) == (400, 22)
+    assert twice.resolved(480) == twice
+    with pytest.raises(ParameterError, match="'axes' of opplod must be 0 with judgement=arms"):
+        PARAMS.replaced(axes=45)
+
+
+def test_the_calcium_signal_has_a_column_of_its_own() -> None:
+    names = {
+        preset: [column.name for column in columns_for(["opplod"], rmo=False, presets=(preset,))]
+        for preset in ("default", "lplc2")
+    }
+    assert names["lplc2"] == [*names["default"], "opplod_calcium"]
+    model = Opplod((240, 240), PARAMS.replaced(calcium_s=1.0))
+    answers = [model.step(square(half)) for half in np.arange(20, 40, 1.5)]
+    known = [answer for answer in answers if answer is not None]
+    assert max(answer.response for answer in known) > 0
+    signal = 0.0
+    for answer in known:  # the largest signal is at most that of the largest responses
+        signal += (1 - np.exp(-1 / 30)) * (answer.response - signal)
+        assert answer.calcium is not None
+        assert answer.calcium <= signal + 1e-6
+    assert known[-1].calcium == pytest.approx(signal, rel=0.5)
+    assert Opplod((48, 48)).at_rest() == Opplod.answers(0.0)

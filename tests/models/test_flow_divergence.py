@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli.errors import FrameError
+from oppload_cli.models.detector import Response
+from oppload_cli.models.flow_divergence import (
+    FlowDivergence,
+    FlowDivergenceParams,
+    largest_divergence,
+)
+from tests.media import texture
+
+
+def flow_of(along_x: float, along_y: float, turn: float = 0.0, shift: float = 0.0) -> np.ndarray:
+    y, x = np.mgrid[-60:60, -80:80].astype(np.float32)
+    return np.stack([along_x * x - turn * y + shift, along_y * y + turn * x], axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("flow", "expected"),
+    [
+        (flow_of(0.05, 0.05), 0.1),
+        (flow_of(0.05, 0.0), 0.05),
+        (flow_of(0.05, 0.05, 0.3, 4.0), 0.1),
+        (flow_of(0, 0, 0.3), 0.0),
+        (flow_of(0, 0, 0, 4.0), 0.0),
+        (flow_of(-0.05, -0.05), 0.0),
+    ],
+)
+def test_only_expansion_counts(flow: np.ndarray, expected: float) -> None:
+    assert largest_divergence(flow, 50) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_window_that_expands_most_is_taken() -> None:
+    flow = np.zeros((120, 160, 2), np.float32)
+    flow[10:60, 90:140] = flow_of(0.04, 0.04)[35:85, 55:105]
+    # Within, 2 x 0.04; the jump back at its edge lies outside a window of 48 px.
+    assert largest_divergence(flow, 48) == pytest.approx(0.08, rel=0.02)
+    assert largest_divergence(flow, 500) == largest_divergence(flow, 120)
+
+
+def test_a_growing_texture_diverges_and_a_moving_one_does_not() -> None:
+    still = texture(120, 160, 1)
+    centre = (79.5, 59.5)
+    grown = cv2.warpAffine(
+        still, cv2.getRotationMatrix2D(centre, 0, 1.04), (160, 120), flags=1
+    ).astype(np.float32)
+    moved = np.roll(still, 2, axis=1)
+    found = {}
+    for name, frame in {"grown": grown, "moved": moved, "still": still}.items():
+        detector = FlowDivergence((120, 160))
+        assert detector.step(still) is None
+        answer = detector.step(frame)
+        assert answer is not None
+        found[name] = answer.response
+    assert found["grown"] == pytest.approx(0.08, rel=0.25)
+    assert found["moved"] < 0.02
+    assert found["still"] == 0
+
+
+def test_the_window_is_a_share_of_the_height() -> None:
+    still = texture(120, 160, 1)
+    centre = (79.5, 59.5)
+    grown = cv2.warpAffine(
+        still, cv2.getRotationMatrix2D(centre, 0, 1.04), (160, 120), flags=1
+    ).astype(np.float32)
+    responses = []
+    for window in (0.1, 5 / 12, 1.0):
+        detector = FlowDivergence((120, 160), FlowDivergenceParams(window=window))
+        detector.step(still)
+        answer = detector.step(grown)
+        assert answer is not None
+        responses.append(answer.response)
+    assert responses[0] > responses[1] > responses[2] > 0
+
+
+def test_reset_starts_over() -> None:
+    frames = [texture(48, 64, seed) for seed in range(3)]
+    detector = FlowDivergence((48, 64))
+    first = [detector.step(frame) for frame in frames]
+    assert first[0] is None
+    detector.reset()
+    assert [detector.step(frame) for frame in frames] == first
+
+
+def test_frames_too_small_and_of_another_size() -> None:
+    detector = FlowDivergence((8, 8))
+    assert detector.step(np.zeros((8, 8), np.float32)) is None
+    assert detector.step(np.ones((8, 8), np.float32)) == Response(0.0) == detector.at_rest()
+    with pytest.raises(FrameError, match=r"must be of shape \(8, 8\), not of shape \(9, 8\)"):
+        detector.step(np.ones((9, 8), np.float32))

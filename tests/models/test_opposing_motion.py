@@ -1,0 +1,207 @@
+"""OMJ of presets `reference` and `default`: pooling, offsets, units, adaptation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opposing_motion import (
+    PooledJudgement,
+    cell_centres,
+    enhanced,
+    offset_weights,
+    pool,
+    pooling_weights,
+    unit_starts,
+)
+from tests import reference
+from tests.media import looming
+from tests.presets import REFERENCE
+
+SHAPE = (40, 61)
+
+
+# ---- The equations -------------------------------------------------------------------------
+
+
+def test_cells_lie_centred_in_the_frame() -> None:
+    np.testing.assert_allclose(cell_centres(427, 8)[[0, -1]], [1.5 + 4, 427 - 5.5])
+    np.testing.assert_allclose(cell_centres(3, 8), [1.5])
+    assert list(cell_centres(61, 5)) == reference.centres(61, 5)
+
+
+def pooled(values: np.ndarray, cell: int, sigma: float) -> np.ndarray:
+    down, across = (
+        pooling_weights(length, cell_centres(length, cell), sigma) for length in values.shape
+    )
+    return pool(values, down, across)
+
+
+@pytest.mark.parametrize(
+    ("cell", "sigma"), [(8, 12.0), (8, 11.9), (7, 3.0), (50, 10.0), (16, 24.0), (24, 36.0)]
+)
+@pytest.mark.parametrize("shape", [(37, 53), (64, 90), (131, 118)])
+def test_pooling_agrees_with_the_literal_reference(
+    shape: tuple[int, int], cell: int, sigma: float
+) -> None:
+    values = np.random.default_rng(2).random(shape, dtype=np.float32)
+    expected = reference.pooled(values, cell, sigma / cell)
+    np.testing.assert_allclose(pooled(values, cell, sigma), expected, atol=2e-6)
+
+
+def test_pooling_keeps_a_constant_inside_and_loses_the_part_outside() -> None:
+    means = pooled(np.ones((400, 400), np.float32), 8, 12.0)
+    np.testing.assert_allclose(means[10:-10, 10:-10], 1, atol=1e-6)
+    assert means[0, 25] == pytest.approx(0.63, abs=0.01)
+
+
+def test_pooling_without_spread_takes_the_pixel_at_the_centre() -> None:
+    values = np.arange(20 * 20, dtype=np.float32).reshape(20, 20)
+    np.testing.assert_array_equal(pooled(values, 5, 0.0), values[2::5, 2::5])
+
+
+@pytest.mark.parametrize("border", [0, 3, 19, 20, 50])
+def test_the_border_weighs_nothing(border: int) -> None:
+    free = pooling_weights(40, cell_centres(40, 5), 5.0)
+    weights = pooling_weights(40, cell_centres(40, 5), 5.0, border)
+    inner = slice(border, max(border, 40 - border))
+    np.testing.assert_array_equal(weights[:, inner], free[:, inner])
+    assert np.count_nonzero(weights) == np.count_nonzero(weights[:, inner])
+
+
+def test_offsets_ahead_weigh_1_and_offsets_behind_minus_w_p() -> None:
+    right = offset_weights(2, 0, 90.0, 0.7)
+    np.testing.assert_allclose(right, np.tile([-0.7, -0.7, 0, 1, 1], (5, 1)))
+    up = offset_weights(1, 90, 90.0, 2.0)  # rows grow down
+    np.testing.assert_array_equal(up, [[1, 1, 1], [0, 0, 0], [-2, -2, -2]])
+    up_right = offset_weights(1, 45, 90.0, 1.0)
+    np.testing.assert_array_equal(up_right, [[0, 1, 1], [-1, 0, 1], [-1, -1, 0]])
+
+
+def test_the_cone_drops_offsets_aside_of_the_motion() -> None:
+    narrow = offset_weights(2, 0, 45.0, 1.0)
+    assert narrow[1].tolist() == [-1, -1, 0, 1, 1]  # 45 degrees are still within
+    assert narrow[0].tolist() == [-1, 0, 0, 0, 1]
+    assert np.count_nonzero(offset_weights(2, 135, 1.0, 1.0)) == 4
+
+
+@pytest.mark.parametrize("axis", [0, 45, 90, 135])
+def test_expansion_is_outward_and_contraction_is_inward(axis: int) -> None:
+    """One thing moves along phi at c + u, another along phi + 180 at c - u."""
+    up, right = np.sin(np.radians(axis)), np.cos(np.radians(axis))
+    ahead = (round(10 - 4 * up), round(10 + 4 * right))
+    behind = (20 - ahead[0], 20 - ahead[1])
+    judged = {}
+    for name, (first, second) in {"out": (ahead, behind), "in": (behind, ahead)}.items():
+        pathways = {axis + turn: np.zeros((21, 21), np.float32) for turn in (0, 90, 180, 270)}
+        pathways[axis][first] = 1
+        pathways[axis + 180][second] = 1
+        first_axis = axis % 90
+        params = REFERENCE.replaced(receptive_field=11, cell=1, pool_sigma=0.0, axes=first_axis)
+        maps = {phi % 360: values for phi, values in pathways.items()}
+        judged[name] = PooledJudgement((21, 21), params).judge(maps)
+    assert judged["out"].opponency == 1
+    assert (judged["out"].centre_x, judged["out"].centre_y) == (10.5, 10.5)
+    assert judged["in"].opponency == 0
+
+
+def test_enhancing_squares_values_above_the_threshold() -> None:
+    values = np.array([[0.0, 0.5, 1.0, 2.0]], np.float32)
+    np.testing.assert_array_equal(enhanced(values, 3.0, 0.5), [[0, 0, 3, 12]])
+
+
+def test_a_row_of_units_spans_the_room() -> None:
+    assert unit_starts(600, 5) == [0, 150, 300, 450, 600]
+    assert unit_starts(600, 1) == [300]
+    assert unit_starts(0, 3) == [0, 0, 0]
+
+
+# ---- The judgement over one video ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("axes", [0, 45])
+def test_the_winning_unit_is_the_best_one_of_the_maps(axes: int) -> None:
+    model = Opplod((240, 240), REFERENCE.replaced(axes=axes, gain=2.0))
+    answer = [model.step(frame) for frame in looming(240, 100, 130, 12)][-1]
+    maps = model.units
+    assert answer is not None
+    assert answer.box is not None
+    assert maps.responses.max() == pytest.approx(answer.response, rel=1e-6)
+    row, column = np.unravel_index(maps.responses.argmax(), maps.responses.shape)
+    assert maps.centres_x[column] == answer.box.x + 50
+    assert maps.centres_y[row] == answer.box.y + 50
+    assert (maps.field, maps.spread) == (100, 12)
+    for phi in (axes, axes + 90, axes + 180, axes + 270):
+        expected = pooled(model.pathways[phi], 8, 12.0)
+        assert expected.max() > 0
+        np.testing.assert_array_equal(maps.pathways[phi], expected)
+
+
+@pytest.mark.once
+def test_units_below_the_threshold_and_beside_the_grid_answer_zero() -> None:
+    frames = looming(240, 120, 120, 12)
+    answers = {}
+    for params in (REFERENCE, REFERENCE.replaced(threshold=0.1), REFERENCE.replaced(units="3x3")):
+        model = Opplod((240, 240), params)
+        for frame in frames:
+            model.step(frame)
+        answers[params.threshold, params.units] = model.units.responses
+    every = answers[0.0, "every"]
+    expected = np.where(every > 0.1**2, every, 0)
+    assert 0 < (expected > 0).sum() < (every > 0).sum()
+    np.testing.assert_array_equal(answers[0.1, "every"], expected)
+    grid = answers[0.0, "3x3"]
+    assert (grid > 0).sum() <= 9
+    np.testing.assert_array_equal(grid[grid > 0], every[grid > 0])
+
+
+def test_adaptation_divides_by_the_median_of_the_background() -> None:
+    """Reach 8 frames and guard 2 at 16 frames/s, recomputed literally on random maps."""
+    params = REFERENCE.replaced(
+        receptive_field=30, cell=5, pool_sigma=1.0, periphery=0.7,
+        adaptation_level=2.0, adaptation_s=0.5, adaptation_guard_s=0.125,
+    )  # fmt: skip
+    judgement = PooledJudgement(SHAPE, params, 16.0)
+    plain = PooledJudgement(SHAPE, params.replaced(adaptation_level=0.0))
+    rng = np.random.default_rng(3)
+    raw: list[float] = []
+    divided = 0
+    for t in range(30):
+        maps = {
+            phi: rng.random(SHAPE, dtype=np.float32) * (1 + t % 4) for phi in range(45, 360, 90)
+        }
+        judged = judgement.judge(maps)
+        before = sorted(raw[max(0, t - 10) : max(0, t - 2)])
+        background = before[len(before) // 2] if before else 0.0
+        raw.append(plain.judge(maps).opponency)
+        factor = min(1.0, 2.0 / background) if background else 1.0
+        divided += factor < 1
+        assert judged.opponency == pytest.approx(factor * raw[-1], rel=1e-5)
+        assert judged.response == pytest.approx((factor * raw[-1]) ** 2, rel=1e-5)
+        assert judgement.maps.responses.max() == pytest.approx(judged.response, rel=1e-5)
+    assert divided > 15
+
+
+def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
+    params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=1.0, persistence=0.75)
+    kept = PooledJudgement(SHAPE, params)
+    plain = PooledJudgement(SHAPE, params.replaced(persistence=0.0))
+    rng = np.random.default_rng(4)
+    expected = np.zeros_like(plain.maps.responses)
+    for _ in range(5):
+        maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
+        expected = 0.75 * expected + 0.25 * plain.opponency(maps)
+        assert kept.judge(maps).opponency == pytest.approx(expected.max(), rel=1e-5)
+    kept.reset()
+    assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
+
+
+def test_the_opponency_of_frames_further_apart_is_added() -> None:
+    params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=1.0)
+    judgement = PooledJudgement(SHAPE, params)
+    rng = np.random.default_rng(5)
+    maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
+    r = judgement.opponency(maps)
+    further = rng.random(r.shape, dtype=np.float32)
+    assert judgement.judge(maps, further).opponency == pytest.approx((r + further).max())

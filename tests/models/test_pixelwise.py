@@ -1,0 +1,69 @@
+"""OMJ of preset `paper`, and the weaknesses that docs/paper.md says it has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opposing_motion import PixelwiseJudgement
+from tests import reference
+from tests.media import looming
+from tests.presets import PAPER
+
+
+def peak(frames: list[np.ndarray]) -> float:
+    model = Opplod(frames[0].shape, PAPER)
+    answers = [model.step(frame) for frame in frames]
+    return max(answer.response for answer in answers if answer)
+
+
+def test_agrees_with_the_literal_reference() -> None:
+    rng = np.random.default_rng(9)
+    frames = [rng.random((41, 57), dtype=np.float32) * s for s in (0, 0, 0.05, 0.1, 1)]
+    params = PAPER.replaced(receptive_field=20, threshold=1e-3, gain=1.7, units="4x3")
+    model = Opplod((41, 57), params)
+    answer = [model.step(frame) for frame in frames][-1]
+    expected = reference.paper_response(
+        reference.photoreceptors(frames), field=20, grid=(4, 3), threshold=1e-3, gain=1.7
+    )
+    assert answer is not None
+    assert answer.response == pytest.approx(expected, rel=1e-5)
+
+
+def test_the_grid_covers_the_frame() -> None:
+    model = Opplod((600, 800), PAPER)
+    assert isinstance(model.judgement, PixelwiseJudgement)
+    assert model.judgement.lefts == [0, 150, 300, 450, 600]
+    assert model.judgement.tops == [0, 100, 200, 300, 400]
+
+
+@pytest.mark.once
+def test_weakness_inward_motion_is_taken_for_outward() -> None:
+    outward = looming(600, 300, 300, 26)
+    assert peak(outward[::-1]) >= 0.7 * peak(outward)
+
+
+@pytest.mark.once
+def test_weakness_an_object_five_px_off_a_centre_loses_most_of_the_response() -> None:
+    centre = peak(looming(600, 300, 300, 26))
+    assert peak(looming(600, 305, 300, 26)) <= 0.15 * centre
+
+
+@pytest.mark.once
+def test_the_winning_unit_is_the_nearest_one() -> None:
+    model = Opplod((600, 600), PAPER)
+    boxes = [
+        answer.box
+        for frame in looming(600, 400, 200, 12)
+        if (answer := model.step(frame)) and answer.box
+    ]
+    assert (boxes[-1].x, boxes[-1].y, boxes[-1].width) == (300, 100, 200)
+
+
+def test_a_frame_smaller_than_the_field_still_answers() -> None:
+    model = Opplod((20, 30), PAPER)
+    rng = np.random.default_rng(1)
+    answers = [model.step(rng.random((20, 30), dtype=np.float32)) for _ in range(4)]
+    assert answers[-1] is not None
+    assert np.isfinite(answers[-1].response)

@@ -1,0 +1,193 @@
+"""The detectors and presets by name, and how a wrong detector is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.models import registry
+from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams
+from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.presets import PRESETS, preset_named
+from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
+from oppload_cli.results.columns import COMMON, RMO, columns_of
+from oppload_cli.schema import Parameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from oppload_cli.models.dpc import Map
+
+NAMES = [
+    *("opplod", "dlgmd", "frame_difference", "flow_divergence", "ttc_gradient", "area_growth"),
+    *("lgmd1_group", "lgmd1_group_paper", "lgmd1_single", "lgmd1_single_paper", "lgmd1_onoff"),
+    *("lgmd2", "lgmd_plus", "plgmd", "lgmd_contrast", "ci_lmd"),
+    *("emd_lplc2_gf", "zhou_lrf", "mlplc2", "hua_fixed", "hua_literal"),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OtherParams(Parameters):
+    pass
+
+
+@dataclass(frozen=True)
+class OtherResponse(Response):
+    left: float = 0.0
+    y_left: float = 0.0
+
+
+class Other(Detector):
+    name, label, colour, meaning = "other", "Other", "#123456", "for this test"
+    columns = (Column("left", "px", "a column"), Column("y_left", "px", "another column"))
+    answers = OtherResponse
+    parameters = OtherParams
+
+    def step(self, _: Map) -> Response:
+        return OtherResponse(1.0)
+
+    def reset(self) -> None:
+        pass
+
+
+@pytest.fixture(autouse=True)
+def _same_detectors_after() -> Iterator[None]:
+    yield
+    for name in registry.detectors():
+        if name not in NAMES:
+            registry.forget(name)
+
+
+def test_the_detectors_in_their_order() -> None:
+    assert list(registry.detectors()) == NAMES
+    assert registry.default_names() == ("opplod", "dlgmd")
+    assert registry.detector_named("dlgmd") is Dlgmd
+    assert len({each.colour for each in registry.detectors().values()}) == len(NAMES)
+
+
+def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
+    with pytest.raises(ParameterError, match="no model 'dlgdm'; did you mean 'dlgmd'"):
+        registry.detector_named("dlgdm")
+
+
+def test_the_names_that_a_user_may_write() -> None:
+    assert registry.names_of("lgmd2, opplod,lgmd2") == ("lgmd2", "opplod")
+    both = registry.names_of("lgmd1_group:literal,lgmd1_group:paper")
+    assert both == ("lgmd1_group", "lgmd1_group_paper")
+    assert registry.parameters_of("lgmd1_group_paper") == Lgmd1GroupPaperParams()
+    assert registry.names_of("lgmd1_single_paper") == ("lgmd1_single_paper",)
+    variants = {"lgmd1_group_paper", "lgmd1_single_paper"}
+    assert registry.names_of("all") == tuple(name for name in NAMES if name not in variants)
+    with pytest.raises(ParameterError, match="has no variant 'old': it has literal and paper"):
+        registry.names_of("lgmd1_group:old")
+    assert registry.names_of("opplod:paper") == ("opplod",)  # a preset
+    with pytest.raises(ParameterError, match="no model 'lgmd3'; did you mean"):
+        registry.names_of("lgmd2,lgmd3:paper")
+
+
+def test_the_detector_of_some_parameters() -> None:
+    for name, detector in registry.detectors().items():
+        assert registry.detector_of(registry.parameters_of(name)) is detector
+    with pytest.raises(ParameterError, match="no detector has parameters of the class DpcParams"):
+        registry.detector_of(DpcParams())
+
+
+def test_the_first_detector_with_places() -> None:
+    assert registry.placing_detector(["dlgmd", "opplod"]) is Opplod
+    assert registry.placing_detector(["dlgmd"]) is None
+
+
+def test_presets_by_name() -> None:
+    assert list(PRESETS) == ["default", "reference", "paper", "lplc2"]
+    assert preset_named("default").height == 240
+    with pytest.raises(ParameterError, match=r"'robust' is called 'default' since 1\.0"):
+        preset_named("robust")
+    with pytest.raises(ParameterError, match="no preset 'papr'; did you mean 'paper'"):
+        preset_named("papr")
+
+
+def test_the_parameters_and_floors_of_a_preset() -> None:
+    assert registry.parameters_of("opplod") == OpplodParams()
+    assert registry.parameters_of("opplod", "reference") == Opplod.presets["reference"]
+    assert registry.parameters_of("dlgmd", "reference") == DlgmdParams()
+    assert registry.alarm_floor_of("opplod") == registry.alarm_floor_of("opplod", "paper") == 0.024
+    assert registry.alarm_floor_of("opplod", "reference") == 8e-4
+    with pytest.raises(ParameterError, match="no preset 'papr'"):
+        registry.parameters_of("dlgmd", "papr")
+
+
+def test_a_registered_detector_is_known_everywhere() -> None:
+    assert registry.register(Other) is Other
+    assert list(registry.detectors()) == [*NAMES, "other"]
+    assert registry.default_names() == ("opplod", "dlgmd")
+    assert registry.detector_of(OtherParams()) is Other
+    assert registry.alarm_floor_of("other", "reference") == 0
+    names = [column.name for column in columns_of("other")]
+    assert names == ["other_response", "other_alarm", "other_left", "other_y_left"]
+    registry.register(Other)  # once more, as when a module is loaded twice
+    assert list(registry.detectors()) == [*NAMES, "other"]
+    registry.forget("other")
+    assert list(registry.detectors()) == NAMES
+
+
+@pytest.mark.parametrize("column", [each.name for each in (*COMMON, *RMO) if "_" in each.name])
+def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> None:
+    name, own = column.split("_", 1)
+    odd = type("Odd", (Other,), {"name": name, "columns": (Column(own, "", "taken"),)})
+    with pytest.raises(ParameterError, match=f"its (column '{column}'|name) is taken"):
+        registry.register(odd)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"name": "Other"}, "its name must be lower case, digits and underscores"),
+        ({"name": "2nd"}, "its name must be lower case"),
+        ({"name": ""}, "its name must be lower case"),
+        ({"name": "a-b"}, "its name must be lower case"),
+        ({"name": None}, "its name must be lower case"),
+        ({"name": "dlgmd"}, "its name is taken; choose another one"),
+        ({"name": "alarm"}, "its name is taken"),
+        ({"name": "rmo"}, "its name is taken"),
+        ({"colour": "red"}, "its colour must be written as #RRGGBB"),
+        ({"colour": "#12345"}, "its colour must be written as #RRGGBB"),
+        ({"label": ""}, "it needs a label and a meaning"),
+        ({"meaning": ""}, "it needs a label and a meaning"),
+        ({"columns": (Column("x", "", "a"),), "places": True}, "its column 'other_x' is taken"),
+        ({"details": (Column("left", "", "a"),)}, "its column 'other_left' is taken; choose"),
+        ({"details": (Column("right", "", "a"),)}, "its column 'right' must be a field"),
+        ({"columns": (Column("response", "", "a"),)}, "its column 'other_response' is taken"),
+        ({"columns": 2 * (Column("a", "", "a"),)}, "its column 'other_a' is taken"),
+        ({"name": "luma", "columns": (Column("change", "", "a"),)}, "'luma_change' is taken"),
+        ({"name": "frame", "columns": (Column("difference_alarm", "", "a"),)}, "_alarm' is taken"),
+        ({"name": "flow", "columns": (Column("vectors", "", "a"),)}, "'flow_vectors' is taken"),
+        ({"columns": (Column("A b", "", "a"),)}, "its column 'A b' must be a field of its answers"),
+        ({"columns": (Column("right", "", "a"),)}, "'right' must be a field of its answers, Other"),
+        ({"answers": Response}, "its column 'left' must be a field of its answers, Response"),
+        ({"parameters": DlgmdParams}, "its parameters, DlgmdParams, are those of another"),
+    ],
+)
+def test_a_wrong_detector_is_refused_with_its_name_and_the_reason(
+    values: dict[str, Any], reason: str
+) -> None:
+    odd = type("Odd", (Other,), {"__module__": __name__, **values})
+    with pytest.raises(ParameterError) as caught:
+        registry.register(odd)
+    message = str(caught.value)
+    assert reason in message
+    name = values.get("name", "other")
+    assert message.startswith(f"detector '{name}' ({__name__}.Odd): ")
+    assert list(registry.detectors()) == NAMES
+
+
+def test_a_second_detector_of_one_name_is_refused() -> None:
+    registry.register(Other)
+    with pytest.raises(ParameterError, match=r"detector 'other' .*: its name is taken"):
+        registry.register(type("Odd", (Other,), {}))
+    assert registry.detector_named("other") is Other

@@ -1,0 +1,141 @@
+"""Layers that several detectors share are computed once, and sharing changes no answer."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import FrameError
+from oppload_cli.models import dpc
+from oppload_cli.models.bank import DetectorBank
+from oppload_cli.models.dlgmd import DlgmdParams
+from oppload_cli.models.dpc import Layers
+from oppload_cli.models.frame_difference import FrameDifferenceParams
+from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.registry import detector_of
+from tests.media import looming
+from tests.presets import DEFAULT, REFERENCE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from oppload_cli.models.detector import Detector, Response
+    from oppload_cli.schema import Parameters
+
+pytestmark = pytest.mark.once
+
+SHAPE = (120, 120)
+FRAMES = looming(120, 60, 60, 12)
+OPPLOD, DLGMD, DIFFERENCE = REFERENCE, DlgmdParams(), FrameDifferenceParams()
+OTHER_SIGMA = DlgmdParams(sigma_inhibition=4.0)
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """Count how often the layers are computed."""
+    counted: Counter[str] = Counter()
+
+    def counting(name: str) -> Callable[..., Any]:
+        function = getattr(dpc, name)
+
+        def count(*args: Any) -> Any:
+            counted[name] += 1
+            return function(*args)
+
+        return count
+
+    for name in ("photoreceptors", "presynaptic_sums"):
+        monkeypatch.setattr(dpc, name, counting(name))
+    return counted
+
+
+@pytest.mark.parametrize(
+    ("params", "photoreceptors", "sums"),
+    [
+        ([DIFFERENCE], 11, 0),
+        ([DLGMD], 11, 9),
+        ([OPPLOD, DLGMD, DIFFERENCE], 11, 9),
+        ([DLGMD, DIFFERENCE, OPPLOD], 11, 9),
+        ([OPPLOD, OTHER_SIGMA], 11, 18),
+        ([DEFAULT], 11 + 10, 9 + 6),  # from the second and the third frame; the fourth and seventh
+        ([DLGMD, DEFAULT, DIFFERENCE], 11 + 10, 9 + 6),
+    ],
+)
+def test_equal_layers_are_computed_once(
+    calls: Counter[str], params: list[Parameters], photoreceptors: int, sums: int
+) -> None:
+    bank = DetectorBank(SHAPE, params)
+    for _ in range(2):
+        for frame in FRAMES:
+            bank.step(frame)
+        assert (calls["photoreceptors"], calls["presynaptic_sums"]) == (photoreceptors, sums)
+        calls.clear()
+        bank.reset()
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        [OPPLOD, DLGMD, DIFFERENCE],
+        [DLGMD, OPPLOD],
+        [OPPLOD, OTHER_SIGMA],
+        [DIFFERENCE, DEFAULT, DLGMD],
+        [REFERENCE.replaced(axes=0), DLGMD],
+    ],
+)
+def test_sharing_changes_no_answer(params: list[Parameters]) -> None:
+    bank = DetectorBank(SHAPE, params)
+    alone: dict[str, Detector] = {
+        detector_of(each).name: detector_of(each)(SHAPE, each) for each in params
+    }
+    peaks: Counter[str] = Counter()
+    for frame in FRAMES:
+        together = bank.step(frame)
+        assert together == {name: detector.step(frame) for name, detector in alone.items()}
+        for name, answer in together.items():
+            peaks[name] = max(peaks[name], bool(answer and answer.response))
+    assert list(together) == [detector_of(each).name for each in params]
+    assert set(peaks.values()) == {1}
+
+
+def test_detectors_with_other_axes_have_layers_of_their_own(calls: Counter[str]) -> None:
+    layers = Layers(SHAPE)
+    holds = [
+        layers.dpc(DpcParams(), (45, 135)),
+        layers.dpc(DpcParams(), (0, 90)),
+        layers.dpc(DpcParams()),  # any axes will do for S
+        layers.dpc(OPPLOD, (0, 90)),  # its other constants do not matter
+    ]
+    assert holds[0].layer is not holds[1].layer
+    assert holds[2].layer is holds[0].layer
+    assert holds[3].layer is holds[1].layer
+    for frame in FRAMES:
+        assert len({hold.step(frame) for hold in holds}) == 1
+    assert (calls["photoreceptors"], calls["presynaptic_sums"]) == (11, 18)
+
+
+def test_layers_without_axes_take_those_of_a_later_detector() -> None:
+    layers = Layers(SHAPE)
+    first = layers.dpc(DpcParams())
+    second = layers.dpc(DpcParams(), (45, 135))
+    assert first.layer is second.layer
+    assert set(first.layer.sums.pathways) == {45, 135, 225, 315}
+
+
+def test_a_refused_frame_is_refused_once_and_changes_no_answer() -> None:
+    params = [DEFAULT, DLGMD, DIFFERENCE]
+    bank, other = DetectorBank(SHAPE, params), DetectorBank(SHAPE, params)
+    answers: list[dict[str, Response | None]] = []
+    for t, frame in enumerate(FRAMES):
+        with pytest.raises(FrameError):
+            bank.step(frame[:-1])
+        if t:
+            with pytest.raises(FrameError, match="not finite"):
+                bank.step(np.full(SHAPE, np.nan, np.float32))
+        answers.append(bank.step(frame))
+        assert answers[-1] == other.step(frame)
+        assert bank.luma_change == other.luma_change
+    assert any(each["opplod"] and each["opplod"].response for each in answers)

@@ -1,0 +1,238 @@
+"""The time base: the same scene at other frame rates, and times that are wrong."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.models.bank import DetectorBank
+from oppload_cli.models.dlgmd import DlgmdParams
+from oppload_cli.models.dpc import Dpc, Layers, Photoreceptors, excitation, referred
+from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.opposing_motion import has_history
+from oppload_cli.models.timebase import Clock, TimeParams, time_params
+from tests.media import disk
+from tests.presets import REFERENCE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from oppload_cli.models.detector import Response
+    from tests.media import Luma
+
+pytestmark = pytest.mark.once
+
+SIZE = 120
+
+
+def edge_at(x: float, width: int = 160, height: int = 40) -> Luma:
+    return np.tile(np.clip(x - np.arange(width), 0, 1).astype(np.float32), (height, 1))
+
+
+def seen(times: Sequence[float], frames: Sequence[Luma], stride: int = 1) -> Photoreceptors:
+    clock = Clock()
+    layer = Photoreceptors(frames[0].shape, stride, clock)
+    for time_s, frame in zip(times, frames, strict=True):
+        clock.time_s = time_s
+        layer.step(frame)
+    return layer
+
+
+def numbered(count: int) -> list[Luma]:
+    """Frames of which the change tells which two were compared."""
+    return [np.full((2, 3), 0.001 * t**2, np.float32) for t in range(count)]
+
+
+# ---- Which frames are compared -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("rate", "back", "share"),
+    [
+        (10, 1, 1 / 3), (15, 1, 0.5), (24, 1, 0.8), (25, 1, 5 / 6), (29.97, 1, 1), (30, 1, 1),
+        (34, 1, 34 / 30), (36, 2, 0.6), (50, 2, 5 / 6), (60, 2, 1), (90, 3, 1), (120, 4, 1),
+        (240, 8, 1),
+    ],
+)  # fmt: skip
+def test_each_frame_is_compared_with_that_one_interval_earlier(
+    rate: float, back: int, share: float
+) -> None:
+    count = 3 * back + 2
+    frames = numbered(count)
+    layer = seen([t / rate for t in range(count)], frames)
+    assert layer.ready
+    assert layer.share == pytest.approx(share, rel=1e-6)
+    for age, change in enumerate(layer.maps):
+        now = count - 1 - age * back
+        np.testing.assert_array_equal(change, frames[now] - frames[now - back])
+    assert layer.luma_change == pytest.approx(float(layer.maps[0].mean()) * layer.share)
+
+
+@pytest.mark.parametrize(("rate", "back"), [(15, 1), (30, 2), (60, 4)])
+def test_a_stride_of_two_is_two_intervals(rate: int, back: int) -> None:
+    count = 3 * back + 1
+    frames = numbered(count)
+    layer = seen([t / rate for t in range(count)], frames, stride=2)
+    assert layer.ready
+    assert layer.share == 1
+    np.testing.assert_array_equal(layer.maps[0], frames[-1] - frames[-1 - back])
+
+
+def test_a_frame_that_was_dropped_makes_the_interval_longer() -> None:
+    frames = numbered(8)
+    kept = [0, 1, 2, 3, 5, 6, 7]
+    layer = seen([t / 30 for t in kept[:5]], [frames[t] for t in kept[:5]])
+    assert [layer.share, layer.elapsed] == pytest.approx([0.5, 2])
+    changes = [frames[5] - frames[3], frames[3] - frames[2], frames[2] - frames[1]]
+    np.testing.assert_array_equal(layer.maps, changes)
+    layer = seen([t / 30 for t in kept], [frames[t] for t in kept])
+    assert (layer.share, layer.elapsed) == (1, 1)
+
+
+def test_of_very_many_frames_some_are_kept() -> None:
+    frames = numbered(400)
+    layer = seen([t / 3000 for t in range(400)], frames)
+    assert layer.ready
+    assert layer.share == pytest.approx(1, rel=0.07)
+    assert len(layer._records) <= 36
+
+
+def test_times_that_stand_still_or_go_back_count_as_steps() -> None:
+    clock = Clock(frame_rate=60)
+    clock.time_s = 1.0
+    assert clock.now(None) == pytest.approx(30)
+    assert clock.now(30.0) == 30.5
+    clock.time_s = 0.5
+    assert clock.now(30.5) == 31
+    clock.time_s = None
+    assert clock.now(31.0) == 31.5
+
+
+@pytest.mark.parametrize("rate", [10, 30, 240])
+def test_frames_are_counted_where_the_interval_is_a_frame(rate: int) -> None:
+    frames = [disk(SIZE, 60, 60, 10 + t) for t in range(6)]
+    params = [REFERENCE, DlgmdParams()]
+    bank = DetectorBank((SIZE, SIZE), params, rate, TimeParams(interval="frame"))
+    plain = DetectorBank((SIZE, SIZE), params)
+    for t, frame in enumerate(frames):
+        assert bank.step(frame, t / rate) == plain.step(frame)
+
+
+@pytest.mark.parametrize("value", ["", "0", "-1", "1/0", "nan", "11", "frames", "1e-5"])
+def test_an_interval_is_frame_or_seconds(value: str) -> None:
+    with pytest.raises(ParameterError, match="'interval' of time must be 'frame', or"):
+        TimeParams(interval=value)
+
+
+def test_presets_have_their_time_base() -> None:
+    assert time_params("paper").per_second is None
+    assert time_params().per_second == time_params("reference").per_second == 30.0
+    assert TimeParams(interval="0.04").per_second == 25.0
+
+
+# ---- Other intervals -----------------------------------------------------------------------
+
+
+def edge_sums(speed: float) -> tuple[float, float]:
+    """E and S of the passing pathway, per pixel of an edge's length, over phases of a pixel."""
+    found = []
+    for phase in np.arange(8) / 8:
+        dpc = Dpc((40, 160), DpcParams(), (0, 90))
+        for t in range(4):
+            dpc.step(edge_at(40 + phase + speed * t))
+        e = excitation(dpc.photoreceptors.maps, dpc.kernels)
+        found.append([float(each[20].sum()) for each in (e, dpc.sums.pathways[0])])
+    return tuple(np.mean(found, axis=0))
+
+
+@pytest.mark.parametrize("speed", [1, 2, 3, 5, 10])
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_s_of_an_edge_is_referred_to_one_interval(speed: float, share: float) -> None:
+    e, s = edge_sums(speed / share)
+    _, expected = edge_sums(speed)
+    assert referred(s, e, share, directional=True) == pytest.approx(expected, rel=0.08)
+    # And back again, where the interval was too short.
+    back = referred(expected, e * share, 1 / share, directional=True)
+    assert back == pytest.approx(s, rel=0.12)
+
+
+def test_s_over_the_reference_interval_stays_as_it_is() -> None:
+    assert referred(0.3, 0.7, 1.0, directional=True) == pytest.approx(0.3)
+
+
+def responses(rate: float, name: str) -> dict[float, Response]:
+    """A disk that grows by 210 px/s, from 0.2 s on."""
+    bank = DetectorBank((SIZE, SIZE), [REFERENCE, DlgmdParams()])
+    answers = {}
+    for t in range(round(0.5 * rate)):
+        radius = 5 + 210 * max(0.0, t / rate - 0.2)
+        answer = bank.step(disk(SIZE, 60, 60, radius), t / rate)[name]
+        if answer is not None:
+            answers[t / rate] = answer
+    return answers
+
+
+@pytest.mark.parametrize("name", ["opplod", "dlgmd"])
+@pytest.mark.parametrize(("rate", "most"), [(24, 1.4), (50, 1.25), (60, 1.25), (120, 1.25)])
+def test_a_looming_disk_has_the_same_peak_at_any_rate(name: str, rate: float, most: float) -> None:
+    here, there = (
+        max(each.response for each in responses(each_rate, name).values())
+        for each_rate in (rate, 30.0)
+    )
+    assert 1 / most <= here / there <= most
+
+
+# ---- Rest ----------------------------------------------------------------------------------
+
+
+def test_motion_has_a_history_where_something_moved_nearby() -> None:
+    now, one, two = np.zeros((3, 40, 40), np.float32)
+    now[20, 20] = 1
+    one[20, 15] = two[25, 25] = 0.13
+    assert has_history([now, one, two], 0.125).all()
+    unknown = ~has_history([now, one, two], 0.14)
+    assert unknown.sum() == 9
+    assert unknown[19:22, 19:22].all()
+    one[:] = 0
+    one[20, 13] = 1  # seven cells from the nearest cell beside it
+    assert not has_history([now, one, two], 0.125)[20, 20]
+
+
+def test_a_pause_before_changes_nothing() -> None:
+    moving = [disk(SIZE, 60, 60, 5 + 5 * t) for t in range(12)]
+    series = []
+    for pause in (0, 7):
+        layers = Layers((SIZE, SIZE))
+        bank = DetectorBank((SIZE, SIZE), [REFERENCE])
+        assert layers.time_s is None
+        shown = [moving[0]] * pause + moving
+        answers = [bank.step(frame, t / 30)["opplod"] for t, frame in enumerate(shown)]
+        series.append([each.response if each else 0.0 for each in answers[pause:]])
+    without, paused = series
+    assert max(without) > 0
+    np.testing.assert_allclose(paused, without, atol=1e-4 * max(without))
+    assert max(paused[:3]) < 1e-4 * max(without)
+
+
+def test_an_object_that_sets_off_sideways_answers_nothing() -> None:
+    """Without history all its edges excite all pathways."""
+    moving = [disk(SIZE, 40 + 4 * t, 60, 20) for t in range(3)]
+    largest = []
+    for history in (0.0, 0.125):
+        bank = DetectorBank((SIZE, SIZE), [REFERENCE.replaced(history=history)])
+        shown = [moving[0]] * 5 + moving
+        answers = [bank.step(frame)["opplod"] for frame in shown]
+        largest.append(max(each.response for each in answers if each))
+    assert largest[1] < 0.01 * largest[0]
+
+
+def test_times_may_be_numpy_numbers() -> None:
+    frames = [disk(SIZE, 60, 60, 10 + 6 * t) for t in range(5)]
+    answers = []
+    for kind in (float, np.float64):
+        bank = DetectorBank((SIZE, SIZE), [REFERENCE])
+        answers.append([bank.step(frame, kind(t / 20)) for t, frame in enumerate(frames)])
+    assert answers[0] == answers[1]

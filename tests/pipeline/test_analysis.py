@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli import (
+    Dlgmd,
+    DlgmdParams,
+    FrameRecord,
+    OpplodResponse,
+    RmoMetrics,
+    analyse,
+    open_video,
+)
+from tests.media import looming, write_video
+from tests.presets import REFERENCE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from oppload_cli.schema import Parameters
+
+
+def records(
+    path: Path, params: Sequence[Parameters] | None = None, *, height: int | None = None
+) -> list[FrameRecord]:
+    with open_video(path, height=height) as video:
+        return list(analyse(video, params))
+
+
+def eight_bits(frames: list[np.ndarray]) -> list[np.ndarray]:
+    return [(frame * 255).round().astype(np.uint8) for frame in frames]
+
+
+def test_content_that_is_slower_than_its_file_answers_as_it_would_at_its_own_rate(
+    tmp_path: Path,
+) -> None:
+    frames = eight_bits(looming(120, 60, 60, 10))
+    params = [REFERENCE, DlgmdParams()]  # which does not depend on the frame rate
+    own = records(write_video(tmp_path / "own.mkv", frames, rate=10), params)
+    thrice = [frame for frame in frames for _ in range(3)]
+    copied = records(write_video(tmp_path / "copied.mkv", thrice, rate=30), params)
+    assert [each.responses for each in copied[::3]] == [each.responses for each in own]
+    assert sum(each.repeat == "exact" for each in copied) == 20
+    assert [each.luma_change for each in copied[1:3]] == [0, 0]
+    # Once two pictures were repeated, the answer to a picture holds while it is shown.
+    for first in range(6, 30, 3):
+        picture, *again = copied[first : first + 3]
+        for record in again:
+            assert (record.responses, record.alarms) == (picture.responses, picture.alarms)
+            assert (record.luma_change, record.rmo) == (0, picture.rmo)
+
+
+@pytest.mark.parametrize("crf", [23, 35])
+def test_pictures_that_are_coded_anew_answer_as_they_would_at_their_own_rate(
+    tmp_path: Path, crf: int
+) -> None:
+    """The repeats differ from their picture, but the detectors do not see them."""
+    frames = eight_bits([frame * 0.8 + 0.1 for frame in looming(240, 120, 120, 16)])
+    twice = [frame for frame in frames for _ in range(2)]
+    own, shown = (
+        records(
+            write_video(
+                tmp_path / f"{rate}.mp4",
+                each,
+                codec="libx264",
+                pixel_format="yuv420p",
+                rate=rate,
+                options={"crf": str(crf)},
+            ),
+            [REFERENCE],
+        )
+        for rate, each in ((15, frames), (30, twice))
+    )
+    assert all(each.repeat for each in shown[9::2])
+    assert "near" in {each.repeat for each in shown}
+    values = [
+        [answer.response for each in found if (answer := each.responses["opplod"])]
+        for found in (own[6:], shown[12::2], shown[13::2])
+    ]
+    assert values[1] == pytest.approx(values[0], rel=0.15)
+    assert values[2] == values[1]
+
+
+def test_a_near_repeat_holds_the_object_and_counts_its_time_down(tmp_path: Path) -> None:
+    frames = [frame for frame in eight_bits(looming(240, 120, 120, 24)) for _ in range(2)]
+    found = records(write_video(tmp_path / "a.mkv", frames, rate=60))
+    held = 0
+    for before, here in zip(found[6::2], found[7::2], strict=True):
+        assert [each.box for each in here.detections] == [each.box for each in before.detections]
+        for one, other in zip(before.detections, here.detections, strict=True):
+            if one.time_to_contact_s and other.time_to_contact_s:
+                passed = one.time_to_contact_s - other.time_to_contact_s
+                assert passed == pytest.approx(1 / 60, abs=1e-3)
+                held += 1
+    assert held
+
+
+def test_a_scene_that_stands_still_is_seen_by_the_models(tmp_path: Path) -> None:
+    """After a pause the first moving frame meets no inhibition, as the equations have it."""
+    moving = eight_bits(looming(120, 60, 60, 14))
+    paused = [*moving[:4], *([moving[4]] * 12), *moving[5:]]
+    with_pause = records(write_video(tmp_path / "a.mkv", paused))
+    assert with_pause[14].responses["dlgmd"] is not None
+    after = with_pause[16].responses["dlgmd"]
+    assert after is not None
+    without = records(write_video(tmp_path / "b.mkv", moving))[5].responses["dlgmd"]
+    assert without is not None
+    assert after.response > 2 * without.response
+
+
+@pytest.mark.parametrize("pause", [6, 7, 12])
+def test_motion_after_a_still_start_is_answered_at_once(tmp_path: Path, pause: int) -> None:
+    moving = eight_bits(looming(120, 60, 60, 6))
+    frames = [*([moving[0]] * (pause + 1)), *moving[1:]]
+    shown = records(write_video(tmp_path / "a.mkv", frames))
+    model = Dlgmd((120, 120))
+    for record, frame in zip(shown, frames, strict=True):
+        assert record.responses["dlgmd"] == model.step(frame.astype(np.float32) / np.float32(255))
+
+
+def test_a_still_video_answers_zero_from_the_fourth_frame(tmp_path: Path) -> None:
+    still = records(write_video(tmp_path / "a.mkv", [np.full((48, 64), 90, np.uint8)] * 12))
+    assert [each.responses["opplod"] for each in still[:3]] == [None] * 3
+    for record in still[3:]:
+        assert [answer.response for answer in record.responses.values() if answer] == [0, 0]
+    assert [each.luma_change for each in still] == [None] + [0] * 11
+    assert [each.rmo for each in still] == [None] + [RmoMetrics()] * 11
+
+
+def test_boxes_are_in_source_pixels(tmp_path: Path) -> None:
+    frames = eight_bits(looming(240, 160, 100, 12))
+    at_half = records(write_video(tmp_path / "a.mkv", frames), height=120)
+    boxes = [
+        answer.box
+        for each in at_half
+        if isinstance(answer := each.responses["opplod"], OpplodResponse) and answer.box
+    ]
+    last = boxes[-1]
+    assert (last.width, last.height) == (240, 240)
+    centre = (last.x + last.width / 2, last.y + last.height / 2)
+    assert centre == pytest.approx((160, 100), abs=8)
+
+
+def test_one_model_alone(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mkv", eight_bits(looming(60, 30, 30, 6)))
+    with open_video(path) as video:
+        [*_, last] = analyse(video, [DlgmdParams()])
+    assert list(last.responses) == ["dlgmd"]
+    assert "opplod_response" not in last.values()
+    with open_video(path) as video:
+        [*_, last] = analyse(video, [REFERENCE])
+    assert "dlgmd_response" not in last.values()

@@ -1,0 +1,145 @@
+"""Results and sizes in degrees, from ``--fov`` or from the ground truth of a stimulus."""
+
+from __future__ import annotations
+
+import csv
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from oppload_cli.errors import OutputError, ParameterError
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.outputs import IfExists, Outputs
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Task
+from oppload_cli.stimulus.catalogue import load
+from oppload_cli.stimulus.files import write
+from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.optics import Optics
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+WORKING = WorkingSize(200, 100, 2.0, 2.0)
+WIDE = Optics.of_fov(400, 200, 90)
+
+
+def done(video: Path, folder: Path, **settings: Any) -> tuple[list[dict[str, str]], dict[str, Any]]:
+    """Run OppLoD; return the rows of its table, and the sidecar."""
+    resolved = resolve(models=["opplod"], measure_rmo=False, height="120", **settings)
+    outputs = Outputs.of(folder, video.stem, resolved.models)
+    folder.mkdir()
+    run_task(Task(str(video), resolved, outputs))
+    with outputs.csv.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return rows, json.loads((folder / f"{video.stem}.oppload.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def stimulus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A disk that grows by 10 deg/s at each edge, 10 deg right and 6 deg up, at 5 px/deg."""
+    changes = {"display.width": 300, "display.height": 240, "display.pixels_per_degree": 5,
+               "disk.centre_deg": [10, 6], "timing.motion_s": 0.8,
+               "disk.growth.speed_deg_s": 15}  # fmt: skip
+    protocol = load("opplod2023/looming-disk-centre", changes)
+    return write(protocol, tmp_path_factory.mktemp("stimulus")).video
+
+
+def test_a_stimulus_is_seen_in_the_degrees_of_its_ground_truth(
+    stimulus: Path, tmp_path: Path
+) -> None:
+    rows, sidecar = done(stimulus, tmp_path / "a", preset="reference")
+    truth = json.loads(stimulus.with_name(f"{stimulus.stem}.stimulus.json").read_text())
+    seen = [row for row in rows if row["opplod_azimuth_deg"]]
+    assert len(seen) > 5
+    for row in seen[2:]:
+        assert float(row["opplod_azimuth_deg"]) == pytest.approx(10, abs=2)
+        assert float(row["opplod_elevation_deg"]) == pytest.approx(6, abs=2)
+        [disk] = truth["frames"][int(row["frame"])]["objects"]
+        size = float(row["opplod_angular_size_deg"])
+        assert size == pytest.approx(disk["angular_size_deg"], rel=0.25, abs=2)
+    view = sidecar["field_of_view"]
+    assert (view["origin"], view["projection"]) == ("stimulus", "flat")
+    assert (view["horizontal_deg"], view["vertical_deg"]) == pytest.approx((60, 48))
+    assert view["sizes_deg"]["opplod.receptive_field"] == pytest.approx(20)
+    lines = (tmp_path / "a" / f"{stimulus.stem}.detections.jsonl").read_text().splitlines()
+    first = json.loads(lines[0])
+    assert first["angular_size_deg"] == max(first["angular_width_deg"], first["angular_height_deg"])
+
+
+def test_the_user_knows_the_field_of_view_best(stimulus: Path, tmp_path: Path) -> None:
+    _, sidecar = done(stimulus, tmp_path / "a", fov="90")
+    view = sidecar["field_of_view"]
+    assert (view["origin"], view["projection"]) == ("--fov", "pinhole")
+    assert view["horizontal_deg"] == pytest.approx(90)
+
+
+def test_without_a_field_of_view_nothing_is_in_degrees(stimulus: Path, tmp_path: Path) -> None:
+    alone = tmp_path / "alone.mkv"
+    alone.write_bytes(stimulus.read_bytes())
+    rows, sidecar = done(alone, tmp_path / "a")
+    assert sidecar["field_of_view"] is None
+    assert not [name for name in rows[0] if name.endswith("_deg")]
+
+
+def test_a_result_in_other_degrees_is_not_kept(stimulus: Path, tmp_path: Path) -> None:
+    def again(**settings: Any) -> None:
+        resolved = resolve(models=["opplod"], measure_rmo=False, height="120", **settings)
+        outputs = Outputs.of(tmp_path / "a", stimulus.stem, resolved.models)
+        run_task(Task(str(stimulus), resolved, outputs, if_exists=IfExists.SKIP))
+
+    size = "opplod.receptive_field=20deg"
+    done(stimulus, tmp_path / "a", fov="70", assignments=[size])
+    again(fov="70", assignments=[size])
+    for settings, difference in (
+        ({"fov": "90"}, "with --fov 70, not --fov 90"),
+        ({}, "with --fov 70, not no --fov"),
+        ({"fov": "70", "assignments": [size.replace("20", "40")]}, "with opplod.receptive_field ="),
+    ):
+        with pytest.raises(OutputError, match=f"is a result {difference}"):
+            again(**{"assignments": [size], **settings})
+
+
+def test_sizes_in_degrees_become_working_pixels() -> None:
+    given = ["opplod.receptive_field=90deg", "opplod.cell=4"]
+    settings = resolve(fov="90", assignments=given).seen_through(WIDE, WORKING)
+    params = settings.groups["opplod"].as_dict()
+    assert (params["receptive_field"], params["cell"]) == (200, 4)
+    assert settings.angles == {}
+
+
+def test_the_last_size_counts(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text('fov = 90\n[opplod]\nreceptive_field = "90deg"\ncell = "2deg"\n')
+    from_file = resolve(config=path)
+    assert from_file.fov == 90
+    assert from_file.angles == {"opplod.receptive_field": 90, "opplod.cell": 2}
+    changed = resolve(config=path, assignments=["opplod.receptive_field=80"])
+    assert changed.angles == {"opplod.cell": 2}
+
+
+def test_a_size_in_degrees_needs_the_field_of_view() -> None:
+    settings = resolve(assignments=["opplod.receptive_field=60deg"])
+    with pytest.raises(ParameterError, match=r"receptive_field=60deg needs .* --fov DEGREES"):
+        settings.seen_through(None, WORKING).model_params()
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ("opplod.receptive_field=0deg", "above 0deg and below 180deg, not '0deg'"),
+        ("opplod.receptive_field=widedeg", "above 0deg and below 180deg, not 'widedeg'"),
+        ("opplod.receptive_field=180deg", "above 0deg and below 180deg"),
+        ("opplod.cone=60deg", "takes a number, not '60deg'"),
+    ],
+)
+def test_angles_that_are_none(given: str, reason: str) -> None:
+    with pytest.raises(ParameterError, match=reason):
+        resolve(assignments=[given])
+
+
+def test_a_size_too_small_for_a_pixel() -> None:
+    settings = resolve(fov="90", assignments=["opplod.receptive_field=0.1deg"])
+    with pytest.raises(ParameterError, match=r"opplod.receptive_field=0.1deg: .* at least 2"):
+        settings.seen_through(WIDE, WORKING)

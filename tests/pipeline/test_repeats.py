@@ -1,0 +1,195 @@
+"""Repeats: pictures shown again, exactly or coded anew, and scenes that look like them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli import open_video
+from oppload_cli.pipeline.repeats import EXACT, Repeat, RepeatParams, Repeats
+from tests.media import texture, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Luma = NDArray[np.float32]
+
+RESTED = Repeat(EXACT, still_begins=True)
+HEIGHT, WIDTH = 120, 160
+
+
+def answers(frames: Sequence[Luma], rate: float = 30, **params: Any) -> tuple[str, Repeats]:
+    """Return a letter per frame (E, N: of a cadence; e: not), and the repeats."""
+    repeats = Repeats(RepeatParams(**params))
+    found = [repeats.step(frame, index / rate) for index, frame in enumerate(frames)]
+    assert all(each.passed_over for each in found if each.held)
+    kinds = (each.kind[:1].upper() if each.held else each.kind[:1] for each in found)
+    return "".join(kind or "." for kind in kinds), repeats
+
+
+def noise(frames: int, sigma: float) -> Luma:
+    grain = np.random.default_rng(4).standard_normal((frames, HEIGHT, WIDTH), np.float32)
+    return np.float32(sigma) * grain
+
+
+def panned(shifts: Iterable[float], sigma: float = 0.0) -> list[Luma]:
+    """Frames of a texture, shifted by so many pixels, with noise."""
+    wide = texture(HEIGHT, 512, 3)
+    moved = [
+        cv2.warpAffine(wide, np.array([[1, 0, -shift], [0, 1, 0]], np.float32), (WIDTH, HEIGHT))
+        for shift in shifts
+    ]
+    grain = noise(len(moved), sigma)
+    return [np.clip(a + b, 0, 1).astype(np.float32) for a, b in zip(moved, grain, strict=True)]
+
+
+def coded(path: Path, frames: Sequence[Luma], rate: int, crf: int) -> list[Luma]:
+    """The frames as they come out of an H.264 file."""
+    shown = [(frame * 255).round().astype(np.uint8) for frame in frames]
+    write_video(path, shown, codec="libx264", pixel_format="yuv420p", rate=rate,
+                options={"crf": str(crf)})  # fmt: skip
+    with open_video(path, height=HEIGHT) as video:
+        return [frame.luma.copy() for frame in video]
+
+
+@pytest.mark.parametrize(("rate", "pictures"), [(30, 12), (60, 25), (60, 24)])
+def test_the_pictures_of_a_cadence_are_evenly_spaced_in_time(rate: int, pictures: int) -> None:
+    """A file of 30 frames/s shows 12 pictures/s for two frames and three in turn."""
+    moving = panned(np.arange(4 * pictures) * 3.0)
+    frames = [moving[k * pictures // rate] for k in range(4 * rate)]
+    grain = noise(len(frames), 0.001)
+    repeats = Repeats(RepeatParams())
+    steps = [
+        (k / rate, repeats.step(frame + other, k / rate))
+        for k, (frame, other) in enumerate(zip(frames, grain, strict=True))
+    ]
+    shown = np.array([(at, at + step.shift_s) for at, step in steps if not step.passed_over])[30:]
+    intervals = np.diff(shown, axis=0) * pictures
+    assert np.ptp(intervals[:, 0]) > 0.3
+    assert intervals[:, 1] == pytest.approx(np.ones(len(intervals)), abs=0.07)
+    assert np.abs(shown[:, 0] - shown[:, 1]).max() < 1.5 / rate
+
+
+def test_a_few_exact_repeats_are_repeats_and_many_are_a_still_scene() -> None:
+    repeats = Repeats(RepeatParams(longest_s=0.07))
+    one, other = np.zeros((2, 2), np.float32), np.ones((2, 2), np.float32)
+    shown = [one, one.copy(), other, other, other, other, other, one]
+    found = [repeats.step(frame, index / 30) for index, frame in enumerate(shown)]
+    alone = Repeat(EXACT, passed_over=True)
+    picture = Repeat()
+    at_rest = Repeat(EXACT)
+    assert found == [picture, alone, picture, alone, alone, RESTED, at_rest, picture]
+    assert repeats.exact == 5
+
+
+@pytest.mark.parametrize("rate", [12, 25, 30, 60, 240])
+def test_a_picture_is_repeated_for_at_most_a_time_whatever_the_rate(rate: int) -> None:
+    still = [np.zeros((4, 4), np.float32)] * rate
+    shown, _ = answers(still, rate)
+    repeats = Repeats(RepeatParams())
+    passed = sum(repeats.step(frame, k / rate).passed_over for k, frame in enumerate(still))
+    assert passed == int(0.18 * rate)
+    assert shown == "." + "e" * (rate - 1)
+
+
+@pytest.mark.parametrize("crf", [23, 28, 35])
+@pytest.mark.parametrize(
+    ("rate", "pictures", "runs"), [(60, 30, {1}), (30, 12, {1, 2}), (50, 20, {1, 2})]
+)
+def test_pictures_that_are_coded_anew_are_repeats(
+    tmp_path: Path, rate: int, pictures: int, runs: set[int], crf: int
+) -> None:
+    moving = panned(np.arange(2 * pictures) * 3.0, 0.01)
+    shown = [moving[k * pictures // rate] for k in range(2 * rate)]
+    found, repeats = answers(coded(tmp_path / "a.mp4", shown, rate, crf), rate)
+    expected = [k * pictures // rate == (k - 1) * pictures // rate for k in range(2 * rate)]
+    # The first ones make the cadence; from then on each is recognised, and nothing else is.
+    begun = 20
+    assert [letter != "." for letter in found[begun:]] == expected[begun:]
+    assert repeats.near > 0
+    assert {len(run) for run in found[begun:-2].replace("E", "N").split(".") if run} == runs
+    assert repeats.pictures_per_s(rate) == pytest.approx(pictures, rel=0.05)
+
+
+@pytest.mark.parametrize("crf", [0, 23, 35])
+def test_real_rest_is_not_taken_for_repeats(tmp_path: Path, crf: int) -> None:
+    """Noise goes on at rest; motion that stops and goes on again does so slowly, or seldom."""
+    shifts = np.concatenate([np.arange(30) * 3, [90] * 15, 90 + np.arange(30) * 3, [180] * 30])
+    shown = panned(shifts.astype(float), 0.02)
+    found, repeats = answers(coded(tmp_path / "a.mp4", shown, 30, crf))
+    assert "N" not in found
+    assert repeats.near == 0
+    assert repeats.pictures_per_s(30) is None
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.01])
+@pytest.mark.parametrize("crf", [0, 28, 35])
+@pytest.mark.parametrize("speed", [0.1, 0.5])
+def test_a_slow_pan_is_not_taken_for_repeats(
+    tmp_path: Path, speed: float, crf: int, sigma: float
+) -> None:
+    shown = coded(tmp_path / "a.mp4", panned(np.arange(75) * speed, sigma), 30, crf)
+    assert answers(shown)[1].near == 0
+
+
+@pytest.mark.parametrize("crf", [0, 28])
+@pytest.mark.parametrize("seconds", [1.0, 2.5])
+def test_a_fade_is_not_taken_for_repeats(tmp_path: Path, seconds: float, crf: int) -> None:
+    [picture] = panned([0.0])
+    levels = np.linspace(1, 0, int(30 * seconds))
+    frames = [(picture * level).astype(np.float32) for level in levels]
+    assert answers(coded(tmp_path / "a.mp4", frames, 30, crf))[1].near == 0
+
+
+@pytest.mark.parametrize("crf", [0, 28])
+@pytest.mark.parametrize("sigma", [0.01, 0.05])
+def test_noise_alone_is_not_taken_for_repeats(tmp_path: Path, sigma: float, crf: int) -> None:
+    shown = panned([0.0] * 75, sigma)
+    assert answers(coded(tmp_path / "a.mp4", shown, 30, crf))[1].near == 0
+
+
+def test_motion_that_stops_in_a_cadence_is_seen_at_rest() -> None:
+    """The detectors see it at the rate of the pictures at first, and then every frame."""
+    moving = panned(np.arange(12) * 3.0, 0.001)
+    tail = panned([33.0] * 20, 0.001)
+    shown = [frame for frame in moving for _ in range(2)][:-1] + tail
+    grain = noise(len(shown), 0.001)
+    found, _ = answers([frame + other for frame, other in zip(shown, grain, strict=True)])
+    assert found == "......" + ".N" * 11 + "." * 15
+
+
+def test_an_object_that_moves_on_is_no_repeat_where_the_rest_stops() -> None:
+    """The mean of P falls far below the usual, but not where the object moves."""
+    ground = panned(np.repeat(np.arange(20), 2) * 3.0)
+    for index, frame in enumerate(ground):
+        frame[40:80, 40 + 2 * index : 44 + 2 * index] = index % 2
+    assert answers(ground)[1].near == 0
+
+
+def test_a_cadence_is_forgotten_two_seconds_after_its_end() -> None:
+    shifts = np.concatenate([np.repeat(np.arange(10), 2), np.arange(10, 80)]) * 3.0
+    begun = panned(shifts, 0.001)
+    again = panned([begun_at := 79 * 3.0, begun_at, begun_at + 3, begun_at + 6], 0.001)
+    found, _ = answers([*begun, *again])
+    assert "N" in found[:20]
+    assert "N" not in found[20:]
+
+
+def test_exact_repeats_only_or_none(tmp_path: Path) -> None:
+    moving = panned(np.arange(30) * 3.0, 0.01)
+    shown = coded(tmp_path / "a.mp4", [each for each in moving for _ in range(2)], 60, 28)
+    shown[40] = shown[39]
+    near, _ = answers(shown, 60)
+    exact, counted = answers(shown, 60, handling=EXACT)
+    kept, seen = answers(shown, 60, handling="keep")
+    assert "N" in near
+    assert set(exact) <= {".", "e", "E"}
+    assert counted.exact == seen.exact >= 1
+    assert counted.near == 0
+    assert set(kept) == {"."}

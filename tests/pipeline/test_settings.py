@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.pipeline.settings import parse_height, resolve
+
+
+def write(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "settings.toml"
+    path.write_text(text)
+    return path
+
+
+def test_later_settings_win_and_say_where_they_came_from(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        'preset = "paper"\nmodels = ["opplod"]\nheight = 480\n[opplod]\ngain = 2.0\nthreshold = 1',
+    )
+    settings = resolve(config=path, assignments=["opplod.gain=3"], height="native")
+    assert (settings.preset, settings.models, settings.height) == ("paper", ("opplod",), None)
+    opplod = settings.group("opplod", OpplodParams)
+    assert (opplod.gain, opplod.threshold) == (3, 1)
+    assert settings.origins["opplod.gain"] == "command line"
+    assert settings.origins["opplod.threshold"] == str(path)
+    assert settings.origins["opplod.axes"] == "preset paper"
+    assert settings.origins["height"] == "command line"
+
+
+def test_defaults() -> None:
+    settings = resolve()
+    assert (settings.preset, settings.models, settings.height) == (
+        "default",
+        ("opplod", "dlgmd"),
+        240,
+    )
+    assert resolve(preset="paper").height == 600
+
+
+def test_a_preset_brings_its_own_alarm() -> None:
+    assert (resolve().alarm.floor_of("opplod"), resolve().alarm.factor) == (0.024, 8)
+    reference = resolve(preset="reference", assignments=["alarm.factor=2"])
+    assert (reference.alarm.floor_of("opplod"), reference.alarm.factor) == (8e-4, 2)
+    assert reference.origins["alarm.opplod_floor"] == "preset reference"
+    assert not resolve(preset="paper").alarm.on
+    assert resolve(preset="paper", assignments=["alarm.on=true"]).alarm.on
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[oplod]\ngain=1", "no setting 'oplod'; did you mean 'opplod'"),
+        ("[opplod]\ngian=1", "no parameter 'gian' of opplod; did you mean 'gain'"),
+        ("opplod = 3", "'opplod' is a table"),
+        ("preset = 3", "'preset' must be a word"),
+        ('preset = "papr"', "no preset 'papr'; did you mean 'paper'"),
+        ('models = "opplod"', "models must be a list"),
+        ('models = ["dlgdm"]', "no model 'dlgdm'; did you mean 'dlgmd'"),
+        ("height = 0", "height must be 'native' or 1 to 8192"),
+        ("height = ", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_named_with_its_mistake(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(ParameterError, match=message) as caught:
+        resolve(config=path)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("gain=3", "write set.parameter=value"),
+        ("opplod.gain", "write set.parameter=value"),
+        ("olod.gain=3", "no parameter set 'olod'; did you mean 'opplod'"),
+        ("opplod.recepive_field=3", "did you mean 'receptive_field'"),
+        ("opplod.receptive_field=0", "must be at least 2"),
+        ("opplod.gain=nan", "finite"),
+    ],
+)
+def test_a_wrong_assignment(assignment: str, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        resolve(assignments=[assignment])
+
+
+@pytest.mark.parametrize("text", ["0", "-3", "12.5", "tall", "9000"])
+def test_a_wrong_height(text: str) -> None:
+    with pytest.raises(ParameterError, match="height must be"):
+        parse_height(text)
+
+
+def test_a_missing_file() -> None:
+    with pytest.raises(ParameterError, match="cannot be read"):
+        resolve(config=Path("nowhere.toml"))

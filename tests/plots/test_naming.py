@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.plots.naming import differences, in_number_order, labels_of, wrapped
+from oppload_cli.results.reading import read_result
+from tests.results.make import write_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from oppload_cli.results.reading import Result
+
+
+@pytest.mark.parametrize(
+    ("names", "labels"),
+    [
+        (["loom_l-over-v-10.avi", "loom_l-over-v-100.avi"], ["l/v 10", "l/v 100"]),
+        (["c02.mp4", "c12.mp4"], ["c02", "c12"]),
+        (["c02.mp4", "bird_attack.avi"], ["c02.mp4", "bird_attack.avi"]),
+        (["a.mp4", "a.avi"], ["a.mp4", "a.avi"]),
+        (["a", "a-2"], ["a", "a-2"]),
+        (["x/speed-20", "x/speed-40"], ["speed-20", "speed-40"]),
+        (["12.mp4", "9.mp4"], ["12", "9"]),
+        (["same", "same"], ["same", "same"]),
+        (["one"], ["one"]),
+    ],
+)
+def test_names_are_what_differs(names: list[str], labels: list[str]) -> None:
+    assert differences(names) == labels
+
+
+def test_numbers_are_in_their_order_and_other_names_stay() -> None:
+    assert in_number_order(["l/v 100", "l/v 20", "l/v 9"]) == [2, 1, 0]
+    assert in_number_order(["x 1.5, y 20", "x 1.5, y 3"]) == [1, 0]
+    assert in_number_order(["b", "a", "c 1"]) == [0, 1, 2]
+
+
+def test_long_names_are_wrapped_and_never_cut() -> None:
+    name = "a_name_without_any_space_" * 4 + " and some words"
+    lines = wrapped(name, 30).splitlines()
+    assert max(map(len, lines)) <= 30
+    assert "".join(lines).replace(" ", "") == name.replace(" ", "")
+
+
+def result_of(folder: Path, sidecar: dict[str, object]) -> Result:
+    folder.mkdir()
+    path = write_result(folder / "clip.frames.csv")
+    path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
+    return read_result(path)
+
+
+def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> None:
+    about: dict[str, object] = {"input": {"name": "clip.avi"}}
+    presets = [result_of(tmp_path / each, {**about, "preset": each}) for each in ("one", "two")]
+    assert labels_of(presets) == ["preset one", "preset two"]
+    gains = [
+        result_of(
+            tmp_path / f"g{gain}", {**about, "parameters": {"opplod": {"gain": gain, "x": 1}}}
+        )
+        for gain in (1, 2)
+    ]
+    assert labels_of(gains) == ["opplod.gain 1", "opplod.gain 2"]
+    alike = [result_of(tmp_path / f"day-{day}", about) for day in (1, 2)]
+    assert labels_of(alike) == ["day-1", "day-2"]
+
+
+def test_given_names_are_one_for_each(tmp_path: Path) -> None:
+    result = result_of(tmp_path / "a", {})
+    assert labels_of([result], ["mine"]) == ["mine"]
+    assert labels_of([result]) == ["clip"]
+    with pytest.raises(ParameterError, match="2 labels for 1 results"):
+        labels_of([result], ["a", "b"])

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from matplotlib.patches import Rectangle
+
+from oppload_cli.errors import ResultError
+from oppload_cli.plots.places import plot_places, still_of
+from oppload_cli.results.reading import read_result
+from tests.media import write_video
+from tests.results.make import write_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
+    frames = [np.full((64, 96), 2 * t, np.uint8) for t in range(40)]
+    video = write_video(tmp_path / "clip.avi", frames)
+    path = write_result(tmp_path / "clip.frames.csv", peak=30)
+    sidecar = {"input": {"name": str(video), "width": 96, "height": 64}}
+    path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
+    result = read_result(path)
+    still = still_of(result)
+    assert still is not None
+    assert still.shape == (64, 96)
+    np.testing.assert_allclose(still * 255, 60, atol=1)
+    panel = plot_places(result, still)[1][0]
+    places = np.asarray(panel.collections[0].get_offsets())
+    assert {tuple(place) for place in places} == {(30, 40)}
+    (box,) = panel.patches
+    assert isinstance(box, Rectangle)
+    assert box.get_bbox().bounds == (10, 20, 40, 40)
+    assert panel.get_xlim() == (0, 96)
+
+
+def test_without_the_video_places_are_drawn_on_white(tmp_path: Path) -> None:
+    path = write_result(tmp_path / "clip.frames.csv")
+    path.with_name("clip.oppload.json").write_text(json.dumps({"input": {"name": "gone.avi"}}))
+    result = read_result(path)
+    assert still_of(result) is None
+    assert plot_places(result)[1][0].get_xlim() == (0, 50)
+
+
+def test_a_video_that_ends_before_the_peak_is_refused(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "short.avi", [np.full((16, 16), t, np.uint8) for t in range(5)])
+    result = read_result(write_result(tmp_path / "clip.frames.csv"))
+    with pytest.raises(ResultError, match="ends before frame 30"):
+        still_of(result, str(video))

@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import ResultError
+from oppload_cli.plots.rmo import plot_rmo
+from oppload_cli.results.reading import read_result
+from tests.results.make import frame_rows, write_result, write_rows
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_rmo_over_time(tmp_path: Path) -> None:
+    result = read_result(write_result(tmp_path / "a.frames.csv"))
+    _, (index, size, share) = plot_rmo(result, labels=["a name"], xlim=(0.5, 1))
+    assert (index.get_title("left"), share.get_xlim()) == ("a name", (0.5, 1))
+    assert set(np.asarray(index.lines[1].get_ydata())[1:]) == {0.5}
+    assert [line.get_label() for line in size.lines] == ["mean of ROM pairs", "max of ROM pairs"]
+    assert set(np.asarray(share.lines[0].get_ydata())[1:]) == {10}
+    assert share.get_ylabel() == "ROM pairs (%)"
+
+
+def test_without_rmo_the_column_is_named(tmp_path: Path) -> None:
+    rows = [
+        {name: cell for name, cell in row.items() if not name.startswith("rmo_")}
+        for row in frame_rows()
+    ]
+    result = read_result(write_rows(tmp_path / "a.frames.csv", rows))
+    with pytest.raises(ResultError, match=r"no column 'rmo_index'.*without --no-rmo"):
+        plot_rmo([result])

@@ -1,0 +1,192 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from matplotlib.colors import LogNorm
+from matplotlib.projections.polar import PolarAxes
+from scipy import stats
+
+from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.plots.polar import direction_tunings
+from oppload_cli.plots.tuning import PeakTimes, described, plot_tuning, student_t
+from oppload_cli.reference.lplc2 import bar_tuning, peaks
+from oppload_cli.results.reading import is_tuning, read_tuning
+from tests.results.make import write_tuning
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.lines import Line2D
+    from numpy.typing import NDArray
+
+    from oppload_cli.results.reading import Tuning
+
+AXES = {"bar.axis_deg": [0.0, 45, 90, 135]}
+PEAKS = {"opplod": [1.0, 4, 1, 4], "dlgmd": [0.0, 0, 0, 0]}
+
+
+def y_of(line: Line2D) -> NDArray[np.float64]:
+    return np.asarray(line.get_ydata(), float)
+
+
+def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> None:
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS, symmetric=True))
+    figure, _ = plot_tuning([tuning])
+    opplod, dlgmd, lplc2 = figure.axes[0].lines
+    lines = [curve.line() for curve in direction_tunings([tuning])]
+    np.testing.assert_allclose(np.rad2deg(np.asarray(opplod.get_xdata()))[:3], [0, 45, 90])
+    np.testing.assert_allclose(y_of(opplod), [0.25, 1] * 4 + [0.25])
+    np.testing.assert_allclose(y_of(dlgmd), 0)
+    assert y_of(lplc2).max() == 1
+    assert lines[0].startswith("OppLoD: peak 4 (arbitrary unit) at 45 deg, direction")
+    assert "direction selectivity index 0.000" in lines[0]
+    assert lines[1] == "D-LGMD: no response"
+    assert lines[2].startswith("LPLC2, 10 deg bar: peak 0.41 (of the loom) at 165 deg")
+
+
+def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS))
+    (curve,) = direction_tunings([tuning], ["opplod"], "none")
+    np.testing.assert_array_equal(curve.angles_deg, [0, 45, 90, 135])
+    line = plot_tuning([tuning], models=["opplod"], lplc2="none")[1][0].lines[0]
+    assert len(np.asarray(line.get_xdata())) == 4
+    assert "direction selectivity index not shown" in curve.line()
+
+
+def test_the_reference_has_the_published_numbers() -> None:
+    assert bar_tuning(10) == {15: 0.33, 45: 0.34, 75: 0.32, 105: 0.38, 135: 0.39, 165: 0.41}
+    assert bar_tuning(60) == {15: 0.19, 45: 0.05, 75: 0.15, 105: 0.18, 135: 0.07, 165: 0.23}
+    assert bar_tuning(20) == {}
+    assert len(peaks()) == 21
+    assert {p.stimulus: p.relative for p in peaks()}["cross_outward"] == 0.46
+
+
+def test_two_parameters_make_a_heat_map(tmp_path: Path) -> None:
+    values = {"disk.growth.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
+    peaks_of = {"opplod": [1.0, 2, 4, 8], "dlgmd": [1.0, 1, 1, 1]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    panel = plot_tuning(tuning, models=["opplod"])[1][0]
+    np.testing.assert_allclose(
+        np.asarray(panel.images[0].get_array(), float), [[0.125, 0.5], [0.25, 1]]
+    )
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["10", "20"]
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("speed (deg/s)", "size (deg)")
+
+
+def test_one_number_makes_a_line(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 2, 1]}))
+    panel = plot_tuning(tuning)[1][0]
+    np.testing.assert_allclose(y_of(panel.lines[0]), [1, 0.5, 0.25])
+    assert panel.get_xlabel() == "l/v (ms)"
+
+
+def test_the_line_through_the_times_of_peaks() -> None:
+    l_over_v, before = [0.01, 0.02, 0.04, 0.08], [0.01, 0.05, 0.07, 0.21]
+    fit = PeakTimes.through(l_over_v, before)
+    known = stats.linregress(l_over_v, before)
+    wide = stats.t.ppf(0.975, 2)
+    assert fit.slope == pytest.approx(known.slope)
+    assert fit.delay_s == pytest.approx(-known.intercept)
+    assert fit.slope_error == pytest.approx(wide * known.stderr, rel=1e-3)
+    assert fit.delay_error_s == pytest.approx(wide * known.intercept_stderr, rel=1e-3)
+    assert PeakTimes(1.0, 0, 0, 0).angle_deg == pytest.approx(90)
+    assert PeakTimes(np.sqrt(3), 0, 0, 0).angle_deg == pytest.approx(60)
+    for free in range(1, 60):
+        assert student_t(free) == pytest.approx(stats.t.ppf(0.975, free), rel=1e-3)
+
+
+def test_peaks_before_contact_over_l_over_v(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 2, 1]})
+    with pytest.raises(ResultError, match="has no column 'peak_before_contact_s'; run oppload tu"):
+        plot_tuning(read_tuning(path), "contact")
+    tuning = read_tuning(path)
+    tuning.rows["peak_before_contact_s"] = [0.01, 0.03, 0.07]
+    panel = plot_tuning(tuning, "contact")[1][0]
+    np.testing.assert_allclose(y_of(panel.lines[0]), [-10, 70], atol=1e-9)
+    np.testing.assert_allclose(y_of(panel.lines[1]), [10, 30, 70])
+    label = "OppLoD\nslope 2.00 ± 0.00 (53 deg), delay 10 ± 0 ms"
+    assert panel.get_legend_handles_labels()[1] == [label]
+    other = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
+    with pytest.raises(ResultError, match="not l/v; for --kind contact run 'oppload tune loom-l"):
+        plot_tuning(other, "contact")
+
+
+def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: Path) -> None:
+    values = {"disk.size_deg": [5.0, 9]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2]}))
+    with pytest.raises(ResultError, match=r"no column of a direction.*--kind line"):
+        plot_tuning([tuning], "polar")
+    with pytest.raises(ResultError, match=r"disk\.size_deg swept; a heat map needs two"):
+        plot_tuning([tuning], "heat")
+    with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'"):
+        plot_tuning(
+            [read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))],
+            models=["dlgmd"],
+        )
+
+
+def test_a_tuning_table_is_recognised_by_its_header(tmp_path: Path) -> None:
+    assert is_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS))
+    other = tmp_path / "b.csv"
+    other.write_text("frame,time_s\n0,0\n")
+    assert not is_tuning(other)
+    assert not is_tuning(tmp_path / "none.csv")
+
+
+def test_a_heat_map_over_several_decades_is_logarithmic(tmp_path: Path) -> None:
+    values = {"disk.growth.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
+    peaks_of = {"opplod": [1e-9, 2e-3, 4e-2, 1.0], "dlgmd": [0.2, 0.5, 0.8, 1]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    _, (opplod, dlgmd) = plot_tuning(tuning)
+    wide, narrow = opplod.images[0].norm, dlgmd.images[0].norm
+    assert isinstance(wide, LogNorm)
+    assert (wide.vmin, wide.vmax) == pytest.approx((1e-4, 1))
+    assert not isinstance(narrow, LogNorm)
+    assert (narrow.vmin, narrow.vmax) == (0, 1)
+    assert {text.get_text() for text in opplod.texts} == {"1e-09", "0.002", "0.04", "1"}
+
+
+def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None:
+    directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
+    peaks_of = {"opplod": [1.0, 1, 1, 1, 0, 0, 1, 1]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", directions, peaks_of))
+    _, (panel,) = plot_tuning(tuning, lplc2="none")
+    assert isinstance(panel, PolarAxes)
+    assert panel.get_rlabel_position() == pytest.approx(202.5)  # between 180 and 225 degrees
+    _, (raw,) = plot_tuning(tuning, lplc2="none", scale="raw")
+    assert raw.get_ylim()[1] > 1  # the outermost mark is not cut
+    with pytest.raises(ParameterError, match="not --scale threshold"):
+        plot_tuning(tuning, scale="threshold")
+
+
+def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
+    peaks_of = {"opplod": [4.0, 2, 1]}
+    tables: list[Tuning] = []
+    for name in ("x/loom-bright", "x/loom-dark"):
+        path = tmp_path / f"{len(tables)}.tuning.csv"
+        values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+        tables.append(read_tuning(write_tuning(path, values, peaks_of, stimulus=name)))
+    _, (panel,) = plot_tuning(tables)
+    names = [text.partition(":")[0] for text in panel.get_legend_handles_labels()[1]]
+    assert names == ["bright", "dark"]
+    with pytest.raises(ParameterError, match="1 labels for 2 tables"):
+        plot_tuning(tables, labels=["one"])
+
+
+@pytest.mark.parametrize(
+    ("parameter", "label"),
+    [
+        ("bar.axis_deg", "axis (deg)"),
+        ("disk.growth.speed_deg_s", "speed (deg/s)"),
+        ("disk.growth.l_over_v_ms", "l/v (ms)"),
+        ("disk.centre_deg.right", "right (deg)"),
+        ("effects.noise", "effects noise"),
+        ("seed", "seed"),
+    ],
+)
+def test_swept_parameters_have_their_unit(parameter: str, label: str) -> None:
+    assert described(parameter) == label

@@ -1,0 +1,14 @@
+"""The parameters of OppLoD, and of the places, under the presets."""
+
+from __future__ import annotations
+
+from typing import cast
+
+from oppload_cli.detection.parameters import place_params
+from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.registry import parameters_of
+
+DEFAULT = OpplodParams()
+REFERENCE = cast("OpplodParams", parameters_of("opplod", "reference"))
+PLACES = place_params("reference")  # of the objects that REFERENCE shows
+PAPER = cast("OpplodParams", parameters_of("opplod", "paper"))

@@ -1,0 +1,67 @@
+"""Threads that work ahead of their caller."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import SourceError
+from oppload_cli.processes.threads import Call, Prefetch
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def test_prefetching_keeps_order_and_joins() -> None:
+    before = threading.active_count()
+    items = Prefetch(iter(range(20)), ahead=2)
+    assert list(items) == list(range(20))
+    assert list(items) == []
+    items.close()
+    assert threading.active_count() == before
+
+
+def test_an_error_in_the_thread_is_raised_after_the_items_before_it() -> None:
+    def failing() -> Iterator[int]:
+        yield 1
+        raise SourceError("gone")
+
+    items = Prefetch(failing())
+    assert next(items) == 1
+    with pytest.raises(SourceError, match="gone"):
+        next(items)
+    items.close()
+
+
+def test_closing_early_joins_the_thread() -> None:
+    before = threading.active_count()
+    items = Prefetch(iter(range(10**9)), ahead=2)
+    assert next(items) == 0
+    items.close()
+    items.close()
+    assert threading.active_count() == before
+
+
+def test_without_a_further_thread_the_caller_does_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(_: threading.Thread) -> None:
+        raise RuntimeError("can't start new thread")
+
+    def failing() -> Iterator[int]:
+        yield 1
+        raise SourceError("gone")
+
+    monkeypatch.setattr(threading.Thread, "start", refused)
+    assert list(Prefetch(iter(range(5)))) == list(range(5))
+    items = Prefetch(failing())
+    assert next(items) == 1
+    with pytest.raises(SourceError, match="gone"):
+        next(items)
+    assert items.close()
+    assert list(items) == []
+    assert Call(lambda: 7).result() == 7
+    failed = Call(lambda: 1 / 0)
+    assert failed.wait(0)
+    with pytest.raises(ZeroDivisionError):
+        failed.result()

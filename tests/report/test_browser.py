@@ -1,0 +1,229 @@
+"""The pages in a real browser: from file://, with mouse and keyboard, without a network."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.report import video
+from oppload_cli.report.writing import write_report
+from tests.report.make import ALARMS, FIRST, LAST, TIMES_MS, number_of, write_numbered_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.browser import Browser
+
+PRESENTED = "document.getElementById('stage').dataset.presented"
+ROW = "document.getElementById('stage').dataset.row"
+# The pixels of a row in the middle of the picture that the video shows.
+PIXELS = """
+const video = document.getElementById("video");
+const canvas = document.createElement("canvas");
+canvas.width = video.videoWidth; canvas.height = video.videoHeight;
+const context = canvas.getContext("2d");
+context.drawImage(video, 0, 0);
+const row = context.getImageData(0, canvas.height >> 1, canvas.width, 1).data;
+return Array.from(row).filter((_, place) => place % 4 === 0);
+"""
+HOSTILE = "</script><img src=x onerror=document.title='owned'>\u2028&amp;\u202e.avi"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("pages")
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Path:
+    return write_report([write_numbered_result(folder)], folder).first
+
+
+def opened(browser: Browser, page: Path, fragment: str = "", **how: bool | int) -> None:
+    browser.open(page, fragment, **how)  # type: ignore[arg-type]
+    browser.wait("document.getElementById('stage').dataset.playable === '1'")
+
+
+def is_at(browser: Browser, frame: int) -> None:
+    """Curves, values and video are at this frame."""
+    row = str(frame - FIRST)
+    browser.wait(f"{PRESENTED} === '{row}' && {ROW} === '{row}'")
+
+
+def shows(browser: Browser, frame: int) -> None:
+    """The page is at this frame, and the picture is its own."""
+    is_at(browser, frame)
+    assert number_of(browser.run(PIXELS)) == frame
+
+
+def test_every_step_shows_exactly_its_frame(browser: Browser, page: Path) -> None:
+    from selenium.webdriver import Keys
+
+    opened(browser, page)
+    for frame in range(FIRST, LAST + 1):
+        shows(browser, frame)
+        browser.press(Keys.ARROW_RIGHT)
+    for frame in range(LAST, FIRST - 1, -1):
+        shows(browser, frame)
+        browser.press(Keys.ARROW_LEFT)
+    browser.press(Keys.END)
+    shows(browser, LAST)
+    assert browser.complaints() == []
+    assert browser.requested() <= {"file", "blob", "data"}
+
+
+def test_keys_and_buttons(browser: Browser, page: Path) -> None:
+    from selenium.webdriver import Keys
+
+    opened(browser, page)
+    for key, frame in (("n", 8), ("n", 14), ("p", 8), (Keys.HOME, FIRST)):
+        browser.press(key)
+        shows(browser, frame)
+    browser.press(Keys.SHIFT, Keys.ARROW_RIGHT, Keys.NULL)
+    shows(browser, FIRST + 10)
+    browser.click("#back")
+    shows(browser, FIRST + 9)
+    browser.click(".alarms tbody tr:nth-child(2) button")
+    shows(browser, ALARMS[1][0])
+    assert browser.run("return document.querySelector('tr[aria-current]').dataset.first") == "10"
+    browser.click("#slider", 0.01)
+    shows(browser, FIRST)
+
+
+def test_boxes_and_values_of_the_frame(browser: Browser, page: Path) -> None:
+    opened(browser, page, "#f9")
+    shows(browser, 9)
+    assert browser.run("return document.getElementById('values').innerText").split("\n") == [
+        " OppLoD\t10 \xd7 threshold, alarm",
+        " D-LGMD\t0.09 \xd7 threshold",
+    ]
+    drawn = """
+    const canvas = document.getElementById("boxes");
+    const pixel = canvas.getContext("2d").getImageData(canvas.width / 4, canvas.height / 2, 1, 1);
+    return Array.from(pixel.data)"""
+    assert browser.run(drawn) == [0xD5, 0x5E, 0x00, 255]  # the left edge, in OppLoD's colour
+    browser.press("p")
+    shows(browser, 8)
+    browser.press("p")
+    browser.click("#back")
+    shows(browser, 7)
+    assert browser.run(drawn) == [0, 0, 0, 0]
+
+
+def test_a_click_in_a_curve_goes_there(browser: Browser, page: Path) -> None:
+    opened(browser, page)
+    start, end = TIMES_MS[FIRST], TIMES_MS[LAST]
+    for frame in (6, 13, 16):
+        browser.click(".chart:nth-of-type(2) .u-over", (TIMES_MS[frame] - start) / (end - start))
+        shows(browser, frame)
+        place = "document.querySelector('.playhead').getBoundingClientRect()"
+        over = "document.querySelector('.u-over').getBoundingClientRect()"
+        share = browser.run(f"return ({place}.left + 1 - {over}.left) / {over}.width")
+        assert share == pytest.approx((TIMES_MS[frame] - start) / (end - start), abs=0.005)
+
+
+def test_it_plays_to_the_end_in_step(browser: Browser, page: Path) -> None:
+    opened(browser, page)
+    browser.press(" ")
+    shows(browser, LAST)
+    browser.run("document.getElementById('speed').value = '0.1'")
+    browser.press(" ")  # once more, from the beginning
+    browser.wait(f"Number({ROW}) > 0 && Number({ROW}) < {LAST - FIRST}")
+    browser.press(" ")
+    browser.wait(f"document.getElementById('video').paused && {ROW} === {PRESENTED}")
+    assert number_of(browser.run(PIXELS)) == FIRST + int(browser.run(f"return {ROW}"))
+
+
+@pytest.mark.parametrize("wide", [360, 1200])
+def test_dark_and_narrow(browser: Browser, page: Path, wide: int) -> None:
+    opened(browser, page, dark=True, wide=wide)
+    ground = browser.run("return getComputedStyle(document.body).backgroundColor")
+    assert ground == "rgb(22, 24, 28)"
+    assert browser.run("return document.documentElement.scrollWidth") <= wide
+    assert browser.complaints() == []
+
+
+def test_a_large_video_is_a_file_beside_the_page(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(video, "MOST_EMBEDDED", 0)
+    page = write_report([write_numbered_result(tmp_path, "a #1? 50%")], tmp_path).first
+    opened(browser, page, "#f14")
+    is_at(browser, 14)  # its pixels may not be read: each file is an origin of its own
+    assert browser.complaints() == []
+    page.with_name("a #1? 50%.report.mp4").unlink()
+    browser.open(page, "#f14")
+    browser.wait("!document.getElementById('message').hidden")
+    said = browser.run("return document.getElementById('message').textContent")
+    assert "a #1? 50%.report.mp4" in said
+    browser.press("p")
+    is_at(browser, 8)
+
+
+@pytest.fixture(scope="module")
+def index(folder: Path) -> Path:
+    many = folder / "many"
+    many.mkdir()
+    tables = [write_numbered_result(many, stem) for stem in ("b", "a", "c")]
+    lines = tables[0].read_text().splitlines()
+    # no alarm in b, and a shorter c
+    tables[0].write_text("\n".join(line.replace(",0.5,1,", ",0.002,0,") for line in lines) + "\n")
+    tables[2].write_text("\n".join(lines[:8]) + "\n")
+    return write_report(tables, folder / "report", videos=many).first
+
+
+def names(browser: Browser) -> list[str]:
+    cells = "[...document.querySelectorAll('tbody tr:not([hidden]) .name')]"
+    found: list[str] = browser.run(f"return {cells}.map((each) => each.textContent)")
+    return found
+
+
+def test_the_index_sorts_and_leads_to_the_pages(browser: Browser, index: Path) -> None:
+    from selenium.webdriver import Keys
+
+    browser.open(index)
+    assert browser.driver.title == "2 of 3 videos alarmed - oppload"
+    assert names(browser) == ["a.mkv", "c.mkv", "b.mkv"]
+    browser.click("[data-key=title]")
+    assert names(browser) == ["a.mkv", "b.mkv", "c.mkv"]
+    browser.press(Keys.ENTER)
+    assert names(browser) == ["c.mkv", "b.mkv", "a.mkv"]
+    assert browser.run("return document.activeElement.closest('th').ariaSort") == "descending"
+    browser.press(Keys.TAB, " ")  # the next column
+    assert names(browser) == ["a.mkv", "c.mkv", "b.mkv"]
+    browser.click("#filter")
+    browser.press("B.")
+    assert names(browser) == ["b.mkv"]
+    assert browser.complaints() == []
+    assert browser.requested() <= {"file", "data"}
+    browser.press(Keys.BACKSPACE, Keys.BACKSPACE)
+    browser.click("tbody tr .chips a:nth-child(2)")
+    browser.wait("document.getElementById('stage').dataset.playable === '1'")
+    shows(browser, ALARMS[1][0])
+    browser.driver.back()
+
+
+def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
+    from tests.report.make import sidecar_of, write_sidecar
+
+    tables = []
+    for stem in ("<img src=x onerror=alert(1)>&amp;\"'", "plain"):
+        table = write_numbered_result(tmp_path, stem, video="clip.mkv")
+        content = sidecar_of(tmp_path / "clip.mkv")
+        content["input"]["name"] = f"{tmp_path}/{HOSTILE}"
+        content["preset"] = content["command"][2] = HOSTILE
+        content["decode"] = {"complete": False, "messages": [HOSTILE]}
+        write_sidecar(table, content)
+        tables.append(table)
+    report = write_report(tables, tmp_path / "out", videos=tmp_path / "clip.mkv")
+    for page in (*report.pages, report.first):
+        browser.open(page)
+        assert browser.run("return document.images.length") == (0 if page != report.first else 2)
+        text = browser.run("return document.body.textContent")
+        assert "script><img src=x onerror=document.title='owned'>\\u2028&amp;\\u202e.avi" in text
+        assert browser.driver.title != "owned"
+        assert browser.complaints() == []
+    browser.open(report.first)
+    browser.click("tbody .name a")
+    browser.wait("document.getElementById('stage').dataset.playable === '1'")

@@ -1,0 +1,301 @@
+"""What pages say, without a browser."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+from typing import TYPE_CHECKING, Any
+
+import av
+import numpy as np
+import pytest
+
+from oppload_cli.errors import OutputError, ResultError
+from oppload_cli.report import video
+from oppload_cli.report.page import content_of
+from oppload_cli.report.writing import number, seconds, write_report
+from oppload_cli.results.reading import read_result
+from oppload_cli.stimulus import ground_truth, load
+from tests.cli.inside import run
+from tests.report.make import (
+    ALARMS,
+    BOX,
+    FIRST,
+    LAST,
+    TIMES_MS,
+    number_of,
+    sidecar_of,
+    write_clip,
+    write_numbered_result,
+    write_sidecar,
+)
+from tests.results.make import write_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Capture = pytest.CaptureFixture[str]
+ROWS = LAST - FIRST + 1
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    return write_numbered_result(tmp_path)
+
+
+def data_of(page: Path) -> dict[str, Any]:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page.read_text())
+    assert found
+    data: dict[str, Any] = json.loads(found[1])
+    return data
+
+
+def film_of(page: Path) -> bytes:
+    found = re.search(r'id="film">(.*?)</script>', page.read_text())
+    return base64.b64decode(found[1]) if found else b""
+
+
+def test_curves_alarms_and_boxes(table: Path) -> None:
+    content = content_of(read_result(table))
+    opplod, dlgmd = content.curves
+    assert (opplod.name, dlgmd.name) == ("opplod", "dlgmd")
+    on = [any(first <= frame <= last for first, last in ALARMS) for frame in range(FIRST, LAST + 1)]
+    np.testing.assert_allclose(opplod.values, np.where(on, 10, 0.04))
+    np.testing.assert_allclose(dlgmd.values[1:], 0.01 * np.arange(FIRST + 1, LAST + 1))
+    assert np.isnan(dlgmd.values[0])
+    assert [(a.first, a.last, a.frame, a.peak) for a in content.alarms] == [
+        (first - FIRST, last - FIRST, first, 10) for first, last in ALARMS
+    ]
+    assert content.alarms[0].start_s == TIMES_MS[8] / 1000
+    assert sorted(content.boxes) == [8 - FIRST, 9 - FIRST, 10 - FIRST]
+    number, x, y, width, height, centre_x, centre_y, _, alarm = BOX
+    assert content.boxes[9 - FIRST] == [
+        [x, y, width, height, centre_x, centre_y, number, alarm, 0.5]
+    ]
+    assert content.strongest is opplod
+    assert content.notes == []
+
+
+def test_without_detections_the_boxes_are_those_of_the_table(table: Path) -> None:
+    table.with_name("clip.detections.jsonl").unlink()
+    boxes = content_of(read_result(table)).boxes
+    assert len(boxes) == ROWS
+    assert boxes[0] == [[10, 20, 40, 30, None, None, None, False, None]]
+    assert boxes[8 - FIRST][0][7]
+
+
+def test_a_detector_without_an_alarm_is_drawn_over_its_peak(table: Path) -> None:
+    lines = [line.split(",") for line in table.read_text().splitlines()]
+    at = lines[0].index("dlgmd_alarm")
+    table.write_text("".join(",".join(cells[:at] + cells[at + 1 :]) + "\n" for cells in lines))
+    content = content_of(read_result(table))
+    assert [curve.thresholded for curve in content.curves] == [True, False]
+    assert content.curves[1].peak == 1
+    assert "no alarm of D-LGMD" in content.notes[0]
+
+
+def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Path) -> None:
+    table.write_text(table.read_text().replace(",0.5,1,", ",0.5,0,"))
+    content = content_of(read_result(table))
+    assert content.alarms == []
+    assert "did not count" in content.silence
+
+
+@pytest.mark.parametrize(
+    "coding", [{}, {"codec": "libx264", "pixel_format": "yuv420p", "options": {"crf": "10"}}]
+)
+def test_the_copy_holds_the_frames_of_the_result_at_the_times_of_the_page(
+    coding: dict[str, Any], table: Path
+) -> None:
+    clip = write_clip(table.with_name("clip.mkv"), **coding)
+    write_sidecar(table, sidecar_of(clip))
+    report = write_report([table], table.parent)
+    assert (report.index, report.failures, report.notes) == (None, [], [])
+    page = report.first
+    times = data_of(page)["video"]["times"]
+    assert times == pytest.approx(
+        [(TIMES_MS[f] - TIMES_MS[FIRST]) / 1000 for f in range(FIRST, LAST + 1)]
+    )
+    film = page.with_name("film.mp4")
+    film.write_bytes(film_of(page))
+    with av.open(str(film)) as container:
+        frames = list(container.decode(video=0))
+    assert [frame.time for frame in frames] == pytest.approx(times)
+    shown = [number_of(frame.to_ndarray(format="gray")[40]) for frame in frames]
+    assert shown == list(range(FIRST, LAST + 1))
+
+
+def test_the_same_result_gives_the_same_page(table: Path) -> None:
+    first, second = (write_report([table], table.parent / name).first for name in ("a", "b"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_nothing_in_a_page_leads_to_a_network(table: Path) -> None:
+    page = write_report([table], table.parent).first.read_text()
+    assert "default-src 'none'" in page.replace("&#39;", "'")
+    # In the notes of the chart's licence, and the name of SVG, which is not fetched.
+    addresses = set(re.findall(r"https?://[^\s\"')]+", page))
+    assert addresses <= {"https://github.com/leeoniya/uPlot", "http://www.w3.org/2000/svg"}
+    assert "Copyright (c) 2022 Leon Sorokin" in page
+
+
+def test_a_long_video_stands_beside_the_page(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(video, "MOST_EMBEDDED", 100)
+    page = write_report([table], table.parent / "out").first
+    assert film_of(page) == b""
+    assert data_of(page)["video"]["address"] == "./clip.report.mp4"
+    assert page.with_name("clip.report.mp4").stat().st_size > 100
+    assert not list(page.parent.glob("*.part"))
+
+
+@pytest.mark.parametrize("kind", ["gone", "camera", "unknown", "broken", "another"])
+def test_a_page_without_its_video_says_why(kind: str, table: Path) -> None:
+    clip = table.with_name("clip.mkv")
+    content = sidecar_of(clip)
+    if kind == "gone":
+        clip.unlink()
+    elif kind == "camera":
+        content["input"] |= {"kind": "camera", "name": "camera:0"}
+    elif kind == "unknown":
+        content = {}
+    elif kind == "broken":
+        clip.write_bytes(b"no video")
+    else:
+        content["input"]["bytes"] += 1
+    write_sidecar(table, content)
+    report = write_report([table], table.parent)
+    expected = {
+        "gone": f"no video: {clip}: is gone; --video says where it is now",
+        "camera": "no video: camera:0: frames of a camera or a stream are not kept",
+        "unknown": "no video: no sidecar names the video of this result",
+        "broken": f"no video: {clip}: not a video that can be read",
+        "another": f"{clip}: is not the video of the run (bytes was",
+    }[kind]
+    assert any(expected in note for note in report.notes)
+    assert expected.replace("'", "&#39;") in report.first.read_text()
+    assert (data_of(report.first)["video"] is None) == (kind != "another")
+
+
+def test_a_video_that_has_moved(table: Path) -> None:
+    away = table.parent / "away"
+    away.mkdir()
+    shutil.move(table.with_name("clip.mkv"), away / "clip.mkv")
+    for videos in (away, away / "clip.mkv"):
+        page = write_report([table], table.parent, videos=videos).first
+        assert data_of(page)["video"]["times"][0] == 0
+
+
+def test_frames_that_are_not_there_any_more_have_no_time(table: Path) -> None:
+    rows = table.read_text().splitlines()
+    last = rows[-1].split(",")
+    more = [",".join([str(19 + i), str(0.9 + i), *last[2:]]) for i in range(3)]
+    table.write_text("\n".join([*rows, *more]) + "\n")
+    report = write_report([table], table.parent)
+    assert data_of(report.first)["video"]["times"][-2:] == [None, None]
+    assert "2 frames of the result could not be decoded again" in report.notes[0]
+
+
+def test_ground_truth_is_drawn(tmp_path: Path) -> None:
+    truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
+    path = write_result(tmp_path / "clip.frames.csv")
+    (tmp_path / "clip.stimulus.json").write_text(json.dumps(truth))
+    data = data_of(write_report([path], tmp_path).first)
+    (sizes,) = data["truth"]["sizes"].values()
+    for row in (0, 20, 39):
+        assert sizes[row] == pytest.approx(
+            truth["frames"][row]["objects"][0]["angular_size_deg"], rel=1e-5
+        )
+    assert data["truth"]["contact"] == pytest.approx(2.2)
+    (tmp_path / "clip.stimulus.json").write_text('{"schema": "x"}')
+    report = write_report([path], tmp_path)
+    assert data_of(report.first)["truth"] is None
+    assert "the ground truth of its stimulus cannot be read" in report.first.read_text()
+
+
+def test_an_interrupted_run(table: Path) -> None:
+    part = table.with_name("clip.frames.csv.part")
+    part.write_text(table.read_text() + "18,0.4,0.")
+    table.unlink()
+    report = write_report([part], table.parent)
+    assert report.first.name == "clip.report.html"
+    assert "the run was interrupted" in report.first.read_text()
+    assert len(data_of(report.first)["time"]) == ROWS
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("clip.frames.csv", "frame,time_s\n1,x\n", "has no column 'opplod_response'"),
+        ("clip.frames.csv", "\0\1", "run"),
+        ("clip.oppload.json", '{"schema": "oppload.result/0"}', "is of schema oppload.result/0"),
+        ("clip.oppload.json", "{", "is not a sidecar that can be read"),
+        ("clip.detections.jsonl", "[]\n", "is not valid JSON Lines"),
+        ("clip.detections.jsonl", '{"frame": 8}\n', "not a detection"),
+    ],
+)
+def test_damaged_files(name: str, content: str, message: str, table: Path) -> None:
+    table.with_name(name).write_text(content)
+    with pytest.raises(ResultError, match=re.escape(message)) as caught:
+        write_report([table], table.parent)
+    assert name.partition(".")[0] in str(caught.value)
+
+
+def test_one_damaged_result_does_not_stop_the_others(table: Path, capsys: Capture) -> None:
+    table.with_name("broken.frames.csv").write_text("x\n")
+    done = run(capsys, "report", table.parent, "-j", "1")
+    assert done.returncode == 4
+    assert "broken.frames.csv: holds no row" in done.stderr
+    index = table.with_name("index.html")
+    assert done.stdout.splitlines() == [str(index)]
+    assert "broken.frames.csv: holds no row" in index.read_text()
+    assert index.read_text().count("<tr data-title") == 1
+
+
+def test_wrong_use(table: Path, tmp_path: Path, capsys: Capture) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert "holds no result" in run(capsys, "report", empty).stderr
+    other = write_numbered_result(empty)
+    done = run(capsys, "report", table, other)
+    assert (done.returncode, "several folders" in done.stderr) == (2, True)
+    mine = tmp_path / "out" / "index.html"
+    mine.parent.mkdir()
+    mine.write_text("<h1>my own page</h1>")
+    call = ("report", table, other, "--output", mine.parent, "-j", "1")
+    done = run(capsys, *call)
+    assert (done.returncode, "was not made by oppload" in done.stderr) == (2, True)
+    mine.unlink()
+    for _ in range(2):  # the second replaces the first
+        assert run(capsys, *call).returncode == 0
+    pages = sorted(path.name for path in mine.parent.iterdir())
+    assert pages == ["clip-2.report.html", "clip.report.html", "index.html"]
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_report([table], table)
+
+
+def test_a_run_with_a_report(tmp_path: Path, capsys: Capture) -> None:
+    clip = write_numbered_result(tmp_path, "one").with_name("one.mkv")
+    out = tmp_path / "out"
+    done = run(capsys, "run", clip, "-o", out, "--report", "--no-rmo", "-j", "1")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert data_of(out / "one.report.html")["frames"] == list(range(20))
+    shutil.copy(clip, tmp_path / "two.mkv")
+    both = (clip, tmp_path / "two.mkv")
+    more = ("--report", "--if-exists", "skip", "--no-rmo", "-j", "1")
+    done = run(capsys, "run", *both, "-o", out, *more)
+    assert f"page: {out / 'index.html'}" in done.stderr
+    assert (out / "index.html").read_text().count("<tr data-title") == 2
+    assert "needs a display" in run(capsys, "report", out, "--show").stderr
+    for wrong in (("-o", "-"), ("--shard", "1/2")):
+        assert run(capsys, "run", clip, "--report", *wrong).returncode == 2
+
+
+def test_numbers_as_text() -> None:
+    assert [seconds(value) for value in (0.366, 59.99, 60, 187.25)] == [
+        *("0.37 s", "59.99 s", "1:00.00", "3:07.25")
+    ]
+    assert [number(value) for value in (0.0, 8e-5, 0.0123, 4.23, 12.34, 1234.5)] == [
+        *("0", "< 0.01", "0.012", "4.2", "12", "1,234")
+    ]

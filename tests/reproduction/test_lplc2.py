@@ -1,0 +1,96 @@
+"""The battery of an LPLC2 study, and the answers of preset lplc2 to it (docs/lplc2.md)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from oppload_cli.reproduction.lplc2 import (
+    BATTERY,
+    Row,
+    likeness,
+    low_passed,
+    phenomena,
+    published,
+    show,
+    table,
+)
+
+
+def test_a_low_pass_in_uneven_time() -> None:
+    time = np.array([0, 1, 3.0])
+    found = low_passed(np.array([np.nan, 1, 1]), time, 2.0)
+    np.testing.assert_allclose(found, [0, 1 - math.exp(-0.5), 1 - math.exp(-1.5)])
+    assert low_passed(np.array([np.nan, 2.0]), time[:2], 0).tolist() == [0, 2]
+
+
+def test_likeness_leaves_the_loom_out_of_r() -> None:
+    rows = [
+        Row("loom", None, None, "lplc2", 1.0, 1.0),
+        Row("edge", 0, None, "lplc2", 0.2, 0.1),
+        Row("edge", 45, None, "lplc2", 9.0, None),
+        Row("edge", 90, None, "lplc2", 0.4, 0.2),
+        Row("cross-outward", None, 10, "lplc2", 0.5, 0.3),
+    ]
+    r, rms = likeness(rows)
+    assert r == pytest.approx(np.corrcoef([0.2, 0.4, 0.5], [0.1, 0.2, 0.3])[0, 1])
+    assert rms == pytest.approx(math.sqrt((0 + 0.01 + 0.04 + 0.04) / 4))
+    assert table(rows).splitlines()[:3] == [
+        "stimulus,axis_deg,width_deg,preset_or_model,peak_over_loom,published",
+        "loom,,,lplc2,1,1",
+        "edge,0,,lplc2,0.2,0.1",
+    ]
+
+
+def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
+    axes: dict[str, list[float | None]] = {
+        family.name: [None]
+        if family.name in {"loom", "cross-outward", "cross-inward"}
+        else [float(axis) for axis in range(0, 360, 15)]
+        for family in BATTERY
+    }
+    rows = [
+        Row(name, axis, None, "toy", float(name == "loom"), None)
+        for name, each in axes.items()
+        for axis in each
+    ]
+    found = phenomena(rows)
+    assert len(found) == 10
+    kept = [name for name, (value, low, high) in found.items() if low <= value <= high]
+    assert kept == ["inward cross"]
+    both = [
+        row._replace(peak_over_loom=0.5) if row.stimulus == "bar-expand-20" else row for row in rows
+    ]
+    assert math.isnan(phenomena(both)["both ends over one end, least"][0])
+
+
+def test_every_published_peak_has_its_stimulus() -> None:
+    assert len(published()) == 21
+
+
+def test_a_loom_outward_and_inward_arms() -> None:
+    families = [each for each in BATTERY if each.name in {"loom", "cross-outward", "cross-inward"}]
+    peaks = {row.stimulus: row.peak_over_loom for row in show("lplc2", families).rows}
+    assert peaks["loom"] == 1
+    assert peaks["cross-outward"] == pytest.approx(0.51, abs=0.03)
+    assert peaks["cross-inward"] < 0.05
+
+
+@pytest.mark.slow
+def test_it_is_tuned_as_the_neurons_are() -> None:
+    rows = show("lplc2").rows
+    assert len(rows) == 123
+    r, rms = likeness(rows)
+    assert r >= 0.95
+    assert rms <= 0.08
+    for name, (value, low, high) in phenomena(rows).items():
+        assert low <= value <= high, name
+
+
+@pytest.mark.slow
+def test_the_reference_preset_is_not() -> None:
+    r, rms = likeness(show("reference").rows)
+    assert rms > 1
+    assert r < 0.8

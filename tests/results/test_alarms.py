@@ -1,0 +1,78 @@
+"""Alarms one by one: from records, to the sidecar and back, in words and in alarms.csv."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from typing import TYPE_CHECKING
+
+from oppload_cli.detection.places import Detection
+from oppload_cli.models.detector import Box, Response
+from oppload_cli.results.alarms import AlarmLog, Verdict, in_words, verdicts_in, write_alarms
+from oppload_cli.results.record import FrameRecord
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def verdict(
+    responses: list[float], on: list[int], blind: tuple[int, ...] = (), threshold: float = 2.0
+) -> Verdict:
+    log = AlarmLog("opplod")
+    for t, response in enumerate(responses):
+        contact_s = 1.0 - t / 10 if t == 4 else None
+        place = Detection(1, Box(t, 0, 9, 9), 4.0, 4.0, response, True, contact_s)
+        log.add(
+            FrameRecord(
+                t,
+                t / 10,
+                0.0,
+                {"opplod": Response(response)},
+                {"opplod": t in on},
+                thresholds={"opplod": threshold},
+                objects={"opplod": place},
+                blind=t in blind,
+            )
+        )
+    return log.verdict
+
+
+def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> None:
+    found = verdict([0, 1, 3, 8, 5, 0, 0, 4, 0], on=[2, 3, 4, 7])
+    first, second = found.alarms
+    assert (first.start_frame, first.start_s, first.end_s) == (2, 0.2, 0.4)
+    assert (first.peak_over_threshold, first.box) == (4, [3, 0, 9, 9])
+    assert math.isclose(first.time_to_contact_s or 0, 0.4 - 0.2 + 0.6)
+    assert (second.start_frame, second.end_s, second.peak_over_threshold) == (7, 0.7, 2)
+    assert second.time_to_contact_s is None
+    assert str(found) == "alarm at 0.20 s (frame 2), 2 alarms, strongest 4 times the threshold"
+
+
+def test_no_alarm_tells_how_near_it_came() -> None:
+    assert str(verdict([0, 0.5, 0], on=[])) == "no alarm, peak at 0.25 of the threshold"
+    assert str(verdict([0, 0.5, 9], on=[], blind=(2,))) == (
+        "no alarm, peak at 4.5 times the threshold, which did not count: it came at the start, "
+        "a cut or a flash, or was too short"
+    )
+    assert str(verdict([0, 5], on=[], threshold=math.inf)) == "no alarm"
+    assert in_words([verdict([0], []), verdict([3], [0])]) == (
+        "OppLoD no alarm; OppLoD alarm at 0.00 s (frame 0), strongest 1.5 times the threshold"
+    )
+
+
+def test_they_come_back_from_a_sidecar_and_a_second_batch_adds_rows(tmp_path: Path) -> None:
+    found = verdict([0, 3, 0], on=[1])
+    sidecar = json.loads(json.dumps({"alarms": {"opplod": found.as_dict()}}))
+    assert verdicts_in(sidecar) == (found,)
+    path = tmp_path / "alarms.csv"
+    write_alarms(path, {"b.mp4": [found], "a.mp4": [verdict([0], [])]})
+    write_alarms(path, {"c.mp4": [found], "a.mp4": [found]})
+    write_alarms(path, {"c.mp4": []})
+    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    assert [row["video"] for row in rows] == ["a.mp4", "b.mp4"]
+    assert rows[0] == {
+        "video": "a.mp4", "model": "opplod", "start_frame": "1", "start_s": "0.1",
+        "end_s": "0.1", "peak_over_threshold": "1.5", "x": "1", "y": "0", "width": "9",
+        "height": "9", "time_to_contact_s": "",
+    }  # fmt: skip

@@ -1,0 +1,141 @@
+"""Names from data, such as the stems of a list: plain file names, or refused with their row."""
+
+from __future__ import annotations
+
+import csv
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.batch.plan import FAILURE_COLUMNS, Failure, read_list
+from oppload_cli.files.names import fault_of_name
+from oppload_cli.video.inputs import result_stem
+from tests.cli.inside import run
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+QUICK = ("--height", "24", "--no-rmo", "-q")
+BAD = {
+    "../escaped": "holds '/'",
+    "/escaped": "holds '/'",
+    "a/b": "holds '/'",
+    "a\\b": r"holds '\'",
+    "..": "names no file",
+    " ": "names no file",
+    "C:x": "begins with a drive",
+    "a\nb": "holds a control character",
+    "a\x85b": "holds a control character",
+    "NUL": "is a device on Windows",
+    "con.x": "is a device on Windows",
+    "LPT¹": "is a device on Windows",
+    "aux .y": "is a device on Windows",
+}
+GOOD = ["a", "a.b", "..a", "ünï", "a:b.c"[1:], "10:20:30", "console", "com", "\udcff", "~", "-o"]
+
+
+def listed(path: Path, rows: Sequence[tuple[object, str]]) -> Path:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(FAILURE_COLUMNS)
+        writer.writerows((name, stem, 3, "x") for name, stem in rows)
+    return path
+
+
+@pytest.fixture
+def clip(tmp_path: Path) -> Path:
+    return write_video(tmp_path / "base.avi", grey_frames(8), codec="ffv1")
+
+
+def test_plain_names() -> None:
+    assert {name: fault_of_name(name) for name in BAD} == BAD
+    assert [fault_of_name(name) for name in GOOD] == [""] * len(GOOD)
+
+
+BAD_STEMS = {**BAD, "../escaped": "names no file", "/escaped": "names no file", "a//b": "names no"}
+del BAD_STEMS["a/b"]  # a result in a folder of the output folder
+
+
+@pytest.mark.parametrize("stem", BAD_STEMS)
+def test_a_list_writes_nothing_outside_the_output_folder(
+    stem: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bad = listed(tmp_path / "a.csv", [(clip, stem), (tmp_path / "other.avi", "")])
+    (tmp_path / "other.avi").write_bytes(clip.read_bytes())
+    done = run(capsys, "run", "--files-from", bad, "-o", tmp_path / "out", *QUICK)
+    assert done.returncode == 4, done.stderr  # the other row is done
+    assert "a.csv: row 2: the stem '" in done.stderr
+    assert f" is no plain name, as it {BAD_STEMS[stem]}" in done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("other.frames.csv", "other.detections.jsonl", "other.oppload.json"),
+        *("failures.csv", "alarms.csv"),
+    }
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ["a.csv", "base.avi", "other.avi", "out"]
+
+
+def test_two_inputs_never_share_a_stem(tmp_path: Path) -> None:
+    path = listed(tmp_path / "a.csv", [("a.avi", "x"), ("b.avi", "X"), ("a.avi", "x")])
+    first, second, third = read_list(str(path))
+    assert first == third == ("a.avi", "x")
+    assert isinstance(second, Failure)
+    assert "row 3: the stem 'X' is that of a.avi already" in second.message
+
+
+def test_the_stem_of_any_input_may_be_in_a_list() -> None:
+    inputs = ["new\nline.avi", "C:x.avi", "con.avi", "nul.a.avi", "...avi", "http://?", "a\\b.avi"]
+    stems = [result_stem(name) for name in inputs]
+    assert [fault_of_name(stem) for stem in stems] == [""] * len(inputs)
+    assert len({stem.casefold() for stem in stems}) == len(inputs)
+    assert result_stem("2026-01-01T10:20:30.mp4") == "2026-01-01T10:20:30"
+    assert result_stem("a.avi", "b/c") == "b/c/a"
+    assert result_stem("a.avi", "con").startswith("a-")
+
+
+def test_a_list_with_a_field_beyond_all_bounds(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = listed(tmp_path / "a.csv", [("a.avi", "x" * 140_000)])
+    done = run(capsys, "run", "--files-from", path, "-o", tmp_path / "out")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "a.csv: is not valid CSV (field larger than field limit" in done.stderr
+
+
+def test_a_name_that_is_too_long(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where a list or a sidecar gives it."""
+    long = "n" * 300
+    path = listed(tmp_path / "a.csv", [(long, "x"), (clip, "y")])
+    done = run(capsys, "run", "--files-from", path, "-o", tmp_path / "out", *QUICK)
+    assert (done.returncode, "bug" in done.stderr) == (4, False), done.stderr
+    assert f"{long}: cannot be read (file name too long)" in done.stderr
+    sidecar, table = (tmp_path / "out" / f"y.{each}" for each in ("oppload.json", "frames.csv"))
+    facts = json.loads(sidecar.read_text())
+    facts["input"]["name"] = f"{long}.avi"
+    facts["stimulus"] = {"path": long}
+    sidecar.write_text(json.dumps(facts))
+    for command in (
+        ("plot", table, "-o", tmp_path / "a.png"),
+        ("plot", table, "--kind", "map", "-o", tmp_path / "b.png"),
+        ("report", table, "-o", tmp_path / "pages"),
+        ("collect", long, "-o", tmp_path / "all.csv"),
+        ("run", clip, "-o", tmp_path / "out", "--scheduler", long),
+        ("evaluate", long, "-o", tmp_path / "out"),
+    ):
+        done = run(capsys, *command)
+        assert "bug" not in done.stderr, done.stderr
+        assert done.returncode in {0, 2, 4}
+
+
+def test_an_empty_name_is_no_input(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run(capsys, "run", "", "-o", tmp_path / "out")
+    assert (done.returncode, done.stderr.count("\n")) == (3, 1)
+    assert "an empty name is no input" in done.stderr
+    assert not (tmp_path / "out").exists()

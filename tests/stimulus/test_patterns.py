@@ -1,0 +1,98 @@
+"""Patterns: gratings averaged over pixels, and textures that are seamless and seeded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oppload_cli import stimulus
+from oppload_cli.stimulus.patterns import Texture, generator, noise_tile, sine_wave, square_wave
+
+
+@pytest.mark.parametrize("angle", [0, 10, 45, 90, 133])
+@pytest.mark.parametrize("wave", [square_wave, sine_wave])
+def test_average_over_the_pixel(wave: object, angle: float) -> None:
+    assert callable(wave)
+    period, fine = 7.3, 64
+    u = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))]) / period
+    samples = (np.arange(20 * fine) + 0.5) / fine
+    phase = samples[None, :] * u[0] + samples[:, None] * u[1]
+    sharp = np.sign(np.sin(2 * np.pi * phase)) if wave is square_wave else np.sin(2 * np.pi * phase)
+    expected = sharp.reshape(20, fine, 20, fine).mean(axis=(1, 3))
+    centres = np.arange(20) + 0.5
+    centre_phase = centres[None, :] * u[0] + centres[:, None] * u[1]
+    measured = wave(centre_phase, np.array(u[0]), np.array(u[1]))
+    assert np.abs(measured - expected).max() < 0.02
+    assert np.abs(measured - expected).mean() < 0.002
+
+
+@pytest.mark.parametrize("kind", ["square-grating", "sine-grating"])
+@pytest.mark.parametrize("axis", [0, 45, 90, 200])
+def test_drift_is_as_the_ground_truth_says(kind: str, axis: float) -> None:
+    protocol = stimulus.Protocol(
+        display=stimulus.Display(width=120, height=120, pixels_per_degree=4),
+        timing=stimulus.Timing(motion_s=0.5),
+        objects=(
+            stimulus.Object(
+                id="grating",
+                kind=kind,
+                period_deg=10,
+                axis_deg=axis,
+                motion=stimulus.Motion(speed_deg_s=20),
+            ),
+        ),
+    )
+    rows, columns = np.mgrid[0:120, 0:120] + 0.5
+    along = columns * np.cos(np.radians(axis)) - rows * np.sin(np.radians(axis))
+    window = np.hanning(120)[:, None] * np.hanning(120)
+    probe = window * np.exp(-2j * np.pi * along / 40)
+    frames = list(stimulus.frames(protocol))
+    phases = [np.angle(np.sum((frame.luma - 0.5) * probe)) for frame in frames]
+    moved = -np.diff(np.unwrap(phases)) / (2 * np.pi) * 40
+    stated = frames[0].truth.objects[0].edge_speed_px_frame
+    assert stated == pytest.approx(20 * 4 / 30)
+    np.testing.assert_allclose(moved, stated, atol=0.02)
+
+
+def test_mean_and_contrast() -> None:
+    protocol = stimulus.load("controls/sine-grating/axis-45")
+    luma = next(iter(stimulus.frames(protocol))).luma
+    assert luma.mean() == pytest.approx(0.5, abs=0.01)
+    assert luma.min() < 0.02
+    assert luma.max() > 0.98
+
+
+def test_tile_is_standardised_seeded_and_seamless() -> None:
+    tile = noise_tile(128, 1.0, 8.0, generator(3, "ground"))
+    assert tile.mean() == pytest.approx(0, abs=1e-6)
+    assert tile.std() == pytest.approx(1, abs=1e-6)
+    np.testing.assert_array_equal(tile, noise_tile(128, 1.0, 8.0, generator(3, "ground")))
+    for other in (generator(4, "ground"), generator(3, "other")):
+        assert not np.array_equal(tile, noise_tile(128, 1.0, 8.0, other))
+    # the step over the border is no larger than the steps inside
+    inside = np.abs(np.diff(tile, axis=1)).max()
+    assert np.abs(tile[:, 0] - tile[:, -1]).max() <= inside * 1.2
+
+
+def test_shortest_wavelength() -> None:
+    spectrum = np.abs(np.fft.rfft2(noise_tile(128, 1.0, 16.0, generator(3, "ground"))))
+    frequency = np.hypot(np.fft.fftfreq(128)[:, None], np.fft.rfftfreq(128)[None, :])
+    assert spectrum[frequency > 1 / 16 + 1e-9].max() < 1e-3 * spectrum.max()
+
+
+def test_grid_and_scattered_positions_are_read_alike() -> None:
+    texture = Texture(noise_tile(64, 1.0, 4.0, generator(1, "a")))
+    u, v = np.linspace(-0.7, 1.3, 23)[None, :], np.linspace(0.1, 0.9, 17)[:, None]
+    spread = np.broadcast_arrays(u, v)
+    np.testing.assert_allclose(
+        texture.at(u, v, 2.5), texture.at(spread[0], spread[1], 2.5), atol=1e-6
+    )
+
+
+def test_smaller_copies_lie_where_the_tile_does() -> None:
+    """Half a sample off, and a shrinking texture would creep."""
+    texture = Texture(noise_tile(256, 1.0, 64.0, generator(1, "a")))
+    u, v = np.linspace(0, 1, 50)[None, :], np.linspace(0, 1, 50)[:, None]
+    full = texture.at(u, v, 1.0)
+    for per_pixel in (4.0, 8.0, 11.0):
+        assert np.abs(texture.at(u, v, per_pixel) - full).max() < 0.06

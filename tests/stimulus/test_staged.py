@@ -1,0 +1,391 @@
+"""Staged scenes: truth against geometry, backgrounds, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import numpy as np
+import pytest
+
+from oppload_cli import stimulus
+from oppload_cli.errors import StimulusError
+from oppload_cli.stimulus import PictureTruth, Renderer, frame_truth
+from oppload_cli.stimulus.courses import Course, line_of
+from oppload_cli.stimulus.tables import DRAWINGS, SURROUNDINGS
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+WIDTH, HEIGHT = 160, 120
+EYE = WIDTH / 2 / math.tan(math.radians(30))
+
+
+def staged(
+    course: dict[str, Any] | None, scene: dict[str, Any] | None = None, **others: Any
+) -> stimulus.Protocol:
+    """Return a protocol of one picture; `others` are values of the object or tables."""
+    table: dict[str, Any] = {"timing": {"motion_s": 1.0}, "scene": scene or {}}
+    for name in ("camera", "effects"):
+        if name in others:
+            table[name] = others.pop(name)
+    table["display"] = {
+        "width": WIDTH,
+        "height": HEIGHT,
+        "field_of_view_deg": 60,
+        "background": 0.0,
+        "projection": "perspective",
+        **others.pop("display", {}),
+    }
+    if course is not None:
+        thing = {"id": "thing", "kind": "picture", "size_m": 0.5, **others}
+        thing["course"] = course
+        if "file" not in thing:
+            thing.setdefault("drawing", "ball")
+        table["object"] = [thing]
+    return stimulus.Protocol.from_table(table, "own.toml")
+
+
+def white_disk(folder: Path, side: int = 400) -> str:
+    """Write a white disk of a smooth outline on transparent ground."""
+    x = np.arange(side) + 0.5 - side / 2
+    opacity = np.clip(side / 2 - 10 - np.hypot(x[None, :], x[:, None]) + 0.5, 0, 1)
+    rgba = np.full((side, side, 4), 255, np.uint8)
+    rgba[..., 3] = np.rint(255 * opacity)
+    path = folder / "disk.png"
+    cv2.imwrite(str(path), rgba)
+    return str(path)
+
+
+def truth_of(protocol: stimulus.Protocol, frame: int) -> PictureTruth:
+    truth = frame_truth(protocol, frame).objects[0]
+    assert isinstance(truth, PictureTruth)
+    return truth
+
+
+def middle_and_area(picture: NDArray[np.float32]) -> tuple[float, float, float]:
+    weights = picture.astype(np.float64)
+    total = weights.sum()
+    x, y = np.arange(picture.shape[1]) + 0.5, np.arange(picture.shape[0]) + 0.5
+    return float(weights.sum(0) @ x / total), float(weights.sum(1) @ y / total), float(total)
+
+
+@pytest.mark.parametrize("camera", [{}, {"pan_deg_s": 8.0}, {"shake_deg": 1.0}])
+def test_size_and_place_are_those_of_the_geometry(tmp_path: Path, camera: dict[str, Any]) -> None:
+    course = {"kind": "straight", "start_m": [-0.4, 0.3, 5], "velocity_m_s": [0.5, -0.2, -4.0]}
+    protocol = staged(course, file=white_disk(tmp_path), camera=camera)
+    renderer = Renderer(protocol)
+    for frame in (0, 10, 20, 26):
+        time = frame / 30
+        at = np.array([-0.4 + 0.5 * time, 0.3 - 0.2 * time, 5 - 4 * time])
+        x, y, area = middle_and_area(renderer.luminance(frame))
+        truth = truth_of(protocol, frame)
+        # the middle of a turned disk is not quite that of its image
+        assert abs(x - truth.centre_x_px) < (0.5 if camera else 0.05)
+        assert abs(y - truth.centre_y_px) < (0.5 if camera else 0.05)
+        if not camera:
+            assert truth.centre_x_px == pytest.approx(WIDTH / 2 + EYE * at[0] / at[2], abs=1e-9)
+            assert truth.centre_y_px == pytest.approx(HEIGHT / 2 - EYE * at[1] / at[2], abs=1e-9)
+            diameter = EYE * 0.5 / at[2]
+            assert 2 * math.sqrt(area / math.pi) == pytest.approx(diameter, rel=1e-3)
+            assert truth.box_px is not None
+            assert truth.box_px[2] == pytest.approx(diameter, rel=1e-9)
+        assert truth.angular_size_deg == pytest.approx(2 * math.degrees(math.atan(0.25 / at[2])))
+
+
+@pytest.mark.parametrize(("turn", "most"), [(0.0, 1.0), (10.0, 2.5)])
+def test_the_box_surrounds_what_is_drawn(tmp_path: Path, turn: float, most: float) -> None:
+    """The box is that of the corners: of a turned disk they stick out."""
+    course = {"kind": "straight", "start_m": [0.3, 0.1, 2], "velocity_m_s": [0.0, 0.0, -1.0]}
+    protocol = staged(course, file=white_disk(tmp_path), camera={"pan_deg_s": turn})
+    for frame in (0, 15, 25):
+        solid = Renderer(protocol).luminance(frame) > 0.5
+        rows, columns = np.flatnonzero(solid.any(axis=1)), np.flatnonzero(solid.any(axis=0))
+        box = truth_of(protocol, frame).box_px
+        assert box is not None
+        found = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1)
+        wanted = (box[0], box[1], box[0] + box[2], box[1] + box[3])
+        assert np.abs(np.subtract(found, wanted)).max() < most
+
+
+def test_forward_motion_over_the_ground_has_the_exact_flow() -> None:
+    protocol = staged(None, {"background": "plane"}, camera={"forward_m_s": 3, "height_m": 1.2})
+    renderer = Renderer(protocol)
+    flow = renderer.flow(4)
+    before, after = renderer.luminance(4), renderer.luminance(5)
+    y, x = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    down = y - HEIGHT / 2
+    ground = down > 4
+    depth = EYE * 1.2 / np.maximum(down, 1e-9)
+    grown = depth / (depth - 3 / 30)
+    wanted = np.stack([(x - WIDTH / 2) * (grown - 1), down * (grown - 1)], axis=-1)
+    assert np.abs(flow - wanted)[ground].max() < 1e-6
+    # what is drawn moves as the flow says
+    near = slice(HEIGHT // 2 + 16, HEIGHT - 12), slice(20, WIDTH - 20)
+    to = ((x + flow[..., 0] - 0.5).astype(np.float32), (y + flow[..., 1] - 0.5).astype(np.float32))
+    followed = cv2.remap(after, *to, cv2.INTER_CUBIC)
+    assert np.abs(followed - before)[near].mean() < 0.35 * np.abs(after - before)[near].mean()
+    shift, _ = cv2.phaseCorrelate(before[near].copy(), followed[near].copy())
+    assert max(map(abs, shift)) < 0.2
+
+
+@pytest.mark.parametrize("kind", SURROUNDINGS)
+def test_surroundings_turn_as_the_flow_says(kind: str) -> None:
+    protocol = staged(None, {"background": kind}, camera={"pan_deg_s": 12, "start_deg": -5})
+    renderer = Renderer(protocol)
+    flow = renderer.flow(3)
+    middle = flow[HEIGHT // 2 + 6, WIDTH // 2]
+    turned = math.radians(12 / 30)
+    assert middle[0] == pytest.approx(-EYE * turned, rel=2e-3)
+    assert renderer.luminance(3).std() > 0.05
+    other = Renderer(staged(None, {"background": kind}, camera={"pan_deg_s": 12, "start_deg": -5}))
+    assert other.grey(3).tobytes() == renderer.grey(3).tobytes()
+
+
+@pytest.mark.parametrize("drawing", DRAWINGS)
+def test_drawings_fill_their_boxes(drawing: str) -> None:
+    course = {"kind": "hovering", "distance_m": 1.0}
+    protocol = staged(course, drawing=drawing, relative_luminance=1.0, scene={"background": "sky"})
+    bare = Renderer(staged(None, {"background": "sky"})).luminance(0)
+    changed = np.abs(Renderer(protocol).luminance(0) - bare) > 0.02
+    rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+    box = truth_of(protocol, 0).box_px
+    assert box is not None
+    assert abs(columns[-1] + 1 - columns[0] - box[2]) < 2.5
+    assert abs(rows[-1] + 1 - rows[0] - box[3]) < 2.5
+
+
+def test_a_picture_has_the_brightness_of_its_scene(tmp_path: Path) -> None:
+    course = {"kind": "hovering", "distance_m": 0.5}
+    wanted: dict[str, Any] = {"relative_luminance": 0.5, "display": {"background": 0.6}}
+    picture = Renderer(staged(course, file=white_disk(tmp_path), **wanted)).luminance(0)
+    assert picture[HEIGHT // 2, WIDTH // 2] == pytest.approx(0.3, abs=1e-3)
+
+
+def test_shadow_compression_and_cut_change_the_frames() -> None:
+    course = {"kind": "hovering", "distance_m": 5.0}
+    plain = staged(course, {"background": "plane"})
+    dark = Renderer(staged(course, {"background": "plane"}, shadow=0.8)).luminance(0)
+    change = dark - Renderer(plain).luminance(0)
+    assert change.min() < -0.1
+    assert change.max() <= 1e-6
+    coded = Renderer(staged(course, {"background": "plane"}, effects={"jpeg": 20})).grey(0)
+    assert 1 < np.abs(coded.astype(int) - Renderer(plain).grey(0)).mean() < 20
+    cut = Renderer(staged(None, {"background": "plane", "cut_s": 0.5}))
+    steps = [np.abs(cut.luminance(i + 1) - cut.luminance(i)).mean() for i in (13, 14, 15)]
+    assert steps[0] == steps[2] == 0
+    assert steps[1] > 0.05
+
+
+# ---- Courses -------------------------------------------------------------------------------
+
+
+def line(**keys: Any) -> Any:
+    return line_of(Course(**keys), 2.0, 1.5)
+
+
+def test_courses_pass_the_camera_as_their_kind_says() -> None:
+    hit = line(kind="collision", speed_m_s=4.0, bearing_deg=(20.0, 5.0))
+    assert hit.closest() == pytest.approx((1.5, 0.0))
+    for time in (0.0, 1.0, 1.4):  # its bearing stays
+        x, y, z = hit.position(time)
+        assert (x / z, y / z) == pytest.approx((math.tan(0.3490658), math.tan(0.0872665)))
+    missed = line(
+        kind="near-miss", speed_m_s=4.0, miss_sizes=1.5, side="above", bearing_deg=(10.0, 10.0)
+    )
+    assert missed.closest() == pytest.approx((1.5, 3.0))
+    crossing = line(kind="crossing", speed_m_s=4.0, distance_m=9.0, side="right", contact_s=0.5)
+    assert crossing.position(0.5) == pytest.approx((0, 0, 9))
+    assert crossing.velocity(0.5) == (-4.0, 0.0, 0.0)
+    overtaking = line(kind="overtaking", speed_m_s=4.0, miss_sizes=1.0, contact_s=0.5)
+    assert overtaking.position(0.0) == (-2.0, 0.0, -2.0)
+    assert overtaking.position(1.0) == pytest.approx((-2.0, 0.0, 2.0))
+    receding = line(kind="receding", speed_m_s=4.0, distance_m=3.0)
+    assert receding.closest() == (None, 3.0)
+    hovering = line(kind="hovering", distance_m=3.0, sway_m=0.5)
+    assert hovering.position(0.5)[0] == pytest.approx(0.5)
+
+
+def test_braking() -> None:
+    stops = line(kind="collision", speed_m_s=4.0, braking_m_s2=2.0)  # after 4 of 6 m
+    assert stops.closest() == (None, pytest.approx(2.0))
+    assert stops.position(9.0) == stops.position(2.0)
+    assert stops.velocity(9.0) == (0, 0, 0)
+    hits = line(kind="collision", speed_m_s=4.0, braking_m_s2=1.0)
+    assert hits.closest()[0] == pytest.approx(2.0)
+    assert hits.velocity(2.0)[2] == pytest.approx(-2.0)
+
+
+def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
+    course = {"kind": "collision", "speed_m_s": 2.0, "contact_s": 0.9}
+    hit = staged(course, camera={"looming_within_s": 0.5})
+    looming = [index for index in range(30) if truth_of(hit, index).looming]
+    assert looming == list(range(12, 27))
+    assert stimulus.ground_truth(hit)["contact_time_s"] == pytest.approx(0.9)
+    assert truth_of(hit, 12).time_to_contact_s == pytest.approx(0.5)
+    missed = staged({"kind": "near-miss", "speed_m_s": 2.0, "miss_sizes": 1.0})
+    assert not any(truth_of(missed, index).looming for index in range(30))
+    assert truth_of(missed, 0).miss_sizes == pytest.approx(1.0)
+    assert truth_of(missed, 0).time_to_contact_s is None
+
+
+# ---- Videos as backgrounds, and what is refused -----------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def footage(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A video of 20 frames at 20 frames/s, of 80 x 60 px."""
+    protocol = staged(
+        None,
+        {"background": "plane"},
+        camera={"forward_m_s": 5},
+        display={"width": 80, "height": 60, "frame_rate": 20},
+    )
+    return stimulus.write(protocol, tmp_path_factory.mktemp("footage")).video
+
+
+def in_footage(footage: Path, frame_rate: int = 20, **scene: Any) -> Renderer:
+    display = {"width": 80, "height": 60, "frame_rate": frame_rate}
+    return Renderer(staged(None, {"background": str(footage), **scene}, display=display))
+
+
+def test_a_video_is_shown_as_it_is(footage: Path) -> None:
+    drawn = Renderer(
+        staged(
+            None,
+            {"background": "plane"},
+            camera={"forward_m_s": 5},
+            display={"width": 80, "height": 60, "frame_rate": 20},
+        )
+    )
+    shown = in_footage(footage)
+    for index in (0, 7, 19):
+        assert shown.grey(index).tobytes() == drawn.grey(index).tobytes()
+    late = in_footage(footage, background_start_s=0.5, background_end="loop")
+    assert late.grey(3).tobytes() == drawn.grey(13).tobytes()
+    assert late.grey(12).tobytes() == drawn.grey(2).tobytes()
+    doubled = in_footage(footage, 40, background_rate="own")
+    assert [doubled.grey(index).tobytes() for index in (6, 7)] == [drawn.grey(3).tobytes()] * 2
+
+
+def test_a_video_of_another_size_covers_the_display(footage: Path) -> None:
+    scene = {"background": str(footage), "background_fit": "cover", "background_rate": "own"}
+    protocol = staged(None, scene, display={"width": 100, "height": 100})
+    assert Renderer(protocol).grey(0).std() > 5
+
+
+@pytest.mark.parametrize(
+    ("scene", "rate", "said"),
+    [
+        ({"background_start_s": 0.5}, 20, "ends at 1 s, before the last frame"),
+        ({}, 30, "it has 20 frames/s and the display 30; change display.frame_rate"),
+        ({"background_rate": "own"}, 30, ""),
+    ],
+)
+def test_a_video_that_does_not_fit_is_refused(
+    footage: Path, scene: dict[str, Any], rate: int, said: str
+) -> None:
+    if not said:
+        in_footage(footage, rate, **scene)
+        return
+    with pytest.raises(StimulusError, match=said) as caught:
+        in_footage(footage, rate, **scene)
+    assert f"scene: background = '{footage}'" in str(caught.value)
+
+
+def test_a_video_of_another_size_is_refused(footage: Path) -> None:
+    wanted = r"pictures are 80 x 60 px and the display has 160 x 120; .* background_fit = 'cover'"
+    with pytest.raises(StimulusError, match=wanted):
+        Renderer(staged(None, {"background": str(footage), "background_rate": "own"}))
+
+
+def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(StimulusError, match=r"scene: background = '.*gone.mp4': .*gone.mp4"):
+        Renderer(staged(None, {"background": str(tmp_path / "gone.mp4")}))
+    course = {"kind": "hovering", "distance_m": 1.0}
+    with pytest.raises(StimulusError, match=r"object 'thing': file = '.*gone.png'"):
+        Renderer(staged(course, file=str(tmp_path / "gone.png")))
+
+
+@pytest.mark.parametrize(("alpha", "said"), [(255, "has no transparency"), (0, "everywhere")])
+def test_a_picture_needs_transparency(tmp_path: Path, alpha: int, said: str) -> None:
+    path = tmp_path / "flat.png"
+    cv2.imwrite(str(path), np.full((20, 20, 4), alpha, np.uint8))
+    with pytest.raises(StimulusError, match=said) as caught:
+        Renderer(staged({"kind": "hovering", "distance_m": 1.0}, file=str(path)))
+    assert f"object 'thing': file = '{path}'" in str(caught.value)
+
+
+HIT = {"kind": "collision", "speed_m_s": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("course", "others", "said"),
+    [
+        (
+            {"kind": "straight", "start_m": [0, 0, -2], "velocity_m_s": [0, 0, -1]},
+            {},
+            "object 'thing': course: it starts 2 m behind the camera; change start_m",
+        ),
+        (
+            {"kind": "receding", "speed_m_s": 2.0, "distance_m": 1.0, "bearing_deg": [60, 0]},
+            {},
+            "object 'thing': it is outside the field .* in every frame; change its course",
+        ),
+        (
+            {"kind": "straight", "start_m": [0, 0, 2], "velocity_m_s": [0, 0, 0]},
+            {},
+            "velocity_m_s is 0; use kind 'hovering'",
+        ),
+        (HIT, {"display": {"projection": "flat"}}, "projection must be 'perspective'"),
+        (HIT, {"drawing": None}, "needs either file or drawing"),
+        (HIT, {"motion": {"speed_deg_s": 2.0}}, "motion does not go with kind 'picture'"),
+        ({"kind": "collision"}, {}, "course: kind 'collision' needs speed_m_s; add it"),
+        (
+            HIT,
+            {"scene": {"background": "a.mp4"}, "camera": {"pan_deg_s": 2.0}},
+            "camera: .* need drawn surroundings, .* scene.background = 'a.mp4'",
+        ),
+        (HIT, {"scene": {"background": ""}}, "scene: background is empty"),
+        (HIT, {"scene": {"background_end": "loop"}}, "background_end goes with a video"),
+        (HIT, {"scene": {"cut_s": 0.5}}, "cut_s goes with drawn surroundings"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_key_and_file(
+    course: dict[str, Any], others: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(StimulusError, match=f"^own.toml: .*{said}"):
+        staged(course, **others)
+
+
+def test_a_camera_needs_a_stage() -> None:
+    table = {
+        "display": {"width": 64, "height": 64, "field_of_view_deg": 60},
+        "timing": {"motion_s": 1.0},
+        "camera": {},
+        "object": [{"id": "a", "kind": "disk", "size_deg": 5}],
+    }
+    with pytest.raises(StimulusError, match=r"camera goes with scene\.background"):
+        stimulus.Protocol.from_table(table, "own.toml")
+
+
+def test_files_are_taken_from_the_folder_of_the_protocol(tmp_path: Path, footage: Path) -> None:
+    (tmp_path / "street.avi").write_bytes(footage.read_bytes())
+    white_disk(tmp_path)
+    own = tmp_path / "own.toml"
+    own.write_text(
+        "display = {width = 80, height = 60, frame_rate = 20, field_of_view_deg = 60, "
+        "projection = 'perspective'}\n"
+        "timing = {motion_s = 0.5}\n"
+        "[[object]]\nid = 'a'\nkind = 'picture'\nfile = 'disk.png'\nsize_m = 1\n"
+        "course = {kind = 'collision', speed_m_s = 3}\n"
+        "[sweep]\nscene.background = ['street.avi', 'room']\n"
+    )
+    first, second = stimulus.load_all(own)
+    assert first.scene.background == str(tmp_path / "street.avi")
+    assert second.scene.background == "room"
+    assert first.objects[0].file == str(tmp_path / "disk.png")
+    assert Renderer(first).grey(3).std() > 5

@@ -1,0 +1,186 @@
+"""Results in Python: the same numbers and files as those of the command line."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import oppload_cli as oppload
+from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError
+from oppload_cli.results.columns import columns_for
+from tests.cli.inside import run
+from tests.media import looming, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+FRAMES = [(frame * 255).round().astype(np.uint8) for frame in looming(120, 60, 60, 14)]
+NATIVE: dict[str, Any] = {"height": "native", "preset": "reference"}
+
+
+def test_a_result_has_the_files_of_the_command_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video = write_video(tmp_path / "loom.avi", FRAMES)
+    told = run(
+        capsys, "run", video, "-o", tmp_path / "cli", "-q", "--preset", "reference",
+        "--height", "native",
+    )  # fmt: skip
+    assert told.returncode == 0
+    result = oppload.run(video, **NATIVE)
+    assert result.save(tmp_path / "api") == tmp_path / "api" / "loom.frames.csv"
+    for name in ("loom.frames.csv", "loom.detections.jsonl"):
+        assert (tmp_path / "api" / name).read_bytes() == (tmp_path / "cli" / name).read_bytes()
+    own, other = (
+        json.loads((tmp_path / folder / "loom.oppload.json").read_text())
+        for folder in ("api", "cli")
+    )
+    assert own.keys() == other.keys()
+    for key in ("schema", "preset", "models", "parameters", "input", "working", "summary"):
+        assert own[key] == other[key]
+    again = oppload.read_result(tmp_path / "cli" / "loom.frames.csv")
+    assert repr(again) == repr(result).replace("array", "loom")
+    pd.testing.assert_frame_equal(again.frames, result.frames, check_dtype=False, rtol=1e-8)
+    pd.testing.assert_frame_equal(again.detections, result.detections, check_dtype=False, rtol=1e-8)
+    assert again.summary == result.summary
+    with pytest.raises(OutputError, match="exists already"):
+        result.save(tmp_path / "api")
+    result.save(tmp_path / "api", if_exists="overwrite")
+    assert result.save(tmp_path / "api", "other").name == "other.frames.csv"
+
+
+def as_path(folder: Path) -> Path:
+    return write_video(folder / "loom.avi", FRAMES)
+
+
+def as_colour(_: Path) -> np.ndarray:
+    return np.repeat(np.stack(FRAMES)[..., None], 3, axis=3)
+
+
+SOURCES: dict[str, Callable[[Path], Any]] = {
+    "path": as_path,
+    "text": lambda folder: str(as_path(folder)),
+    "open": lambda folder: oppload.open_video(as_path(folder), height=None),
+    "array": lambda _: np.stack(FRAMES),
+    "list": lambda _: FRAMES,
+    "colour": as_colour,
+    "16 bits": lambda _: np.stack(FRAMES).astype(np.uint16) * 257,
+    "float": lambda _: np.stack(FRAMES) / 255,
+}
+
+
+@pytest.mark.parametrize("kind", SOURCES)
+def test_every_kind_of_source_gives_the_same(kind: str, tmp_path: Path) -> None:
+    expected = oppload.run(np.stack(FRAMES), rate=30, models=["dlgmd"], rmo=False, **NATIVE)
+    source = SOURCES[kind](tmp_path)
+    made = oppload.run(source, rate=Fraction(30), models=["dlgmd"], rmo=False, **NATIVE)
+    pd.testing.assert_frame_equal(made.frames, expected.frames, rtol=1e-5, atol=1e-7)
+    if kind == "open":
+        source.close()
+
+
+def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:
+    protocol = oppload.stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-10")
+    options: dict[str, Any] = {"models": ["dlgmd"], "rmo": False, "preset": "reference"}
+    result = oppload.run(protocol, **options)
+    named = oppload.run(protocol.name, **options)
+    pd.testing.assert_frame_equal(result.frames, named.frames)
+    contact = result.sidecar["stimulus"]["contact_time_s"]
+    path = result.save(tmp_path)
+    assert path.name == "klapoetke2017_loom-l-over-v_l-over-v-10.frames.csv"
+    again = oppload.read_result(path)
+    assert again.sidecar["stimulus"]["contact_time_s"] == contact
+    assert "frames" not in again.sidecar["stimulus"]
+    for each in (result, again):
+        _, (_, strip) = each.plot(align="contact")
+        assert np.asarray(strip.lines[0].get_xdata(), float)[0] == pytest.approx(-contact)
+    with pytest.raises(oppload.OpploadError, match="loom-l-over-v"):
+        oppload.run("klapoetke2017/loom-l-over-v")  # eight of them
+
+
+def test_the_alarm_is_that_of_the_preset() -> None:
+    def floors(**options: Any) -> set[float]:
+        records = oppload.analyse(np.stack(FRAMES), rate=30, rmo=False, height="native", **options)
+        return {record.thresholds["opplod"] for record in list(records)[3:5]}
+
+    reference = oppload.alarm_params("reference").floor_of("opplod")
+    assert reference != oppload.alarm_params("default").floor_of("opplod")
+    parameters = [oppload.parameters_of("opplod", "reference")]
+    assert floors(preset="reference") == {reference}
+    assert floors(params=parameters) == {reference}  # the preset that they belong to
+    assert reference not in floors(params=parameters, preset="default")
+    assert reference not in floors()
+
+
+def test_a_record_has_the_same_columns_in_every_frame() -> None:
+    for rmo in (True, False):
+        records = oppload.analyse(np.stack(FRAMES), rate=30, rmo=rmo, height="native")
+        values = [record.values() for record in records]
+        assert len({tuple(each) for each in values}) == 1
+        names = [column.name for column in columns_for(["opplod", "dlgmd"], rmo=True)]
+        assert set(names) <= set(values[0])
+        assert values[0]["opplod_response"] is None
+        assert values[0]["opplod_alarm"] is False
+
+
+def test_the_layers_of_a_model() -> None:
+    params = oppload.parameters_of("opplod", "reference")
+    assert isinstance(params, oppload.OpplodParams)
+    opplod, dlgmd = oppload.Opplod((120, 120), params), oppload.Dlgmd((120, 120))
+    for frame in looming(120, 60, 60, 6):
+        opplod.step(frame)
+        dlgmd.step(frame)
+    maps = opplod.maps
+    assert list(maps) == ["P", "E", "I", "S", "S_45", "S_135", "S_225", "S_315"]
+    np.testing.assert_allclose(maps["S"], np.maximum(maps["E"] - maps["I"], 0), atol=1e-5)
+    np.testing.assert_array_equal(maps["S_45"], opplod.pathways[45])
+    assert dlgmd.maps["G"] is dlgmd.grouped
+    assert oppload.FrameDifference((9, 9)).maps == {}
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "kind", "sentence"),
+    [
+        (np.zeros((4, 9, 9), np.uint8), {}, ParameterError, "give its rate"),
+        (np.zeros((4, 9, 9), np.uint8), {"rate": 0}, ParameterError, "rate must be above 0"),
+        (np.zeros((9, 9), np.uint8), {"rate": 30}, SourceError, r"its shape is \(9, 9\)"),
+        (np.zeros((4, 9, 9), np.int64), {"rate": 30}, SourceError, "its type is int64"),
+        (np.full((4, 9, 9), 2.0), {"rate": 30}, SourceError, "frame 0 holds values outside"),
+        ([np.zeros((9, 9)), np.zeros((9, 8))], {"rate": 30}, SourceError, "differ in shape"),
+        (3, {}, SourceError, "int: holds no frames"),
+        ("missing.mp4", {}, SourceError, "missing.mp4"),
+        ("controls/size-steps", {"height": 0}, ParameterError, "height must be"),
+        ("controls/size-steps", {"preset": "lgmd"}, ParameterError, "no preset 'lgmd'"),
+        ("controls/size-steps", {"models": ["lgmd"]}, ParameterError, "no model 'lgmd'"),
+        ("controls/size-steps", {"settings": {"opplod.gian": 1}}, ParameterError, "'gain'"),
+    ],
+)
+def test_wrong_uses(
+    source: Any, options: dict[str, Any], kind: type[Exception], sentence: str
+) -> None:
+    with pytest.raises(kind, match=sentence):
+        oppload.run(source, **options)
+
+
+def test_settings_reach_the_detectors() -> None:
+    result = oppload.run(
+        np.stack(FRAMES), rate=30, rmo=False, settings={"opplod.gain": 2, "alarm.on": False},
+        height="native",
+    )  # fmt: skip
+    assert result.sidecar["parameters"]["opplod"]["gain"] == 2
+    assert result.sidecar["parameters"]["alarm"]["on"] is False
+
+
+def test_damaged_detections_are_named(tmp_path: Path) -> None:
+    path = oppload.run(np.stack(FRAMES), rate=30, rmo=False, **NATIVE).save(tmp_path, "a")
+    path.with_name("a.detections.jsonl").write_text('{"frame": ')
+    with pytest.raises(ResultError, match=r"a\.detections\.jsonl: is not valid JSON lines"):
+        oppload.read_result(path)
+    path.with_name("a.detections.jsonl").unlink()
+    assert len(oppload.read_result(path).detections) == 0

@@ -1,0 +1,72 @@
+"""What is released: the checks of the wheels, on archives that are wrong in one way each."""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("hatchling")
+
+from hatch_build import FOLDER, SUFFIXES, TARGETS
+from tools.dist import ELF, HEADERS, MACH_O, WrongWheelError, check_wheel
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def library(name: str) -> bytes:
+    """The head of a library of a platform, and nothing else."""
+    magic, offset, layout, machine = HEADERS[name]
+    content = bytearray(256)
+    content[: len(magic)] = magic
+    if offset is None:
+        struct.pack_into("<I", content, 0x3C, 128)
+        offset = 132
+    struct.pack_into(layout, content, offset, machine)
+    return bytes(content)
+
+
+def wheel(folder: Path, name: str, content: bytes | None = None, *, cut: bool = False) -> Path:
+    """A wheel with the libraries of a platform, or with others."""
+    path = folder / f"oppload-1.0-py3-none-{TARGETS[name].tag}.whl"
+    builds = ("baseline", "wide") if "x86_64" in name else ("baseline",)
+    with zipfile.ZipFile(path, "w") as archive:
+        for build in builds:
+            inside = f"{FOLDER}/loops.{build}{SUFFIXES[TARGETS[name].system]}"
+            held = content or library(name)
+            archive.writestr(inside, held[:-1] if cut else held)
+            archive.writestr(f"{inside}.sum", f"{zlib.crc32(held):08x}\n")
+        archive.writestr(f"{FOLDER}/loops.py", "")
+    return path
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_good_wheel_passes(tmp_path: Path, name: str) -> None:
+    check_wheel(wheel(tmp_path, name), name)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_library_of_another_machine_is_found(tmp_path: Path, name: str) -> None:
+    other = next(each for each in TARGETS if HEADERS[each] != HEADERS[name])
+    with pytest.raises(WrongWheelError, match="is for another machine"):
+        check_wheel(wheel(tmp_path, name, library(other)), name)
+
+
+def test_what_is_missing_or_cut_is_found(tmp_path: Path) -> None:
+    with pytest.raises(WrongWheelError, match="another checksum"):
+        check_wheel(wheel(tmp_path, "linux-x86_64", cut=True), "linux-x86_64")
+    with pytest.raises(WrongWheelError, match="the tag is not"):
+        check_wheel(wheel(tmp_path, "macos-arm64"), "macos-x86_64")
+    path = wheel(tmp_path, "linux-aarch64")
+    path.rename(tmp_path / f"oppload-1.0-py3-none-{TARGETS['linux-x86_64'].tag}.whl")
+    with pytest.raises(WrongWheelError, match="holds"):
+        check_wheel(next(tmp_path.glob("*1.0*x86_64*.whl")), "linux-x86_64")
+
+
+def test_the_platforms_differ() -> None:
+    assert {HEADERS[name][0] for name in ("linux-x86_64", "macos-arm64")} == {ELF, MACH_O}
+    assert len({HEADERS[name] for name in TARGETS}) == len(TARGETS) == 5

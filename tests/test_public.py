@@ -1,0 +1,61 @@
+"""The public names: they are listed, documented, and their examples are true."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+import oppload_cli
+from oppload_cli import stimulus
+
+NAMES = [name for name in oppload_cli.__all__ if name not in {"__version__", "PRESETS"}]
+
+
+def examples_of(thing: Any, name: str) -> list[doctest.DocTest]:
+    found = doctest.DocTestFinder(recurse=False).find(thing, name, globs={})
+    return [each for each in found if each.examples]
+
+
+def failures_of(tests: list[doctest.DocTest]) -> str:
+    said: list[str] = []
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    for test in tests:
+        runner.run(test, out=said.append)
+    return "".join(said)
+
+
+@pytest.mark.parametrize("name", ["oppload_cli", *NAMES])
+def test_every_public_name_has_an_example_that_is_true(name: str) -> None:
+    thing = oppload_cli if name == "oppload_cli" else getattr(oppload_cli, name)
+    tests = examples_of(thing, name)
+    assert tests, f"{name} has no example"
+    assert failures_of(tests) == ""
+
+
+@pytest.mark.parametrize("name", ["plot", "report", "save", "summary"])
+def test_the_methods_of_a_result_have_examples(name: str) -> None:
+    tests = examples_of(inspect.getattr_static(oppload_cli.Result, name), name)
+    assert tests
+    assert failures_of(tests) == ""
+
+
+def test_completion_shows_the_public_names_and_no_others() -> None:
+    assert dir(oppload_cli) == sorted(oppload_cli.__all__)
+    assert all(getattr(oppload_cli, name) is not None for name in oppload_cli.__all__)
+    assert {"load", "frames", "ground_truth", "Protocol"} <= set(dir(stimulus))
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = oppload_cli.nothing
+
+
+def test_names_are_loaded_when_they_are_used() -> None:
+    code = (
+        "import sys, oppload_cli; dir(oppload_cli); before = 'numpy' in sys.modules; "
+        "oppload_cli.Opplod; print(before, 'numpy' in sys.modules, 'pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False", "True", "False"]

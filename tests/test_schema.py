@@ -1,0 +1,103 @@
+"""Declared values: one conversion and one check, for parameters and for tables of protocols."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from oppload_cli.errors import ParameterError, StimulusError
+from oppload_cli.schema import REQUIRED, Parameters, Table, parameter
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inner(Table):
+    size: float = parameter(REQUIRED, "size", unit="px", above=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outer(Table):
+    kind: str = parameter("disk", "shape", choices=("disk", "bar"))
+    count: int = parameter(1, "number", low=1, high=9)
+    rate: Fraction = parameter(Fraction(30), "rate")
+    place: tuple[float, float] = parameter((0.0, 0.0), "place", low=-1, high=1)
+    width: float | None = parameter(None, "width", kinds=("bar",), needed_by=("bar",))
+    inner: Inner | None = parameter(None, "a table")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SomeParams(Parameters):
+    gain: float = parameter(1.0, "gain", unit="px", low=0)
+    cell: int | None = parameter(None, "cell", high=10)
+
+
+def test_values_are_converted() -> None:
+    outer = Outer.from_table(
+        {"rate": 29.97, "place": [0, 1], "inner": {"size": 3}, "kind": "bar", "width": 2}, "a.toml"
+    )
+    assert outer == Outer(
+        kind="bar", rate=Fraction(2997, 100), place=(0.0, 1.0), width=2.0, inner=Inner(size=3.0)
+    )
+    assert isinstance(outer.place[1], float)
+    assert isinstance(SomeParams(gain=3).gain, float)
+    assert Outer.from_table(outer.as_table(), "again") == outer
+    assert outer.as_table()["rate"] == "2997/100"
+    assert "width" not in Outer().as_table()
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"inner": {}}, "a.toml: inner: size is missing; add it"),
+        ({"inner": {"size": 0}}, "a.toml: inner: size must be above 0 px, not 0"),
+        ({"inner": 3}, "a.toml: inner must be a table of keys, not 3"),
+        ({"conut": 3}, "a.toml: unknown key 'conut'; did you mean 'count'?"),
+        ({"count": True}, "a.toml: count takes a whole number, not True"),
+        ({"count": 10**400}, "a.toml: count must be a finite number, not inf"),
+        ({"place": [0, 2]}, "a.toml: place must be at most 1, not 2"),
+        ({"place": [0]}, "a.toml: place takes a list of 2 values, not 1"),
+        ({"kind": "dsik"}, "a.toml: kind = 'dsik' is not known; did you mean 'disk'?"),
+        ({"kind": "bar"}, "a.toml: kind 'bar' needs width; add it"),
+        ({"rate": "fast"}, "a.toml: rate takes a number or a fraction such as '30000/1001'"),
+    ],
+)
+def test_mistakes_name_the_file_the_key_and_the_remedy(table: dict[str, Any], message: str) -> None:
+    with pytest.raises(StimulusError) as caught:
+        Outer.from_table(table, "a.toml")
+    assert str(caught.value).startswith(message)
+
+
+def test_parameters_name_themselves_and_their_set() -> None:
+    for values, message in (
+        ({"gain": -1}, "parameter 'gain' of some must be at least 0, not -1"),
+        ({"gain": None}, "parameter 'gain' of some takes a number, not None"),
+        ({"cell": "x"}, "parameter 'cell' of some takes a whole number or none, not 'x'"),
+        ({"cel": 1}, "no parameter 'cel' of some; did you mean 'cell'?"),
+    ):
+        with pytest.raises(ParameterError) as caught:
+            SomeParams().replaced(**values)
+        assert str(caught.value) == message
+    assert SomeParams().as_dict() == {"gain": 1.0, "cell": None}
+    assert SomeParams().resolved(240, 30.0) == SomeParams()
+
+
+def test_every_declaration_is_described() -> None:
+    gain, cell = SomeParams.declared()
+    assert (gain.name, gain.words, gain.optional, gain.unit, gain.low) == (
+        *("gain", "number", False, "px"),
+        0,
+    )
+    assert (cell.words, cell.optional, cell.default, cell.high) == ("whole number", True, None, 10)
+    assert [each.words for each in Outer.declared()] == [
+        *("text", "whole number", "number or fraction", "[number, number]", "number", "table")
+    ]
+
+
+def test_declarations_need_no_numpy() -> None:
+    script = "import sys, oppload_cli.schema; print('numpy' in sys.modules)"
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "False"

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import csv
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli import analyse, open_video
+from oppload_cli.errors import OpploadError, ParameterError, StimulusError
+from oppload_cli.models.opplod import OpplodResponse
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.stimulus import write
+from oppload_cli.stimulus.catalogue import read_entry
+from oppload_cli.tuning.present import Measures, Responses, measure, present
+from oppload_cli.tuning.run import (
+    entry_named,
+    is_symmetric,
+    key_of,
+    swept,
+    tune,
+    values_of,
+    write_tuning,
+    write_tuning_sidecar,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from oppload_cli.stimulus.catalogue import Entry
+
+DISK = """
+[display]
+width = 80
+height = 60
+frame_rate = 25
+pixels_per_degree = 2
+[timing]
+before_s = {before}
+motion_s = 0.6
+[[object]]
+id = "disk"
+kind = "disk"
+size_deg = 2
+centre_deg = [3, 1]
+[object.growth]
+kind = "edge-speed"
+speed_deg_s = 25
+[sweep]
+disk.growth.speed_deg_s = [15, 25, 35]
+"""
+
+
+def disk(tmp_path: Path, before: float = 0) -> Entry:
+    path = tmp_path / "disk.toml"
+    path.write_text(DISK.format(before=before))
+    return read_entry(path)
+
+
+ASSIGNED = ["opplod.receptive_field=24", "opplod.cell=2", "repeats.longest_s=0.04"]
+
+
+# A pause makes repeats, which `oppload run` skips: the numbers must be the same here.
+@pytest.mark.parametrize("before", [0, 0.12, 0.4])
+@pytest.mark.parametrize("height", ["native", "48", "90"])
+def test_the_numbers_are_those_of_a_run_over_the_video(
+    before: float, height: str, tmp_path: Path
+) -> None:
+    settings = resolve(height=height, assignments=ASSIGNED)
+    protocol = disk(tmp_path, before).protocols()[1]
+    shown = present(protocol, settings)
+    with open_video(write(protocol, tmp_path).video, height=settings.height) as video:
+        params = settings.model_params()
+        records = list(analyse(video, params, repeats=settings.repeats, rmo=None))
+    for model, responses in shown.items():
+        answers = [record.responses[model] for record in records]
+        expected = [np.nan if each is None else each.response for each in answers]
+        np.testing.assert_array_equal(responses.response, expected)
+    np.testing.assert_array_equal(shown["opplod"].time_s, [r.time_s for r in records])
+    best = shown["opplod"].peak
+    assert best is not None
+    answer = records[best].responses["opplod"]
+    assert isinstance(answer, OpplodResponse)
+    assert answer.box is not None
+    x, y = answer.box.x + answer.box.width / 2, answer.box.y + answer.box.height / 2
+    np.testing.assert_allclose(shown["opplod"].centre[best], [x, y])
+    # The disk is 3 deg right and 1 deg up of the middle, at 2 px/deg.
+    np.testing.assert_allclose([x, y], [46, 28], atol=3)
+
+
+def test_measures_of_known_responses() -> None:
+    time = np.array([0.0, 0.1, 0.2, 0.4, 0.5])
+    response = np.array([np.nan, 0.0, 0.3, 1.0, 0.5])
+    centre = np.array([[np.nan, np.nan]] * 3 + [[7.0, 8.0], [9.0, 9.0]])
+    got = measure(Responses(np.arange(5.0), time, response, centre, np.zeros((5, 4))))
+    area = 0.1 * 0.15 + 0.2 * 0.65 + 0.1 * 0.75
+    assert got.area == pytest.approx(area)
+    assert got == Measures(1.0, 3, 0.4, 0.45, got.area, 2, 0.2, 7.0, 8.0)
+
+
+def test_contact_and_size_at_the_peak() -> None:
+    (protocol,) = (
+        entry_named("loom-l-over-v").with_settings({"disk.growth.l_over_v_ms": 100}).protocols()[:1]
+    )
+    frames = np.arange(float(protocol.frame_count))
+    response = np.where(frames == 51, 1.0, 0.5)
+    blank = np.zeros((len(frames), 2))
+    boxes = np.zeros((len(frames), 4))
+    got = measure(Responses(frames, frames / 30, response, blank, boxes), protocol)
+    # Contact at 2.2 s; 0.5 s before it, the size is 2 atan(0.1 / 0.5).
+    assert got.peak_before_contact_s == pytest.approx(0.5)
+    assert got.size_at_peak_deg == pytest.approx(2 * np.degrees(np.arctan(0.2)))
+
+
+def test_measures_without_a_response() -> None:
+    nothing = np.full(4, np.nan)
+    blank = np.full((4, 2), np.nan)
+    times = np.arange(4.0)
+    assert measure(Responses(times, times, nothing, blank, blank)) == Measures()
+    silent = measure(Responses(times, times, np.array([np.nan, 0, 0, 0]), blank, blank))
+    assert (silent.peak, silent.peak_frame, silent.onset_frame, silent.centre_x) == (
+        0,
+        1,
+        None,
+        None,
+    )
+
+
+def test_processes_change_no_byte(tmp_path: Path) -> None:
+    entry = disk(tmp_path)
+    settings = resolve(
+        preset="reference", height="native", assignments=["opplod.receptive_field=24"]
+    )
+    counted: list[int] = []
+    for jobs in (1, 2):
+        conditions = tune(entry, settings, jobs=jobs, progress=lambda: counted.append(1))
+        write_tuning(tmp_path / f"{jobs}.csv", conditions)
+        assert len(counted) == 3 * jobs
+    text = (tmp_path / "1.csv").read_bytes()
+    assert text == (tmp_path / "2.csv").read_bytes()
+    rows = list(csv.DictReader(text.decode().splitlines()))
+    assert [(row["disk.growth.speed_deg_s"], row["model"]) for row in rows] == [
+        (speed, model) for speed in ("15", "25", "35") for model in ("opplod", "dlgmd")
+    ]
+    opplod = [float(row["peak"]) for row in rows if row["model"] == "opplod"]
+    assert opplod == sorted(opplod)
+    assert opplod[2] > 2 * opplod[0] > 0
+    assert rows[1]["centre_x"] == ""
+
+
+def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
+    entry = swept(disk(tmp_path), ["position=[[0, 0], [4, -2]]"])
+    settings = resolve(preset="reference", height="native", models=["opplod"])
+    write_tuning(tmp_path / "a.csv", tune(entry, settings))
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    places = [(row["disk.centre_deg.right"], row["disk.centre_deg.up"]) for row in rows]
+    assert places == [("0", "0"), ("4", "-2")]
+    moved = [float(rows[1][key]) - float(rows[0][key]) for key in ("centre_x", "centre_y")]
+    np.testing.assert_allclose(moved, [8, 4], atol=2)
+
+
+def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
+    import json
+
+    settings = resolve(preset="reference", height="native", assignments=["opplod.gain=3"])
+    path = tmp_path / "a.tuning.json"
+    write_tuning_sidecar(path, disk(tmp_path), settings, command=["oppload"])
+    content = json.loads(path.read_text())
+    assert content["schema"] == "oppload.tuning/1"
+    assert content["parameters"]["opplod"]["gain"] == 3
+    assert content["parameters"]["opplod"]["receptive_field"] == 25  # 5/12 of 60
+    assert content["stimulus"]["sweep"] == {"disk.growth.speed_deg_s": [15, 25, 35]}
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "word", "key"),
+    [
+        ("klapoetke2017/bar-expand-10", "axis", "bar.axis_deg"),
+        ("controls/translating-disk-direction", "direction", "scene.rotation_deg"),
+        ("klapoetke2017/bar-expand-10", "width", "bar.width_deg"),
+        ("klapoetke2017/loom-speed", "speed", "disk.growth.speed_deg_s"),
+        ("controls/translating-disk-speed", "speed", "disk.motion.speed_deg_s"),
+        ("klapoetke2017/loom-l-over-v", "l/v", "disk.growth.l_over_v_ms"),
+        ("klapoetke2017/loom", "position", "disk.centre_deg"),
+        ("klapoetke2017/cross-inward", "position", "scene.centre_deg"),
+        ("klapoetke2017/cross-inward", "axis", "scene.rotation_deg"),
+        ("klapoetke2017/loom", "disk.luminance", "disk.luminance"),
+    ],
+)
+def test_the_key_that_a_word_stands_for(stimulus: str, word: str, key: str) -> None:
+    assert key_of(entry_named(stimulus), word) == key
+
+
+def test_values_are_lists_ranges_or_toml() -> None:
+    assert values_of("x", "10,20,40.5") == [10, 20, 40.5]
+    assert values_of("x", "0:330:30") == list(range(0, 331, 30))
+    assert values_of("x", "1:0:-0.5") == [1, 0.5, 0]
+    assert values_of("x", "[[0, 0], [10, 0]]") == [[0, 0], [10, 0]]
+
+
+@pytest.mark.parametrize("values", ["", "a,b", "0:10", "0:10:0", "0:10:-1", "0:1e9:1", "["])
+def test_values_that_cannot_be_read(values: str) -> None:
+    with pytest.raises(ParameterError, match="its values cannot be read; write 10,20,40"):
+        values_of("speed", values)
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "over", "message"),
+    [
+        ("klapoetke2017/loom", [], "has no sweep of its own; name one"),
+        ("klapoetke2017/loom", ["size"], "has no values of its own for 'disk.size_deg'"),
+        ("klapoetke2017/loom", ["sped=1,2"], "no parameter 'sped'; did you mean 'speed'"),
+        ("klapoetke2017/loom", ["l/v=1,2"], "that is not among its keys"),
+        ("klapoetke2017/cross-inward", ["width=1,2"], "that is inward-right.width_deg or"),
+        ("klapoetke2017/loom", ["disc.size_deg=1,2"], "did you mean 'disk'"),
+        ("klapoetke2017/*", [], "stands for 19 stimuli; name one"),
+    ],
+)
+def test_a_wrong_sweep(stimulus: str, over: list[str], message: str) -> None:
+    with pytest.raises(OpploadError, match=message.replace("*", r"\*")):
+        swept(entry_named(stimulus), over)
+
+
+def test_an_error_of_a_swept_value_names_the_stimulus(tmp_path: Path) -> None:
+    entry = swept(disk(tmp_path), ["disk.size_deg=2,-5"])
+    with pytest.raises(StimulusError, match="size_deg"):
+        tune(entry, resolve())
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "symmetric"),
+    [
+        ("klapoetke2017/bar-expand-10", True),
+        ("opplod2023/inward-motion", True),
+        ("klapoetke2017/bar-expand-10-one-end", False),
+        ("klapoetke2017/bar-sweep", False),
+        ("klapoetke2017/loom-speed", False),
+    ],
+)
+def test_two_frames_decide_whether_a_stimulus_is_symmetric(stimulus: str, symmetric: bool) -> None:
+    assert is_symmetric(entry_named(stimulus)) is symmetric

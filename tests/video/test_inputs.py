@@ -1,0 +1,55 @@
+"""Names on the command line, and the stems of results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from oppload_cli.errors import SourceError
+from oppload_cli.video.inputs import found_inputs, result_stem, single_inputs
+
+
+def test_a_folder_of_videos_is_each_of_them(tmp_path: Path) -> None:
+    for name in ("b.mp4", "a.avi", "cover.png"):
+        (tmp_path / name).touch()
+    assert single_inputs(str(tmp_path)) == [str(tmp_path / "a.avi"), str(tmp_path / "b.mp4")]
+
+
+def test_an_empty_folder(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="no video and no image in this folder"):
+        single_inputs(str(tmp_path))
+
+
+def test_a_stem_depends_on_nothing_but_its_input() -> None:
+    names = ["x/a.mp4", "y/a.mp4", "b_%04d.png", "camera:0", "rtsp://host/cam?key=1"]
+    stems = [result_stem(name) for name in names]
+    assert stems == ["a", "a", "b", "camera-0", "rtsp-host-cam"]
+    assert result_stem("x/a.mp4", "x") == "x/a"
+    long = result_stem("n" * 230 + ".mp4")
+    assert len(long) == 200 + len("-") + 8
+
+
+@pytest.mark.parametrize(
+    ("pattern", "recursive", "folders"),
+    [
+        ("videos", True, ["cam1", "cam2/deep"]),
+        ("videos/*/*.mp4", False, ["cam1"]),
+        ("videos/**/*.mp4", False, ["cam1", "cam2/deep"]),
+        ("videos/cam1/*.mp4", False, [""]),
+        ("*/cam2/../cam1/a.mp4", False, [""]),
+    ],
+)
+def test_results_mirror_the_folders_below_the_one_that_is_named(
+    pattern: str,
+    recursive: bool,
+    folders: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("videos/cam1/a.mp4", "videos/cam2/deep/a.mp4"):
+        Path(name).parent.mkdir(parents=True)
+        Path(name).touch()
+    found = list(found_inputs(pattern, recursive=recursive))
+    assert [Path(each.folder) for each in found] == [Path(each) for each in folders]

@@ -1,0 +1,100 @@
+"""Working sizes, and luminance at these sizes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import ParameterError
+from oppload_cli.video.frames import InputFacts, Picture, WorkingSize, working_size
+from oppload_cli.video.luminance import Luminance, luminance_table
+
+
+def facts(width: int, height: int) -> InputFacts:
+    return InputFacts("a.mp4", "container", width, height, None, None)
+
+
+@pytest.mark.parametrize(
+    ("source", "height", "working"),
+    [
+        ((1280, 720), 240, (427, 240)),
+        ((1280, 720), None, (1280, 720)),
+        ((160, 120), 240, (320, 240)),
+        ((10, 1000), 240, (2, 240)),
+        ((1, 1000), 100, (1, 100)),
+    ],
+)
+def test_working_size(
+    source: tuple[int, int], height: int | None, working: tuple[int, int]
+) -> None:
+    size = working_size(facts(*source), height)
+    assert (size.width, size.height) == working
+    assert size.scale_x == source[0] / working[0]
+
+
+def test_a_working_size_that_is_too_large() -> None:
+    with pytest.raises(ParameterError, match="choose a smaller --height"):
+        working_size(facts(4000, 1), 240)
+
+
+def test_luminance_of_codes() -> None:
+    limited, full = luminance_table(8, full_range=False), luminance_table(8, full_range=True)
+    assert [limited[0], limited[16], limited[235], limited[255]] == [0, 0, 1, 1]
+    assert limited[126] == pytest.approx(110 / 219)
+    assert [full[0], full[51], full[255]] == [0, np.float32(51 / 255), 1]
+    ten = luminance_table(10, full_range=False)
+    assert [ten[64], ten[940]] == [0, 1]
+
+
+@pytest.mark.parametrize("full_range", [True, False])
+@pytest.mark.parametrize("part", [np.s_[:, :19], np.s_[:, ::2], np.s_[::3]])
+def test_every_code_has_the_luminance_of_the_table(
+    full_range: bool, part: tuple[slice, ...] | slice
+) -> None:
+    codes = np.arange(120 * 37).astype(np.uint8).reshape(120, 37)[part]
+    assert np.unique(codes).size == 256
+    height, width = codes.shape
+    convert = Luminance(WorkingSize(width, height, 1.0, 1.0), 0)
+    found = convert(Picture(0, 0.0, codes, 8, full_range))
+    np.testing.assert_array_equal(found, luminance_table(8, full_range)[codes])
+
+
+def test_enlarging_is_allowed() -> None:
+    convert = Luminance(WorkingSize(8, 8, 0.5, 0.5), 0)
+    luma = convert(Picture(0, 0.0, np.full((4, 4), 255, np.uint8)))
+    assert luma.shape == (8, 8)
+    assert (luma == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("source", "working", "bits"),
+    [
+        ((1080, 1920), (240, 427), 8),
+        ((97, 131), (41, 50), 8),
+        ((300, 400), (240, 320), 8),
+        ((270, 480), (90, 160), 10),
+    ],
+)
+def test_shrinking_averages_areas(
+    source: tuple[int, int], working: tuple[int, int], bits: int
+) -> None:
+    rng = np.random.default_rng(3)
+    plane: Any = rng.integers(0, 2**bits, source, np.uint8 if bits == 8 else np.uint16)
+    size = WorkingSize(working[1], working[0], 1.0, 1.0)
+    luma = Luminance(size, 0)(Picture(0, 0.0, plane, bits=bits))
+    down, across = (areas(a, b) for a, b in zip(source, working, strict=True))
+    exact = down @ plane.astype(np.float64) @ across.T
+    error = luma * (2**bits - 1) - exact
+    assert np.abs(error).max() < (0.8 if bits == 8 else 2)
+    assert abs(error.mean()) < 0.1
+
+
+def areas(source: int, working: int) -> np.ndarray:
+    """How much of each source pixel lies in each working pixel, in shares of the latter."""
+    ends = np.arange(working + 1) * source / working
+    pixels = np.arange(source)
+    upper = np.minimum(ends[1:, None], pixels + 1)
+    lower = np.maximum(ends[:-1, None], pixels)
+    return np.asarray(np.clip(upper - lower, 0, None) * working / source)

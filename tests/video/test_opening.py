@@ -1,0 +1,310 @@
+"""Decoding in a process of its own: the same pictures, and the end of a decoder."""
+
+from __future__ import annotations
+
+import gc
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli import open_video
+from oppload_cli.errors import SourceError
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.video import opening
+from oppload_cli.video.opening import Opening
+from oppload_cli.video.span import Position, Span
+from tests.cli.process import ENTRY, oppload
+from tests.media import grey_frames, write_video
+from tests.robustness.inputs import KINDS, make
+from tests.video.test_container import MATRICES, turned
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from oppload_cli.video.frames import Frame
+
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only"),
+    # Other tests have left threads here; the forked processes need nothing of theirs.
+    pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning"),
+]
+
+
+@pytest.fixture(autouse=True)
+def _possible(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let a process be forked from that of the tests, which has threads."""
+    monkeypatch.setattr(opening, "_can_fork", lambda: True)
+    monkeypatch.setattr(opening, "cores", lambda: 2)
+    gc.collect()
+    gc.freeze()  # decoders of other tests, freed in the fork, would wait for their threads
+    yield
+    gc.unfreeze()
+
+
+def begun(path: Path | str, height: int | None = 240, span: Span | None = None) -> Opening:
+    """A video that another process decodes."""
+    rate = Fraction(30)
+    return Opening(str(path), height=height, span=span or Span(), image_rate=rate, own_process=True)
+
+
+def children() -> list[int]:
+    """The processes that this one has started and not yet waited for."""
+    return [each.pid or 0 for each in multiprocessing.active_children()]
+
+
+def many(path: Path) -> Path:
+    """More frames than places in the shared memory."""
+    return write_video(path, grey_frames(70), codec="libx264", pixel_format="yuv420p")
+
+
+MAKE: dict[str, Callable[[Path], Path]] = {
+    "many.mp4": many,
+    "turned.mp4": lambda path: turned(many(path), MATRICES[90]),
+    "deep.mkv": lambda path: make(path, KINDS["h264-ten-bits"]),
+    "colour.gif": lambda path: make(path, KINDS["gif"]),
+    "odd.mkv": lambda path: make(path, KINDS["odd-size"]),
+    "irregular.mp4": lambda path: make(path, KINDS["variable-mp4"]),
+}
+
+
+@pytest.mark.parametrize("name", MAKE)
+@pytest.mark.parametrize("height", [None, 24, 40])
+@pytest.mark.parametrize(
+    "span",
+    [Span(), Span(start=Position(frame=7)), Span(end=Position(frame=9))],
+    ids=["all", "start", "end"],
+)
+def test_frames_are_the_same_in_a_process_of_its_own(
+    name: str, height: int | None, span: Span, tmp_path: Path
+) -> None:
+    path = MAKE[name](tmp_path / name)
+    with (
+        begun(path, height, span).result() as there,
+        open_video(path, height=height, span=span) as here,
+    ):
+        assert there.facts == here.facts
+        assert there.working == here.working
+        expected, frames = list(here), list(there)
+    assert [(each.index, each.time_s) for each in frames] == [
+        (each.index, each.time_s) for each in expected
+    ]
+    for one, other in zip(frames, expected, strict=True):
+        np.testing.assert_array_equal(one.luma, other.luma)
+    assert (there.decode.own_process, here.decode.own_process) == (True, False)
+    there.decode.own_process = False
+    assert there.decode == here.decode
+
+
+@pytest.mark.parametrize("slots", [3, 64])
+def test_no_picture_is_written_over_while_it_is_in_use(
+    slots: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(opening, "MOST_SLOTS", slots)
+    path = many(tmp_path / "a.mp4")
+    with open_video(path, height=48) as here:
+        expected = [frame.luma for frame in here]
+    video = begun(path, 48).result()
+    source = video._source
+    for picture in source.pictures():
+        time.sleep(0.005)  # the process has time to decode far ahead
+        luma = (picture.plane.astype(np.float32) - 16) / 219
+        np.testing.assert_allclose(luma.clip(0, 1), expected[picture.index], atol=1e-6)
+    video.close()
+
+
+def test_a_file_that_cannot_be_opened_gives_the_same_error(tmp_path: Path) -> None:
+    path = tmp_path / "no.mp4"
+    path.write_bytes(b"nothing" * 100)
+    with pytest.raises(SourceError) as here:
+        open_video(path)
+    with pytest.raises(SourceError) as there:
+        begun(path).result()
+    assert str(there.value) == str(here.value)
+    assert children() == []
+
+
+def test_a_bug_in_the_process_is_raised_with_its_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class TwoWordsError(Exception):
+        """Cannot be made again from its message alone."""
+
+        def __init__(self, one: str, two: str) -> None:
+            super().__init__(f"{one} {two}")
+
+    def broken(*_: object) -> None:
+        raise TwoWordsError("on", "purpose")
+
+    monkeypatch.setattr("oppload_cli.video.container.ContainerSource", broken)
+    with pytest.raises(RuntimeError, match="TwoWordsError: on purpose") as caught:
+        begun(many(tmp_path / "a.mp4")).result()
+    assert "in broken" in caught.value.__notes__[0]
+
+
+@pytest.mark.parametrize("name", ["nosuch.mp4", "camera:x", "http://127.0.0.1:1/a.mp4"])
+def test_other_inputs_are_read_by_a_thread(name: str) -> None:
+    begin = begun(name)
+    assert children() == []
+    with pytest.raises(SourceError):
+        begin.result()
+
+
+def test_closing_ends_the_process_at_once(tmp_path: Path) -> None:
+    path = many(tmp_path / "a.mp4")
+    files = len(list(Path("/proc/self/fd").iterdir()))
+    for used in (False, True):
+        begin = begun(path)
+        (process,) = children()
+        if used:
+            next(iter(begin.result()))
+        begin.close()
+        begin.close()
+        assert children() == []
+        assert not Path(f"/proc/{process}").exists()
+        del begin
+    gc.collect()
+    assert len(list(Path("/proc/self/fd").iterdir())) == files
+
+
+def test_closing_while_a_thread_waits_for_a_picture(tmp_path: Path) -> None:
+    path = many(tmp_path / "a.mp4")
+    for _ in range(10):
+        video = begun(path).result()
+        frames = iter(video)
+        next(frames)
+        (process,) = children()
+        os.kill(process, signal.SIGSTOP)
+        thread = threading.Thread(target=lambda frames=frames: _drained(frames))
+        thread.start()
+        time.sleep(0.005)
+        video.close()
+        thread.join(60)
+        assert not thread.is_alive()
+
+
+def _drained(frames: Iterator[Frame]) -> None:
+    with suppress(SourceError):
+        deque(frames)
+
+
+def _ends(process: int) -> bool:
+    """Whether a process ends within two minutes; one that nobody has waited for is a zombie."""
+    for _ in range(6000):
+        try:
+            stat = Path(f"/proc/{process}/stat").read_text()
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        if stat.rpartition(")")[2].split()[0] in "ZX":
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def test_it_ends_with_the_process_that_started_it(tmp_path: Path) -> None:
+    path = many(tmp_path / "a.mp4")
+    code = (
+        "import os, signal, sys; from fractions import Fraction\n"
+        "from oppload_cli.video.opening import Opening; from oppload_cli.video.span import Span\n"
+        "o = Opening(sys.argv[1], height=24, span=Span(), image_rate=Fraction(30),"
+        " own_process=True)\n"
+        "o.result()\n"
+        "print(open(f'/proc/thread-self/children').read(), flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=False
+    )
+    assert done.stderr == ""
+    assert _ends(int(done.stdout))
+
+
+def test_a_process_with_threads_is_not_forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    release = threading.Event()
+    thread = threading.Thread(target=release.wait)
+    thread.start()
+    assert not opening._can_fork()
+    release.set()
+    thread.join()
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("film")
+    frames = grey_frames(60, width=96, height=64) * 30
+    return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
+
+
+@pytest.mark.parametrize(
+    ("options", "content"),
+    [
+        ({}, ""),
+        ({"preset": "paper"}, ""),
+        ({}, 'preset = "paper"\n'),
+        ({"preset": "reference"}, "height = 50\n"),
+        ({"height": "30"}, "height = 50\n"),
+        ({"height": "native"}, 'preset = "paper"\nheight = 50\n'),
+        ({}, 'height = "native"\n'),
+    ],
+)
+def test_the_height_is_known_before_the_settings_are_resolved(
+    options: dict[str, str], content: str, film: Path, tmp_path: Path
+) -> None:
+    config = tmp_path / "a.toml"
+    config.write_text(content)
+    words = [word for name, value in options.items() for word in (f"--{name}", value)]
+    done = oppload("run", film, "-o", tmp_path, "--end", "f2", "--config", config, *words)
+    assert done.returncode == 0
+    sidecar = json.loads((tmp_path / "film.oppload.json").read_text())
+    settings = resolve(preset=options.get("preset"), config=config, height=options.get("height"))
+    assert sidecar["working"]["height"] == (settings.height or 64)
+    assert sidecar["threads"]["decoder_apart"] == (len(os.sched_getaffinity(0)) > 1)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_getaffinity") or len(os.sched_getaffinity(0)) < 2,
+    reason="NOT MEASURED: with one core a thread decodes",
+)
+@pytest.mark.parametrize("name", ["SIGSEGV", "SIGKILL"])
+def test_a_run_whose_decoder_ends(film: Path, tmp_path: Path, name: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", ENTRY, "run", str(film), "-o", str(tmp_path)],
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as run:
+        part = tmp_path / "film.frames.csv.part"
+        while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
+            time.sleep(0.01)
+        (decoder,) = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
+        os.kill(int(decoder), getattr(signal, name))
+        said = run.communicate(timeout=120)[1]
+    if name == "SIGKILL":
+        rows = part.read_text().count("\n") - 1
+        assert run.returncode == 3
+        assert said.strip() == (
+            f"oppload: {film}: its decoder was ended (SIGKILL) after frame {rows - 1}; check the "
+            f"memory, and run it again; the first {rows} rows are in {part}"
+        )
+        return
+    # A crash comes from the file: the frames before it are a result, said to be incomplete.
+    rows = (tmp_path / "film.frames.csv").read_text().count("\n") - 1
+    assert 1 < rows < 1800
+    assert run.returncode == 4
+    reason = f"the decoder crashed (SIGSEGV) after frame {rows - 1}"
+    assert reason in said
+    decode = json.loads((tmp_path / "film.oppload.json").read_text())["decode"]
+    assert (decode["decoded"], decode["failures"], decode["complete"]) == (rows, 1, False)
+    assert decode["messages"] == [reason]

@@ -1,0 +1,1 @@
+"""Tools for those who work on oppload itself; no part of the package."""

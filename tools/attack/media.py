@@ -1,0 +1,115 @@
+"""Intact files of every container and codec that the encoder can make, and damage to them."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import av
+
+from tests.robustness import damage
+from tests.robustness.inputs import AV1, VP9, X264, X265, Kind, make
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from random import Random
+
+CONTAINERS = (
+    *("mp4", "mov", "mkv", "webm", "avi", "ts", "flv", "nut", "ivf", "mxf", "asf", "gif", "y4m"),
+    *("mpg", "obu", "h264", "hevc", "mjpeg", "m2v", "m4v", "3gp", "apng", "ogv", "vob", "wtv"),
+    *("swf", "f4v", "ismv", "dv", "gxf", "rm", "amv", "webp", "jp2"),
+)
+OPTIONS = {
+    "libx264": X264,
+    "libx265": X265,
+    "libvpx": VP9,
+    "libvpx-vp9": VP9,
+    "libsvtav1": AV1,
+    "ffv1": {"level": "3"},
+}
+CODECS = (
+    *(*OPTIONS, "mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "prores_ks", "gif", "huffyuv"),
+    *("ffvhuff", "utvideo", "rawvideo", "png", "wmv2", "flv", "h263p", "jpeg2000", "dnxhd"),
+    *("apng", "qtrle", "zmbv", "snow", "msmpeg4", "magicyuv", "cfhd", "vc2", "ljpeg", "jpegls"),
+    *("svq1", "cinepak", "asv2", "flashsv", "libwebp_anim", "targa", "wrapped_avframe"),
+)
+FRAMES = 10
+WAYS = (*damage.WAYS, "grow", "size", "insert", "remove", "double", "noise", "empty")
+_SIZES = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x00FFFFFF, 0x10000)
+
+
+def intact(folder: Path) -> dict[str, Path]:
+    """Return files of every pair of container and codec that can be made, by their pair.
+
+    They are made on the first call, and found in `folder` on the later ones.
+    """
+    index = folder / "index.json"
+    if not index.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        os.environ["SVT_LOG"] = "0"  # that encoder has a log of its own
+        level = av.logging.get_level()
+        av.logging.set_level(None)
+        made = []
+        for suffix in CONTAINERS:
+            for codec in CODECS:
+                name = f"{codec}.{suffix}"
+                if _made(folder / name, codec, suffix):
+                    made.append(name)
+                else:
+                    (folder / name).unlink(missing_ok=True)
+        av.logging.set_level(level)  # the package counts the errors that decoders log
+        part = index.with_suffix(".part")
+        part.write_text(json.dumps(made))
+        part.replace(index)
+    return {name: folder / name for name in json.loads(index.read_text())}
+
+
+def _made(path: Path, codec: str, suffix: str) -> bool:
+    formats = [each.name for each in av.codec.Codec(codec, "w").video_formats or ()]
+    pixel_format = "yuv420p" if "yuv420p" in formats or not formats else formats[0]
+    large = codec in {"dnxhd"}
+    kind = Kind(
+        suffix,
+        codec,
+        pixel_format,
+        width=1280 if large else 96,
+        height=720 if large else 64,
+        frames=2 if large else FRAMES,
+        rate=Fraction(25),
+        options=OPTIONS.get(codec, {}),
+    )
+    try:
+        make(path, kind)
+        with av.open(str(path)) as container:  # some containers take what nothing then reads
+            return len(list(container.decode(video=0))) * 2 >= kind.frames
+    except (av.error.FFmpegError, ValueError, TypeError, OSError, IndexError, AttributeError):
+        return False
+
+
+def damaged(data: bytes, way: str, random: Random) -> bytes:
+    """Return a copy of a file, damaged in one of the `WAYS`."""
+    if way in damage.WAYS:
+        return damage.damaged(data, way, random)
+    result, place = bytearray(data), random.randrange(len(data))
+    amount = random.choice((1, 4, 100, 5000))
+    if way == "grow":
+        result += random.choice((bytes(amount), random.randbytes(amount), data[place:]))
+    elif way == "size":  # what may be the size of a part
+        for _ in range(random.choice((1, 2, 8))):
+            start = random.randrange(min(len(data), random.choice((64, 1000, len(data)))))
+            number = struct.pack(random.choice("<>") + "I", random.choice(_SIZES))
+            result[start : start + 4] = number
+    elif way == "insert":
+        result[place:place] = random.randbytes(amount)
+    elif way == "remove":
+        del result[place : place + amount]
+    elif way == "double":
+        result[place:place] = data[random.randrange(len(data)) :][: 10 * amount]
+    elif way == "noise":
+        result[place : place + amount] = random.randbytes(amount)
+    else:
+        result = bytearray(random.choice((b"", b"\0", data[:1], bytes(4096), os.linesep.encode())))
+    return bytes(result)

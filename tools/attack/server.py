@@ -1,0 +1,106 @@
+"""HTTP servers on loopback that cut, stall and lie."""
+
+from __future__ import annotations
+
+import threading
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+# Each way in which an answer may lie, besides one that only ends early.
+LIES = (
+    *("longer", "shorter", "no length", "no number", "missing", "broken", "gzip", "page"),
+    *("circle", "elsewhere", "ranges", "drips", "no answer", "long head"),
+)
+_PAGE = b"<!doctype html><title>404</title><p>not here"
+
+
+class Server(ThreadingHTTPServer):
+    """Serves one file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    share : float
+        How much of it comes, 0 to 1.
+    stalls : bool
+        Whether the connection then stays open, as if more came.
+    lie : str
+        One of `LIES`, or an empty string.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, path: Path, share: float, *, stalls: bool = False, lie: str = "") -> None:
+        over = self._over = threading.Event()
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                data = path.read_bytes()
+                with suppress(OSError):
+                    if not _answer(self, data, lie):
+                        return
+                    if lie == "drips":
+                        for byte in data[: int(share * len(data))]:
+                            self.wfile.write(bytes([byte]))
+                            if over.wait(0.002):
+                                return
+                    else:
+                        self.wfile.write(data[: int(share * len(data))])
+                    if stalls:
+                        over.wait(20)
+
+            def log_message(self, *_: Any) -> None:
+                """Say nothing."""
+
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.url = f"http://127.0.0.1:{self.server_port}/{path.name}"
+
+    def handle_error(self, *_: Any) -> None:
+        """Say nothing of a client that has gone."""
+
+    def __enter__(self) -> Server:
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self.shutdown()
+        self.server_close()
+
+
+def _answer(handler: BaseHTTPRequestHandler, data: bytes, lie: str) -> bool:
+    """Send the head of an answer; return whether the file follows."""
+    if lie == "no answer":
+        handler.close_connection = True
+        return False
+    if lie in {"circle", "elsewhere"}:
+        handler.send_response(302)
+        place = handler.path if lie == "circle" else "file:///etc/passwd"
+        handler.send_header("Location", place)
+        handler.end_headers()
+        return False
+    if lie in {"missing", "broken", "page"}:
+        handler.send_response({"missing": 404, "broken": 500, "page": 200}[lie])
+        handler.send_header("Content-Length", str(len(_PAGE)))
+        handler.end_headers()
+        handler.wfile.write(_PAGE)
+        return False
+    size = len(data)
+    handler.send_response(206 if lie == "ranges" else 200)
+    if lie == "ranges":
+        handler.send_header("Content-Range", f"bytes {size}-{size * 9}/{size // 3}")
+    if lie == "gzip":
+        handler.send_header("Content-Encoding", "gzip")
+    if lie == "long head":
+        for number in range(500):
+            handler.send_header(f"X-{number}", "x" * 200)
+    length = {"longer": size * 7, "shorter": size // 2, "no number": "many"}.get(lie, size)
+    if lie != "no length":
+        handler.send_header("Content-Length", str(length))
+    handler.end_headers()
+    return True

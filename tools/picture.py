@@ -1,0 +1,165 @@
+"""Draw the rooms of the package and their imports: ``python -m tools.picture``.
+
+The picture stands in ``docs/architecture.md``. Its arrows are the imports in the source, so a
+test notices when it is out of date. An arrow that follows from others is not drawn, nor are those
+to the rooms at the bottom, which all rooms may use.
+"""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+from tools.structure import LAYERS, PACKAGE, ROOT, Graph, reachable, room_graph
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PICTURE = ROOT / "docs" / "architecture.svg"
+
+# Each room's column (0 at the left) and what it does.
+ROOMS: dict[str, tuple[int, str]] = {
+    PACKAGE: (0, "the public names"),
+    "__main__": (3, "the process"),
+    "cli": (3, "the commands"),
+    "api": (1, "run, results, for Python"),
+    "batch": (2, "many inputs"),
+    "evaluation": (3, "labelled clips"),
+    "reproduction": (4, "the paper's claims"),
+    "tuning": (4, "tuning curves"),
+    "plots": (3, "figures"),
+    "report": (1, "pages of results"),
+    "benchmark": (2, "all detectors compared"),
+    "pipeline": (1, "one input, to its files"),
+    "annotation": (0, "annotated videos"),
+    "stimulus": (3, "protocols, frames, truth"),
+    "detection": (2, "alarms, places, contact"),
+    "results": (0, "records, tables, sidecars"),
+    "models": (1, "the detectors"),
+    "motion": (2, "optical flow, RMO"),
+    "video": (3, "decoding, luminance"),
+    "compute": (1, "compiled loops"),
+    "environment": (3, "versions, processors"),
+    "files": (0, "one way to write a file"),
+    "processes": (4, "processes, threads, signals"),
+    "schema": (0, "parameters"),
+    "errors": (1, "errors, exit codes"),
+    "palette": (2, "colours"),
+    "reference": (3, "published data"),
+    "version": (4, "one number"),
+}
+
+# The way of one frame, in order: where it is, and what happens there.
+WAY = (
+    ("video", "the source decodes a picture and gives Frame(index, time_s, luma)"),
+    ("pipeline", "repeats are passed over; every other frame goes to all detectors"),
+    ("models", "each detector's step(luma) returns a response, or None while it warms up"),
+    ("motion", "optical flow and RMO, beside the detectors"),
+    ("detection", "alarms, places and times to contact, from what has passed"),
+    ("results", "one record per frame, one row per record"),
+    ("files", "rows reach the part file, which is renamed when all is done"),
+)
+
+WIDE, HIGH = 176, 40  # a box
+STEP_X, STEP_Y = 206, 74
+MARGIN = 100  # left of the boxes, for the names of the layers
+BOTTOM = "ground"
+STYLE = """
+text { font: 13px sans-serif; fill: #222 } .small { font-size: 11px; fill: #555 }
+.room { fill: #fff; stroke: #555 } .layer { fill: #eef2f6 }
+.arrow { fill: none; stroke: #8a97a5; stroke-width: 1.3; marker-end: url(#head) }
+.badge { fill: #b5442b } .number { font-size: 11px; fill: #fff; text-anchor: middle }
+"""
+
+
+def drawn_arrows(rooms: Graph) -> list[tuple[str, str]]:
+    """Return the imports that do not follow from others, without those of the bottom layer."""
+    bottom = set(LAYERS[BOTTOM])
+    upper = {room: imported - bottom for room, imported in rooms.items() if room not in bottom}
+    return [
+        (room, other)
+        for room, imported in upper.items()
+        for other in sorted(imported)
+        if not any(other in reachable(upper, between) for between in imported)
+    ]
+
+
+def rows(rooms: Graph) -> list[tuple[str, list[str]]]:
+    """Return each row's layer and rooms: a room stands below those of its layer that import it."""
+    found = []
+    for layer, names in LAYERS.items():
+        waiting = [room for room in names if room in rooms]
+        while waiting:
+            imported = {other for room in waiting for other in rooms[room] if layer != BOTTOM}
+            row = [room for room in waiting if room not in imported]
+            found.append((layer, row))
+            waiting = [room for room in waiting if room not in row]
+    return found
+
+
+def svg(root: Path) -> str:
+    """Return the picture of a checkout as SVG."""
+    rooms = room_graph(root)
+    placed = rows(rooms)
+    corners = {
+        room: (MARGIN + STEP_X * ROOMS[room][0], 20 + STEP_Y * number)
+        for number, (_, row) in enumerate(placed)
+        for room in row
+    }
+    width = max(x for x, _ in corners.values()) + WIDE + 20
+    lowest = 20 + STEP_Y * len(placed)
+    height = lowest + 20 * len(WAY) + 20
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}">',
+        f"<style>{STYLE}</style>",
+        '<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" '
+        'markerHeight="7" orient="auto"><path d="M0 0 8 4 0 8z" fill="#8a97a5"/></marker></defs>',
+        f'<rect width="{width}" height="{height}" fill="#fff"/>',
+        *(_band(layer, placed, width) for layer in LAYERS),
+        *(_arrow(corners[a], corners[b]) for a, b in drawn_arrows(rooms)),
+        *(_box(room, *corner) for room, corner in corners.items()),
+    ]
+    for number, (room, text) in enumerate(WAY, 1):
+        x, y = corners[room]
+        line = lowest + 20 * number
+        parts += [_badge(number, x, y), _badge(number, 24, line - 4)]
+        parts.append(f'<text x="42" y="{line}"><tspan font-weight="bold">{room}</tspan>: '
+                     f"{escape(text)}</text>")  # fmt: skip
+    return "\n".join([*parts, "</svg>"]) + "\n"
+
+
+def _band(layer: str, placed: list[tuple[str, list[str]]], width: int) -> str:
+    """Return the background of a layer, with its name."""
+    numbers = [number for number, (name, _) in enumerate(placed) if name == layer]
+    top, high = 20 + STEP_Y * numbers[0] - 10, STEP_Y * len(numbers) - 14
+    return (
+        f'<rect class="layer" x="6" y="{top}" width="{width - 12}" height="{high}" rx="6"/>'
+        f'<text class="small" x="16" y="{top + high // 2 + 4}">{layer}</text>'
+    )
+
+
+def _box(room: str, x: int, y: int) -> str:
+    middle = x + WIDE // 2
+    return (
+        f'<rect class="room" x="{x}" y="{y}" width="{WIDE}" height="{HIGH}" rx="4"/>'
+        f'<text x="{middle}" y="{y + 17}" text-anchor="middle">{room}</text>'
+        f'<text class="small" x="{middle}" y="{y + 32}" text-anchor="middle">'
+        f"{escape(ROOMS[room][1])}</text>"
+    )
+
+
+def _arrow(start: tuple[int, int], end: tuple[int, int]) -> str:
+    x1, y1, x2, y2 = start[0] + WIDE // 2, start[1] + HIGH, end[0] + WIDE // 2, end[1]
+    bend = (y2 - y1) // 2
+    return f'<path class="arrow" d="M{x1} {y1}C{x1} {y1 + bend} {x2} {y2 - bend} {x2} {y2}"/>'
+
+
+def _badge(number: int, x: int, y: int) -> str:
+    return (
+        f'<circle class="badge" cx="{x}" cy="{y}" r="9"/>'
+        f'<text class="number" x="{x}" y="{y + 4}">{number}</text>'
+    )
+
+
+if __name__ == "__main__":
+    PICTURE.write_text(svg(ROOT), encoding="utf-8")
