@@ -13,11 +13,12 @@ SEED ?= 1
 BENCH ?=
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow attack bench lint style types format docs dist clean
+.PHONY: help demo test test-failed test-slow attack bench lint style types format docs dist clean
 
 help:
 	@echo "make demo       install, run both detectors on a looming disk, plot, make a page"
 	@echo "make test       run the tests; JOBS=4 runs them in 4 processes (2 by default)"
+	@echo "make test-failed run the tests that failed last time, one after the other"
 	@echo "make test-slow  run the tests that take more than a few seconds each"
 	@echo "make attack     damaged and hostile input, limits, signals; CASES=5000 SEED=1 (500 and 1)"
 	@echo "make lint       ruff, and mypy --strict"
@@ -37,6 +38,9 @@ demo: .venv/.ready
 
 test: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses $(JOBS)
+
+test-failed: .venv/.ready
+	$(BIN)/python -m pytest --numprocesses 0 --last-failed --last-failed-no-failures none
 
 test-slow: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses $(JOBS) -m slow

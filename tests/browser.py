@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -39,11 +39,13 @@ class Browser:
 
     def wait(self, condition: str) -> None:
         """Wait until an expression of JavaScript is true."""
+        self.wait_for(lambda: self.run(f"return {condition}"), f"never true: {condition}")
+
+    def wait_for(self, condition: Callable[[], object], reason: str) -> None:
+        """Wait until a call returns something true; fail with the reason after a minute."""
         from selenium.webdriver.support.wait import WebDriverWait
 
-        WebDriverWait(self.driver, 30, poll_frequency=0.02).until(
-            lambda _: self.run(f"return {condition}"), f"never true: {condition}"
-        )
+        WebDriverWait(self.driver, 60, poll_frequency=0.02).until(lambda _: condition(), reason)
 
     def press(self, *keys: str) -> None:
         """Press keys where the focus is; a modifier is held until ``Keys.NULL``."""

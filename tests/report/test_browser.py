@@ -52,9 +52,15 @@ def is_at(browser: Browser, frame: int) -> None:
 
 
 def shows(browser: Browser, frame: int) -> None:
-    """The page is at this frame, and the picture is its own."""
+    """The page is at this frame, and the picture is its own.
+
+    The browser may tell the page that it has arrived before the picture is painted, so the
+    picture is waited for; a picture of another frame stays, and fails.
+    """
     is_at(browser, frame)
-    assert number_of(browser.run(PIXELS)) == frame
+    browser.wait_for(
+        lambda: number_of(browser.run(PIXELS)) == frame, f"the picture of frame {frame} never came"
+    )
 
 
 def test_every_step_shows_exactly_its_frame(browser: Browser, page: Path) -> None:
@@ -124,15 +130,17 @@ def test_a_click_in_a_curve_goes_there(browser: Browser, page: Path) -> None:
 
 
 def test_it_plays_to_the_end_in_step(browser: Browser, page: Path) -> None:
+    player = "document.getElementById('video')"
     opened(browser, page)
     browser.press(" ")
     shows(browser, LAST)
+    browser.wait(f"{player}.paused")  # its last frame is on the screen before it stops
     browser.run("document.getElementById('speed').value = '0.1'")
     browser.press(" ")  # once more, from the beginning
     browser.wait(f"Number({ROW}) > 0 && Number({ROW}) < {LAST - FIRST}")
     browser.press(" ")
-    browser.wait(f"document.getElementById('video').paused && {ROW} === {PRESENTED}")
-    assert number_of(browser.run(PIXELS)) == FIRST + int(browser.run(f"return {ROW}"))
+    browser.wait(f"{player}.paused && !{player}.seeking && {ROW} === {PRESENTED}")
+    shows(browser, FIRST + int(browser.run(f"return {ROW}")))
 
 
 @pytest.mark.parametrize("wide", [360, 1200])
