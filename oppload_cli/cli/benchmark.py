@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli.options import complete_models, jobs_option
+from oppload_cli.cli.options import ResultsFolder, complete_models, jobs_option
 from oppload_cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, backg
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=ResultsFolder(),
     default=Path("benchmark"),
     metavar="DIR",
     show_default=True,

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+from oppload_cli.cli.options import ResultsFolder
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 STIMULUS = "controls/looming-and-translating"
 
@@ -13,7 +18,7 @@ STIMULUS = "controls/looming-and-translating"
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=ResultsFolder(),
     default="oppload-demo",
     show_default=True,
     metavar="DIR",

@@ -11,6 +11,7 @@ import click
 
 from oppload_cli.cli import say
 from oppload_cli.cli.options import (
+    ResultsFolder,
     change_option,
     complete_models,
     complete_stimuli,
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=ResultsFolder(),
     default=Path("evaluation"),
     metavar="DIR",
     show_default=True,

@@ -19,6 +19,33 @@ if TYPE_CHECKING:
     Command = Callable[..., Any]
 
 
+# The kinds of files that commands write or read: a new folder of such a name is a mistake.
+_FILE_SUFFIXES = frozenset(
+    (".avi", ".csv", ".html", ".json", ".jsonl", ".mkv", ".mp4", ".parquet", ".pdf", ".png", ".svg")
+)
+
+
+class ResultsFolder(click.Path):
+    """A folder of results, which need not exist yet; the name of a file is refused."""
+
+    name = "directory"
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the folder as a path."""
+        folder = Path(str(super().convert(value, param, ctx)))
+        if folder.suffix.lower() in _FILE_SUFFIXES and not folder.is_dir():
+            self.fail(
+                f"'{folder}' is the name of a file; give a folder: the files in it are named "
+                f"after the input",
+                param,
+                ctx,
+            )
+        return folder
+
+
 def jobs_option(things: str) -> Callable[[Command], Command]:
     """Return the option ``--jobs`` of a command that does several things at a time.
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from oppload_cli.cli import check_display, say, show_file
-from oppload_cli.cli.options import jobs_option
+from oppload_cli.cli.options import ResultsFolder, jobs_option
 from oppload_cli.errors import ExitCode, ParameterError
 from oppload_cli.files.names import is_folder
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=ResultsFolder(),
     metavar="DIR",
     help="Folder of the pages.  [default: the folder of the results]",
 )

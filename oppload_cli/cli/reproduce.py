@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli.options import jobs_option
+from oppload_cli.cli.options import ResultsFolder, jobs_option
 
 if TYPE_CHECKING:
     from oppload_cli.files.atomic import PartFile
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=ResultsFolder(),
     default=Path("reproduction"),
     metavar="DIR",
     show_default=True,
@@ -68,7 +68,7 @@ def _make(names: list[str], output: Path, claim: PartFile, *, jobs: int, quiet: 
     from oppload_cli.cli.progress import progress_bar
     from oppload_cli.files.atomic import write_atomic
     from oppload_cli.processes import cores
-    from oppload_cli.reproduction.report import build, page_of, report_json, report_of
+    from oppload_cli.reproduction.report import build, page_of, report_json, report_of, verdicts
 
     started = time.perf_counter()
     with progress_bar(len(names), "figure", quiet=quiet) as bar:
@@ -84,3 +84,4 @@ def _make(names: list[str], output: Path, claim: PartFile, *, jobs: int, quiet: 
         write_atomic(claim if name == "report.json" else output / name, content)
     # Only now: the reader of the names may have gone.
     click.echo("\n".join(str(output / name) for name in made))
+    click.echo(f"verdicts on the statements of the paper: {verdicts(report)}", err=True)

@@ -7,19 +7,19 @@ import sys
 from contextlib import ExitStack
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
 from oppload_cli.cli import say
-from oppload_cli.cli.options import jobs_option, settings_options
+from oppload_cli.cli.options import ResultsFolder, jobs_option, settings_options
 from oppload_cli.errors import ExitCode, OutputError, ParameterError, SourceError, printable
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from oppload_cli.batch.plan import Plan
     from oppload_cli.pipeline.settings import Settings
@@ -71,6 +71,7 @@ class _Selection(NamedTuple):
 @click.option(
     "-o",
     "--output",
+    type=ResultsFolder(),
     default=".",
     metavar="DIR",
     help="Folder of the results; '-' streams one input's CSV.  [default: this folder]",
@@ -129,7 +130,7 @@ class _Selection(NamedTuple):
 @click.option("-v", "--verbose", is_flag=True, help="Print the sizes that the models see.")
 def run(  # noqa: PLR0917 - click passes them by name
     inputs: tuple[str, ...],
-    output: str,
+    output: Path,
     start: str | None,
     end: str | None,
     duration: str | None,
@@ -176,10 +177,10 @@ def run(  # noqa: PLR0917 - click passes them by name
         command = ["oppload", *sys.argv[1:]]
         verbosity = -1 if quiet else int(verbose)
         task = Task("", settings, None, span, rate, IfExists(if_exists), command, boxes=boxes)
-        if output == STANDARD_OUTPUT:
+        if str(output) == STANDARD_OUTPUT:
             name = _only(inputs, selection, annotate=annotate, report=report_pages)
             return _run_one(replace(task, name=name), verbosity, fail_on, opening)
-        folder, plan = Path(output), _plan_of(inputs, selection)
+        folder, plan = output, _plan_of(inputs, selection)
         if report_pages and selection.shard:
             raise ParameterError(
                 "--report makes one index of all pages; leave it out with --shard, and run "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from oppload_cli.cli.options import change_option, complete_stimuli, jobs_option
+from oppload_cli.cli.options import ResultsFolder, change_option, complete_stimuli, jobs_option
 from oppload_cli.errors import ExitCode, OpploadError, OutputError
 from oppload_cli.stimulus.catalogue import Entry, entries, find, parsed_setting
 from oppload_cli.stimulus.protocol import Protocol, json_schema
@@ -74,7 +74,7 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
     "-o",
     "--output",
     "directory",
-    type=click.Path(path_type=Path),
+    type=ResultsFolder(),
     default=Path(),
     help="Folder for the files; default: the current one.",
 )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from oppload_cli.cli.options import (
+    ResultsFolder,
     change_option,
     complete_stimuli,
     jobs_option,
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from oppload_cli.files.atomic import PartFile
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.catalogue import Entry
+    from oppload_cli.tuning.run import Condition
+
+FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hardly sees a stimulus
 
 
 @click.command(short_help="measure responses to a stimulus over directions, speeds, sizes")
@@ -39,7 +43,7 @@ if TYPE_CHECKING:
 @click.option(
     "-o",
     "--output",
-    type=click.Path(path_type=Path),
+    type=ResultsFolder(),
     default=Path(),
     metavar="DIR",
     help="Folder of the results.  [default: this folder]",
@@ -127,6 +131,7 @@ def _run(
     count = len(entry.values())
     with progress_bar(count, "condition", quiet=quiet) as bar:
         conditions = tune(entry, settings, jobs=jobs or cores(), progress=bar.update)
+    _warn_of_faint(conditions, settings)
     write_tuning(table, conditions)
     write_tuning_sidecar(paths[1], entry, settings, command=["oppload", *sys.argv[1:]])
     if len(paths) > 2:
@@ -140,3 +145,19 @@ def _run(
         if kind_of(tuning) == "polar":
             for curve in direction_tunings([tuning]):
                 click.echo(curve.line(), err=True)
+
+
+def _warn_of_faint(conditions: Sequence[Condition], settings: Settings) -> None:
+    """Say which detectors hardly respond: the shape of such a curve tells little."""
+    from oppload_cli.models.registry import alarm_floor_of, detector_named
+
+    for name in settings.models:
+        peak = max(each.measures[name].peak or 0 for each in conditions)
+        floor = alarm_floor_of(name, settings.preset)
+        if peak < FAINT * floor:
+            click.echo(
+                f"oppload: {detector_named(name).label} hardly responds to this stimulus under "
+                f"preset {settings.preset}: its largest response is {peak:.2g}, and no alarm is "
+                f"given below {floor:g}; 'oppload models' lists the presets",
+                err=True,
+            )

@@ -165,19 +165,24 @@ def presets_of(report: Mapping[str, Any]) -> list[str]:
 
 def introduction(report: Mapping[str, Any]) -> str:
     """Return the first paragraph for a reader, of the page and of the docs alike."""
-    counts = dict.fromkeys(map(str, Verdict), 0)
-    for figure in report["figures"]:
-        for claim in figure["claims"]:
-            for finding in claim["measured"].values():
-                counts[finding["verdict"]] += 1
-    stated = ", ".join(f"{count} '{verdict}'" for verdict, count in counts.items())
     return (
         "Every synthetic figure of the OppLoD paper, made by oppload alone. Each statement of "
         "the paper, in our words, is followed by our measurement; the verdict follows from the "
         "measurement by the rule that is printed with it. Preset 'paper' is the paper to the "
         "letter, preset 'reference' the same model made to work. Verdicts: "
-        f"{stated}. The table gives each figure's verdict, and how many of its statements hold."
+        f"{verdicts(report)}. The table gives each figure's verdict, and how many of its "
+        "statements hold."
     )
+
+
+def verdicts(report: Mapping[str, Any]) -> str:
+    """Return how often each verdict was given, over all statements and presets."""
+    counts = dict.fromkeys(map(str, Verdict), 0)
+    for figure in report["figures"]:
+        for claim in figure["claims"]:
+            for finding in claim["measured"].values():
+                counts[finding["verdict"]] += 1
+    return ", ".join(f"{count} '{verdict}'" for verdict, count in counts.items())
 
 
 def tally(figure: Mapping[str, Any], preset: str) -> str:

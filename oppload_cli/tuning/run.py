@@ -38,7 +38,7 @@ MEASURES = tuple(field.name for field in fields(Measures))
 
 
 @dataclass(frozen=True)
-class _Condition:
+class Condition:
     """One stimulus of a sweep with its measures.
 
     Attributes
@@ -62,7 +62,7 @@ def tune(
     *,
     jobs: int = 1,
     progress: Callable[[], object] | None = None,
-) -> list[_Condition]:
+) -> list[Condition]:
     """Measure every condition of a sweep.
 
     Parameters
@@ -78,7 +78,7 @@ def tune(
 
     Returns
     -------
-    list of _Condition
+    list of Condition
         In the order of the sweep.
 
     Raises
@@ -98,7 +98,7 @@ def tune(
         progress=lambda _: progress() if progress else None,
     )
     return [
-        _Condition(name, values, measures)
+        Condition(name, values, measures)
         for (name, values), measures in zip(entry.values().items(), shown, strict=True)
     ]
 
@@ -133,7 +133,7 @@ def is_symmetric(entry: Entry) -> bool:
     )
 
 
-def write_tuning(table: Path | PartFile, conditions: Sequence[_Condition]) -> None:
+def write_tuning(table: Path | PartFile, conditions: Sequence[Condition]) -> None:
     """Write the table of a sweep; raise OutputError if it cannot be written."""
     columns = list(_cells(conditions[0].values))
     text = StringIO()

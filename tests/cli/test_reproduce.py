@@ -81,7 +81,11 @@ def one_figure(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reproduced")
     done = oppload("reproduce", "--only", "rmo-definition", "-o", folder)
     names = ["rmo-definition.png", "report.json", "index.html"]
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0
+    claims = json.loads((folder / "report.json").read_text())["figures"][0]["claims"]
+    given = [finding["verdict"] for claim in claims for finding in claim["measured"].values()]
+    counts = ", ".join(f"{given.count(each)} '{each}'" for each in MARKS)
+    assert done.stderr == f"verdicts on the statements of the paper: {counts}\n"
     assert done.stdout.split() == [str(folder / name) for name in names]
     assert sorted(path.name for path in folder.iterdir()) == sorted(names)
     return folder

@@ -2,11 +2,12 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.cli.inside import oppload, run
+from tests.cli.inside import Done, oppload, run
 from tests.tuning.test_tuning import DISK
 
 if TYPE_CHECKING:
@@ -22,6 +23,11 @@ def stimulus(tmp_path: Path) -> Path:
     return path
 
 
+def faint(done: Done) -> list[str]:
+    """The detectors of which the command says that they hardly respond."""
+    return re.findall(r"^oppload: (\S+) hardly responds", done.stderr, re.MULTILINE)
+
+
 def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     done = run(
@@ -29,7 +35,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
         "reference", "--set", "opplod.receptive_field=24", "--change", "timing.motion_s=0.5",
     )  # fmt: skip
     names = ["disk.tuning.csv", "disk.tuning.json", "disk.tuning.png"]
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, faint(done)) == (0, ["D-LGMD"])
     assert done.stdout.split() == [str(out / name) for name in names]
     assert sorted(path.name for path in out.iterdir()) == names
     rows = list(csv.DictReader((out / names[0]).read_text().splitlines()))
@@ -39,6 +45,17 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     assert content["stimulus"]["first"]["timing"]["motion_s"] == 0.5
     assert content["parameters"]["opplod"]["receptive_field"] == 24
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_detector_that_hardly_responds_is_named(
+    stimulus: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    arguments = ("tune", stimulus, "-o", tmp_path, "--height", "native", "--plot", "none",
+                 "--jobs", "1", "--over", "speed=15", "--if-exists", "overwrite")  # fmt: skip
+    assert faint(run(capsys, *arguments)) == ["D-LGMD"]
+    done = run(capsys, *arguments, "--change", "disk.luminance=0.49")
+    assert (done.returncode, faint(done)) == (0, ["OppLoD", "D-LGMD"])
+    assert "and no alarm is given below 0.0008;" in done.stderr
 
 
 def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:
