@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,10 +146,16 @@ def _target(where: str, row: Mapping[str, str | None]) -> Target:
 
 
 class _Weights(NamedTuple):
-    """The cells that excite and suppress each arm, and those of the field."""
+    """What the arms see of each cell of the frame; arrays of shape (cells, arms).
 
-    arms: list[tuple[NDArray[np.float32], NDArray[np.float32]]]
-    field: NDArray[np.float32]
+    `against` weighs motion in each of the four directions by its part in the suppression of each
+    arm, shape (directions, arms).
+    """
+
+    excited: Floats
+    suppressed: Floats
+    field: Floats
+    against: Floats
 
 
 class Battery:
@@ -187,49 +194,51 @@ class Battery:
                 maps.append(np.stack([amount, *parts]))
             else:
                 maps.append(empty)
-        return np.array(times), np.asarray(maps, np.float64)
+        by_part = np.asarray(maps, np.float64).swapaxes(0, 1)
+        return np.array(times), by_part.reshape(*by_part.shape[:2], -1)
 
     def peaks(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the peaks over the loom's with some parameters changed."""
         params = self.params.replaced(**values).resolved(240)
-        reach = (params.receptive_field or 0) / 2 / (params.cell or 1)
-        further = reach * params.suppression_field
-        arms = [
-            (
-                arm_weights(reach, phi, params.arm_cone),
-                arm_weights(further, phi, params.suppression_cone),
-            )
-            for phi in DIRECTIONS
-        ]
-        weights = _Weights(arms, field_weights(reach))
+        weights = self._weights(params)
         found = {name: self._peak(seen, weights, params) for name, seen in self.maps.items()}
         return {name: peak / (found[self.loom] or 1e-12) for name, peak in found.items()}
+
+    def _weights(self, params: OpplodParams) -> _Weights:
+        reach = (params.receptive_field or 0) / 2 / (params.cell or 1)
+        further = reach * params.suppression_field
+        turns = (np.arange(4)[:, np.newaxis] - np.arange(4)) % 4
+        return _Weights(
+            self._framed(arm_weights(reach, phi, params.arm_cone) for phi in DIRECTIONS),
+            self._framed(arm_weights(further, phi, params.suppression_cone) for phi in DIRECTIONS),
+            self._framed([field_weights(reach)]),
+            np.array([0, params.lateral, params.inward, params.lateral])[turns],
+        )
+
+    def _framed(self, kernels: Iterable[NDArray[np.float32]]) -> Floats:
+        """Return kernels about the unit in the middle by the cells of the frame."""
+        side = round(math.sqrt(self.maps[self.loom][1].shape[-1]))
+        framed = []
+        for kernel in kernels:
+            over = (len(kernel) - side) // 2
+            inner = slice(max(0, over), max(0, over) + side)
+            framed.append(np.pad(kernel, max(0, -over))[inner, inner].ravel())
+        return np.array(framed, np.float64).T
 
     @staticmethod
     def _peak(seen: tuple[Floats, Floats], weights: _Weights, params: OpplodParams) -> float:
         times, maps = seen
-
-        def over(part: int, kernel: NDArray[np.float32]) -> Floats:
-            side = maps.shape[-1]
-            middle = (len(kernel) - side) // 2
-            if middle >= 0:
-                inner = kernel[middle : middle + side, middle : middle + side]
-            else:
-                inner = np.pad(kernel, -middle)
-            return cast("Floats", np.tensordot(maps[:, part], inner, 2))
-
-        amount = params.surround * over(0, weights.field)
-        total = np.zeros(len(times))
-        for arm, (excited, suppressed) in enumerate(weights.arms):
-            left, back, right = ((arm + turn) % 4 + 1 for turn in (1, 2, 3))
-            sideways = over(left, suppressed) + over(right, suppressed)
-            against = params.inward * over(back, suppressed) + params.lateral * sideways
-            total += arm_response(
-                over(arm + 1, excited).astype(np.float32),
-                low_passed(against + amount, times, params.suppression_s).astype(np.float32),
-                params.half_saturation,
-                params.saturation,
-            )
+        outward = np.einsum("ptp->tp", maps[1:] @ weights.excited)
+        against = np.einsum("pta,pa->ta", maps[1:] @ weights.suppressed, weights.against)
+        suppression = low_passed(
+            against + params.surround * maps[0] @ weights.field, times, params.suppression_s
+        )
+        total = arm_response(
+            outward.astype(np.float32),
+            suppression.astype(np.float32),
+            params.half_saturation,
+            params.saturation,
+        ).sum(axis=1)
         above = np.maximum(total - params.threshold, 0) ** params.arm_power
         return float(low_passed(above, times, params.calcium_s).max())
 
@@ -307,14 +316,24 @@ def likeness(peaks: Mapping[str, float], rows: Sequence[Target]) -> tuple[float,
 
 
 def cross_validated(
-    battery: Battery, targets: Sequence[Target], free: Sequence[str], *, seed: int, generations: int
+    battery: Battery,
+    targets: Sequence[Target],
+    free: Sequence[str],
+    *,
+    seed: int,
+    generations: int,
+    state: Path | None = None,
 ) -> tuple[float, float]:
-    """Return r and rms of rows that were predicted without their own family of stimuli."""
+    """Return r and rms of rows that were predicted without their own family of stimuli.
+
+    Each family has a state of its own, beside that of the fit.
+    """
     rows = [target for target in targets if target.family != LOOM]
     predicted: dict[str, float] = {}
     for family in dict.fromkeys(row.family for row in rows):
         others = [target for target in targets if target.family != family]
-        population, _ = fit(battery, others, free, seed=seed, generations=generations)
+        own = state and state.with_name(f"{state.stem}-{family}.npz")
+        population, _ = fit(battery, others, free, seed=seed, generations=generations, state=own)
         peaks = battery.peaks(values_of(free, population[0]))
         left = [row for row in rows if row.family == family]
         predicted.update({row.stimulus: peaks[row.stimulus] for row in left})
@@ -374,8 +393,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"  {name} {each[0]:.4g} ({min(each):.4g} to {max(each):.4g})")
         if chosen.cross_validate:
             result = cross_validated(
-                battery, targets, free, seed=chosen.seed, generations=chosen.generations
-            )
+                battery, targets, free,
+                seed=chosen.seed, generations=chosen.generations, state=chosen.state,
+            )  # fmt: skip
             print("cross-validated over families: r {:.3f}, rms {:.3f}".format(*result))
     except OpploadError as error:
         print(f"fit_lplc2: {error}", file=sys.stderr)

@@ -110,7 +110,7 @@ def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
 
     Parameters
     ----------
-    values : ndarray, shape (n,)
+    values : ndarray, shape (n, ...)
         The response; NaN counts as 0.
     time_s : ndarray, shape (n,)
         Rising times in s.
@@ -120,7 +120,7 @@ def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
     known = np.nan_to_num(values)
     if not constant_s:
         return known
-    signal = np.zeros(len(known))
+    signal = np.zeros_like(known)
     for index in range(1, len(known)):
         share = 1 - math.exp(-(time_s[index] - time_s[index - 1]) / constant_s)
         signal[index] = signal[index - 1] + share * (known[index] - signal[index - 1])
