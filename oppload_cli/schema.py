@@ -281,7 +281,7 @@ class Parameters(Table):
     _none: ClassVar[str] = " or none"
 
     def resolved(self, height: int, frame_rate: float | None = None) -> Self:  # noqa: ARG002
-        """Return these parameters with what follows from the video filled in.
+        """Return these parameters with the values that the video decides filled in.
 
         Parameters
         ----------

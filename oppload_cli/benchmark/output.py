@@ -78,7 +78,7 @@ class Cells(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """What the whole battery says about one detector.
+    """The figures of one detector over the complete battery.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ class Benchmark:
         )
 
     def summary(self, name: str) -> Summary:
-        """Return what the whole battery says about one detector."""
+        """Return the figures of one detector over the complete battery."""
         kinds = np.array([each.column.kind for each in self.shown])
         alarmed = np.array([_alarms(each, name) > 0 for each in self.shown])
         peaks = self._peaks[name]
@@ -197,7 +197,7 @@ def write_benchmark(
     Parameters
     ----------
     benchmark : Benchmark
-        What was measured.
+        The measurements.
     folder : Path
         For the files.
     command : sequence of str
@@ -278,7 +278,7 @@ def drawn(benchmark: Benchmark, table: Table) -> Figure:
     Parameters
     ----------
     benchmark : Benchmark
-        What was measured.
+        The measurements.
     table : Table
         One of its tables.
     """

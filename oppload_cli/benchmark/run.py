@@ -1,4 +1,4 @@
-"""Every stimulus of the battery through every detector; what was measured is kept."""
+"""Every stimulus of the battery through every detector; measurements are kept."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Measured:
-    """What one detector did on one stimulus.
+    """The measurement of one detector on one stimulus.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ def show(
     jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> list[Shown]:
-    """Show the battery to the detectors; what the folder holds already is not shown again.
+    """Show the battery to the detectors, but for the stimuli whose results the folder holds.
 
     Parameters
     ----------

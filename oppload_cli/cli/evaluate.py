@@ -147,7 +147,7 @@ def _is_video(name: str) -> bool:
 
 
 def _manifest(inputs: tuple[str, ...]) -> Path | None:
-    """Return the manifest, if it is what was named: one input that is no stimulus or its video."""
+    """Return the manifest, if one was named: a single input that is no stimulus or its video."""
     from oppload_cli.evaluation.staged import truth_beside
 
     path = Path(inputs[0])

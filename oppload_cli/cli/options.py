@@ -52,7 +52,7 @@ def jobs_option(things: str) -> Callable[[Command], Command]:
     Parameters
     ----------
     things : str
-        What they are, for the help, such as ``Inputs``.
+        Their name, for the help, such as ``Inputs``.
     """
     return click.option(
         "-j",

@@ -40,7 +40,7 @@ def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -
     total : int or None
         At which it is full; None if that is not known.
     unit : str
-        The word for what is counted.
+        The word for the things that are counted.
     quiet : bool
         Whether it is not shown on a terminal either.
     name : str

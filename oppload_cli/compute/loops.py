@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 INTERFACE = 10  # that of maps.c; a build with another number is out of date
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
-_BAND = 120  # rows that one thread computes at a time: what they need stays in the cache
+_BAND = 120  # rows that one thread computes at a time: their data stay in the cache
 _LARGE = 1 << 18  # pixels; below, handing work to other threads costs more than it saves
 _pointer, _count, _float, _double = ctypes.c_void_p, ctypes.c_int, ctypes.c_float, ctypes.c_double
 _NOTHING: dict[str, tuple[Any, ...]] = {

@@ -42,7 +42,7 @@ _FIRST_ROWS = 1, 2
 
 
 class _Plan:
-    """The kernels as presynaptic.c takes them, and room for what it computes on the way."""
+    """The kernels as presynaptic.c takes them, and room for its intermediate maps."""
 
     def __init__(self, kernels: Kernels) -> None:
         quadrants = [_quadrants(kernels.excitation, {})]

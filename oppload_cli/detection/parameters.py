@@ -176,7 +176,7 @@ def _restored(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceParams(Parameters):
-    """What is an object, when it is the same one, and when its contact is determined.
+    """When units form an object, when it is the same one, and when its contact is determined.
 
     Source: ``docs/places.md``.
 

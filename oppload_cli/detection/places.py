@@ -426,7 +426,7 @@ class Detections:
     working : WorkingSize
         Size of the working frames, and its scale.
     params : PlaceParams, optional
-        What is an object.
+        When units form an object.
     interval_s : float
         As for :class:`Places`.
     """

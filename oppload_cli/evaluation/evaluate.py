@@ -56,7 +56,7 @@ class Evaluation:
     measurements : list of Measurement
         Of all detectors, and of always pointing at the frame's centre.
     faults : list of str
-        What is wrong with the manifest and its clips, a sentence each.
+        Faults of the manifest and its clips, a sentence each.
     draws : int
         Of the bootstrap.
     """
@@ -129,7 +129,7 @@ class _Analysed(NamedTuple):
     clip : Clip or None
         None if the clip cannot be used.
     faults : list of str
-        What is wrong with the clip, a sentence each, without its row.
+        Faults of the clip, a sentence each, without its row.
     """
 
     clip: Clip | None

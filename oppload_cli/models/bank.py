@@ -1,4 +1,4 @@
-"""Several detectors over one video: what they have in common is computed once."""
+"""Several detectors over one video: the layers that they share are computed once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a detector is: the one seam between the models and everything that uses them.
+"""The interface of a detector: the one seam between the models and their users.
 
 A detector is one file in this room: its frozen parameters, its `step`, its columns, its label
 and colour. One line in :mod:`oppload_cli.models.registry` makes it known everywhere.
@@ -98,7 +98,7 @@ class Response:
 
 
 class UnitMaps(NamedTuple):
-    """What the units of a detector saw in the latest frame; the next frame overwrites it.
+    """The responses of a detector's units to the latest frame; the next frame overwrites them.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ class Detector(ABC):
         Frames per second of the video, where it is known.
     layers : Layers, optional
         Where it gets photoreceptors and DPC layers from; detectors that are given the same
-        ones share what is alike in them.
+        ones compute a layer that they have in common once.
 
     Attributes
     ----------
@@ -185,7 +185,7 @@ class Detector(ABC):
     reference : str
         The publication, or who defined it.
     answers_to : str
-        What it answers to, and what it does not answer to, in one line.
+        The stimuli that it responds to and those that it does not, in one line.
     made_for : str
         The working size and the frame rate that its authors meant.
     cost_ms : float or None

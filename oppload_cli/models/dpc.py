@@ -143,7 +143,7 @@ def referred(s: AnyValues, excitation: AnyValues, share: float, *, directional: 
         At least 0.
     """
     less, squared = s - (1 - share) * excitation, share * share * s
-    if share > 1:  # the inverse of what follows
+    if share > 1:  # the inverse of the other case
         result: AnyValues = np.minimum(less, squared)
     else:
         result = np.maximum(less, squared if directional else 0)

@@ -152,7 +152,7 @@ class OpplodParams(ArmParams):
             )
 
     def resolved(self, height: int, _: float | None = None) -> OpplodParams:
-        """Return these parameters with what follows from the video filled in.
+        """Return these parameters with the values that the video decides filled in.
 
         `receptive_field` and `cell` become their shares of the working height (240 and 12 px at
         240, and 100 and 8 px under preset ``reference``), but at least 2 and 1 px.

@@ -26,7 +26,7 @@ class Preset(NamedTuple):
     name : str
         As in ``--preset``.
     meaning : str
-        Whom it suits, and what it is, in one line.
+        Its users and its purpose, in one line.
     height : int
         Working height in pixels that its parameters are made for.
     no_alarm : str

@@ -245,7 +245,7 @@ def rmo_metrics(
 def metrics_of(
     starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
 ) -> RmoMetrics:
-    """Measure as :func:`rmo_metrics` does, without checking what is given.
+    """Measure as :func:`rmo_metrics` does, without checking its arguments.
 
     Parameters
     ----------

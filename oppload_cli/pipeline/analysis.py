@@ -132,7 +132,7 @@ def _records(
 
 
 class _Seen(NamedTuple):
-    """A frame, what it repeats, and its radial motion opponency."""
+    """A frame, the picture that it repeats, and its radial motion opponency."""
 
     frame: Frame
     repeat: Repeat
@@ -225,7 +225,7 @@ class _Detectors:
             self._passed_s.append(time_s)
         else:
             if seen.repeat.still_begins:
-                # No repeats after all: the detectors see now what they missed of a still scene.
+                # No repeats after all: the detectors are now shown the frames that they missed.
                 for passed_s in self._passed_s:
                     bank.step(luma, passed_s)
             self._passed_s.clear()

@@ -62,7 +62,7 @@ class RepeatParams(Parameters):
 
 
 class Repeat(NamedTuple):
-    """What a frame repeats.
+    """The picture that a frame repeats.
 
     Attributes
     ----------

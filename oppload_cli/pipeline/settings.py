@@ -176,7 +176,7 @@ class Settings:
         return replace(self, groups=groups, angles={})
 
     def resolved(self, height: int, frame_rate: float | None = None) -> dict[str, Parameters]:
-        """Return all parameter sets with what follows from the video filled in.
+        """Return all parameter sets with the values that the video decides filled in.
 
         Parameters
         ----------

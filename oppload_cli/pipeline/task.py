@@ -76,7 +76,7 @@ class Outcome:
     notes : tuple of str
         Faults of the input, a line each.
     remarks : tuple of str
-        What is unusual about the input without being a fault, a line each.
+        Unusual properties of the input that are no faults, a line each.
     summaries : dict of str to ModelSummary
         By detector; empty where the result existed.
     verdicts : tuple of Verdict

@@ -77,7 +77,7 @@ class FrameTimes:
         }
 
     def notes(self) -> list[str]:
-        """Return what is remarkable about the times, a sentence each."""
+        """Return remarks about the times, a sentence each."""
         notes = []
         if self._wrong:
             notes.append(

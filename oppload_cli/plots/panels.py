@@ -199,7 +199,7 @@ def draw_curves(
     Returns
     -------
     list of str
-        What the legend has to explain.
+        Marks that the legend has to explain.
     """
     values = [curve.scaled(scale) for curve in curves]
     one_input = len({curve.number for curve in curves}) == 1

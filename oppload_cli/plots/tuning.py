@@ -257,7 +257,7 @@ def _plot_contact(
 
 
 def _draw_fit(axes: Axes, rows: pd.DataFrame, parameter: str, colour: str) -> str:
-    """Draw the line through the peaks of one detector, and return what it says."""
+    """Draw the line through the peaks of one detector, and return its label."""
     l_over_v = rows[parameter].to_numpy(float)
     fit = PeakTimes.through(l_over_v / 1000, rows["peak_before_contact_s"].to_numpy(float))
     ends = np.array([0, l_over_v.max()])

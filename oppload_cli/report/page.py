@@ -1,4 +1,4 @@
-"""What the page of a result says: curves over thresholds, alarms, boxes, truth, warnings."""
+"""The content of a result's page: curves over thresholds, alarms, boxes, truth, warnings."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Curve(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """What a value of 1 means, as words after a number."""
+        """The meaning of a value of 1, as words after a number."""
         return "times the threshold" if self.thresholded else "of its peak"
 
     @property
@@ -94,7 +94,7 @@ class AlarmSpan(NamedTuple):
 
 @dataclass(frozen=True)
 class Content:
-    """What a page says of a result.
+    """The content of a result's page.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Content:
     truth : dict or None
         Sizes and contact of a stimulus.
     notes : list of str
-        What the reader must know of the result, a sentence each.
+        Warnings about the result, a sentence each.
     """
 
     result: Result
@@ -149,7 +149,7 @@ class Content:
             return round(right), round(bottom)
 
     def settings(self) -> dict[str, dict[str, str]]:
-        """Return what the sidecar says of the run, as texts by group and name."""
+        """Return the settings of the run from the sidecar, as texts by group and name."""
         sidecar, parameters = self.result.sidecar, self.result.part("parameters")
         words = sidecar.get("command")
         run = {
@@ -194,7 +194,7 @@ class Content:
 
 
 def content_of(result: Result) -> Content:
-    """Return what the page of a result says.
+    """Return the content of a result's page.
 
     Parameters
     ----------
@@ -269,7 +269,7 @@ def _boxes(result: Result, name: str) -> dict[int, list[list[Any]]]:
         again = "run the input again"
         with reading(path, ResultError, form="JSON Lines", repair=again):
             lines = path.read_text(encoding="utf-8").split("\n")
-            for line in lines[:-1]:  # what follows the last line end is cut, or nothing
+            for line in lines[:-1]:  # the text after the last line end is cut short, or empty
                 found = json.loads(line)
                 if not isinstance(found, dict) or not _is_box(found):
                     raise ValueError(f"not a detection: {line[:40]}")
@@ -329,7 +329,7 @@ def _true_size(frame: dict[str, Any] | None, name: str) -> Any:
 
 
 def _notes(result: Result, curves: list[Curve]) -> list[str]:
-    """Return what the reader must know of a result, a sentence each."""
+    """Return the warnings about a result, a sentence each."""
     notes = []
     if result.path.name.endswith(".part"):
         notes.append("the run was interrupted; the page shows the frames that it had written")

@@ -54,7 +54,7 @@ class Entry(NamedTuple):
     peak : float
         The largest response, in `unit`.
     unit : str
-        What it is a multiple of.
+        The unit of `peak`, such as the alarm's threshold.
     notes : list of str
         Sentences of warning.
     video : Path or None

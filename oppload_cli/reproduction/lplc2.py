@@ -91,7 +91,7 @@ class Row(NamedTuple):
 
 @dataclass(frozen=True)
 class Shown:
-    """What one preset or model answered to the battery.
+    """The responses of one preset or model to the battery.
 
     Attributes
     ----------

@@ -64,7 +64,7 @@ class AlarmEvent:
 
 
 class Verdict(NamedTuple):
-    """What the alarms of one detector say about one input.
+    """The alarms of one detector for one input.
 
     Attributes
     ----------

@@ -85,7 +85,7 @@ class FrameRecord:
     def values(self) -> dict[str, Value]:
         """Return the values by column, the same columns for every frame.
 
-        What is not there is None: a response during warm-up, a box where nothing looms, RMO
+        A missing value is None: a response during warm-up, a box where nothing looms, RMO
         where it was not measured, degrees where the field of view is not known.
 
         Returns

@@ -1,4 +1,4 @@
-"""What a result's alarms and ground truth say beside its rows: thresholds, and true sizes."""
+"""Thresholds of a result's alarms and true sizes from its ground truth, row by row."""
 
 from __future__ import annotations
 

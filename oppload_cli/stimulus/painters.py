@@ -339,7 +339,7 @@ class _PicturePainter:
 
     @cached_property
     def _gain(self) -> float:
-        """What the luminance of the picture is multiplied by."""
+        """The factor by which the luminance of the picture is multiplied."""
         wanted = self._obj.relative_luminance
         if wanted is None:
             return 1.0

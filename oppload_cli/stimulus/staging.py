@@ -198,7 +198,7 @@ def enters(protocol: Protocol, obj: Object, time: float) -> bool:
 
 
 def check_stage(protocol: Protocol) -> None:
-    """Check what a staged scene asks of the tables of a protocol together.
+    """Check the rules that a staged scene sets for the tables of a protocol together.
 
     Raises
     ------

@@ -463,7 +463,7 @@ def _declared_frames(container: InputContainer, stream: VideoStream) -> int | No
     entries = stream.index_entries
     if kind.startswith("mov") and len(entries):
         return sum(not entry.is_discard for entry in entries)
-    # The index of a truncated AVI file is gone, or made from what has been read.
+    # The index of a truncated AVI file is gone, or made from the frames read so far.
     if kind == "avi" and len(entries) and entries[-1].timestamp + 2 >= stream.frames:
         return len(entries)
     if kind == "avi" and stream.frames >= AVI_TO_A_PIPE:

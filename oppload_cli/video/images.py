@@ -277,7 +277,7 @@ def _colour(image: Image.Image) -> Colour:
         raise SourceError("its samples have 32 bits; convert it to 8 or 16")
     deep = image.mode in DEEP_GREY
     image.load()
-    with suppress(Exception):  # what is damaged here does not concern the pixels
+    with suppress(Exception):  # damage here does not concern the pixels
         ImageOps.exif_transpose(image, in_place=True)
     if deep:
         grey = np.asarray(np.asarray(image).astype(np.uint16) >> 8, np.uint8)

@@ -226,7 +226,7 @@ def limits(case: Case, random: Random, material: Material) -> None:
         amount = random.choice((60, 80, 120, 180, 230, 300, 350, 500, 800, 1500)) << 20
     elif kind == "nproc":
         amount = random.randrange(1, 13)
-        if os.geteuid() == 0:  # whom no such limit binds
+        if os.geteuid() == 0:  # no such limit binds root
             case.user = USER + os.getpid() % 4000  # no other case counts as this user
     elif kind == "fsize":
         amount = random.choice((0, 1, 100, 1000, 10_000, 100_000, 1_000_000))

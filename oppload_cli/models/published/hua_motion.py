@@ -45,7 +45,7 @@ def radial_bias(shape: tuple[int, int]) -> Map:
 class Pathway:
     """T4 (of ON signals) or T5 (of OFF signals): motion in four directions.
 
-    All arrays are made once: fresh ones of this size take more time than what fills them.
+    All arrays are made once: to allocate them takes more time than to compute them.
 
     Parameters
     ----------
@@ -143,8 +143,8 @@ def to_power(values: Map, exponent: float) -> None:
 def flush(values: Map) -> None:
     """Set values below 1e-9 of a grey level to 0, in place.
 
-    What decays from frame to frame would otherwise fall to numbers so small that a processor
-    needs many times as long for each.
+    Values that decay from frame to frame would otherwise fall to numbers so small that a
+    processor needs many times as long for each.
     """
     cv2.threshold(values, 1e-9, 0, cv2.THRESH_TOZERO, dst=values)
 

@@ -123,7 +123,7 @@ class Lgmd1Group(ChangeDetector):
         i = self._thresholded(spread(self._thresholded(before), k3(0, 1 / 4, 1 / 8), ZERO))
         s = self._thresholded(q) - self.params.inhibition * i
         g, w = grouped(s, self.params.grouping, 0.01, ZERO)
-        # 0.15 G is what is compared, as its rounding decides about ties.
+        # 0.15 G is compared, not G: its rounding decides about ties.
         k = float(g[self.params.decay * g >= self.params.threshold].sum())
         norms = [float(cv2.norm(each, cv2.NORM_L1)) for each in (s, q)]
         mean = k / self.pixels

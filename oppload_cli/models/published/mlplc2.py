@@ -171,7 +171,7 @@ class Mlplc2(ChangeDetector):
         off -= np.minimum(s, 0, out=excitation)
 
     def _compress(self) -> None:
-        """Compress the signals, each by those around it; what is below the threshold is 0."""
+        """Compress the signals, each by those around it; signals below the threshold become 0."""
         self._now, self._former = self._former, self._now
         oldest, self._earlier = self._earlier, self._active
         self._active = [np.flatnonzero(each > self._limit) for each in self._signal]

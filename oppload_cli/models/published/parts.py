@@ -1,4 +1,4 @@
-"""What the models of Fu and colleagues have in common.
+"""The functions that the models of Fu and colleagues share.
 
 They see grey levels 0 to 255 and their signed change, and count time in frames of a truncated
 number of milliseconds. Source: ``docs/detectors.md``.
@@ -131,7 +131,7 @@ def averaged(values: Plane, border: int = EDGE) -> Plane:
 
 def at_least(values: Plane, least: float) -> Plane:
     """Return a map with 0 where it is below a threshold above 0."""
-    # OpenCV keeps what is above the threshold, not what equals it.
+    # OpenCV keeps values above the threshold, not those that equal it.
     below = float(np.nextafter(values.dtype.type(least), values.dtype.type(-np.inf)))
     return np.asarray(cv2.threshold(values, below, 0, cv2.THRESH_TOZERO)[1])
 
