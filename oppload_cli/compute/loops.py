@@ -150,7 +150,7 @@ def in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object])
         Takes the number of a band, its first row, and the row after its last one.
     """
     bands = bands_of(shape)
-    threads = min(cv2.getNumThreads(), len(bands))
+    threads = min(cv2.getNumThreads(), len(bands)) if len(bands) > 1 else 1
     if threads <= 1:
         for number, band in enumerate(bands):
             compute(number, *band)

@@ -192,14 +192,14 @@ def open_source(
     if isinstance(source, str | Path):
         with open_video(source, height=size, image_rate=Fraction(rate or 30)) as video:
             yield video
-    elif isinstance(source, stimulus.Protocol):
-        yield StimulusVideo(source, size)
+    elif hasattr(source, "facts") and hasattr(source, "working"):
+        yield source  # type: ignore[misc]
     elif isinstance(source, np.ndarray | list | tuple):
         if rate is None:
             raise ParameterError("an array of frames has no times; give its rate, e.g. rate=30")
         yield ArrayVideo(source, rate, size)
-    elif hasattr(source, "facts") and hasattr(source, "working"):
-        yield source  # type: ignore[misc]
+    elif isinstance(source, stimulus.Protocol):  # the last kind: this loads the stimuli
+        yield StimulusVideo(source, size)
     else:
         raise SourceError(
             f"{type(source).__name__}: holds no frames; give a path, an open video, a stimulus or "
