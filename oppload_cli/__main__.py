@@ -17,6 +17,7 @@ def entry() -> NoReturn:
     # Libraries print lines of their own where they get no thread: the error says it.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    os.environ.setdefault("JE_ARROW_MALLOC_CONF", "background_thread:false")
     try:
         main()
     except SystemExit as ended:

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 
-LIBRARY_BYTES = 150 << 20  # of address space: fewer than any command takes in the end
+# Of address space; both are fewer than the commands take in the end.
+LIBRARY_BYTES = 150 << 20
+ARROW_BYTES = 800 << 20  # of commands that read tables, where Arrow is installed
+READING_TABLES = {"collect", "plot", "report", "tune", "evaluate", "benchmark", "reproduce", "demo"}
 _WIDEST = 80  # characters of help
 COMMANDS = {
     "run": "run looming detectors on videos",
@@ -62,7 +65,6 @@ class _LazyGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> object:
         """Call the command."""
-        _check_memory()
         try:
             return super().invoke(ctx)
         except BrokenPipeError as error:
@@ -76,6 +78,7 @@ class _LazyGroup(click.Group):
         """Return a command, or None if none has that name."""
         if cmd_name not in COMMANDS:
             return None
+        _check_memory(cmd_name)
         module = importlib.import_module(f"oppload_cli.cli.{cmd_name}")
         command: click.Command = getattr(module, cmd_name)
         return command
@@ -145,11 +148,11 @@ def _help_width() -> int:
     return max(min(columns or _WIDEST, _WIDEST) - 2, 50)
 
 
-def _check_memory() -> None:
-    """Raise OSError if a limit of memory leaves no room for the libraries of the commands.
+def _check_memory(command: str) -> None:
+    """Raise OSError if a limit of memory leaves no room for the libraries of a command.
 
-    OpenBLAS, which NumPy loads, takes memory as it is loaded, and ends the process if it
-    cannot: no error could be caught.
+    OpenBLAS, which NumPy loads, and Arrow, which pandas loads, take memory as they are loaded,
+    and end the process if they cannot: no error could be caught.
     """
     try:
         import resource
@@ -157,8 +160,10 @@ def _check_memory() -> None:
         return
     if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
         import mmap
+        from importlib.util import find_spec
 
-        mmap.mmap(-1, LIBRARY_BYTES).close()
+        with_arrow = command in READING_TABLES and find_spec("pyarrow")
+        mmap.mmap(-1, ARROW_BYTES if with_arrow else LIBRARY_BYTES).close()
 
 
 def failure(error: BaseException) -> int:

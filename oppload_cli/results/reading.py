@@ -319,6 +319,8 @@ def _read_table(
             raise
         except ValueError as error:  # of every kind that pandas has
             reason = reason_of(error)
+            if "out of memory" in reason:  # the parser of pandas has no error of its own for it
+                raise MemoryError(reason) from error
             raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
     if table.empty and len(table.columns):  # without any, one that is needed is named
         raise ResultError(f"{path}: holds no row; run the input again")
