@@ -21,6 +21,7 @@ _NO_MEMORY = (
     "insufficient memory",
     "failed to allocate",
     "out of memory",
+    "bad_alloc",  # of C++
 )
 
 

@@ -10,6 +10,7 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import pytest
 from PIL import Image
 
@@ -252,6 +253,7 @@ def test_a_shortage_is_no_bug() -> None:
     assert "memory is short" in shortage(
         ImportError("x.so: failed to map segment from shared object")
     )
+    assert "memory is short" in shortage(cv2.error("std::bad_alloc"))
     assert "process or thread" in shortage(RuntimeError("can't start new thread"))
     assert "process or thread" in shortage(BlockingIOError(11, "Resource temporarily unavailable"))
     assert "files are open" in shortage(OSError(24, "Too many open files"))
