@@ -79,6 +79,11 @@ def test_what_is_planted_is_found(
         assert re.fullmatch(pattern, each)
 
 
+def test_a_name_with_a_separator_ends_no_row(tmp_path: Path) -> None:
+    table = r"open('../out/all.csv', 'w').write('a,b\nx\x1dy,1\n')"
+    assert faults(planted(tmp_path, table))[0] == []
+
+
 def test_a_case_that_failed_is_kept(tmp_path: Path) -> None:
     case = planted(tmp_path, "sys.exit('bad')")
     case.words = ["run", "a b.avi"]

@@ -15,6 +15,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, field
+from io import StringIO
 from itertools import pairwise
 from pathlib import Path
 from typing import IO
@@ -345,7 +346,7 @@ def _faults_of_table(path: Path, *, whole: bool) -> list[str]:
         text = text[: text.rfind("\n") + 1]
     elif not text.endswith("\n"):
         return [f"{path.name!r} ends within a row"]
-    rows = list(csv.reader(text.splitlines()))
+    rows = list(csv.reader(_lines(text)))
     if not rows or "frame" not in rows[0]:
         return [f"{path.name!r} has no header"] if whole else []
     widths = {len(row) for row in rows}
@@ -372,17 +373,22 @@ def _faults_of_sidecar(table: Path, ended: Ended) -> list[str]:
     return wrong
 
 
+def _lines(text: str) -> StringIO:
+    """Return the lines of a file; `str.splitlines` also cuts at separators that are no ends."""
+    return StringIO(text, newline="")
+
+
 def _faults_of_text(path: Path) -> list[str]:
     try:
         text = path.read_text(encoding="utf-8", errors="surrogateescape")
         if path.suffix == ".csv":
             usual = csv.field_size_limit(sys.maxsize)
             try:
-                widths = {len(row) for row in csv.reader(text.splitlines(keepends=True))}
+                widths = {len(row) for row in csv.reader(_lines(text))}
             finally:
                 csv.field_size_limit(usual)
             return [f"{path.name!r} has rows of {sorted(widths)} cells"] if len(widths) > 1 else []
-        for part in text.splitlines() if path.suffix == ".jsonl" else [text]:
+        for part in _lines(text) if path.suffix == ".jsonl" else [text]:
             json.loads(part)
     except (ValueError, csv.Error) as error:
         return [f"{path.name!r} cannot be read ({error})"]
