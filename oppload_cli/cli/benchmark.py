@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli.options import ResultsFolder, complete_models, jobs_option
+from oppload_cli.cli.options import complete_models, jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -40,17 +40,9 @@ TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, backg
     metavar="MANIFEST.csv",
     help="Labelled clips to evaluate the detectors on as well, as by 'oppload evaluate'.",
 )
-@click.option(
-    "-o",
-    "--output",
-    type=ResultsFolder(),
-    default=Path("benchmark"),
-    metavar="DIR",
-    show_default=True,
-    help="Folder of the results.",
-)
+@output_option("benchmark")
 @jobs_option("Detectors")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@quiet_option
 def benchmark(  # noqa: PLR0917 - click passes them by name
     models: tuple[str, ...],
     only: tuple[str, ...],

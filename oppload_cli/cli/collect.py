@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from oppload_cli.cli import say
+from oppload_cli.cli.options import if_exists_option
 from oppload_cli.errors import ExitCode, ResultError
 from oppload_cli.processes.signals import stop_if_asked
 
@@ -31,13 +32,7 @@ if TYPE_CHECKING:
     help="The table: .csv or .parquet.",
 )
 @click.option("--frames", "of_frames", is_flag=True, help="A row per frame, of all inputs.")
-@click.option(
-    "--if-exists",
-    type=click.Choice(["error", "overwrite"]),
-    default="error",
-    show_default=True,
-    help="What to do if the table exists already.",
-)
+@if_exists_option("the table")
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 def collect(
     folders: tuple[Path, ...], output: Path, of_frames: bool, if_exists: str, quiet: bool

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli.options import ResultsFolder
+from oppload_cli.cli.options import if_exists_option, output_option
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -15,22 +15,8 @@ STIMULUS = "controls/looming-and-translating"
 
 
 @click.command(short_help="show the detectors at work on a looming disk")
-@click.option(
-    "-o",
-    "--output",
-    type=ResultsFolder(),
-    default="oppload-demo",
-    show_default=True,
-    metavar="DIR",
-    help="Folder of the stimulus, the results, the plot and the page.",
-)
-@click.option(
-    "--if-exists",
-    type=click.Choice(["error", "skip", "overwrite"]),
-    default="error",
-    show_default=True,
-    help="What to do if a result exists already.",
-)
+@output_option("oppload-demo", "Folder of the stimulus, the results, the plot and the page.")
+@if_exists_option("a result", skip=True)
 def demo(output: Path, if_exists: str) -> None:
     """Show the detectors a disk that approaches while another one passes by.
 

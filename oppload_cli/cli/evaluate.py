@@ -11,11 +11,13 @@ import click
 
 from oppload_cli.cli import say
 from oppload_cli.cli.options import (
-    ResultsFolder,
     change_option,
     complete_models,
     complete_stimuli,
+    if_exists_option,
     jobs_option,
+    output_option,
+    quiet_option,
     repeats_option,
 )
 from oppload_cli.errors import ExitCode, ParameterError
@@ -59,15 +61,7 @@ if TYPE_CHECKING:
     help="Stage the stimuli in this video; may be given again.",
 )
 @change_option
-@click.option(
-    "-o",
-    "--output",
-    type=ResultsFolder(),
-    default=Path("evaluation"),
-    metavar="DIR",
-    show_default=True,
-    help="Folder of the results.",
-)
+@output_option("evaluation")
 @repeats_option
 @jobs_option("Clips")
 @click.option(
@@ -77,14 +71,8 @@ if TYPE_CHECKING:
     show_default=True,
     help="Draws of the bootstrap that gives the intervals.",
 )
-@click.option(
-    "--if-exists",
-    type=click.Choice(["error", "overwrite"]),
-    default="error",
-    show_default=True,
-    help="What to do if results exist already.",
-)
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@if_exists_option("a result")
+@quiet_option
 def evaluate(  # noqa: PLR0917 - click passes them by name
     inputs: tuple[str, ...],
     models: tuple[str, ...],

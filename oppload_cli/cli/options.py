@@ -46,6 +46,48 @@ class ResultsFolder(click.Path):
         return folder
 
 
+def output_option(
+    default: str | None, text: str = "Folder of the results."
+) -> Callable[[Command], Command]:
+    """Return the option ``--output`` of a command that fills a folder.
+
+    Parameters
+    ----------
+    default : str or None
+        The folder.
+    text : str
+        The help, with the default in words where that is this folder or none.
+    """
+    return click.option(
+        "-o",
+        "--output",
+        type=ResultsFolder(),
+        default=default,
+        show_default=default not in {None, "."},
+        metavar="DIR",
+        help=text,
+    )
+
+
+def if_exists_option(thing: str, *, skip: bool = False) -> Callable[[Command], Command]:
+    """Return the option ``--if-exists`` of a command that writes files.
+
+    Parameters
+    ----------
+    thing : str
+        The object that may exist, for the help, such as ``a result``.
+    skip : bool
+        Whether it may be left as it is.
+    """
+    return click.option(
+        "--if-exists",
+        type=click.Choice(["error", "skip", "overwrite"] if skip else ["error", "overwrite"]),
+        default="error",
+        show_default=True,
+        help=f"What to do if {thing} exists already.",
+    )
+
+
 def jobs_option(things: str) -> Callable[[Command], Command]:
     """Return the option ``--jobs`` of a command that does several things at a time.
 
@@ -124,6 +166,8 @@ def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[C
 def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
     return [CompletionItem(name) for name in names if name.startswith(text)]
 
+
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
 models_option = click.option(
     "--model",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from oppload_cli.cli import check_display, say, show_file
-from oppload_cli.cli.options import ResultsFolder, jobs_option
+from oppload_cli.cli.options import jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode, ParameterError
 from oppload_cli.files.names import is_folder
 
@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 @click.argument(
     "results", nargs=-1, required=True, metavar="RESULT...", type=click.Path(path_type=Path)
 )
-@click.option(
-    "-o",
-    "--output",
-    type=ResultsFolder(),
-    metavar="DIR",
-    help="Folder of the pages.  [default: the folder of the results]",
-)
+@output_option(None, "Folder of the pages.  [default: the folder of the results]")
 @click.option(
     "--video",
     "videos",
@@ -36,7 +30,7 @@ if TYPE_CHECKING:
 )
 @jobs_option("Pages")
 @click.option("--show", is_flag=True, help="Open the page in the browser, where there is one.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@quiet_option
 def report(  # noqa: PLR0917 - click passes them by name
     results: tuple[Path, ...],
     output: Path | None,

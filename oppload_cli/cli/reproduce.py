@@ -3,38 +3,25 @@
 from __future__ import annotations
 
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli.options import ResultsFolder, jobs_option
+from oppload_cli.cli.options import if_exists_option, jobs_option, output_option, quiet_option
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from oppload_cli.files.atomic import PartFile
 
 
 @click.command(short_help="reproduce the synthetic figures of the OppLoD paper")
-@click.option(
-    "-o",
-    "--output",
-    type=ResultsFolder(),
-    default=Path("reproduction"),
-    metavar="DIR",
-    show_default=True,
-    help="Folder of the results.",
-)
+@output_option("reproduction")
 @click.option("--only", multiple=True, metavar="FIG", help="Only this figure; may be given again.")
 @click.option("--list", "listed", is_flag=True, help="Print the names of the figures.")
 @jobs_option("Figures")
-@click.option(
-    "--if-exists",
-    type=click.Choice(["error", "overwrite"]),
-    default="error",
-    show_default=True,
-    help="What to do if results exist already.",
-)
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@if_exists_option("a result")
+@quiet_option
 def reproduce(  # noqa: PLR0917 - click passes them by name
     output: Path,
     only: tuple[str, ...],

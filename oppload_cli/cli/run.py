@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from oppload_cli.cli import say
-from oppload_cli.cli.options import ResultsFolder, jobs_option, settings_options
+from oppload_cli.cli.options import if_exists_option, jobs_option, output_option, settings_options
 from oppload_cli.errors import ExitCode, OutputError, ParameterError, SourceError, printable
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
@@ -68,14 +68,7 @@ class _Selection(NamedTuple):
 
 @click.command(short_help="run looming detectors on videos")
 @click.argument("inputs", nargs=-1, metavar="INPUT...")
-@click.option(
-    "-o",
-    "--output",
-    type=ResultsFolder(),
-    default=".",
-    metavar="DIR",
-    help="Folder of the results; '-' streams one input's CSV.  [default: this folder]",
-)
+@output_option(".", "Folder of the results; '-' streams one input's CSV.  [default: this folder]")
 @settings_options()
 @click.option("-r", "--recursive", is_flag=True, help="Search folders to any depth.")
 @click.option(
@@ -114,13 +107,7 @@ class _Selection(NamedTuple):
     show_default=True,
     help="Boxes in the annotated video: of objects that cause an alarm, of all, or none.",
 )
-@click.option(
-    "--if-exists",
-    type=click.Choice(["error", "skip", "overwrite"]),
-    default="error",
-    show_default=True,
-    help="What to do if a result exists already.",
-)
+@if_exists_option("a result", skip=True)
 @click.option(
     "--fail-on",
     type=click.Choice(["alarm", "no-alarm"]),

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from oppload_cli.cli.options import ResultsFolder, change_option, complete_stimuli, jobs_option
+from oppload_cli.cli.options import (
+    ResultsFolder,
+    change_option,
+    complete_stimuli,
+    if_exists_option,
+    jobs_option,
+    quiet_option,
+)
 from oppload_cli.errors import ExitCode, OpploadError, OutputError
 from oppload_cli.stimulus.catalogue import Entry, entries, find, parsed_setting
 from oppload_cli.stimulus.protocol import Protocol, json_schema
@@ -89,14 +96,8 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
 @change_option
 @click.option("--preview", is_flag=True, help="Also write a contact sheet NAME.preview.png.")
 @jobs_option("Stimuli")
-@click.option(
-    "--if-exists",
-    type=click.Choice(("error", "skip", "overwrite")),
-    default="error",
-    show_default=True,
-    help="What to do if a file exists already.",
-)
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@if_exists_option("a file", skip=True)
+@quiet_option
 @click.pass_context
 def generate(  # noqa: PLR0917 - one argument per option
     context: click.Context,

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from oppload_cli.cli.options import (
-    ResultsFolder,
     change_option,
     complete_stimuli,
+    if_exists_option,
     jobs_option,
+    output_option,
+    quiet_option,
     settings_options,
 )
 from oppload_cli.models.presets import STUDY_PRESET
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from oppload_cli.files.atomic import PartFile
     from oppload_cli.pipeline.settings import Settings
@@ -40,14 +42,7 @@ FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hard
 )
 @change_option
 @settings_options(preset=STUDY_PRESET, table=False)
-@click.option(
-    "-o",
-    "--output",
-    type=ResultsFolder(),
-    default=Path(),
-    metavar="DIR",
-    help="Folder of the results.  [default: this folder]",
-)
+@output_option(".", "Folder of the results.  [default: this folder]")
 @click.option(
     "--plot",
     "figure",
@@ -57,14 +52,8 @@ FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hard
     help="Format of the matching plot.",
 )
 @jobs_option("Conditions")
-@click.option(
-    "--if-exists",
-    type=click.Choice(["error", "overwrite"]),
-    default="error",
-    show_default=True,
-    help="What to do if a result exists already.",
-)
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
+@if_exists_option("a result")
+@quiet_option
 def tune(  # noqa: PLR0917 - click passes them by name
     stimulus: str,
     over: tuple[str, ...],
