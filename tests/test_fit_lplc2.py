@@ -6,7 +6,18 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
-from benchmarks.fit_lplc2 import REFERENCE, Battery, Target, fit, main, read_reference
+from benchmarks.fit_lplc2 import (
+    INSIDE,
+    MEMBERS,
+    REFERENCE,
+    Battery,
+    Target,
+    fit,
+    main,
+    misses,
+    read_reference,
+    stands_for,
+)
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.reproduction.lplc2 import BATTERY, published, show
@@ -57,6 +68,27 @@ def test_bad_references(
 def test_a_missing_reference(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["missing.csv"]) == 2
     assert "missing.csv: cannot be read" in capsys.readouterr().err
+
+
+def test_quarter_turns_and_mirrors_are_alike() -> None:
+    bars = "klapoetke2017/bar-expand-10/axis-{}"
+    assert {stands_for(bars.format(axis)) for axis in (15, 75, 105, 165)} == {bars.format(15)}
+    assert stands_for(bars.format(135)) == bars.format(45)
+    assert stands_for("klapoetke2017/edge/rotation-270") == "klapoetke2017/edge/rotation-0"
+    assert stands_for("klapoetke2017/cross-outward") == "klapoetke2017/cross-outward"
+
+
+def test_a_phenomenon_counts_by_its_distance_from_its_range() -> None:
+    assert misses({}) == []
+    cross = {"klapoetke2017/cross-outward": 0.6, "klapoetke2017/cross-inward": 0.01}
+    assert misses(cross) == pytest.approx([INSIDE - 1, 0])
+    assert misses(cross, without="cross-outward") == [0]
+    assert misses({"loom at 15, 0": 0.25}) == pytest.approx([2 * INSIDE - 1])
+    both = dict.fromkeys(MEMBERS, 0.1)
+    ends, outward, *_ = misses(both)
+    assert ends == pytest.approx(2.5 * INSIDE - 1)
+    assert outward == pytest.approx(3.5 * INSIDE - 1)
+    assert len(misses(both, without="bar-expand-10")) == 10 - 4
 
 
 def test_a_fit_is_that_of_its_seed_and_goes_on(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.pipeline.settings import Settings
+    from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 
     Series = NDArray[np.float64]
@@ -63,6 +64,8 @@ class Family(NamedTuple):
 
 
 LOOM = "loom"
+# Places in degrees, 15 from the centre, where neurons give the loom at least half of their answer.
+OFF_CENTRE = ((15.0, 0.0), (10.6, 10.6))
 BATTERY = (
     Family(LOOM, None, "loom"),
     *(Family(f"bar-expand-{width}", width, "bar_expand") for width in (10, 20, 60)),
@@ -103,6 +106,12 @@ class Shown:
 
     rows: tuple[Row, ...]
     courses: dict[str, tuple[Series, Series]]
+
+
+def axis_of(name: str) -> float | None:
+    """Return the axis in degrees that stands at the end of a stimulus's name, None without one."""
+    end = name.rpartition("/")[2].rpartition("-")[2]
+    return float(end) if end.isdigit() else None
 
 
 def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
@@ -189,13 +198,40 @@ def show(name: str, families: Iterable[Family] = BATTERY) -> Shown:
 def _signals(
     family: Family, settings: Settings, detector: str
 ) -> Iterable[tuple[float | None, tuple[Series, Series]]]:
+    for protocol in load_all(f"klapoetke2017/{family.name}"):
+        yield axis_of(protocol.name), _signal(protocol, settings, detector)
+
+
+def _signal(protocol: Protocol, settings: Settings, detector: str) -> tuple[Series, Series]:
     params = parameters_of("opplod", PRESET)
     constant = params.calcium_s if isinstance(params, OpplodParams) else 0.0
-    for protocol in load_all(f"klapoetke2017/{family.name}"):
-        end = protocol.name.rpartition("/")[2].rpartition("-")[2]
-        axis = float(end) if end.isdigit() else None
-        found: Responses = present(protocol, settings)[detector]
-        yield axis, (found.time_s, low_passed(found.response, found.time_s, constant))
+    found: Responses = present(protocol, settings)[detector]
+    return found.time_s, low_passed(found.response, found.time_s, constant)
+
+
+def off_centre(
+    places: Iterable[tuple[float, float]], stimulus: str = f"klapoetke2017/{LOOM}"
+) -> list[float]:
+    """Show a looming disk off the centre of the one unit of preset ``lplc2``.
+
+    Parameters
+    ----------
+    places : iterable of (float, float)
+        Centres of the disk in degrees from that of the unit.
+    stimulus : str
+        A stimulus of the catalogue with an object ``disk``.
+
+    Returns
+    -------
+    list of float
+        Peaks of the calcium signal over that with the disk in the centre.
+    """
+    settings = resolve(preset=PRESET, models=["opplod"], assignments=CENTRE)
+    peaks = []
+    for place in ((0.0, 0.0), *places):
+        (protocol,) = load_all(stimulus, {"disk.centre_deg": list(place)})
+        peaks.append(float(_signal(protocol, settings, "opplod")[1].max()))
+    return [peak / peaks[0] for peak in peaks[1:]]
 
 
 # ---- Likeness ------------------------------------------------------------------------------
@@ -269,10 +305,10 @@ def _largest(values: Sequence[float]) -> float:
 
 
 def _ratio(one: float, other: float) -> float:
-    """Divide two peaks; NaN, which is in no range, where both are 0."""
+    """Divide two peaks; NaN, which is in no range, where both are 0 or one is unknown."""
     if other > 0:
         return one / other
-    return math.inf if one > 0 else math.nan
+    return math.inf if one > 0 and other == 0 else math.nan
 
 
 # ---- The figure ----------------------------------------------------------------------------

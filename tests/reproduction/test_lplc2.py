@@ -7,16 +7,21 @@ import math
 import numpy as np
 import pytest
 
+from oppload_cli.pipeline.settings import resolve
 from oppload_cli.reproduction.lplc2 import (
     BATTERY,
+    OFF_CENTRE,
     Row,
     likeness,
     low_passed,
+    off_centre,
     phenomena,
     published,
     show,
     table,
 )
+from oppload_cli.stimulus.catalogue import load_all
+from oppload_cli.tuning.present import present
 
 
 def test_a_low_pass_in_uneven_time() -> None:
@@ -74,8 +79,25 @@ def test_a_loom_outward_and_inward_arms() -> None:
     families = [each for each in BATTERY if each.name in {"loom", "cross-outward", "cross-inward"}]
     peaks = {row.stimulus: row.peak_over_loom for row in show("lplc2", families).rows}
     assert peaks["loom"] == 1
-    assert peaks["cross-outward"] == pytest.approx(0.51, abs=0.03)
+    assert peaks["cross-outward"] == pytest.approx(0.57, abs=0.03)
     assert peaks["cross-inward"] < 0.05
+
+
+def test_a_loom_off_the_centre() -> None:
+    *near, far = off_centre((*OFF_CENTRE, (30.0, 0.0)))
+    assert all(0.5 <= each <= 0.9 for each in near)
+    assert far <= 0.3
+
+
+def test_the_unit_over_a_loom_wins() -> None:
+    settings = resolve(preset="lplc2", models=["opplod"])
+    for place in ((0.0, 0.0), (10.0, 0.0), (10.6, -10.6)):
+        (protocol,) = load_all("klapoetke2017/loom", {"disk.centre_deg": list(place)})
+        found = present(protocol, settings)["opplod"]
+        at = 180 + 5 * np.array([place[0], -place[1]])
+        off = np.hypot(*(found.centre - at).T) / 5
+        moving = found.response > 0
+        assert np.median(off[moving]) < 6
 
 
 @pytest.mark.slow
