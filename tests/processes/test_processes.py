@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from contextlib import closing
@@ -141,6 +142,34 @@ def test_a_process_that_is_stopped_twice_cleans_up_all_the_same(tmp_path: Path) 
     happened = list(events(partial(stopped_twice, tmp_path), [7], 1))
     assert happened == [Event(Kind.BEGUN, 7), Event(Kind.DIED, 7, "exit code 0")]
     assert (tmp_path / "7").exists()
+
+
+SIGHUP_FOR_ALL = """
+import os, signal, time
+from multiprocessing import resource_tracker
+from oppload_cli.processes.pool import results
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGHUP, lambda *_: None)
+    for item in results(abs, [1, -2], 2, named=str):
+        os.killpg(0, signal.SIGHUP)
+        time.sleep(0.2)  # a process that is hit has ended by then
+        resource_tracker.register(f"/item-{item}", "shared_memory")
+        resource_tracker.unregister(f"/item-{item}", "shared_memory")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX signals")
+def test_a_hangup_of_all_processes_leaves_pythons_own_ones(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SIGHUP_FOR_ALL)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "script.py"],
+        capture_output=True,
+        text=True,
+        check=False,
+        start_new_session=True,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_events_of_an_item() -> None:
