@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
+from oppload_cli.files.names import is_folder
 from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 
 if TYPE_CHECKING:
@@ -31,12 +32,12 @@ class ResultsFolder(click.Path):
     name = "directory"
 
     def __init__(self) -> None:
-        super().__init__(path_type=Path)
+        super().__init__(path_type=Path, readable=False)  # the first file that is written fails
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the folder as a path."""
         folder = Path(str(super().convert(value, param, ctx)))
-        if folder.suffix.lower() in _FILE_SUFFIXES and not folder.is_dir():
+        if folder.suffix.lower() in _FILE_SUFFIXES and not is_folder(folder):
             self.fail(
                 f"'{folder}' is the name of a file; give a folder: the files in it are named "
                 f"after the input",

@@ -276,6 +276,8 @@ def test_files_without_permission(clip: Path, tmp_path: Path) -> None:
     done = without_privilege("run", clip, "-o", closed)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "permission denied" in done.stderr
+    done = without_privilege("run", clip, "-o", closed / "a.csv")
+    assert (done.returncode, "is the name of a file" in done.stderr) == (2, True)
     closed.chmod(0o700)
 
 
