@@ -37,11 +37,7 @@ class EmdLplc2GfParams(Parameters):
         150, "rows to which taller frames are reduced", unit="px", low=8, high=10000
     )
     receptive_field: int | None = parameter(
-        None,
-        "side of a unit's field at the reduced size; auto: 2/3 of the rows",
-        unit="px",
-        low=4,
-        high=10000,
+        None, "side of a unit's field; auto: 2/3 of the reduced rows", unit="px", low=4, high=10000
     )
     full_scale: float = parameter(1.0, "value of white: 1, or 255 as in grey levels", above=0)
     arm_threshold: float = parameter(
