@@ -144,4 +144,4 @@ class Lgmd1GroupPaper(Lgmd1Group):
     meaning = "LGMD1 with grouping and a persistence that forgets"
     parameters = Lgmd1GroupPaperParams
     answers_to = "moving edges, dark or bright, in clusters"
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 100.0}
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 110.0}
