@@ -14,16 +14,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import UnitMaps
 from oppload_cli.models.dpc import convolved, excitation, inhibition, referred
 from oppload_cli.models.kernels import DpcParams
 from oppload_cli.models.opposing_motion import (
     Judgement,
-    cell_centres,
     has_history,
     pool,
-    pooling_weights,
     selected_units,
+    units_at_rest,
 )
 from oppload_cli.schema import parameter
 
@@ -225,22 +223,14 @@ class ArmsJudgement:
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
         self._params, self._per_second = params, per_second
-        cell, field = params.cell or 1, params.receptive_field or 0
-        centres_y, centres_x = (cell_centres(length, cell) for length in shape)
-        sigma = params.pool_sigma * cell
-        self._down, self._across = (
-            pooling_weights(length, along, sigma, params.border)
-            for length, along in zip(shape, (centres_y, centres_x), strict=True)
-        )
-        reach = field / 2 / cell
+        self.maps, self._down, self._across = units_at_rest(shape, params)
+        reach = self.maps.field / 2 / (params.cell or 1)
         further = reach * params.suppression_field
         self._excited = [arm_weights(reach, phi, params.arm_cone) for phi in DIRECTIONS]
         self._suppressed = [
             arm_weights(further, phi, params.suppression_cone) for phi in DIRECTIONS
         ]
         self._field = field_weights(reach)
-        units = np.zeros((len(centres_y), len(centres_x)), np.float32)
-        self.maps = UnitMaps(units, {}, centres_y, centres_x, float(field), sigma)
         self._selected = selected_units(self.maps, params.grid(), shape)
         self.reset()
 

@@ -266,6 +266,34 @@ def selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[in
 # ---- The judgement over one video ----------------------------------------------------------
 
 
+def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMaps, Map, Map]:
+    """Return the units before the first frame, and how S is pooled at them.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        Resolved parameters (`receptive_field` and `cell` are numbers).
+
+    Returns
+    -------
+    maps : UnitMaps
+        A unit at every cell, with responses of 0.
+    down, across : ndarray of float32, shapes (rows, height) and (columns, width)
+        The weights of :func:`pool`.
+    """
+    cell, field = params.cell or 1, params.receptive_field or 0
+    centres_y, centres_x = (cell_centres(length, cell) for length in shape)
+    sigma = params.pool_sigma * cell
+    down, across = (
+        pooling_weights(length, along, sigma, params.border)
+        for length, along in zip(shape, (centres_y, centres_x), strict=True)
+    )
+    none = np.zeros((len(centres_y), len(centres_x)), np.float32)
+    return UnitMaps(none, {}, centres_y, centres_x, float(field), sigma), down, across
+
+
 class PooledJudgement:
     """OMJ at every cell: pool, outward minus inward, enhance the best unit.
 
@@ -288,25 +316,14 @@ class PooledJudgement:
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
         self._params, self._per_second = params, per_second
-        cell, field = params.cell or 1, params.receptive_field or 0
-        centres_y, centres_x = (cell_centres(length, cell) for length in shape)
-        sigma = params.pool_sigma * cell
-        self._down = pooling_weights(shape[0], centres_y, sigma, params.border)
-        self._across = pooling_weights(shape[1], centres_x, sigma, params.border)
-        reach = int(field / 2 // cell)
+        maps, self._down, self._across = units_at_rest(shape, params)
+        # A power of a Gaussian is a Gaussian, wider where the power is below 1.
+        self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
+        reach = int(maps.field / 2 // (params.cell or 1))
         self._weights = {
             axis: offset_weights(reach, axis, params.cone, params.periphery)
             for axis in params.both_axes
         }
-        self.maps = UnitMaps(
-            np.zeros((len(centres_y), len(centres_x)), np.float32),
-            {},
-            centres_y,
-            centres_x,
-            float(field),
-            # A power of a Gaussian is a Gaussian, wider where the power is below 1.
-            sigma / math.sqrt(params.compression),
-        )
         self._excitation = np.float32(Kernels.of(params.dpc(), ()).excitation.sum())
         self._gains = selected_units(self.maps, params.grid(), shape)
         self.reset()

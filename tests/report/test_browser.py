@@ -141,6 +141,7 @@ def test_it_plays_to_the_end_in_step(browser: Browser, page: Path) -> None:
     browser.press(" ")
     browser.wait(f"{player}.paused && !{player}.seeking && {ROW} === {PRESENTED}")
     shows(browser, FIRST + int(browser.run(f"return {ROW}")))
+    assert browser.complaints() == []
 
 
 @pytest.mark.parametrize("wide", [360, 1200])
