@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -97,10 +98,20 @@ def make(
     *,
     to_pipe: bool = False,
 ) -> Path:
-    """Encode a file of that kind, where asked for as if it were written to a pipe."""
+    """Encode a file of that kind, where asked for as if it were written to a pipe.
+
+    For root, SVT-AV1 gives the thread that calls it real-time priority, for good, and every
+    process that this thread starts has it too. So the thread is one that ends with the file.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(_encode, path, kind, container_options or {}, to_pipe=to_pipe).result()
+    return path
+
+
+def _encode(path: Path, kind: Kind, container_options: dict[str, str], *, to_pipe: bool) -> None:
     target: Any = Pipe(path) if to_pipe else str(path)
     form = {"mkv": "matroska", "ts": "mpegts"}.get(kind.suffix, kind.suffix) if to_pipe else None
-    with av.open(target, "w", format=form, options=container_options or {}) as container:
+    with av.open(target, "w", format=form, options=container_options) as container:
         stream: Any = container.add_stream(kind.codec, rate=kind.rate, options=kind.options)
         stream.width, stream.height, stream.pix_fmt = kind.width, kind.height, kind.pixel_format
         if kind.codec.startswith("libvpx"):  # its threads wait for each other in a loop
@@ -117,7 +128,6 @@ def make(
         container.mux(stream.encode())
     if to_pipe:
         target.close()
-    return path
 
 
 X264 = {"preset": "ultrafast", "g": "6", "bf": "2"}

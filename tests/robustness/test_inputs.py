@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import shutil
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -42,6 +43,13 @@ def test_every_kind_gives_the_encoded_frames(tmp_path: Path, name: str) -> None:
     kind = KINDS[name]
     fragments = {"movflags": "frag_keyframe+empty_moov"} if name == "h264-fragments" else {}
     check(make(tmp_path / f"a.{kind.suffix}", kind, fragments), kind)
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="not on this system")
+def test_no_encoder_changes_the_priority_of_the_tests(tmp_path: Path) -> None:
+    before = os.sched_getscheduler(0)
+    make(tmp_path / "a.ivf", KINDS["av1-ivf"])
+    assert os.sched_getscheduler(0) == before
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "bmp", "tiff", "webp", "pgm", "ppm"])
