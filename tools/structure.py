@@ -244,7 +244,11 @@ def _run_when_imported(tree: ast.Module) -> list[ast.stmt]:
 
 def _imported_names(node: ast.AST, modules: dict[str, Path]) -> set[str]:
     names: set[str] = set()
-    if isinstance(node, ast.Import):
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        # As the registry names a detector that is loaded later: "models.published.lgmd2:Lgmd2".
+        module, _, name = node.value.partition(":")
+        names = {f"{PACKAGE}.{module}"} if name.isidentifier() else names
+    elif isinstance(node, ast.Import):
         names = {alias.name for alias in node.names}
     elif isinstance(node, ast.ImportFrom) and node.module:
         for alias in node.names:

@@ -26,7 +26,7 @@ def config(**chosen: Any) -> None:
     """
     from oppload_cli.pipeline.settings import resolve
 
-    for line in _lines(resolve(**chosen)):
+    for line in _lines(resolve(**chosen).with_all_detectors()):
         click.echo(line)
 
 
@@ -51,7 +51,7 @@ def _lines(settings: Settings) -> Iterator[str]:
             if (degrees := settings.angles.get(f"{group}.{name}"))
         }
         for name, value in {**params.as_dict(), **angles}.items():
-            origin = origins[f"{group}.{name}"]
+            origin = origins.get(f"{group}.{name}", f"preset {settings.preset}")
             # TOML has no "none"; a value that follows from the working size stays a comment.
             line = f"# {name} follows from the height" if value is None else f"{name} = "
             yield (line if value is None else line + json.dumps(value)) + f"  # {origin}"

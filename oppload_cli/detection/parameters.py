@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, make_dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
-from oppload_cli.models.registry import alarm_floor_of, detector_named, detectors
+from oppload_cli.models.registry import alarm_floor_of, detector_named, known_names
 from oppload_cli.schema import Parameters, parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,10 +149,15 @@ def alarm_params(preset: str = DEFAULT_PRESET, **values: float) -> AlarmParams:
     >>> oppload.alarm_params(opplod_floor=0.1).floor_of("opplod")
     0.1
     """
-    floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in detectors()}
-    defaults = _alarm_class(tuple(detectors()))()
+    return alarm_params_with(known_names(), preset).replaced(**values)
+
+
+def alarm_params_with(names: Sequence[str], preset: str) -> AlarmParams:
+    """Return the parameters of the alarms under a preset, with the floors of some detectors."""
+    floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in names}
+    defaults = _alarm_class(tuple(names))()
     on = not preset_named(preset).no_alarm
-    return defaults.replaced(**{"on": on, **floors, **_ALARMS.get(preset, {}), **values})
+    return defaults.replaced(**{"on": on, **floors, **_ALARMS.get(preset, {})})
 
 
 @cache

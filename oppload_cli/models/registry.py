@@ -3,28 +3,14 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ParameterError, suggestion
-from oppload_cli.models.area_growth import AreaGrowth
 from oppload_cli.models.dlgmd import Dlgmd
-from oppload_cli.models.flow_divergence import FlowDivergence
-from oppload_cli.models.frame_difference import FrameDifference
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_named
-from oppload_cli.models.published.ci_lmd import CiLmd
-from oppload_cli.models.published.emd_lplc2_gf import EmdLplc2Gf
-from oppload_cli.models.published.hua import HuaFixed, HuaLiteral
-from oppload_cli.models.published.lgmd1_group import Lgmd1Group, Lgmd1GroupPaper
-from oppload_cli.models.published.lgmd1_onoff import Lgmd1Onoff
-from oppload_cli.models.published.lgmd1_single import Lgmd1Single, Lgmd1SinglePaper
-from oppload_cli.models.published.lgmd2 import Lgmd2
-from oppload_cli.models.published.lgmd_contrast import LgmdContrast
-from oppload_cli.models.published.lgmd_plus import LgmdPlus
-from oppload_cli.models.published.mlplc2 import Mlplc2
-from oppload_cli.models.published.plgmd import Plgmd
-from oppload_cli.models.published.zhou_lrf import ZhouLrf
-from oppload_cli.models.ttc_gradient import TtcGradient
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,7 +29,31 @@ ALL, LITERAL = "all", "literal"  # words for detectors in `names_of`
 _EVERYONES = ("response", "alarm")
 _SIDES = ("x", "y", "width", "height", "unit_x", "unit_y")
 
-_detectors: dict[str, type[Detector]] = {}
+# The detectors that run by default, and where to find each of the others once it is asked for:
+# declaring them all would take a tenth of the start of a run.
+_detectors: dict[str, type[Detector] | str] = {
+    "opplod": Opplod,
+    "dlgmd": Dlgmd,
+    "frame_difference": "models.frame_difference:FrameDifference",
+    "flow_divergence": "models.flow_divergence:FlowDivergence",
+    "ttc_gradient": "models.ttc_gradient:TtcGradient",
+    "area_growth": "models.area_growth:AreaGrowth",
+    "lgmd1_group": "models.published.lgmd1_group:Lgmd1Group",
+    "lgmd1_group_paper": "models.published.lgmd1_group:Lgmd1GroupPaper",
+    "lgmd1_single": "models.published.lgmd1_single:Lgmd1Single",
+    "lgmd1_single_paper": "models.published.lgmd1_single:Lgmd1SinglePaper",
+    "lgmd1_onoff": "models.published.lgmd1_onoff:Lgmd1Onoff",
+    "lgmd2": "models.published.lgmd2:Lgmd2",
+    "lgmd_plus": "models.published.lgmd_plus:LgmdPlus",
+    "plgmd": "models.published.plgmd:Plgmd",
+    "lgmd_contrast": "models.published.lgmd_contrast:LgmdContrast",
+    "ci_lmd": "models.published.ci_lmd:CiLmd",
+    "emd_lplc2_gf": "models.published.emd_lplc2_gf:EmdLplc2Gf",
+    "zhou_lrf": "models.published.zhou_lrf:ZhouLrf",
+    "mlplc2": "models.published.mlplc2:Mlplc2",
+    "hua_fixed": "models.published.hua:HuaFixed",
+    "hua_literal": "models.published.hua:HuaLiteral",
+}
 
 
 def register(detector: type[Detector]) -> type[Detector]:
@@ -69,14 +79,14 @@ def register(detector: type[Detector]) -> type[Detector]:
     where = f"detector '{name}' ({detector.__module__}.{detector.__qualname__})"
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
         raise ParameterError(f"{where}: its name must be lower case, digits and underscores")
-    known = _detectors.get(name)
+    known = detectors().get(name)
     if name in _TAKEN_NAMES or (known is not None and known is not detector):
         raise ParameterError(f"{where}: its name is taken; choose another one")
     if not re.fullmatch(r"#[0-9A-Fa-f]{6}", getattr(detector, "colour", "")):
         raise ParameterError(f"{where}: its colour must be written as #RRGGBB")
     if not getattr(detector, "label", "") or not getattr(detector, "meaning", ""):
         raise ParameterError(f"{where}: it needs a label and a meaning")
-    others = [each for each in _detectors.values() if each is not detector]
+    others = [each for each in detectors().values() if each is not detector]
     if any(each.parameters is detector.parameters for each in others):
         raise ParameterError(
             f"{where}: its parameters, {detector.parameters.__name__}, are those of another "
@@ -113,12 +123,19 @@ def detectors() -> dict[str, type[Detector]]:
     >>> list(oppload.detectors())[:2]
     ['opplod', 'dlgmd']
     """
-    return dict(_detectors)
+    return {name: detector_named(name) for name in _detectors}
+
+
+def known_names() -> tuple[str, ...]:
+    """Return the names of all detectors, without loading any."""
+    return tuple(_detectors)
 
 
 def default_names() -> tuple[str, ...]:
     """Return the names of the detectors that run where none is chosen."""
-    return tuple(name for name, each in _detectors.items() if each.by_default)
+    return tuple(
+        name for name, each in _detectors.items() if not isinstance(each, str) and each.by_default
+    )
 
 
 def detector_named(name: str) -> type[Detector]:
@@ -131,7 +148,12 @@ def detector_named(name: str) -> type[Detector]:
     """
     if name not in _detectors:
         raise ParameterError(f"no model '{name}'{suggestion(name, _detectors)}")
-    return _detectors[name]
+    detector = _detectors[name]
+    if isinstance(detector, str):
+        module, _, title = detector.partition(":")
+        found: type[Detector] = getattr(import_module(f"oppload_cli.{module}"), title)
+        _detectors[name] = detector = found
+    return detector
 
 
 def names_of(text: str) -> tuple[str, ...]:
@@ -152,10 +174,11 @@ def names_of(text: str) -> tuple[str, ...]:
     for part in text.split(","):
         name, _, variant = part.strip().partition(":")
         if name == ALL and not variant:
-            found += [one for one, each in _detectors.items() if not each.variant_of]
+            found += [one for one, each in detectors().items() if not each.variant_of]
             continue
         detector_named(name)
-        variants = [one for one, each in _detectors.items() if each.variant_of == name]
+        near = [one for one in _detectors if one.startswith(f"{name}_")]
+        variants = [one for one in near if detector_named(one).variant_of == name]
         full = f"{name}_{variant}"
         if full not in variants and variant in PRESETS:
             variant = ""
@@ -169,7 +192,7 @@ def names_of(text: str) -> tuple[str, ...]:
 
 def placing_detector(names: Iterable[str]) -> type[Detector] | None:
     """Return the first of some detectors whose answers have places: its objects are reported."""
-    return next((_detectors[name] for name in names if _detectors[name].places), None)
+    return next((each for each in map(detector_named, names) if each.places), None)
 
 
 def detector_of(params: Parameters) -> type[Detector]:
@@ -180,7 +203,8 @@ def detector_of(params: Parameters) -> type[Detector]:
     ParameterError
         If no detector has such parameters.
     """
-    for detector in _detectors.values():
+    loaded = [each for each in _detectors.values() if not isinstance(each, str)]
+    for detector in chain(loaded, map(detector_named, known_names())):
         if type(params) is detector.parameters:
             return detector
     raise ParameterError(f"no detector has parameters of the class {type(params).__name__}")
@@ -214,12 +238,3 @@ def _columns_of(detector: type[Detector]) -> tuple[str, ...]:
     everyones = (*_EVERYONES, *(_SIDES if detector.places else ()))
     own = (column.name for column in (*detector.columns, *detector.details))
     return tuple(f"{detector.name}_{column}" for column in (*everyones, *own))
-
-
-for _each in (
-    *(Opplod, Dlgmd, FrameDifference, FlowDivergence, TtcGradient, AreaGrowth),
-    *(Lgmd1Group, Lgmd1GroupPaper, Lgmd1Single, Lgmd1SinglePaper, Lgmd1Onoff),
-    *(Lgmd2, LgmdPlus, Plgmd, LgmdContrast, CiLmd),
-    *(EmdLplc2Gf, ZhouLrf, Mlplc2, HuaFixed, HuaLiteral),
-):
-    register(_each)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.detection.alarm import Alarm, Cuts
-from oppload_cli.detection.parameters import alarm_params, place_params
+from oppload_cli.detection.parameters import alarm_params_with, place_params
 from oppload_cli.detection.places import Detections
 from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
@@ -100,7 +100,7 @@ def analyse(
     """
     preset = preset or _preset_of(params or ())
     chosen = params or [parameters_of(name, preset) for name in default_names()]
-    alarm = alarm or alarm_params(preset)
+    alarm = alarm or alarm_params_with([detector_of(each).name for each in chosen], preset)
     places = place_params(preset) if places is True else places or None
     rmo = DEFAULT_RMO if rmo is True else rmo or None
     copies = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())

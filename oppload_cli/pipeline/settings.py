@@ -13,6 +13,7 @@ from oppload_cli.detection.parameters import (
     AlarmParams,
     PlaceParams,
     alarm_params,
+    alarm_params_with,
     place_params,
 )
 from oppload_cli.errors import ParameterError, suggestion
@@ -24,7 +25,7 @@ from oppload_cli.models.presets import (
     preset_in,
     preset_named,
 )
-from oppload_cli.models.registry import default_names, detectors, names_of, parameters_of
+from oppload_cli.models.registry import default_names, known_names, names_of, parameters_of
 from oppload_cli.models.timebase import TimeParams, time_params
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.repeats import RepeatParams
@@ -62,8 +63,8 @@ class Settings:
     measure_rmo : bool
         Whether radial motion opponency is measured.
     groups : dict of str to Parameters
-        Parameter sets by name: one of each detector, then ``alarm``, ``places``, ``rmo``,
-        ``repeats`` and ``time``.
+        Parameter sets by name: at least one of each detector to run, then ``alarm``,
+        ``places``, ``rmo``, ``repeats`` and ``time``.
     origins : dict of str to str
         Where each setting came from, by its dotted name: ``preset default``,
         a file's path, or ``command line``.
@@ -175,6 +176,15 @@ class Settings:
                 raise ParameterError(f"{full_name}={degrees:g}deg: {error}") from error
         return replace(self, groups=groups, angles={})
 
+    def with_all_detectors(self) -> Settings:
+        """Return the same settings with the parameter set and the floor of every detector."""
+        known = known_names()
+        if all(name in self.groups for name in known):
+            return self
+        sets = {name: parameters_of(name, self.preset) for name in known}
+        alarm = alarm_params(self.preset, **self.alarm.as_dict())
+        return replace(self, groups={**sets, **self.groups, "alarm": alarm})
+
     def resolved(self, height: int, frame_rate: float | None = None) -> dict[str, Parameters]:
         """Return all parameter sets with the values that the video decides filled in.
 
@@ -245,9 +255,10 @@ def resolve(
         raise ParameterError(f"--model asks for preset '{beside}' and --preset for '{preset}'")
     preset = preset or beside
     chosen = preset_named(preset) if preset else _preset_of_file(content, source, usual)
+    concerned = _concerned(_models(models) if models else default_names(), content, assignments)
     groups: dict[str, Parameters] = {
-        **{name: parameters_of(name, chosen.name) for name in detectors()},
-        "alarm": alarm_params(chosen.name),
+        **{name: parameters_of(name, chosen.name) for name in concerned},
+        "alarm": alarm_params_with(concerned, chosen.name),
         "places": place_params(chosen.name),
         "rmo": RmoParams(),
         "repeats": RepeatParams(),
@@ -268,6 +279,15 @@ def resolve(
     if repeats:
         assignments = [*assignments, f"repeats.handling={repeats}"]
     return _with_command_line(settings, given, assignments)
+
+
+def _concerned(
+    models: Sequence[str], content: Mapping[str, Any], assignments: Sequence[str]
+) -> Sequence[str]:
+    """Return the detectors whose parameters are looked at: all, where a setting may be of any."""
+    usual = {*models, "places", "rmo", "repeats", "time"}
+    few = not content and all(each.partition(".")[0].strip() in usual for each in assignments)
+    return [name for name in known_names() if name in models] if few else known_names()
 
 
 def parse_height(value: str | int) -> int | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import printable
 from oppload_cli.files.tables import open_table
-from oppload_cli.models.registry import detectors
+from oppload_cli.models.registry import detector_named, known_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -166,8 +166,7 @@ def times(value: float) -> str:
 
 def label_of(model: str) -> str:
     """Return the label of a detector; its name where it is not registered."""
-    known = detectors()
-    return known[model].label if model in known else model
+    return detector_named(model).label if model in known_names() else model
 
 
 def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:

@@ -14,7 +14,7 @@ from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.names import is_file, is_folder
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.files.tables import typed
-from oppload_cli.models.registry import default_names, detectors
+from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.results.columns import columns_for
 from oppload_cli.results.record import ModelSummary
 from oppload_cli.results.writing import SCHEMA
@@ -82,7 +82,7 @@ def frame_columns(results: Iterable[Path]) -> dict[str, type]:
             presets.add(str(content.get("preset")))
             details = details or content.get("columns") == "all"
             degrees = degrees or bool(content.get("field_of_view"))
-    named = [name for name in detectors() if name in used]
+    named = [name for name in known_names() if name in used]
     kinds = {
         column.name: int if column.name in _COUNTS or column.name.endswith("_alarm") else float
         for column in columns_for(

@@ -16,7 +16,7 @@ import pandas as pd
 from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.names import is_file
 from oppload_cli.files.reading import reading, text_of
-from oppload_cli.models.registry import default_names, detectors
+from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.results.columns import columns_for
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class Result:
     @property
     def models(self) -> tuple[str, ...]:
         """The detectors whose responses it holds."""
-        return tuple(name for name in detectors() if f"{name}_response" in self.frames.columns)
+        return tuple(name for name in known_names() if f"{name}_response" in self.frames.columns)
 
     def part(self, name: str) -> dict[str, Any]:
         """Return a part of the sidecar, such as ``input``; empty where it has none."""
@@ -108,7 +108,7 @@ class Tuning:
     def models(self) -> tuple[str, ...]:
         """The detectors that it holds, in the usual order."""
         held = set(self.rows["model"])
-        return tuple(name for name in detectors() if name in held)
+        return tuple(name for name in known_names() if name in held)
 
     @property
     def name(self) -> str:
@@ -221,7 +221,7 @@ def read_tuning(path: Path) -> Tuning:
         raise ResultError(
             f"{path}: has no column of a swept parameter before 'model'; {ANOTHER_TUNING}"
         )
-    unknown = sorted(set(map(str, rows["model"])) - set(detectors()))
+    unknown = sorted(set(map(str, rows["model"])) - set(known_names()))
     if unknown:
         raise ResultError(f"{path}: column 'model' holds '{unknown[0]}'; {ANOTHER_TUNING}")
     _check_filled(path, rows, "peak", "make the stimulus longer than the warm-up of 4 frames")

@@ -178,7 +178,8 @@ def write_tuning_sidecar(
         "models": list(settings.models),
         "height": settings.height,
         "parameters": {
-            name: params.resolved(height).as_dict() for name, params in settings.groups.items()
+            name: params.as_dict()
+            for name, params in settings.with_all_detectors().resolved(height).items()
         },
         "sizes_deg": settings.angles,
         "stimulus": {

@@ -91,6 +91,27 @@ def test_the_process_exits_with_everything_printed_and_registered_functions_call
     assert rest.strip() == "at exit"
 
 
+def test_a_run_loads_its_detectors_alone() -> None:
+    code = (
+        "import sys\n"
+        "from oppload_cli.pipeline.execute import collected\n"
+        "from oppload_cli.pipeline.settings import resolve\n"
+        "resolve(models=sys.argv[1:], assignments=['opplod.gain=2'] if len(sys.argv) < 2 else [])\n"
+        "rooms = 'oppload_cli.models.published.', 'importlib.metadata'\n"
+        "print(sorted(name for name in sys.modules if name.startswith(rooms)))"
+    )
+    published = "oppload_cli.models.published"
+    for models, expected in (
+        ([], []),
+        (["lgmd2", "opplod:paper"], [f"{published}.lgmd2", f"{published}.parts"]),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *models],
+            capture_output=True, text=True, check=True, timeout=60,
+        )  # fmt: skip
+        assert done.stdout.strip() == str(expected)
+
+
 def test_a_run_loads_no_large_library_before_the_decoder_begins() -> None:
     code = (
         "import sys, oppload_cli.cli.run, oppload_cli.video.opening, oppload_cli.models.presets\n"

@@ -71,6 +71,13 @@ def test_the_detectors_in_their_order() -> None:
     assert len({each.colour for each in registry.detectors().values()}) == len(NAMES)
 
 
+def test_a_detector_that_is_loaded_when_it_is_asked_for_is_valid() -> None:
+    for name, each in registry.detectors().items():
+        assert each.name == name
+        assert registry.register(each) is each
+        assert each.by_default == (name in {"opplod", "dlgmd"})
+
+
 def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
     with pytest.raises(ParameterError, match="no model 'dlgdm'; did you mean 'dlgmd'"):
         registry.detector_named("dlgdm")

@@ -6,6 +6,7 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.registry import alarm_floor_of, detectors
 from oppload_cli.pipeline.settings import parse_height, resolve
 
 
@@ -95,3 +96,28 @@ def test_a_wrong_height(text: str) -> None:
 def test_a_missing_file() -> None:
     with pytest.raises(ParameterError, match="cannot be read"):
         resolve(config=Path("nowhere.toml"))
+
+
+def test_only_the_detectors_that_a_setting_may_be_of_have_parameters() -> None:
+    common = ["alarm", "places", "rmo", "repeats", "time"]
+    assert list(resolve(models=["lgmd2"]).groups) == ["lgmd2", *common]
+    assert list(resolve(assignments=["opplod.gain=2"]).groups) == ["opplod", "dlgmd", *common]
+    assert resolve(models=["lgmd2"]).alarm.names()[-1] == "lgmd2_floor"
+    other = resolve(models=["lgmd2"], assignments=["plgmd.seed=2"])
+    assert list(other.groups) == [*detectors(), *common]
+
+
+def test_settings_of_all_detectors_keep_their_values() -> None:
+    given = ["opplod.gain=2", "rmo.sides=2"]
+    few = resolve(preset="reference", assignments=given)
+    every = few.with_all_detectors()
+    # An assignment of an alarm makes `resolve` load all detectors itself.
+    whole = resolve(preset="reference", assignments=[*given, "alarm.factor=30"])
+    assert list(every.groups) == list(whole.groups)
+    assert {name: each.as_dict() for name, each in every.groups.items()} == {
+        name: each.as_dict() for name, each in whole.groups.items()
+    }
+    assert every.groups["opplod"].as_dict()["gain"] == 2
+    floor = alarm_floor_of("plgmd", "reference")
+    assert every.groups["alarm"].as_dict()["plgmd_floor"] == floor > 0
+    assert whole.with_all_detectors() is whole
