@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from oppload_cli.compute.loops import arithmetic, why_portable
+from oppload_cli.compute.loops import arithmetic, why_not_wide, why_portable
 from oppload_cli.processes import cores
 from oppload_cli.version import __version__
 
@@ -21,16 +21,17 @@ def environment() -> dict[str, Any]:
     -------
     dict
         ``oppload``, ``python``, ``platform``, ``cores``, ``arithmetic`` (compiled loops or
-        libraries), ``why portable`` where no compiled loops run, and ``libraries``.
+        libraries), ``why portable`` where no compiled loops run, ``why not wide`` where those
+        for the processor's wide vectors are damaged, and ``libraries``.
     """
-    reason = why_portable()
+    reasons = {"why portable": why_portable(), "why not wide": why_not_wide()}
     return {
         "oppload": __version__,
         "python": platform.python_version(),
         "platform": platform.platform(),
         "cores": cores(),
         "arithmetic": arithmetic(),
-        **({"why portable": reason} if reason else {}),
+        **{name: reason for name, reason in reasons.items() if reason},
         "libraries": _versions(),
     }
 

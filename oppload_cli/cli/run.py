@@ -161,6 +161,7 @@ def run(  # noqa: PLR0917 - click passes them by name
 
         settings = resolve(**others)
         _check_alarms(settings, fail_on, quiet=quiet)
+        _check_loops(quiet=quiet)
         command = ["oppload", *sys.argv[1:]]
         verbosity = -1 if quiet else int(verbose)
         task = Task("", settings, None, span, rate, IfExists(if_exists), command, boxes=boxes)
@@ -204,6 +205,16 @@ def _check_alarms(settings: Settings, fail_on: str | None, *, quiet: bool) -> No
         raise ParameterError(f"--fail-on: alarms are off{why}; choose another preset")
     if not quiet:
         say(f"oppload: alarms are off{why}; --set alarm.on=true switches them on")
+
+
+def _check_loops(*, quiet: bool) -> None:
+    """Say why the models run slowly, unless the user has switched the compiled loops off."""
+    from oppload_cli.compute import loops
+
+    reason = None if loops.portable else loops.why_portable() or loops.why_not_wide()
+    if reason and not quiet:
+        slow = "10 to 20 times as slow as" if loops.arithmetic() == "portable" else "slower than"
+        say(f"oppload: {reason}. The alarms are the same, but the models are {slow} usual")
 
 
 def _begun(name: str, span: Span, image_rate: Fraction, settings: dict[str, Any]) -> Opening | None:

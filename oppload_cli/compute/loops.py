@@ -125,6 +125,15 @@ def why_portable() -> str | None:
     return found if isinstance(found, str) else "the compiled loops were switched off"
 
 
+def why_not_wide() -> str | None:
+    """Say why the processor's wide vectors are not used by compiled loops; None where they are."""
+    library = _loaded()[1]
+    if portable or library is None or not library.runs_wide() or not _path("wide").exists():
+        return None
+    found = _opened("wide")
+    return found if isinstance(found, str) else None
+
+
 def address(array: NDArray[Any]) -> int:
     """Return where the first value of an array stands in memory; the array must outlive it."""
     return int(array.__array_interface__["data"][0])
@@ -193,7 +202,7 @@ def _load(build: str) -> ctypes.CDLL | None:
 
 def _opened(build: str) -> ctypes.CDLL | str:
     """Return the library of a build, or why it is not used."""
-    path = Path(__file__).with_name(f"loops.{build}{SUFFIX}")
+    path = _path(build)
     if not path.exists():
         return "this installation has no compiled loops; install a wheel, or with a C compiler"
     if _is_damaged(path):
@@ -209,6 +218,10 @@ def _opened(build: str) -> ctypes.CDLL | str:
             function = getattr(library, name)
             function.argtypes, function.restype = signature, returned
     return library
+
+
+def _path(build: str) -> Path:
+    return Path(__file__).with_name(f"loops.{build}{SUFFIX}")
 
 
 def _is_damaged(path: Path) -> bool:

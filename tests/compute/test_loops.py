@@ -20,6 +20,7 @@ from oppload_cli.models.dlgmd import group
 from oppload_cli.models.dpc import Dpc
 from oppload_cli.models.kernels import DpcParams
 from tests.arithmetic import many_bands
+from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -146,6 +147,31 @@ def test_a_cut_library_is_not_loaded(builds: Path) -> None:
     loops._loaded.cache_clear()
     assert loops.arithmetic() == "portable"
     assert loops.why_portable() == f"{library} is damaged; install oppload again"
+
+
+def test_a_run_says_why_it_is_slow(builds: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def said(*options: str) -> str:
+        loops._loaded.cache_clear()
+        return oppload("run", "missing.mp4", *options, cwd=builds).stderr
+
+    def cut(name: str) -> str:
+        library = builds / f"loops.{name}{loops.SUFFIX}"
+        content = library.read_bytes()[:-4096]
+        library.unlink()  # as above
+        library.write_bytes(content)
+        return f"oppload: {library} is damaged; install oppload again. The alarms are the same, "
+
+    assert "no compiled loops" in said()
+    build(builds, "baseline")
+    build(builds, "wide")
+    assert "usual" not in said()
+    if loops.loops().runs_wide():
+        assert f"{cut('wide')}but the models are slower than usual" in said()
+        assert loops.arithmetic() == "compiled"
+    assert f"{cut('baseline')}but the models are 10 to 20 times as slow as usual" in said()
+    assert "usual" not in said("--quiet")
+    monkeypatch.setattr(loops, "portable", True)
+    assert "usual" not in said()
 
 
 def test_small_frames_are_one_band_and_large_ones_several() -> None:
