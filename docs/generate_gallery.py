@@ -82,9 +82,9 @@ def gallery_page() -> str:
     total = sum(len(entry.values()) for entry in entries)
     parts = [
         "# Gallery of stimuli\n",
-        f"{len(entries)} protocols, {total} stimuli. Each picture shows evenly spaced frames, "
-        "from the first to the last.\n`python docs/generate_gallery.py` makes this page; "
-        "[stimuli.md](stimuli.md) says how to use the stimuli.\n",
+        f"The catalogue holds {total} stimuli in {len(entries)} protocols. Each picture shows "
+        "evenly spaced frames of a stimulus, from the first to the last. [Stimuli](stimuli.md) "
+        "describes how to use them.\n",
     ]
     for group, title in GROUPS.items():
         parts.append(f"## {title}\n")
