@@ -12,8 +12,7 @@ import pandas as pd
 
 from oppload_cli.errors import ResultError
 from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write_atomic
-from oppload_cli.files.names import is_there
-from oppload_cli.files.reading import reading
+from oppload_cli.files.reading import is_there, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected

@@ -33,7 +33,7 @@ def paint_of(name: str) -> Paint:
     return bgr(detector_named(name).colour)
 
 
-class Area(NamedTuple):
+class _Area(NamedTuple):
     """A rectangle of the annotated frame: its left top corner and its size, in pixels."""
 
     x: int
@@ -55,11 +55,11 @@ class Layout:
     ----------
     width, height : int
         Of the annotated frame; both even.
-    picture : Area
+    picture : _Area
         The source's picture.
-    header : Area
+    header : _Area
         Time, alarm and the detectors' labels, below the picture.
-    plot : Area
+    plot : _Area
         The response curves, below the header; the numbers of the time axis are below them.
     scale_x, scale_y : float
         Annotated pixels per source pixel.
@@ -71,9 +71,9 @@ class Layout:
 
     width: int
     height: int
-    picture: Area
-    header: Area
-    plot: Area
+    picture: _Area
+    header: _Area
+    plot: _Area
     scale_x: float
     scale_y: float
     text: int
@@ -94,9 +94,9 @@ def layout_of(facts: InputFacts) -> Layout:
     return Layout(
         across,
         _even(height + header + plot + numbers),
-        Area((across - width) // 2, 0, width, height),
-        Area(gap, height, across - 2 * gap, header),
-        Area(gutter, height + header, across - gutter - gap, plot),
+        _Area((across - width) // 2, 0, width, height),
+        _Area(gap, height, across - 2 * gap, header),
+        _Area(gutter, height + header, across - gutter - gap, plot),
         width / facts.width,
         height / facts.height,
         text,

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.batch.local import Counting, attempt, failed
 from oppload_cli.errors import OpploadError, ParameterError, reason_of
-from oppload_cli.files.names import is_file
-from oppload_cli.pipeline.execute import exists_already
+from oppload_cli.files.reading import is_file
 from oppload_cli.pipeline.outputs import IfExists
+from oppload_cli.pipeline.task import exists_already
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.version import __version__

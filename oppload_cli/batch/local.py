@@ -133,7 +133,7 @@ class Counting:
     def opened(self, video: Video) -> None:
         """Do nothing: a batch shows inputs, not their sizes."""
 
-    def frame(self, record: FrameRecord) -> None:  # noqa: ARG002 - frames are only counted
+    def frame(self, _record: FrameRecord) -> None:
         """Count a frame."""
         self._count(1)
 

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ExitCode, ParameterError
-from oppload_cli.files.names import fault_of_stem
-from oppload_cli.files.reading import content_of, reading
+from oppload_cli.files.reading import content_of, fault_of_stem, reading
 from oppload_cli.video.inputs import each_once, found_inputs, result_stem
 
 if TYPE_CHECKING:

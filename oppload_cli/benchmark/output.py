@@ -60,7 +60,7 @@ LEAST, MOST = 1e-3, 10.0  # of the shades: response over that to the looming dis
 FILES = ("stimuli.csv", "summary.csv", "benchmark.json", "benchmark.html")
 
 
-class Cells(NamedTuple):
+class _Cells(NamedTuple):
     """One column of a table for one detector.
 
     Attributes
@@ -77,7 +77,7 @@ class Cells(NamedTuple):
     stimuli: int
 
 
-class Summary(NamedTuple):
+class _Summary(NamedTuple):
     """The figures of one detector over the complete battery.
 
     Attributes
@@ -142,7 +142,7 @@ class Benchmark:
             return 0.0
         return peak / self.loom[name] if self.loom[name] else math.inf
 
-    def cells(self, table: Table, label: str, name: str) -> Cells:
+    def cells(self, table: Table, label: str, name: str) -> _Cells:
         """Return one cell of a table."""
         found = [
             (self._peaks[name][i], _alarms(each, name))
@@ -150,11 +150,11 @@ class Benchmark:
             if (each.column.table, each.column.label) == (table.name, label)
         ]
         largest = max(peak for peak, _ in found)
-        return Cells(
+        return _Cells(
             self.over_loom(name, largest), sum(alarms > 0 for _, alarms in found), len(found)
         )
 
-    def summary(self, name: str) -> Summary:
+    def summary(self, name: str) -> _Summary:
         """Return the figures of one detector over the complete battery."""
         kinds = np.array([each.column.kind for each in self.shown])
         alarmed = np.array([_alarms(each, name) > 0 for each in self.shown])
@@ -168,7 +168,7 @@ class Benchmark:
             over = self.over_loom(name, float(peaks[place]))
             worst = self.shown[place].column.label
         cost = detectors()[name.partition(":")[0]].cost_ms
-        return Summary(
+        return _Summary(
             auc,
             int(alarmed[looming].sum()),
             int(looming.sum()),
@@ -227,7 +227,7 @@ def write_benchmark(
     yield folder / "summary.csv"
     pictures = {}
     for each in benchmark.tables:
-        figure = drawn(benchmark, each)
+        figure = _drawn(benchmark, each)
         path = folder / f"{each.name}.pdf"
         save(figure, path)
         pictures[each.name] = png_bytes(figure, 160)
@@ -272,7 +272,7 @@ def _known(row: Mapping[str, Any]) -> dict[str, Cell]:
     }
 
 
-def drawn(benchmark: Benchmark, table: Table) -> Figure:
+def _drawn(benchmark: Benchmark, table: Table) -> Figure:
     """Draw one table as a heat map: response over that to the looming disk, dots for alarms.
 
     Parameters
@@ -319,7 +319,7 @@ def drawn(benchmark: Benchmark, table: Table) -> Figure:
 
 
 def _page(
-    benchmark: Benchmark, summaries: Mapping[str, Summary], pictures: Mapping[str, bytes]
+    benchmark: Benchmark, summaries: Mapping[str, _Summary], pictures: Mapping[str, bytes]
 ) -> str:
     clips = []
     if benchmark.clips is not None:
@@ -348,5 +348,5 @@ def _page(
     )
 
 
-def _rank(summary: Summary) -> float:
+def _rank(summary: _Summary) -> float:
     return -1.0 if math.isnan(summary.auc) else summary.auc

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from oppload_cli.benchmark.battery import columns_of
 from oppload_cli.cli.options import complete_models, jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode
+from oppload_cli.files.atomic import make_folder
+from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
     from oppload_cli.benchmark.battery import Column
@@ -43,7 +46,7 @@ TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, backg
 @output_option("benchmark")
 @jobs_option("Detectors")
 @quiet_option
-def benchmark(  # noqa: PLR0917 - click passes them by name
+def benchmark(
     models: tuple[str, ...],
     only: tuple[str, ...],
     manifest: Path | None,
@@ -58,10 +61,8 @@ def benchmark(  # noqa: PLR0917 - click passes them by name
     settings, and a file per stimulus in stimuli/: a benchmark that was stopped goes on from
     these when the same command is given again.
     """
-    from oppload_cli.benchmark.battery import columns_of
     from oppload_cli.benchmark.output import write_benchmark
     from oppload_cli.evaluation.detectors import chosen_detectors
-    from oppload_cli.files.atomic import make_folder
 
     names = [name for text in models for name in text.split(",")]
     columns = columns_of([name for text in only for name in text.split(",")])
@@ -87,7 +88,6 @@ def _measured(
     from oppload_cli.cli.progress import progress_bar
     from oppload_cli.evaluation.evaluate import evaluate
     from oppload_cli.evaluation.manifest import read_manifest
-    from oppload_cli.processes import cores
 
     read = read_manifest(manifest) if manifest else None
     with progress_bar(None, "stimulus", quiet=quiet) as bar:

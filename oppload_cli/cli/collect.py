@@ -10,6 +10,8 @@ import click
 from oppload_cli.cli import say
 from oppload_cli.cli.options import if_exists_option
 from oppload_cli.errors import ExitCode, ResultError
+from oppload_cli.files.atomic import refuse_existing
+from oppload_cli.files.tables import open_table
 from oppload_cli.processes.signals import stop_if_asked
 
 if TYPE_CHECKING:
@@ -42,8 +44,6 @@ def collect(
     A row per input and model, from the sidecars; or with --frames a row per frame.
     A result that cannot be collected is named, and does not stop the others.
     """
-    from oppload_cli.files.atomic import refuse_existing
-    from oppload_cli.files.tables import open_table
     from oppload_cli.results import collecting
 
     refuse_existing([output], if_exists)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from oppload_cli import stimulus
 from oppload_cli.cli.options import if_exists_option, output_option
 
 if TYPE_CHECKING:
@@ -23,12 +24,11 @@ def demo(output: Path, if_exists: str) -> None:
     It renders the stimulus, and does what 'oppload run', 'oppload plot' and 'oppload
     report' do with it; the lines that it prints give the same files.
     """
-    from oppload_cli import stimulus
     from oppload_cli.cli.progress import report
-    from oppload_cli.pipeline.execute import exists_already, run_task
+    from oppload_cli.pipeline.execute import run_task
     from oppload_cli.pipeline.outputs import IfExists, Outputs
     from oppload_cli.pipeline.settings import resolve
-    from oppload_cli.pipeline.task import Task
+    from oppload_cli.pipeline.task import Task, exists_already
     from oppload_cli.plots.curves import plot_curves
     from oppload_cli.plots.style import save
     from oppload_cli.report.writing import write_report

@@ -21,6 +21,9 @@ from oppload_cli.cli.options import (
     repeats_option,
 )
 from oppload_cli.errors import ExitCode, ParameterError
+from oppload_cli.files.atomic import claimed, refuse_existing
+from oppload_cli.processes import cores
+from oppload_cli.stimulus.catalogue import parsed_setting
 
 if TYPE_CHECKING:
     from oppload_cli.evaluation.detectors import EvaluatedDetector
@@ -73,7 +76,7 @@ if TYPE_CHECKING:
 )
 @if_exists_option("a result")
 @quiet_option
-def evaluate(  # noqa: PLR0917 - click passes them by name
+def evaluate(
     inputs: tuple[str, ...],
     models: tuple[str, ...],
     boxes: Path | None,
@@ -100,9 +103,7 @@ def evaluate(  # noqa: PLR0917 - click passes them by name
     from oppload_cli.evaluation.manifest import read_manifest, with_boxes
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
     from oppload_cli.evaluation.staged import labelled, protocols_of
-    from oppload_cli.files.atomic import claimed, refuse_existing
     from oppload_cli.pipeline.repeats import RepeatParams
-    from oppload_cli.stimulus.catalogue import parsed_setting
 
     handling = RepeatParams(handling=repeats) if repeats else None
     detectors = evaluated_detectors((name for text in models for name in text.split(",")), handling)
@@ -165,7 +166,6 @@ def _evaluated(
 ) -> Evaluation:
     from oppload_cli.cli.progress import progress_bar
     from oppload_cli.evaluation.evaluate import evaluate
-    from oppload_cli.processes import cores
 
     for fault in manifest.faults:
         say(f"oppload: {fault}")

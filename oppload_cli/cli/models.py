@@ -54,7 +54,7 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     chosen = [detector_named(name) for name in names] or list(detectors().values())
     if measure:
         for each in chosen:
-            click.echo(f"{each.name:<20}{measured_cost(each):>8.2f} ms per frame")
+            click.echo(f"{each.name:<20}{_measured_cost(each):>8.2f} ms per frame")
         return
     if as_json:
         click.echo(json.dumps(_described(), indent=2))
@@ -81,7 +81,7 @@ def _print_presets() -> None:
                 click.echo(f"  {'':9}{group}.{name} = {value}")
 
 
-def measured_cost(detector: type[Detector]) -> float:
+def _measured_cost(detector: type[Detector]) -> float:
     """Return the processor time of a detector's step, in ms: the least median of some rounds.
 
     It sees faint texture that moves, 427 x 240 px, on one core.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.shell_completion import CompletionItem
 
-from oppload_cli.files.names import is_folder
+from oppload_cli.files.reading import is_folder
 from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def jobs_option(things: str) -> Callable[[Command], Command]:
     )
 
 
-def complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
     """Complete the name of a preset."""
     return [
         CompletionItem(name, help=each.meaning)
@@ -132,7 +132,7 @@ def complete_models(_: click.Context, __: click.Parameter, text: str) -> list[Co
     ]
 
 
-def complete_settings(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+def _complete_settings(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
     """Complete ``set.parameter=value``: the parameter set, then the parameter, then its value."""
     from oppload_cli.cli.models import parameter_sets
 
@@ -215,7 +215,7 @@ def settings_options(
         click.option(
             "--preset",
             metavar="NAME",
-            shell_complete=complete_presets,
+            shell_complete=_complete_presets,
             help=f"A named parameter set: {', '.join(PRESETS)}; see 'oppload models'.  "
             f"[default: {preset}]",
         ),
@@ -224,7 +224,7 @@ def settings_options(
             "assignments",
             multiple=True,
             metavar="SET.PARAMETER=VALUE",
-            shell_complete=complete_settings,
+            shell_complete=_complete_settings,
             help=f"One parameter, e.g. {EXAMPLE_SETTING}; see 'oppload models'.",
         ),
         click.option(

@@ -9,7 +9,10 @@ import click
 
 from oppload_cli.cli import check_display, show_file
 from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
+from oppload_cli.results.collecting import tables_in
+from oppload_cli.video.span import parse_position
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,7 +82,7 @@ TUNING_KINDS = ("polar", "line", "heat", "contact")
     help="For --kind polar: overlay LPLC2 neurons' tuning to a bar of 10 or 60 deg.",
 )
 @click.option("--show", is_flag=True, help="Open the figures, where there is a display.")
-def plot(  # noqa: PLR0917 - click passes them by name
+def plot(
     results: tuple[Path, ...],
     output: Path | None,
     kind: str | None,
@@ -110,7 +113,6 @@ def plot(  # noqa: PLR0917 - click passes them by name
     from oppload_cli.plots.polar import direction_tunings
     from oppload_cli.plots.style import check_suffix, save
     from oppload_cli.plots.tuning import kind_of, plot_tuning
-    from oppload_cli.results.collecting import tables_in
     from oppload_cli.results.reading import is_tuning, read_tuning
 
     if output is not None:
@@ -200,8 +202,6 @@ class _Marks(NamedTuple):
         """Return the times of each mark, one for each result."""
         marks: dict[str, list[float | None]] = {}
         if self.manifest:
-            from oppload_cli.evaluation.manifest import read_manifest
-
             clips = {each.path.name: each.label for each in read_manifest(self.manifest).entries}
             labels = [clips.get(result.title) for result in results]
             for name in ("onset", "contact"):
@@ -218,8 +218,6 @@ class _Marks(NamedTuple):
 
 def _time_of(result: Result, text: str, label: str) -> float:
     """Return the time of a position such as 1.5 or f50 in a result."""
-    from oppload_cli.video.span import parse_position
-
     position = parse_position(text)
     if position.seconds is not None:
         return position.seconds

@@ -6,6 +6,7 @@ Progress is a bar on a terminal, and a plain line now and then elsewhere.
 from __future__ import annotations
 
 import os.path
+import threading
 import time
 from typing import TYPE_CHECKING, Never
 
@@ -46,8 +47,6 @@ def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -
     name : str
         Put before the bar.
     """
-    import threading
-
     from tqdm import tqdm
 
     # Neither its thread, which looks for bars that stand still, nor its lock for several

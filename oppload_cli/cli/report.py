@@ -10,7 +10,8 @@ import click
 from oppload_cli.cli import check_display, say, show_file
 from oppload_cli.cli.options import jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode, ParameterError
-from oppload_cli.files.names import is_folder
+from oppload_cli.files.reading import is_folder
+from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 @jobs_option("Pages")
 @click.option("--show", is_flag=True, help="Open the page in the browser, where there is one.")
 @quiet_option
-def report(  # noqa: PLR0917 - click passes them by name
+def report(
     results: tuple[Path, ...],
     output: Path | None,
     videos: Path | None,
@@ -73,7 +74,6 @@ def write_pages(
         ``INCOMPLETE`` if a result has no page.
     """
     from oppload_cli.cli.progress import progress_bar
-    from oppload_cli.processes import cores
     from oppload_cli.report.writing import write_report
 
     alone = len(tables) == 1

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from oppload_cli.cli.options import if_exists_option, jobs_option, output_option, quiet_option
+from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
+from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 @jobs_option("Figures")
 @if_exists_option("a result")
 @quiet_option
-def reproduce(  # noqa: PLR0917 - click passes them by name
+def reproduce(
     output: Path,
     only: tuple[str, ...],
     listed: bool,
@@ -36,7 +38,6 @@ def reproduce(  # noqa: PLR0917 - click passes them by name
     the verdict, and index.html, one page with all of it; figure lplc2 also gives lplc2.csv with
     all its peaks.
     """
-    from oppload_cli.files.atomic import claimed, refuse_existing
     from oppload_cli.reproduction.report import FIGURES, TABLES, chosen
 
     if listed:
@@ -53,8 +54,6 @@ def reproduce(  # noqa: PLR0917 - click passes them by name
 
 def _make(names: list[str], output: Path, claim: PartFile, *, jobs: int, quiet: bool) -> None:
     from oppload_cli.cli.progress import progress_bar
-    from oppload_cli.files.atomic import write_atomic
-    from oppload_cli.processes import cores
     from oppload_cli.reproduction.report import build, page_of, report_json, report_of, verdicts
 
     started = time.perf_counter()

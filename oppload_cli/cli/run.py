@@ -13,9 +13,13 @@ import click
 
 from oppload_cli.cli import say
 from oppload_cli.cli.options import if_exists_option, jobs_option, output_option, settings_options
+from oppload_cli.cli.report import write_pages
 from oppload_cli.errors import ExitCode, OutputError, ParameterError, SourceError, printable
+from oppload_cli.files.reading import text_of
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
+from oppload_cli.video.opening import Opening, is_video_file
+from oppload_cli.video.span import Span, parse_position
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,8 +28,6 @@ if TYPE_CHECKING:
     from oppload_cli.batch.plan import Plan
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.pipeline.task import Task
-    from oppload_cli.video.opening import Opening
-    from oppload_cli.video.span import Span
 
 
 STANDARD_OUTPUT = "-"
@@ -115,7 +117,7 @@ class _Selection(NamedTuple):
 )
 @click.option("-q", "--quiet", is_flag=True, help="Print errors only.")
 @click.option("-v", "--verbose", is_flag=True, help="Print the sizes that the models see.")
-def run(  # noqa: PLR0917 - click passes them by name
+def run(
     inputs: tuple[str, ...],
     output: Path,
     start: str | None,
@@ -141,7 +143,6 @@ def run(  # noqa: PLR0917 - click passes them by name
     inputs that fail.
     """
     from oppload_cli.files.atomic import make_folder
-    from oppload_cli.video.span import Span, parse_position
 
     selection = _Selection(**{name: others.pop(name) for name in _Selection._fields})
     if not inputs and not selection.files_from:
@@ -222,16 +223,12 @@ def _begun(name: str, span: Span, image_rate: Fraction, settings: dict[str, Any]
 
     None for other inputs, and where a setting is wrong: resolving it gives the error.
     """
-    from oppload_cli.video.opening import Opening, is_video_file
-
     if not is_video_file(name):
         return None
     try:
         content: dict[str, Any] = {}
         if settings["config"]:
             import tomllib
-
-            from oppload_cli.files.reading import text_of
 
             content = tomllib.loads(text_of(settings["config"]))
         stated = settings["preset"] or preset_in(settings["models"])
@@ -266,8 +263,6 @@ def _run_one(task: Task, verbosity: int, fail_on: str | None, opening: Opening |
 
 def _report(tasks: Iterator[Task], folder: Path, selection: _Selection, quiet: bool) -> int:
     """Write the pages of the results that are there; return the exit code."""
-    from oppload_cli.cli.report import write_pages
-
     named = [task.outputs.csv for task in tasks if task.outputs]
     tables = [table for table in named if os.path.lexists(table)]
     if not tables:
@@ -300,7 +295,7 @@ def _tasks(plan: Plan, folder: Path, task: Task, *, annotate: bool) -> Iterator[
 def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
     """Print what would be done, a line per input; return the exit code."""
     from oppload_cli.batch.report import Tally
-    from oppload_cli.pipeline.execute import exists_already
+    from oppload_cli.pipeline.task import exists_already
 
     counts = {"run": 0, "skip": 0, "refuse": 0}
     for task in tasks:

@@ -99,7 +99,7 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
 @if_exists_option("a file", skip=True)
 @quiet_option
 @click.pass_context
-def generate(  # noqa: PLR0917 - one argument per option
+def generate(
     context: click.Context,
     names: tuple[str, ...],
     directory: Path,

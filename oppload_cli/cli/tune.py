@@ -16,7 +16,10 @@ from oppload_cli.cli.options import (
     quiet_option,
     settings_options,
 )
+from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import STUDY_PRESET
+from oppload_cli.processes import cores
+from oppload_cli.stimulus.catalogue import parsed_setting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -54,7 +57,7 @@ FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hard
 @jobs_option("Conditions")
 @if_exists_option("a result")
 @quiet_option
-def tune(  # noqa: PLR0917 - click passes them by name
+def tune(
     stimulus: str,
     over: tuple[str, ...],
     changes: tuple[str, ...],
@@ -77,9 +80,7 @@ def tune(  # noqa: PLR0917 - click passes them by name
     settings, and the plot: polar over directions, a line over one parameter, a heat
     map over two.
     """
-    from oppload_cli.files.atomic import claimed, refuse_existing
     from oppload_cli.pipeline.settings import resolve
-    from oppload_cli.stimulus.catalogue import parsed_setting
     from oppload_cli.stimulus.files import file_stem
     from oppload_cli.tuning.run import entry_named, swept
 
@@ -114,7 +115,6 @@ def _run(
     quiet: bool,
 ) -> None:
     from oppload_cli.cli.progress import progress_bar
-    from oppload_cli.processes import cores
     from oppload_cli.tuning.run import tune, write_tuning, write_tuning_sidecar
 
     count = len(entry.values())

@@ -1,8 +1,8 @@
 """The door to the compiled loops: one switch decides whether they replace the plain functions.
 
-A plain function says with :func:`compiled_in` which module of this room holds its compiled
-twin. The twin has the same name, takes the same arguments and returns the same values, but for
-the last digits. Where no compiled loops were built, or where the environment variable
+A plain function says with :func:`with_twin` that :mod:`oppload_cli.compute.twins` holds its
+compiled twin. The twin has the same name, takes the same arguments and returns the same values,
+but for the last digits. Where no compiled loops were built, or where the environment variable
 ``OPPLOAD_PORTABLE`` is 1, the plain function runs.
 """
 
@@ -64,31 +64,20 @@ _NUMBER: dict[str, tuple[Any, ...]] = {
 portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
 
 
-def compiled_in(module: str) -> Callable[[Callable[Taken, Returned]], Callable[Taken, Returned]]:
+def with_twin(plain: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
     """Replace a function by its compiled twin wherever compiled loops run.
 
-    Parameters
-    ----------
-    module : str
-        Name of the module of ``oppload_cli.compute`` that holds a function of the same name.
-
-    Returns
-    -------
-    callable
-        A decorator. The plain function stays available as ``__wrapped__``.
+    The plain function stays available as ``__wrapped__``.
     """
 
-    def replace(plain: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
-        @wraps(plain)
-        def chosen(*args: Taken.args, **kwargs: Taken.kwargs) -> Returned:
-            if portable or _loaded()[1] is None:
-                return plain(*args, **kwargs)
-            twin: Callable[Taken, Returned] = _twin(module, plain.__name__)
-            return twin(*args, **kwargs)
+    @wraps(plain)
+    def chosen(*args: Taken.args, **kwargs: Taken.kwargs) -> Returned:
+        if portable or _loaded()[1] is None:
+            return plain(*args, **kwargs)
+        twin: Callable[Taken, Returned] = _twin(plain.__name__)
+        return twin(*args, **kwargs)
 
-        return chosen
-
-    return replace
+    return chosen
 
 
 def loops() -> ctypes.CDLL:
@@ -181,8 +170,8 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 @cache
-def _twin(module: str, name: str) -> Any:
-    return getattr(import_module(f"oppload_cli.compute.{module}"), name)
+def _twin(name: str) -> Any:
+    return getattr(import_module("oppload_cli.compute.twins"), name)
 
 
 @cache

@@ -176,7 +176,7 @@ _RESOLVED = 1.5  # spreads of the pooling: an object smaller than that has no si
 _GROWTH = 1.25  # from one frame to the next, shortly before contact
 
 
-class Peak(NamedTuple):
+class _Peak(NamedTuple):
     """A unit that answers more than those around it."""
 
     row: int
@@ -184,7 +184,7 @@ class Peak(NamedTuple):
     response: float
 
 
-def peaks(maps: UnitMaps, params: PlaceParams) -> list[Peak]:
+def peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     """Find the units that answer more than every other one in their receptive field.
 
     Parameters
@@ -196,7 +196,7 @@ def peaks(maps: UnitMaps, params: PlaceParams) -> list[Peak]:
 
     Returns
     -------
-    list of Peak
+    list of _Peak
         The largest response first: the winning unit of the frame, if it is above
         the floor. None lies in the receptive field of one before it.
     """
@@ -210,12 +210,12 @@ def peaks(maps: UnitMaps, params: PlaceParams) -> list[Peak]:
     )
     rows, columns = np.nonzero(tops)
     order = np.argsort(-responses[rows, columns], kind="stable")
-    found: list[Peak] = []
+    found: list[_Peak] = []
     for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
         if len(found) == params.most:
             break
         if not any(_shares_field(maps, row, column, each) for each in found):
-            found.append(Peak(row, column, float(responses[row, column])))
+            found.append(_Peak(row, column, float(responses[row, column])))
     return found
 
 
@@ -239,7 +239,7 @@ def focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
     return x, y
 
 
-def _shares_field(maps: UnitMaps, row: int, column: int, peak: Peak) -> bool:
+def _shares_field(maps: UnitMaps, row: int, column: int, peak: _Peak) -> bool:
     apart_x = abs(maps.centres_x[column] - maps.centres_x[peak.column])
     apart_y = abs(maps.centres_y[row] - maps.centres_y[peak.row])
     return bool(max(apart_x, apart_y) < maps.field / 2)
@@ -355,7 +355,7 @@ class Places:
         self._before_s = time_s
         return shown
 
-    def _owner(self, peak: Peak) -> Track | None:
+    def _owner(self, peak: _Peak) -> Track | None:
         """Return the object that a peak belongs to."""
         x, y = self._maps.centres_x[peak.column], self._maps.centres_y[peak.row]
         near = _NEAR * self._maps.field
@@ -363,7 +363,7 @@ class Places:
         own = [(away, track.identity, track) for away, track in held if away is not None]
         return min(own)[2] if own else None
 
-    def _new(self, peak: Peak, time_s: float) -> Track | None:
+    def _new(self, peak: _Peak, time_s: float) -> Track | None:
         half = self._maps.field / 2
         extent = self._measured(peak.row, peak.column, half, half)
         if extent is None:
@@ -390,7 +390,7 @@ class Places:
             return Extent(self._maps.field / 2, self._maps.field / 2, 0.0, True)
         return self._products.extent(row, column, x, y)
 
-    def _follow(self, track: Track, peak: Peak, time_s: float) -> None:
+    def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
         """Take an object on to the latest frame."""
         row, column = peak.row, peak.column
         x, y = focus(self._maps, row, column)

@@ -173,7 +173,7 @@ def analyse_clip(
     try:
         for height in dict.fromkeys(each.height for each in detectors):
             same = [each for each in detectors if each.height == height]
-            with opened(entry.path, height, threads) as video:
+            with _opened(entry.path, height, threads) as video:
                 times, found = outputs_of(video, same)
                 outputs.update(found)
                 complete, facts = video.decode.complete, video.facts
@@ -188,7 +188,7 @@ def analyse_clip(
     return _Analysed(clip, faults)
 
 
-def opened(
+def _opened(
     path: Path | Protocol, height: int, threads: int = 0
 ) -> AbstractContextManager[DecodedSource]:
     """Open a clip, or a stimulus, which is drawn frame by frame."""

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ManifestError, suggestion
 from oppload_cli.evaluation.metrics.clips import Label
-from oppload_cli.files.names import is_file
-from oppload_cli.files.reading import reading, text_of
+from oppload_cli.files.reading import is_file, reading, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

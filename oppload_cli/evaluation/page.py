@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Pictures = Mapping[tuple[int, int], bytes]  # JPEG by clip and frame
 
 
-class Definition(NamedTuple):
+class _Definition(NamedTuple):
     """A measure.
 
     Attributes
@@ -47,20 +47,20 @@ CONDITIONS = {
     "chosen on these clips.",
 }
 MEASURES = {
-    "detection_rate": Definition(
+    "detection_rate": _Definition(
         "detection rate",
         "",
         "Share of the approaches with a response above the threshold, or the alarm on, at some "
         "frame from onset to contact, both included. n: approaches.",
     ),
-    "lead_time_s": Definition(
+    "lead_time_s": _Definition(
         "lead time",
         "s",
         "Time from the first such frame to contact, median over the detected approaches. Compare "
         "it only at similar detection rates: a detector that finds only the easy ones is early. "
         "n: detected approaches.",
     ),
-    "false_alarms_per_minute": Definition(
+    "false_alarms_per_minute": _Definition(
         "false alarms per minute",
         "1/min",
         "Upward crossings of the threshold, or beginnings of the alarm, in footage without an "
@@ -68,33 +68,33 @@ MEASURES = {
         "A crossing without a second of silence before it belongs to the same false alarm. By kind "
         "of motion, as the manifest names it. n: clips with such footage.",
     ),
-    "threshold": Definition(
+    "threshold": _Definition(
         "threshold",
         "response",
         "A response above it is an alarm; in the detector's own unit. n: clips with footage "
         "without an approach.",
     ),
-    "roc_auc": Definition(
+    "roc_auc": _Definition(
         "area under the ROC curve",
         "",
         "Over one-second windows, scored by their largest response. Positive: the last second "
         "before contact. Negative: windows that tile the footage without an approach. Half a "
         "second is enough for a window; ties count half. n: windows.",
     ),
-    "average_precision": Definition(
+    "average_precision": _Definition(
         "average precision",
         "",
         "Precision averaged over the steps of recall, over the same windows; it depends on the "
         "share of positive windows. n: windows.",
     ),
-    "ordered_pairs": Definition(
+    "ordered_pairs": _Definition(
         "ordered pairs within clips",
         "",
         "The one-second window that ends some frames before contact is set against each earlier "
         "window of the same clip, tiled back from its start. Share of pairs in which its largest "
         "response is the larger; ties count half; mean over clips. Chance is 0.5. n: pairs.",
     ),
-    "distinct_ratio": Definition(
+    "distinct_ratio": _Definition(
         "distinct ratio",
         "",
         "Largest response from onset to contact over the largest before onset; over the median of "
@@ -102,45 +102,45 @@ MEASURES = {
         "responses have different scales (OppLoD's is squared by its enhancing), so that the "
         "ratio compares clips and settings rather than detectors. n: approaches.",
     ),
-    "place_inside": Definition(
+    "place_inside": _Definition(
         "winning unit inside the box",
         "",
         "Share of the boxed frames in which the centre of the winning unit's field lies in the "
         "labelled box, made 1.5 times as large about its centre; without a winner it does not. "
         "'frame_centre' always points at the middle of the frame. n: frames.",
     ),
-    "place_distance_px": Definition(
+    "place_distance_px": _Definition(
         "distance to the box's centre",
         "source px",
         "From the centre of the winning unit's field to that of the labelled box, median over the "
         "boxed frames with a winner. n: these frames.",
     ),
-    "place_distance_diagonals": Definition(
+    "place_distance_diagonals": _Definition(
         "distance to the box's centre",
         "box diagonals",
         "The same over the diagonal of the box.",
     ),
-    "alarmed_share": Definition(
+    "alarmed_share": _Definition(
         "clips with a false alarm",
         "",
         "Share of the clips without an approach that have at least one alarm, by kind; clips of "
         "stimuli only. n: clips.",
     ),
-    "box_overlap": Definition(
+    "box_overlap": _Definition(
         "overlap of the boxes",
         "",
         "Intersection over union of the box of the strongest looming object and the true box "
         "within the frame, 5 frames before contact; 0 without an object. Median over the "
         "approaches; clips of stimuli only. n: approaches with a true box there.",
     ),
-    "contact_within": Definition(
+    "contact_within": _Definition(
         "time to contact within 20 %",
         "",
         "Share of the approaches whose times to contact in the last half second have a median "
         "error of at most 20 %; an approach for which none is given counts as an error. n: "
         "approaches.",
     ),
-    "contact_error": Definition(
+    "contact_error": _Definition(
         "error of the time to contact",
         "",
         "Median over the frames of the last half second with a time to contact, of its error over "

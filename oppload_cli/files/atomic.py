@@ -106,10 +106,10 @@ def refuse_existing(paths: Iterable[Path], if_exists: str) -> None:
     if if_exists == "error":
         for path in paths:
             if os.path.lexists(path):  # which, unlike `Path.exists`, bears any name
-                raise exists_already(path)
+                raise _exists_already(path)
 
 
-def exists_already(path: Path) -> OutputError:
+def _exists_already(path: Path) -> OutputError:
     """Return the error to raise where a result exists, or the part file of an earlier run."""
     return OutputError(f"{path}: exists already; choose --if-exists overwrite, or another --output")
 
@@ -218,7 +218,7 @@ class PartFile(_Part):
             self._open(part_of(path), new=new)
         if new and os.path.lexists(path):  # maybe since just now, by another run
             self.discard()
-            raise exists_already(path)
+            raise _exists_already(path)
 
     def _open(self, part: Path, *, new: bool) -> None:
         self.part = part
@@ -231,7 +231,7 @@ class PartFile(_Part):
             own = self.path.with_name(f"{self.path.name}.{platform.node()}-{os.getpid()}.part")
             if alone is None and not made and part != own:
                 if new:
-                    raise exists_already(part)
+                    raise _exists_already(part)
                 self.binary.close()
                 self._open(own, new=False)
                 return
@@ -320,7 +320,7 @@ class PartFolder(_Part):
                 self._hold()
         if new and os.path.lexists(path):
             self.discard()
-            raise exists_already(path)
+            raise _exists_already(path)
 
     def _take_over(self) -> None:
         """Empty the part of an earlier run; a link or a file in its place is removed."""

@@ -92,7 +92,7 @@ class ArmParams(DpcParams):
 # ---- The equations -------------------------------------------------------------------------
 
 
-class Motion(NamedTuple):
+class _Motion(NamedTuple):
     """Motion at every pixel: how much of it there is, and its components.
 
     All are arrays of float32, shape (height, width); `right` and `up` may be negative.
@@ -103,7 +103,7 @@ class Motion(NamedTuple):
     up: Map
 
 
-def graded_motion(p: Sequence[Map], kernels: Kernels) -> Motion:
+def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
     """Return the motion whose direction the directional inhibitions tell together.
 
     S_phi passes or blocks; the differences ``J_phi = I_(phi+180) - I_phi`` of two axes form a
@@ -119,7 +119,7 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> Motion:
 
     Returns
     -------
-    Motion
+    _Motion
         In units of S.
 
     Source: ``docs/model.md``, section 4, and ``docs/lplc2.md``.
@@ -133,7 +133,7 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> Motion:
     length = np.hypot(right, up)
     amount = np.minimum(np.maximum(e - (i - length) / 2, 0), e)
     share = amount / np.maximum(length, np.float32(1e-12))
-    return Motion(amount, share * right, share * up)
+    return _Motion(amount, share * right, share * up)
 
 
 def arm_weights(reach: float, direction: float, cone: float) -> Map:

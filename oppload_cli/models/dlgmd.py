@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.compute.loops import compiled_in
+from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.detector import Column, Detector, Response
 from oppload_cli.models.dpc import excitation, referred
 from oppload_cli.models.kernels import DpcParams
@@ -66,7 +66,7 @@ def threshold(params: DlgmdParams, change_two_ago: float) -> float:
     return min(params.threshold_factor * change_two_ago, params.threshold_limit)
 
 
-@compiled_in("maps")
+@with_twin
 def group(
     presynaptic: Map, side: int, threshold: float, limit: float, out: Map
 ) -> tuple[float, float]:

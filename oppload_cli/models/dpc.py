@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 import cv2
 import numpy as np
 
-from oppload_cli.compute.loops import compiled_in
+from oppload_cli.compute.loops import with_twin
 from oppload_cli.errors import FrameError
 from oppload_cli.models.kernels import Kernels
 from oppload_cli.models.timebase import NEARLY_ONE, Clock, nearly_one
@@ -92,7 +92,7 @@ class PresynapticSums:
         return cls(presynaptic, dict(zip(directions, pathways, strict=True)))
 
 
-@compiled_in("presynaptic")
+@with_twin
 def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -> None:
     """Compute S and S_phi (``docs/model.md``, sections 2 and 4).
 
@@ -346,7 +346,7 @@ class Dpc:
     axes : tuple of int
         Directions phi in degrees of the pathways' axes: none, (45, 135) or (0, 90); each serves
         the pathways phi and phi + 180.
-    photoreceptors : Hold of Photoreceptors, optional
+    photoreceptors : _Hold of Photoreceptors, optional
         Shared photoreceptors; own ones otherwise.
 
     Attributes
@@ -362,9 +362,9 @@ class Dpc:
         shape: tuple[int, int],
         params: DpcParams,
         axes: tuple[int, ...] = (),
-        photoreceptors: Hold[Photoreceptors] | None = None,
+        photoreceptors: _Hold[Photoreceptors] | None = None,
     ) -> None:
-        self._photoreceptors = photoreceptors or Hold(Photoreceptors(shape))
+        self._photoreceptors = photoreceptors or _Hold(Photoreceptors(shape))
         self._shape, self._params = shape, params
         self.use(axes)
 
@@ -414,7 +414,7 @@ class Dpc:
 # ---- Sharing -------------------------------------------------------------------------------
 
 
-class Layer(Protocol):
+class _Layer(Protocol):
     """What several detectors may share: it takes frames, and holds values of the latest one."""
 
     @property
@@ -432,10 +432,10 @@ class Layer(Protocol):
         """Forget all frames: the next frame is frame 0."""
 
 
-AnyLayer = TypeVar("AnyLayer", bound=Layer)
+AnyLayer = TypeVar("AnyLayer", bound=_Layer)
 
 
-class Hold(Generic[AnyLayer]):
+class _Hold(Generic[AnyLayer]):
     """One user's hold on a layer that others may hold too.
 
     Each user steps its own hold at every frame. The first one makes the layer compute; for the
@@ -498,13 +498,13 @@ class Layers:
         """Presentation time of the frame that is given now; None where nobody tells it."""
         return self.clock.time_s
 
-    def photoreceptors(self, stride: int = 1) -> Hold[Photoreceptors]:
+    def photoreceptors(self, stride: int = 1) -> _Hold[Photoreceptors]:
         """Return a hold on the photoreceptors whose interval is `stride` reference intervals."""
         if stride not in self._photoreceptors:
             self._photoreceptors[stride] = Photoreceptors(self.shape, stride, self.clock)
-        return Hold(self._photoreceptors[stride])
+        return _Hold(self._photoreceptors[stride])
 
-    def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> Hold[Dpc]:
+    def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> _Hold[Dpc]:
         """Return a hold on the DPC layers of some constants and axes.
 
         Parameters
@@ -522,12 +522,12 @@ class Layers:
             if same and (not axes or dpc.axes in {axes, ()}):
                 if axes and not dpc.axes:
                     dpc.use(axes)
-                return Hold(dpc)
+                return _Hold(dpc)
         dpc = Dpc(self.shape, constants, axes, self.photoreceptors(stride))
         self._dpcs.append((constants, stride, dpc))
-        return Hold(dpc)
+        return _Hold(dpc)
 
-    def other(self, key: Hashable, make: Callable[[], AnyLayer]) -> Hold[AnyLayer]:
+    def other(self, key: Hashable, make: Callable[[], AnyLayer]) -> _Hold[AnyLayer]:
         """Return a hold on a layer of another kind.
 
         Parameters
@@ -539,4 +539,4 @@ class Layers:
         """
         if key not in self._others:
             self._others[key] = make()
-        return Hold(self._others[key])
+        return _Hold(self._others[key])

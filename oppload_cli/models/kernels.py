@@ -85,7 +85,7 @@ class Kernels:
         return cls(_trimmed(excitation_kernel(params)), inhibition_kernels(params), masks)
 
 
-def spread(params: DpcParams, sigma: float) -> Kernel:
+def _spread(params: DpcParams, sigma: float) -> Kernel:
     """Return g_s(d), the Gaussian of eq. (kernel EI).
 
     Its amplitude is the one-dimensional ``1 / (s sqrt(2 pi))``, not renormalised, as in the
@@ -115,8 +115,8 @@ def excitation_kernel(params: DpcParams) -> Kernel:
 
     With the default constants five pixels are not 0; their sum is 0.528889.
     """
-    excitation = spread(params, params.sigma_excitation)
-    inhibition = params.inhibition_strength * spread(params, params.sigma_inhibition)
+    excitation = _spread(params, params.sigma_excitation)
+    inhibition = params.inhibition_strength * _spread(params, params.sigma_inhibition)
     undelayed = latency(params) < params.latency_one
     return np.where(undelayed, np.maximum(0, excitation - inhibition), 0)
 
@@ -127,7 +127,7 @@ def inhibition_kernels(params: DpcParams) -> tuple[Kernel, Kernel]:
     With the default constants they have 64 pixels of sum 6.103130 and 100 pixels of sum
     5.555562.
     """
-    inhibition = params.inhibition_strength * spread(params, params.sigma_inhibition)
+    inhibition = params.inhibition_strength * _spread(params, params.sigma_inhibition)
     tau = latency(params)
     late = tau > params.latency_two
     early = (tau >= params.latency_one) & ~late

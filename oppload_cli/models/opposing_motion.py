@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.compute.loops import compiled_in
+from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.background import Background
 from oppload_cli.models.detector import UnitMaps
 from oppload_cli.models.dpc import referred
@@ -107,7 +107,7 @@ def pooling_weights(length: int, centres: Floats, sigma: float, border: int = 0)
     return np.asarray(weights, np.float32)
 
 
-@compiled_in("maps")
+@with_twin
 def pool(values: Map, down: Map, across: Map) -> Map:
     """Pool a map over the cells: ``down values across'``, step 1 of section 5.
 
@@ -157,7 +157,7 @@ def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
     return np.asarray(((along > 0) - periphery * (along < 0)) * within, np.float32)
 
 
-@compiled_in("maps")
+@with_twin
 def opponent_products(passing: Map, opposite: Map, weights: Map) -> Map:
     """Sum ``O(c, u) = S_phi(c + u) S_(phi+180)(c - u)`` over the offsets u, weighted.
 

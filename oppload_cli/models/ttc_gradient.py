@@ -114,7 +114,7 @@ class TtcGradient(Detector):
         step = max(1, round(height / 30))
         ends = height - 1 - self._half, width - 1 - self._half
         centres = [np.arange(self._half, end, step) for end in ends]
-        self._windows = [Windows(each, self._half) for each in centres]
+        self._windows = [_Windows(each, self._half) for each in centres]
         self._middle = (height - 1) // 2, (width - 1) // 2
         self._y = np.arange(height - 1, dtype=np.float32)[:, None] - self._middle[0]
         self._x = np.arange(width - 1, dtype=np.float32) - self._middle[1]
@@ -138,7 +138,7 @@ class TtcGradient(Detector):
         rows = down.sums(self._products(self._before, before), 0)
         sums = np.moveaxis(across.sums(rows, 2), 1, 0)
         pixels = (height - 1) * (width - 1)
-        whole = fitted(sums[:, -1, -1:], 0, 0, pixels, max(self.shape))
+        whole = _fitted(sums[:, -1, -1:], 0, 0, pixels, max(self.shape))
         a, b, c, r2 = (float(each[0]) for each in whole)
         if sums.shape[1] == 1 or sums.shape[2] == 1:  # no window lies within the frame
             return TtcGradientResponse(0.0, None, a, b, c, r2)
@@ -147,7 +147,7 @@ class TtcGradient(Detector):
         ys, xs = (each.ravel() for each in grid)
         windows = sums[:, :-1, :-1].reshape(len(sums), -1)
         middle_y, middle_x = self._middle
-        _, _, best_c, best_r2 = fitted(windows, ys - middle_y, xs - middle_x, side**2, half)
+        _, _, best_c, best_r2 = _fitted(windows, ys - middle_y, xs - middle_x, side**2, half)
         scores = np.maximum(best_c, 0) * best_r2
         best = int(np.argmax(scores))
         score, x, y = float(scores[best]), int(xs[best]), int(ys[best])
@@ -179,7 +179,7 @@ class TtcGradient(Detector):
         return out
 
 
-class Windows:
+class _Windows:
     """Sums over the windows along one axis, and over all of it.
 
     Parameters
@@ -210,7 +210,7 @@ class Windows:
         return np.moveaxis(every, 0, axis)
 
 
-def fitted(
+def _fitted(
     sums: Numbers, cy: Any, cx: Any, pixels: int, half: int
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Return A, B, C and r2 of some windows.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.compute.loops import compiled_in
+from oppload_cli.compute.loops import with_twin
 from oppload_cli.errors import FrameError
 from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, metrics_of
 
@@ -60,7 +60,7 @@ class Cells(NamedTuple):
     top: int
 
 
-@compiled_in("flow")
+@with_twin
 def reduce(frame: Grey, reduction: int, out: Grey) -> None:
     """Average squares of pixels.
 
@@ -107,7 +107,7 @@ def sampled(
     )
 
 
-@compiled_in("flow")
+@with_twin
 def sample(
     before: Grey, now: Grey, flow: NDArray[np.float32], cells: Cells, least: tuple[float, float]
 ) -> tuple[Points, Points]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oppload_cli.compute.loops import compiled_in
+from oppload_cli.compute.loops import with_twin
 from oppload_cli.errors import ParameterError
 from oppload_cli.schema import Parameters, parameter
 
@@ -273,7 +273,7 @@ def metrics_of(
     )
 
 
-@compiled_in("flow")
+@with_twin
 def rmo_sums(
     starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
 ) -> tuple[int, float, float, float, float, int]:

@@ -17,11 +17,10 @@ from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
 from oppload_cli.pipeline.analysis import analyse
-from oppload_cli.pipeline.existing import kept_result
 from oppload_cli.pipeline.outputs import Writing, begun
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL
-from oppload_cli.pipeline.task import Interrupted, Outcome, Task
+from oppload_cli.pipeline.task import Interrupted, Outcome, Task, exists_already
 from oppload_cli.pipeline.times import FrameTimes
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.pipeline.task import Watcher
-    from oppload_cli.results.alarms import Verdict
     from oppload_cli.results.record import FrameRecord
     from oppload_cli.schema import Parameters
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
@@ -132,20 +130,6 @@ def collected(
 def _set_threads(working: WorkingSize, threads: int) -> None:
     # On small frames OpenCV's threads wait for each other longer than they work.
     cv2.setNumThreads((threads or cores()) if is_large(working.shape) else 1)
-
-
-def exists_already(task: Task) -> tuple[Verdict, ...] | None:
-    """Return the alarms of a result that exists and is kept; None where there is none.
-
-    Raises
-    ------
-    OutputError
-        If a result exists and the task does not say what to do with it, or to skip it and it
-        is of another input or has other settings.
-    """
-    if task.outputs is None or not task.outputs.kept(task.if_exists):
-        return None
-    return kept_result(task)
 
 
 def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from oppload_cli import stimulus
 from oppload_cli.errors import ParameterError, SourceError
-from oppload_cli.files.names import is_there
+from oppload_cli.files.reading import is_there
 from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
 from oppload_cli.video.frames import DecodeFacts, Frame, InputFacts, Picture, working_size
 from oppload_cli.video.luminance import Luminance
@@ -63,7 +63,7 @@ class StimulusVideo:
             yield Frame(shown.index, shown.time_s, self._luminance(picture))
 
 
-class ArrayVideo:
+class _ArrayVideo:
     """The frames of an array at the working size, as an open video would give them.
 
     Parameters
@@ -154,7 +154,7 @@ def open_source(
     source : str, Path, FrameSource, Protocol or array
         A video file, a folder or pattern of images, ``camera:0`` or a stream; the name of a
         stimulus of the catalogue; an open video, which is not closed; a stimulus; or an array
-        of frames, as :class:`ArrayVideo` takes them.
+        of frames, as :class:`_ArrayVideo` takes them.
     rate : float or Fraction, optional
         Frames per second of an array, which needs it, or of images (else 30).
     height : int or str, optional
@@ -197,7 +197,7 @@ def open_source(
     elif isinstance(source, np.ndarray | list | tuple):
         if rate is None:
             raise ParameterError("an array of frames has no times; give its rate, e.g. rate=30")
-        yield ArrayVideo(source, rate, size)
+        yield _ArrayVideo(source, rate, size)
     elif isinstance(source, stimulus.Protocol):  # the last kind: this loads the stimuli
         yield StimulusVideo(source, size)
     else:

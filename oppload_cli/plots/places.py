@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 from oppload_cli.errors import ResultError
-from oppload_cli.files.names import is_there
+from oppload_cli.files.reading import is_there
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detectors, placing_detector
 from oppload_cli.plots.naming import wrapped

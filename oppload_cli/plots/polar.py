@@ -41,7 +41,7 @@ TURN = 2 * np.pi
 
 
 @dataclass(frozen=True)
-class Selectivity:
+class _Selectivity:
     """How strongly responses depend on direction (``docs/plots.md``).
 
     Attributes
@@ -66,7 +66,7 @@ class Selectivity:
     least: float
 
 
-def selectivity(angles_deg: Series, responses: Series) -> Selectivity:
+def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
     """Measure directional tuning.
 
     Parameters
@@ -79,7 +79,7 @@ def selectivity(angles_deg: Series, responses: Series) -> Selectivity:
     best = int(responses.argmax())
     peak, preferred = float(responses[best]), float(angles_deg[best])
     if peak <= 0:
-        return Selectivity(peak, preferred, None, None, 0.0)
+        return _Selectivity(peak, preferred, None, None, 0.0)
     opposite = np.flatnonzero(np.abs((angles_deg - preferred) % 360 - 180) < 1e-6)
     index = None
     if opposite.size:
@@ -87,7 +87,7 @@ def selectivity(angles_deg: Series, responses: Series) -> Selectivity:
         index = (peak - other) / (peak + other)
     least = float(responses.min()) / peak
     vector = np.sum(responses * np.exp(2j * np.deg2rad(angles_deg)))
-    return Selectivity(peak, preferred, index, float(abs(vector) / responses.sum()), least)
+    return _Selectivity(peak, preferred, index, float(abs(vector) / responses.sum()), least)
 
 
 def full_circle(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
@@ -132,7 +132,7 @@ class DirectionTuning:
     look: dict[str, Any]
 
     @property
-    def numbers(self) -> Selectivity:
+    def numbers(self) -> _Selectivity:
         """Peak and selectivity."""
         return selectivity(self.angles_deg, self.responses)
 

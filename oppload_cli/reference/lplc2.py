@@ -20,7 +20,7 @@ BAR_WIDTHS = (10, 60)
 
 
 @dataclass(frozen=True)
-class Peak:
+class _Peak:
     """One response peak.
 
     Attributes
@@ -42,11 +42,11 @@ class Peak:
 
 
 @cache
-def peaks() -> tuple[Peak, ...]:
+def peaks() -> tuple[_Peak, ...]:
     """Return all published peaks."""
     text = resources.files("oppload_cli.reference").joinpath(FILE).read_text(encoding="utf-8")
     return tuple(
-        Peak(
+        _Peak(
             row["stimulus"],
             float(row["axis_deg"]) if row["axis_deg"] else None,
             float(row["width_deg"]) if row["width_deg"] else None,

@@ -66,7 +66,7 @@ class Curve(NamedTuple):
         return float(self.values[self.best])
 
 
-class AlarmSpan(NamedTuple):
+class _AlarmSpan(NamedTuple):
     """A time in which an alarm is on.
 
     Attributes
@@ -102,7 +102,7 @@ class Content:
         The result.
     curves : list of Curve
         Of every detector.
-    alarms : list of AlarmSpan
+    alarms : list of _AlarmSpan
         In the order of their beginning.
     boxes : dict of int to list
         By row, ``[x, y, width, height, centre_x, centre_y, id, alarm, time to contact]`` in
@@ -117,7 +117,7 @@ class Content:
 
     result: Result
     curves: list[Curve]
-    alarms: list[AlarmSpan]
+    alarms: list[_AlarmSpan]
     boxes: dict[int, list[list[Any]]]
     box_colour: str
     truth: dict[str, Any] | None
@@ -236,7 +236,7 @@ def _curve(result: Result, name: str) -> Curve:
     return Curve(name, detector.label, detector.colour, response / over, thresholded)
 
 
-def _alarms(result: Result, curve: Curve) -> list[AlarmSpan]:
+def _alarms(result: Result, curve: Curve) -> list[_AlarmSpan]:
     column = f"{curve.name}_alarm"
     if column not in result.frames.columns:
         return []
@@ -245,7 +245,7 @@ def _alarms(result: Result, curve: Curve) -> list[AlarmSpan]:
     times = result.frames["time_s"].to_numpy(float)
     frames = result.frames["frame"].to_numpy(int)
     return [
-        AlarmSpan(
+        _AlarmSpan(
             curve,
             int(first),
             int(stop - 1),

@@ -14,7 +14,7 @@ import numpy as np
 
 from oppload_cli.errors import SourceError
 from oppload_cli.files.atomic import PartFile, output_errors
-from oppload_cli.files.names import is_file, is_folder
+from oppload_cli.files.reading import is_file, is_folder
 from oppload_cli.processes.pool import Seldom
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.colour import BT709, Colour, colour_size

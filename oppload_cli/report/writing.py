@@ -34,7 +34,7 @@ SPARK = (240, 48)  # width and height of a small curve, in units of its drawing
 SPARK_LOW, SPARK_HIGH = -2.0, 2.0  # decades of the threshold that it shows
 
 
-class Entry(NamedTuple):
+class _Entry(NamedTuple):
     """A result as the index shows it.
 
     Attributes
@@ -74,7 +74,7 @@ class Entry(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Report:
+class _Report:
     """What :func:`write_report` has written.
 
     Attributes
@@ -117,7 +117,7 @@ def write_report(
     jobs: int = 1,
     frames: Callable[[int], object] | None = None,
     done: Callable[[], object] | None = None,
-) -> Report:
+) -> _Report:
     """Write a page for each result, and an index of many.
 
     Parameters
@@ -137,7 +137,7 @@ def write_report(
 
     Returns
     -------
-    Report
+    _Report
         A result that cannot be read does not stop the others.
 
     Raises
@@ -155,7 +155,7 @@ def write_report(
         _Item(result, page, videos, index is not None)
         for result, page in zip(results, _pages(results, folder), strict=True)
     ]
-    found: dict[int, Entry] = {}
+    found: dict[int, _Entry] = {}
     failed: dict[int, OpploadError] = {}
     made = outcomes(_write_page, items, jobs, named=lambda item: str(item.page), told=frames)
     for position, outcome in made:
@@ -172,7 +172,7 @@ def write_report(
     if index is not None:
         write_atomic(index, _index_page(entries, failures))
     notes = [f"{entry.page}: {note}" for entry in entries for note in entry.notes]
-    return Report([entry.page for entry in entries], index, failures, notes)
+    return _Report([entry.page for entry in entries], index, failures, notes)
 
 
 def _pages(results: Sequence[Result | Path], folder: Path) -> Iterator[Path]:
@@ -200,7 +200,7 @@ def _refuse_other(index: Path) -> None:
         )
 
 
-def _write_page(item: _Item, tell: Callable[[int], object]) -> Entry:
+def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
     """Write the page of one result."""
     result = item.result if isinstance(item.result, Result) else read_result(item.result)
     content = content_of(result)
@@ -216,7 +216,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> Entry:
     write_atomic(item.page, _page(content, copy, beside.name, notes, indexed=item.indexed))
     strongest = content.strongest
     times = result.frames["time_s"].to_numpy(float)
-    return Entry(
+    return _Entry(
         printable(result.title),
         item.page,
         copy.still if copy else b"",
@@ -265,7 +265,7 @@ def _page(
     )
 
 
-def _index_page(entries: Sequence[Entry], failures: Sequence[OpploadError]) -> str:
+def _index_page(entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> str:
     """Return the index as HTML: results with alarms first, the strongest before the others."""
     ordered = sorted(entries, key=lambda each: (not each.alarms, -each.peak, each.title))
     return rendered(

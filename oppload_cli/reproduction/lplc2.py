@@ -45,7 +45,7 @@ SETTINGS = {PRESET: CENTRE, "reference": (*CENTRE, *FIELD), "paper": ()}
 MODELS = "mlplc2", "emd_lplc2_gf", "zhou_lrf"
 
 
-class Family(NamedTuple):
+class _Family(NamedTuple):
     """Stimuli of the catalogue that differ in their axis alone.
 
     Attributes
@@ -67,16 +67,16 @@ LOOM = "loom"
 # Places in degrees, 15 from the centre, where neurons give the loom at least half of their answer.
 OFF_CENTRE = ((15.0, 0.0), (10.6, 10.6))
 BATTERY = (
-    Family(LOOM, None, "loom"),
-    *(Family(f"bar-expand-{width}", width, "bar_expand") for width in (10, 20, 60)),
-    *(Family(f"bar-expand-{width}-one-end", width) for width in (10, 20, 60)),
-    Family("bar-expand-inward-corners", 10),
-    Family("bar-expand-inward-periphery", 10),
-    Family("cross-outward", 10, "cross_outward"),
-    Family("cross-inward", 10, "cross_inward"),
-    Family("bar-sweep", 10, "bar_sweep"),
-    Family("edge", None, "edge"),
-    Family("grating", None, "grating"),
+    _Family(LOOM, None, "loom"),
+    *(_Family(f"bar-expand-{width}", width, "bar_expand") for width in (10, 20, 60)),
+    *(_Family(f"bar-expand-{width}-one-end", width) for width in (10, 20, 60)),
+    _Family("bar-expand-inward-corners", 10),
+    _Family("bar-expand-inward-periphery", 10),
+    _Family("cross-outward", 10, "cross_outward"),
+    _Family("cross-inward", 10, "cross_inward"),
+    _Family("bar-sweep", 10, "bar_sweep"),
+    _Family("edge", None, "edge"),
+    _Family("grating", None, "grating"),
 )
 _NAMED_DIRECTIONS = {"right": 0.0, "down": 270.0}
 
@@ -93,7 +93,7 @@ class Row(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Shown:
+class _Shown:
     """The responses of one preset or model to the battery.
 
     Attributes
@@ -149,19 +149,19 @@ def published() -> dict[tuple[str, float | None, int | None], float]:
     return known
 
 
-def show(name: str, families: Iterable[Family] = BATTERY) -> Shown:
+def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
     """Show stimuli of the battery to a preset of OppLoD, or to another model.
 
     Parameters
     ----------
     name : str
         ``lplc2``, ``reference``, ``paper``, or a model.
-    families : iterable of Family
+    families : iterable of _Family
         The loom among them.
 
     Returns
     -------
-    Shown
+    _Shown
         Peaks of the calcium signal over that for the loom; the time constant is that of
         preset ``lplc2`` for all.
     """
@@ -192,11 +192,11 @@ def show(name: str, families: Iterable[Family] = BATTERY) -> Shown:
         for (family, axis), (time, signal) in signals.items()
         if loom > 0 and axis in {None, 0, 45}
     }
-    return Shown(rows, courses)
+    return _Shown(rows, courses)
 
 
 def _signals(
-    family: Family, settings: Settings, detector: str
+    family: _Family, settings: Settings, detector: str
 ) -> Iterable[tuple[float | None, tuple[Series, Series]]]:
     for protocol in load_all(f"klapoetke2017/{family.name}"):
         yield axis_of(protocol.name), _signal(protocol, settings, detector)
@@ -379,7 +379,7 @@ def _does(rows: Sequence[Row]) -> Finding:
     )
 
 
-def _draw(shown: Mapping[str, Shown]) -> Figure:
+def _draw(shown: Mapping[str, _Shown]) -> Figure:
     with styled_figure(WIDE, 7.4) as figure:
         grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.05))
         for column, width in enumerate((10, 60)):
@@ -390,7 +390,7 @@ def _draw(shown: Mapping[str, Shown]) -> Figure:
     return figure
 
 
-def _polar(panel: PolarAxes, shown: Mapping[str, Shown], width: int) -> None:
+def _polar(panel: PolarAxes, shown: Mapping[str, _Shown], width: int) -> None:
     curves = []
     for name, colour, dash in ((PRESET, CYCLE[0], "-"), ("reference", CYCLE[2], "--")):
         rows = [row for row in shown[name].rows if row.stimulus == f"bar-expand-{width}"]
@@ -431,7 +431,7 @@ def _others(axes: Axes, rows: Sequence[Row]) -> None:
     axes.legend(frameon=False)
 
 
-def _courses(axes: Axes, shown: Shown) -> None:
+def _courses(axes: Axes, shown: _Shown) -> None:
     chosen = LOOM, "cross-outward", "bar-expand-10", "bar-expand-60", "bar-expand-60 45 deg", "edge"
     for name, colour in zip(chosen, CYCLE, strict=False):
         time, signal = shown.courses[name]

@@ -32,7 +32,7 @@ COLUMNS: dict[str, tuple[type, str]] = {
 
 
 @dataclass
-class AlarmEvent:
+class _AlarmEvent:
     """One alarm of one detector, from the frame in which it goes on.
 
     Attributes
@@ -70,7 +70,7 @@ class Verdict(NamedTuple):
     ----------
     model : str
         The detector.
-    alarms : tuple of AlarmEvent
+    alarms : tuple of _AlarmEvent
         In their order.
     peak : float or None
         The largest response over its threshold; None without a response, or where the alarm
@@ -78,7 +78,7 @@ class Verdict(NamedTuple):
     """
 
     model: str
-    alarms: tuple[AlarmEvent, ...]
+    alarms: tuple[_AlarmEvent, ...]
     peak: float | None
 
     @property
@@ -115,7 +115,7 @@ class AlarmLog:
 
     def __init__(self, model: str) -> None:
         self._model = model
-        self._alarms: list[AlarmEvent] = []
+        self._alarms: list[_AlarmEvent] = []
         self._on = False
         self._peak: float | None = None
 
@@ -126,7 +126,7 @@ class AlarmLog:
             self._peak = max(self._peak or 0.0, ratio)
         on = record.alarms[self._model]
         if on and not self._on:
-            self._alarms.append(AlarmEvent(record.frame, record.time_s, record.time_s))
+            self._alarms.append(_AlarmEvent(record.frame, record.time_s, record.time_s))
         if on:
             self._alarms[-1].add(record, self._model)
         self._on = on
@@ -146,7 +146,7 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
         If it holds none that is whole.
     """
     return tuple(
-        Verdict(model, tuple(AlarmEvent(**each) for each in held["alarms"]), held["peak"])
+        Verdict(model, tuple(_AlarmEvent(**each) for each in held["alarms"]), held["peak"])
         for model, held in sidecar["alarms"].items()
     )
 
@@ -195,7 +195,7 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
             table.write(row)
 
 
-def _row(video: str, model: str, alarm: AlarmEvent) -> dict[str, Any]:
+def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
     row = {"video": printable(video), "model": model, **asdict(alarm)}
     box = row.pop("box") or [None] * 4
     return row | dict(zip(("x", "y", "width", "height"), box, strict=True))

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ResultError, reason_of
-from oppload_cli.files.names import is_file, is_folder
-from oppload_cli.files.reading import reading, text_of
+from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.files.tables import typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.results.columns import columns_for
@@ -126,13 +125,13 @@ def tables_in(path: Path) -> Iterator[Path]:
     if not is_folder(path):
         yield path
         return
-    found = [table_of(each) for each in found_results(path)]
+    found = [_table_of(each) for each in found_results(path)]
     if not found:
         raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")
     yield from found
 
 
-def table_of(path: Path) -> Path:
+def _table_of(path: Path) -> Path:
     """Return the table of a sidecar or table that :func:`found_results` has yielded."""
     if path.name.endswith(_TABLE):
         return path
@@ -177,7 +176,7 @@ def frame_rows(path: Path) -> Iterator[Row]:
     """
     facts = _sidecar(path).get("input")
     name = str(facts.get("name", "")) if isinstance(facts, dict) else ""
-    table = table_of(path)
+    table = _table_of(path)
     stem = table.name.removesuffix(_TABLE)
     kinds = frame_columns([path])
     try:

@@ -14,8 +14,7 @@ import numpy as np
 import pandas as pd
 
 from oppload_cli.errors import ResultError, reason_of
-from oppload_cli.files.names import is_file
-from oppload_cli.files.reading import reading, text_of
+from oppload_cli.files.reading import is_file, reading, text_of
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.results.columns import columns_for
 

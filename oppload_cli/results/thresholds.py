@@ -10,7 +10,7 @@ import numpy as np
 from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError
-from oppload_cli.files.names import is_file
+from oppload_cli.files.reading import is_file
 from oppload_cli.stimulus.truth import read_ground_truth
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _MOST_BYTES = 1 << 30  # of a video's part that is used
 
 
-class Background(Protocol):
+class _Background(Protocol):
     """What lies behind the objects."""
 
     def look(self, time: float, frame_s: float) -> object:
@@ -48,7 +48,7 @@ class Background(Protocol):
         """
 
 
-def background_of(protocol: protocols.Protocol) -> Background:
+def background_of(protocol: protocols.Protocol) -> _Background:
     """Return the background of a protocol.
 
     Raises
@@ -68,10 +68,10 @@ class _Even:
         display = protocol.display
         self._shape, self._luminance = (display.height, display.width), display.background
 
-    def look(self, time: float, frame_s: float) -> object:  # noqa: ARG002
+    def look(self, _time: float, _frame_s: float) -> object:
         return None
 
-    def picture(self, time: float, frame_s: float) -> Picture:  # noqa: ARG002
+    def picture(self, _time: float, _frame_s: float) -> Picture:
         return np.full(self._shape, self._luminance, dtype=np.float32)
 
 
@@ -92,7 +92,7 @@ class Drawn:
         kind = str(protocol.scene.background)
         return surroundings(kind, seed, camera_of(protocol).height_m), view_of(protocol, time)
 
-    def look(self, time: float, frame_s: float) -> object:  # noqa: ARG002
+    def look(self, time: float, _frame_s: float) -> object:
         """Return all that the picture depends on."""
         cut = self._protocol.scene.cut_s
         return view_of(self._protocol, time), cut is not None and time >= cut
@@ -130,10 +130,10 @@ class _Video:
                 f"{shown:.3g} s of it; shorten timing, or write background_end = 'loop'"
             )
 
-    def look(self, time: float, frame_s: float) -> object:  # noqa: ARG002
+    def look(self, _time: float, frame_s: float) -> object:
         return self._index(frame_s)
 
-    def picture(self, time: float, frame_s: float) -> Picture:  # noqa: ARG002
+    def picture(self, _time: float, frame_s: float) -> Picture:
         # its own shutter has been open already, so that all times of a frame show one picture
         picture = self._pictures[self._index(frame_s)].astype(np.float32)
         return np.asarray(picture / np.float32(255))

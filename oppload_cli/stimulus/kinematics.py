@@ -25,7 +25,7 @@ _STILL: _Vector = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Extent:
+class _Extent:
     """Reach of a shape to both sides of its anchor, along its axis.
 
     Attributes
@@ -46,9 +46,9 @@ class Extent:
         """The full size in degrees."""
         return self.forward + self.backward
 
-    def times(self, sign: float) -> Extent:
+    def times(self, sign: float) -> _Extent:
         """Return the same reach, its speeds times 1 (forwards in time), -1 (backwards) or 0."""
-        return Extent(
+        return _Extent(
             self.forward, self.backward, sign * self.forward_speed, sign * self.backward_speed
         )
 
@@ -65,7 +65,7 @@ class Pose:
         Anchor point [right, up] and its velocity.
     orientation_deg : float
         Direction of its axis.
-    extent : Extent
+    extent : _Extent
         Reach to both sides of the anchor along the axis, and its speeds.
     luminance : float
         0 to 1.
@@ -83,7 +83,7 @@ class Pose:
     centre_deg: tuple[float, float]
     velocity_deg_s: tuple[float, float]
     orientation_deg: float
-    extent: Extent
+    extent: _Extent
     luminance: float
     zoom: float
     travel_deg: tuple[float, float]
@@ -281,25 +281,25 @@ def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector,
     return (place[0], place[1]), (speed[0], speed[1])
 
 
-def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
+def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> _Extent:
     """Reach of a shape, with its speeds when time runs forwards.
 
     `elapsed` counts from the start of its motion; `start` and `end` are seconds of the clip.
     """
     growth, size = obj.growth, obj.size_deg or 0.0
     if growth is None:
-        return Extent(size / 2, size / 2)
+        return _Extent(size / 2, size / 2)
     if growth.kind == "approach":
         contact = end if growth.contact_s is None else growth.contact_s
         return _approach(growth, contact - start - elapsed)
     if growth.kind == "steps":
         index = bisect.bisect_right(growth.times_s, elapsed + 1e-9)
         size = growth.sizes_deg[index - 1] if index else size
-        return Extent(size / 2, size / 2)
+        return _Extent(size / 2, size / 2)
     return _constant_edge_speed(growth, size, elapsed)
 
 
-def _approach(growth: Growth, remaining: float) -> Extent:
+def _approach(growth: Growth, remaining: float) -> _Extent:
     """Reach of an object that approaches at constant speed, some seconds before contact.
 
     Its angular size is ``2 atan((l/v) / (contact - t))``, with l the half size of the
@@ -310,10 +310,10 @@ def _approach(growth: Growth, remaining: float) -> Extent:
     speed = math.degrees(ratio / (remaining**2 + ratio**2)) if remaining > 0 else 0.0
     if half <= growth.least_deg / 2 or half >= growth.most_deg / 2:
         half, speed = min(max(half, growth.least_deg / 2), growth.most_deg / 2), 0.0
-    return Extent(half, half, speed, speed)
+    return _Extent(half, half, speed, speed)
 
 
-def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
+def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> _Extent:
     """Reach of a shape of this size at the start, its edges moving at constant speed."""
     speed = growth.speed_deg_s or 0.0
     forward = speed if growth.sides in {"both", "forward"} else 0.0
@@ -324,5 +324,5 @@ def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
         moving, elapsed = elapsed < lasts, min(elapsed, lasts)
         if growth.end_deg < size:
             forward, backward = -forward, -backward
-    reach = Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)
+    reach = _Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)
     return reach.times(1.0 if moving else 0.0)

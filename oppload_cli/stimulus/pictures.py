@@ -29,7 +29,7 @@ _SMALLEST = 256  # an image with a shorter longer side is enlarged to it
 _LARGEST = 2048
 
 
-class Cutout(NamedTuple):
+class _Cutout(NamedTuple):
     """A picture with transparency, cut to what is not transparent.
 
     Attributes
@@ -48,7 +48,7 @@ class Cutout(NamedTuple):
     mean: float
 
 
-def cutout_of(obj: Object, seed: int) -> Cutout:
+def cutout_of(obj: Object, seed: int) -> _Cutout:
     """Return the picture of an object.
 
     Raises
@@ -62,14 +62,14 @@ def cutout_of(obj: Object, seed: int) -> Cutout:
 
 
 @lru_cache(maxsize=32)
-def _drawn(drawing: str, seed: int) -> Cutout:
+def _drawn(drawing: str, seed: int) -> _Cutout:
     random = np.random.default_rng(seed)
     luminance, opacity = _DRAWINGS[drawing](random)
     return _cut(luminance, opacity)
 
 
 @lru_cache(maxsize=32)
-def _from_file(identity: str, path: str) -> Cutout:
+def _from_file(identity: str, path: str) -> _Cutout:
     place = f"object '{identity}': file = '{path}'"
     try:
         luminance, opacity = read_transparent(path)
@@ -85,7 +85,7 @@ def _from_file(identity: str, path: str) -> Cutout:
     return _cut(luminance, opacity)
 
 
-def _cut(luminance: Picture, opacity: Picture) -> Cutout:
+def _cut(luminance: Picture, opacity: Picture) -> _Cutout:
     """Cut a picture to the rectangle around what is at least half opaque."""
     solid = opacity >= 0.5
     rows, columns = np.flatnonzero(solid.any(axis=1)), np.flatnonzero(solid.any(axis=0))
@@ -100,7 +100,7 @@ def _cut(luminance: Picture, opacity: Picture) -> Cutout:
         both = cv2.resize(both, size, interpolation=way)
     both = np.ascontiguousarray(both, np.float32)
     mean = float(both[..., 0].sum(dtype=np.float64) / both[..., 1].sum(dtype=np.float64))
-    return Cutout(Texture(both, repeats=False), width, height, mean)
+    return _Cutout(Texture(both, repeats=False), width, height, mean)
 
 
 # ---- Drawings: (luminance, opacity) of _SIDE texels to a size -------------------------------

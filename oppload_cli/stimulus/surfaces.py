@@ -79,7 +79,7 @@ class Texture:
         total = np.zeros((*x.shape, *self.levels[0].shape[2:]), np.float32)
         for level in range(int(depth.min()), math.ceil(float(depth.max())) + 1):
             weight = np.maximum(1 - np.abs(depth - np.float32(level)), 0)
-            part = bounds(weight > _LEAST)
+            part = _bounds(weight > _LEAST)
             if part is None:
                 continue
             weight = weight[part][..., None] if total.ndim == 3 else weight[part]
@@ -207,7 +207,7 @@ class Surface:
             return None
         placed = self._placed(view, window)
         covered = self._coverage(placed)
-        part = bounds(covered > 0)
+        part = _bounds(covered > 0)
         if part is None:
             return None
         rows, columns = part
@@ -265,7 +265,7 @@ def _inside(at: Floats, low: float, high: float, pixel: Floats) -> Floats:
     return np.asarray(np.clip(ends / wide, 0.0, 1.0))
 
 
-def bounds(wanted: NDArray[np.bool_]) -> tuple[slice, slice] | None:
+def _bounds(wanted: NDArray[np.bool_]) -> tuple[slice, slice] | None:
     """Return the rows and columns of a picture that hold all True pixels; None without any."""
     rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
     if not len(rows):

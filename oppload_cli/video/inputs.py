@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import SourceError, reason_of
-from oppload_cli.files.names import fault_of_name, fault_of_stem, is_folder
+from oppload_cli.files.reading import fault_of_name, fault_of_stem, is_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -30,7 +30,7 @@ _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
 _LONGEST_STEM = 200  # bytes; a name may have 255 in all
 
 
-class Found(NamedTuple):
+class _Found(NamedTuple):
     """A single input, or a name that stands for none.
 
     Attributes
@@ -49,7 +49,7 @@ class Found(NamedTuple):
     folder: str = ""
 
 
-def found_inputs(name: str, *, recursive: bool = False) -> Iterator[Found]:
+def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
     """Yield the single inputs that a name stands for.
 
     Parameters
@@ -63,24 +63,24 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[Found]:
         cannot be read does not hide the others.
     """
     if not name:
-        yield Found(name, SourceError("'': an empty name is no input; give a file or a folder"))
+        yield _Found(name, SourceError("'': an empty name is no input; give a file or a folder"))
         return
     matches = _matches(name)
     if not matches:
-        yield Found(name, SourceError(f"{name}: matches no file; check the pattern"))
+        yield _Found(name, SourceError(f"{name}: matches no file; check the pattern"))
     for match in matches:
         if recursive and os.path.isdir(match):  # noqa: PTH112 - it raises no error
             yield from _below(match)
             continue
         if match != name and _may_wait(match):
             reason = "is a pipe or a device, which a pattern does not name; give its own name"
-            yield Found(match, SourceError(f"{match}: {reason}"))
+            yield _Found(match, SourceError(f"{match}: {reason}"))
             continue
         try:
             folder = _under(name, match)
-            yield from (Found(each, folder=folder) for each in single_inputs(match))
+            yield from (_Found(each, folder=folder) for each in single_inputs(match))
         except SourceError as error:
-            yield Found(match, error)
+            yield _Found(match, error)
 
 
 def _may_wait(name: str) -> bool:
@@ -106,7 +106,7 @@ def _under(pattern: str, match: str) -> str:
     return "" if pattern == match or ".." in folders else str(Path(*folders))
 
 
-def _below(root: str) -> Iterator[Found]:
+def _below(root: str) -> Iterator[_Found]:
     """Yield the inputs in a folder and in the folders below."""
     refused: list[OSError] = []
     empty = True
@@ -123,16 +123,16 @@ def _below(root: str) -> Iterator[Found]:
         numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
         if videos:
             place = os.path.relpath(folder, root)
-            yield from (Found(os.path.join(folder, each), folder=place) for each in videos)  # noqa: PTH118
+            yield from (_Found(os.path.join(folder, each), folder=place) for each in videos)  # noqa: PTH118
         elif len(numbered) > 1:
             above = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
-            yield Found(folder, folder=above)
+            yield _Found(folder, folder=above)
         empty = empty and not videos and len(numbered) < 2
     for error in refused:
-        yield Found(str(error.filename), _cannot_read(error.filename, error))
+        yield _Found(str(error.filename), _cannot_read(error.filename, error))
     if empty and not refused:
         reason = "no video and no numbered images in this folder or below"
-        yield Found(root, SourceError(f"{root}: {reason}; check the path"))
+        yield _Found(root, SourceError(f"{root}: {reason}; check the path"))
 
 
 def _cannot_read(name: str, error: OSError) -> SourceError:
@@ -198,7 +198,7 @@ def result_stem(name: str, folder: str = "") -> str:
     name : str
         A single input.
     folder : str
-        From :class:`Found`.
+        From :class:`_Found`.
     """
     stem = _stem(name)
     if len(os.fsencode(stem)) > _LONGEST_STEM or fault_of_name(stem):

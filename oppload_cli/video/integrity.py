@@ -28,12 +28,12 @@ PIECE = 1 << 20  # bytes that are read at a time
 MOST_PARTS = 2_000_000  # that are looked at: some seconds. Hours of video have fewer.
 
 
-class TooManyPartsError(Exception):
+class _TooManyPartsError(Exception):
     """A file has so many parts that it may have been made to be read for ever."""
 
 
 @dataclass
-class Reading:
+class _Reading:
     """A file that has been demuxed to its end.
 
     Attributes
@@ -64,7 +64,7 @@ class Reading:
         """
         self._parts += 1
         if self._parts > MOST_PARTS:
-            raise TooManyPartsError
+            raise _TooManyPartsError
         self.file.seek(position)
         return self.file.read(count)
 
@@ -79,7 +79,7 @@ def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) ->
     container : str
         The name of its demuxer.
     read_to, stream : int
-        As for :class:`Reading`.
+        As for :class:`_Reading`.
 
     Returns
     -------
@@ -91,9 +91,9 @@ def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) ->
         return None
     # A file that has vanished, or is too short to tell, is not called faulty.
     too_short = (OSError, struct.error, IndexError)
-    with suppress(*too_short, TooManyPartsError), Path(path).open("rb") as file:
+    with suppress(*too_short, _TooManyPartsError), Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END)
-        return check(Reading(file, size, read_to, stream))
+        return check(_Reading(file, size, read_to, stream))
     return None
 
 
@@ -101,7 +101,7 @@ EBML, SEGMENT, CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
 CHECKSUM = b"\xbf\x84"  # of EBML: the first element of one that has a checksum
 
 
-def _matroska(reading: Reading) -> str | None:
+def _matroska(reading: _Reading) -> str | None:
     """Walk over the elements of the segment; one of unknown length is walked through."""
     position = 0
     while position < reading.size:
@@ -128,14 +128,14 @@ def _matroska(reading: Reading) -> str | None:
     return CUT if position > reading.size else None
 
 
-def _wrong_checksum(reading: Reading, position: int, length: int) -> bool:
+def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
     if length < 6 or reading.at(position, 2) != CHECKSUM:
         return False
     declared = int.from_bytes(reading.file.read(4), "little")
     return declared != _checksum(reading, position + 6, length - 6)
 
 
-def _checksum(reading: Reading, position: int, length: int) -> int:
+def _checksum(reading: _Reading, position: int, length: int) -> int:
     value = 0
     reading.file.seek(position)
     while length > 0 and (piece := reading.file.read(min(PIECE, length))):
@@ -144,11 +144,11 @@ def _checksum(reading: Reading, position: int, length: int) -> int:
     return value
 
 
-def _only_zeros(reading: Reading, position: int) -> bool:
+def _only_zeros(reading: _Reading, position: int) -> bool:
     return not any(reading.at(position, PIECE))
 
 
-def _boxes(reading: Reading) -> str | None:
+def _boxes(reading: _Reading) -> str | None:
     """Walk over the boxes of MP4 and MOV; the data of a fragment follow its index."""
     position, kind = 0, b""
     while position + 8 <= reading.size:
@@ -162,7 +162,7 @@ def _boxes(reading: Reading) -> str | None:
     return CUT if position > reading.size or kind == b"moof" else None
 
 
-def _gif(reading: Reading) -> str | None:
+def _gif(reading: _Reading) -> str | None:
     """Walk over the blocks to the mark of the end."""
     head = reading.at(0, 13)
     position = 13 + _colours(head[10])
@@ -187,7 +187,7 @@ def _colours(flags: int) -> int:
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
 
-def _after_the_parts(reading: Reading, position: int) -> int:
+def _after_the_parts(reading: _Reading, position: int) -> int:
     """Return the position after the parts of a block, each of which begins with its length."""
     while length := reading.at(position, 1):
         position += 1 + length[0]
@@ -196,7 +196,7 @@ def _after_the_parts(reading: Reading, position: int) -> int:
     return position
 
 
-def _flv(reading: Reading) -> str | None:
+def _flv(reading: _Reading) -> str | None:
     """Look for the last tag: its size follows it."""
     (tag,) = struct.unpack(">I", reading.at(reading.size - 4, 4))
     if not 11 <= tag <= reading.size - 4:
@@ -204,16 +204,16 @@ def _flv(reading: Reading) -> str | None:
     return None if int.from_bytes(reading.at(reading.size - 4 - tag + 1, 3)) == tag - 11 else CUT
 
 
-def _mjpeg(reading: Reading) -> str | None:
+def _mjpeg(reading: _Reading) -> str | None:
     end = reading.at(max(0, reading.size - 64), 64)
     return None if end.rstrip(b"\0\r\n").endswith(b"\xff\xd9") else CUT
 
 
-def _apng(reading: Reading) -> str | None:
+def _apng(reading: _Reading) -> str | None:
     return None if reading.at(max(0, reading.size - 64), 64).find(b"IEND\xaeB`\x82") >= 0 else CUT
 
 
-def _y4m(reading: Reading) -> str | None:
+def _y4m(reading: _Reading) -> str | None:
     """Expect nothing after the last frame: the demuxer leaves out one that is cut."""
     return CUT if 0 < reading.read_to < reading.size else None
 
@@ -221,14 +221,14 @@ def _y4m(reading: Reading) -> str | None:
 IVF_HEAD = 12  # bytes before each frame, which the demuxer does not count
 
 
-def _ivf(reading: Reading) -> str | None:
+def _ivf(reading: _Reading) -> str | None:
     return CUT if 0 < reading.read_to < reading.size - IVF_HEAD else None
 
 
 NUT_INDEX = b"NX\xdd\x67\x2f\x23\xe6\x4e"
 
 
-def _nut(reading: Reading) -> str | None:
+def _nut(reading: _Reading) -> str | None:
     """Expect the index, or nothing, after the last packet."""
     rest = reading.at(reading.read_to, 8)
     return None if not rest or not reading.read_to or rest.startswith(b"N") else CUT
@@ -237,7 +237,7 @@ def _nut(reading: Reading) -> str | None:
 LAST_PAGE = 4
 
 
-def _ogg(reading: Reading) -> str | None:
+def _ogg(reading: _Reading) -> str | None:
     """Walk over the pages: the last one of a stream says so."""
     position, flags = 0, 0
     while head := reading.at(position, 27):
@@ -252,7 +252,7 @@ def _ogg(reading: Reading) -> str | None:
 DELIMITER = 2  # the kind of the unit before each picture
 
 
-def _av1(reading: Reading) -> str | None:
+def _av1(reading: _Reading) -> str | None:
     """Walk over the units of AV1, each of which has a length."""
     position = kind = 0
     while head := reading.at(position, 10):
@@ -273,7 +273,7 @@ def _av1(reading: Reading) -> str | None:
     return CUT if position > reading.size or kind == DELIMITER else None
 
 
-def _mxf(reading: Reading) -> str | None:
+def _mxf(reading: _Reading) -> str | None:
     """Look for the last partition, whose place the first one tells."""
     head = reading.at(0, 64)
     length = 1 if head[16] < 128 else 1 + (head[16] & 127)
@@ -284,7 +284,7 @@ def _mxf(reading: Reading) -> str | None:
 ASF_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 
 
-def _asf(reading: Reading) -> str | None:
+def _asf(reading: _Reading) -> str | None:
     """Compare with the size that the head declares; a broadcast declares none."""
     head = reading.at(0, PIECE)
     place = head.find(ASF_PROPERTIES)
@@ -302,7 +302,7 @@ ADAPTED, PAYLOAD, BEGINS, FAULTY = 0x20, 0x10, 0x40, 0x80  # flags of a packet
 NEW_COUNT = 0xC0
 
 
-def _transport_stream(reading: Reading) -> str | None:
+def _transport_stream(reading: _Reading) -> str | None:
     """Look at the packets: the mark of each, and the heads and the count of the video's."""
     layout = _layout(reading)
     if layout is None:
@@ -343,7 +343,7 @@ def _packets_missing(head: NDArray[np.int64], last: int | None) -> bool:
     return bool(((steps > 1) & ~meant).any())
 
 
-def _layout(reading: Reading) -> tuple[int, int, int] | None:
+def _layout(reading: _Reading) -> tuple[int, int, int] | None:
     """Return where the first packet begins, its mark within it, and the distance to the next."""
     head = reading.at(0, 5 * max(TS_PACKETS))
     for step, mark in TS_PACKETS.items():
@@ -354,7 +354,7 @@ def _layout(reading: Reading) -> tuple[int, int, int] | None:
     return None
 
 
-def _pieces(reading: Reading, start: int, mark: int, step: int) -> Iterator[NDArray[np.uint8]]:
+def _pieces(reading: _Reading, start: int, mark: int, step: int) -> Iterator[NDArray[np.uint8]]:
     """Yield packets as rows of bytes, from their marks on."""
     reading.file.seek(start)
     while piece := reading.file.read(step * PIECE_PACKETS):
@@ -362,7 +362,7 @@ def _pieces(reading: Reading, start: int, mark: int, step: int) -> Iterator[NDAr
         yield rows[:, mark : mark + TS_BYTES]
 
 
-_CHECKS: dict[str, Callable[[Reading], str | None]] = {
+_CHECKS: dict[str, Callable[[_Reading], str | None]] = {
     "matroska,webm": _matroska,
     "mov,mp4,m4a,3gp,3g2,mj2": _boxes,
     "flv": _flv,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 Part = TypeVar("Part", PartFile, PartFolder)
 
 
-class Writer(ABC, Generic[Part]):
+class _Writer(ABC, Generic[Part]):
     """Base of the writers: a context that gives its result a name at the end, or removes it.
 
     Parameters
@@ -140,7 +140,7 @@ class Writer(ABC, Generic[Part]):
         """Close the part after an error; may be called twice."""
 
 
-class PngWriter(Writer[PartFolder]):
+class _PngWriter(_Writer[PartFolder]):
     """Writes a folder of ``frame_00000.png``, ..."""
 
     part_kind = PartFolder
@@ -158,7 +158,7 @@ class PngWriter(Writer[PartFolder]):
         """Do nothing: no file is open."""
 
 
-class NpzWriter(Writer[PartFile]):
+class _NpzWriter(_Writer[PartFile]):
     """Writes ``grey`` (uint8, frames x h x w), ``time_s`` and ``frame_rate`` as one archive.
 
     The frames are streamed: the memory never holds the complete clip.
@@ -209,7 +209,7 @@ def png_bytes(grey: Grey) -> bytes:
 
 
 @dataclass(frozen=True)
-class Format:
+class _Format:
     """A file format and its limits."""
 
     name: str
@@ -222,12 +222,12 @@ class Format:
 FORMATS = {
     one.name: one
     for one in (
-        Format("ffv1", ".avi", "lossless; frame times exact"),
-        Format("mkv", ".mkv", "lossless FFV1; the container rounds frame times to 1 ms"),
-        Format("mp4", ".mp4", "lossy H.264: up to 6 grey levels, 0.3 on average", even=True),
-        Format("png", "", "lossless; one image per frame in a folder, no frame times"),
-        Format("npz", ".npz", "lossless; frame times exact, not a video"),
-        Format("gif", ".gif", "lossless; frame times rounded to 10 ms", fastest_hz=50.0),
+        _Format("ffv1", ".avi", "lossless; frame times exact"),
+        _Format("mkv", ".mkv", "lossless FFV1; the container rounds frame times to 1 ms"),
+        _Format("mp4", ".mp4", "lossy H.264: up to 6 grey levels, 0.3 on average", even=True),
+        _Format("png", "", "lossless; one image per frame in a folder, no frame times"),
+        _Format("npz", ".npz", "lossless; frame times exact, not a video"),
+        _Format("gif", ".gif", "lossless; frame times rounded to 10 ms", fastest_hz=50.0),
     )
 }
 
@@ -245,7 +245,7 @@ _CODECS: dict[str, tuple[str, str, str, dict[str, str]]] = {
 }
 
 
-class VideoWriter(Writer[PartFile]):
+class _VideoWriter(_Writer[PartFile]):
     """Writes FFV1 (``.avi``, ``.mkv``), H.264 (``.mp4``) and GIF files."""
 
     part_kind = PartFile
@@ -301,13 +301,13 @@ def open_writer(
     frame_rate: Fraction,
     count: int,
     new: bool = False,
-) -> Writer[Any]:
+) -> _Writer[Any]:
     """Return the writer of a format, to be used as a context.
 
     Parameters
     ----------
     path, width, height, frame_rate, count, new
-        As for :class:`Writer`; see also :func:`target_of`.
+        As for :class:`_Writer`; see also :func:`target_of`.
     form : str
         A key of :data:`FORMATS`.
 
@@ -316,13 +316,13 @@ def open_writer(
     OutputError
         If the format is unknown, or cannot hold such frames.
     """
-    check_format(form, width, height, frame_rate)
-    writers: dict[str, type[Writer[Any]]] = {"png": PngWriter, "npz": NpzWriter}
-    writer = writers.get(form, VideoWriter)
+    _check_format(form, width, height, frame_rate)
+    writers: dict[str, type[_Writer[Any]]] = {"png": _PngWriter, "npz": _NpzWriter}
+    writer = writers.get(form, _VideoWriter)
     return writer(path, width, height, frame_rate, count, new=new)
 
 
-def check_format(form: str, width: int, height: int, frame_rate: Fraction) -> None:
+def _check_format(form: str, width: int, height: int, frame_rate: Fraction) -> None:
     """Raise OutputError, which says what to change, if a format cannot hold a video."""
     if form not in FORMATS:
         raise OutputError(f"no video format '{form}'{suggestion(form, FORMATS)}")

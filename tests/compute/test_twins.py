@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import inspect
-from importlib import import_module
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.compute import loops
+from oppload_cli.compute import loops, twins
 from oppload_cli.models import dlgmd, dpc, opposing_motion
 from oppload_cli.models.dpc import PresynapticSums
 from oppload_cli.models.kernels import DpcParams, Kernels
@@ -49,21 +48,16 @@ def plain(function: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
 
 
 @pytest.mark.parametrize(
-    ("compiled", "module"),
+    "compiled",
     [
-        (dpc.presynaptic_sums, "presynaptic"),
-        (dlgmd.group, "maps"),
-        (opposing_motion.pool, "maps"),
-        (opposing_motion.opponent_products, "maps"),
-        (flow.reduce, "flow"),
-        (flow.sample, "flow"),
-        (rmo.rmo_sums, "flow"),
+        *(dpc.presynaptic_sums, dlgmd.group, opposing_motion.pool),
+        *(opposing_motion.opponent_products, flow.reduce, flow.sample, rmo.rmo_sums),
     ],
 )
 def test_a_twin_has_the_name_and_the_arguments_of_its_plain_function(
-    compiled: Callable[..., object], module: str
+    compiled: Callable[..., object],
 ) -> None:
-    twin = getattr(import_module(f"oppload_cli.compute.{module}"), compiled.__name__)
+    twin = getattr(twins, compiled.__name__)
     assert len(inspect.signature(twin).parameters) == len(inspect.signature(compiled).parameters)
 
 

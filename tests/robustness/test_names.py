@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.batch.plan import FAILURE_COLUMNS, Failure, read_list
-from oppload_cli.files.names import fault_of_name
+from oppload_cli.files.reading import fault_of_name
 from oppload_cli.video.inputs import result_stem
 from tests.cli.inside import run
 from tests.media import grey_frames, write_video

@@ -83,8 +83,8 @@ def of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator
     outputs = [clip.outputs[detector] for clip in clips]
     if not any(clip.label.contacts for clip in clips) or any(one.box is None for one in outputs):
         return
-    overlaps = np.array([overlap_of(clip, detector) for clip in clips])
-    errors = np.array([contact_error(clip, detector) for clip in clips])
+    overlaps = np.array([_overlap_of(clip, detector) for clip in clips])
+    errors = np.array([_contact_error(clip, detector) for clip in clips])
     looming = np.array([clip.label.looming for clip in clips])
     where = f"{BEFORE_CONTACT} frames before contact"
     known = int((~np.isnan(overlaps)).sum())
@@ -99,7 +99,7 @@ def of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator
     yield Measurement(detector, "contact_error", where, *found, given)
 
 
-def overlap_of(clip: Clip, detector: str) -> float:
+def _overlap_of(clip: Clip, detector: str) -> float:
     """Return the intersection over union of the found and the true box, 5 frames before contact.
 
     0 without a found box; NaN without an approach or a true box.
@@ -126,7 +126,7 @@ def overlap(first: tuple[float, ...], second: Box) -> float:
     return common / whole if whole > 0 else 0.0
 
 
-def contact_error(clip: Clip, detector: str) -> float:
+def _contact_error(clip: Clip, detector: str) -> float:
     """Return the median relative error of the times to contact in the last half second.
 
     NaN where none is given.

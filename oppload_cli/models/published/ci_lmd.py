@@ -86,7 +86,7 @@ class CiLmd(ChangeDetector):
 
     def answer(self, p: Plane) -> CiLmdResponse:
         """Answer to the change of a frame."""
-        ask, d = self.params, difference(p)
+        ask, d = self.params, _difference(p)
         brighter = positive(d)
         on = cv2.scaleAdd(self._on, DECAY, brighter)
         off = cv2.scaleAdd(self._off, DECAY, brighter - d)
@@ -102,16 +102,16 @@ class CiLmd(ChangeDetector):
         return CiLmdResponse(mean, None, sigmoid(mean / 0.9))
 
 
-def difference(p: Plane) -> Plane:
+def _difference(p: Plane) -> Plane:
     """Return D: ``+-|e - i|`` where excitation and inhibition have one sign, else 0."""
-    e, i = blurred(p, 5, 4), blurred(p, 9, 2)
+    e, i = _blurred(p, 5, 4), _blurred(p, 9, 2)
     d = np.abs(e - i)
     d[(e < 0) & (i < 0)] *= -1
     d[(e < 0) != (i < 0)] = 0
     return d
 
 
-def blurred(p: Plane, side: int, sigma: float) -> Plane:
+def _blurred(p: Plane, side: int, sigma: float) -> Plane:
     """Return P convolved with a Gaussian of amplitude ``1 / (2 pi sigma^2)``, cut to a square."""
     offsets = np.arange(side) - side // 2
     line = np.exp(-(offsets**2) / (2 * sigma**2)) / (sigma * math.sqrt(2 * math.pi))

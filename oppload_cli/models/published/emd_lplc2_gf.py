@@ -63,7 +63,7 @@ class EmdLplc2GfResponse(Response):
     collision: int = 0
 
 
-def add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Plane) -> None:
+def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Plane) -> None:
     """Add the motion to the right and downwards between neighbouring pixels.
 
     Reichardt's correlation: the delayed signal of a pixel times the signal of its neighbour,
@@ -85,7 +85,7 @@ def add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Pl
         motion[way] -= np.multiply(here, delayed[there], out=room)
 
 
-def lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Plane:
+def _lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Plane:
     """Return the response of the unit at every pixel: the product of its four arms.
 
     Each arm sums the motion away from the unit over a rectangle of half the field by two fifths
@@ -123,7 +123,7 @@ def _arms(motion: Plane, length: int, width: int, threshold: float) -> Plane:
     return np.asarray(before, np.float64)
 
 
-def membrane(voltage: float, current: float) -> tuple[float, int]:
+def _membrane(voltage: float, current: float) -> tuple[float, int]:
     """Return the giant fibre's voltage in mV after one frame, and how often it spiked.
 
     ``dv/dt = (-v - 60 + 10 I) / 0.3``, by 20 Runge-Kutta steps of fourth order over 0.01 s. A
@@ -207,7 +207,7 @@ class EmdLplc2Gf(ChangeDetector):
         if p.shape[::-1] != size:
             p = np.asarray(cv2.resize(p, size, interpolation=cv2.INTER_AREA), np.float64)
         right, down = self._motion(p * (self.params.full_scale / 255))
-        units = lplc2_units(right, down, self._field, self.params.arm_threshold)
+        units = _lplc2_units(right, down, self._field, self.params.arm_threshold)
         return self._fibre(units, cv2.norm(right, cv2.NORM_L1) + cv2.norm(down, cv2.NORM_L1))
 
     def _motion(self, change: Plane) -> Plane:
@@ -222,7 +222,7 @@ class EmdLplc2Gf(ChangeDetector):
             else:
                 np.maximum(np.subtract(level, filtered, out=now), 0, out=now)
             cv2.addWeighted(now, LOW_PASS, low_passed, 1 - LOW_PASS, 0, dst=low_passed)
-            add_elementary_motion(now, low_passed, self._motions, self._room)
+            _add_elementary_motion(now, low_passed, self._motions, self._room)
         return self._motions
 
     def _fibre(self, units: Plane, motion: float) -> EmdLplc2GfResponse:
@@ -232,7 +232,7 @@ class EmdLplc2Gf(ChangeDetector):
         velocity = (drive - self._input) / STEP_S / VELOCITY_SCALE
         current = self.params.current_gain * drive * velocity if self._active else 0.0
         self._input, self._active = drive, active
-        self._voltage, spikes = membrane(self._voltage, current)
+        self._voltage, spikes = _membrane(self._voltage, current)
         self._collision |= int(spikes > 0)
         largest = float(units.max())
         y, x = divmod(int(units.argmax()), width) if largest > 0 else (-1, -1)

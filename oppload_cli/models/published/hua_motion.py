@@ -26,13 +26,13 @@ SMALLEST = np.float32(1e-22)
 LEAST = np.float32(1e-30)
 
 
-def gaussian_line(radius: int, sigma: float) -> Map:
+def _gaussian_line(radius: int, sigma: float) -> Map:
     """Return a row of a Gaussian kernel, of sum 1."""
     line = np.exp(-(np.arange(-radius, radius + 1) ** 2) / (2 * sigma**2))
     return np.asarray(line / line.sum(), np.float32)
 
 
-def radial_bias(shape: tuple[int, int]) -> Map:
+def _radial_bias(shape: tuple[int, int]) -> Map:
     """Return the weight of each pixel, a Gaussian about the middle of the frame."""
     height, width = shape
     middle_y, middle_x = max(1, height // 2), max(1, width // 2)
@@ -42,7 +42,7 @@ def radial_bias(shape: tuple[int, int]) -> Map:
     return np.asarray(bias, np.float32)
 
 
-class Pathway:
+class _Pathway:
     """T4 (of ON signals) or T5 (of OFF signals): motion in four directions.
 
     All arrays are made once: to allocate them takes more time than to compute them.
@@ -59,8 +59,8 @@ class Pathway:
 
     def __init__(self, shape: tuple[int, int], exponent: float, share: float) -> None:
         self._exponent, self._share = exponent, share
-        self._bias = radial_bias(shape)
-        self._spread = gaussian_line(5, 5.0)
+        self._bias = _radial_bias(shape)
+        self._spread = _gaussian_line(5, 5.0)
         self._room, self._other, self._s = np.empty((3, *shape), np.float32)
         self._signal, self._delayed, self._contrast = np.zeros((3, *shape), np.float32)
         # T of neighbours, low-passed: of each pixel with that to its right, and with that below.
@@ -78,11 +78,11 @@ class Pathway:
         share = self._share
         cv2.threshold(change, 0, 0, cv2.THRESH_TOZERO, dst=self._room)
         cv2.scaleAdd(self._signal, DECAY, self._room, dst=self._signal)
-        flush(self._signal)
-        s, d = blurred(self._signal, self._spread, self._s), self._delayed
-        flush(s)
+        _flush(self._signal)
+        s, d = _blurred(self._signal, self._spread, self._s), self._delayed
+        _flush(s)
         cv2.addWeighted(s, share, d, 1 - share, 0, dst=d)
-        flush(d)
+        _flush(d)
         rise = self._rise(s)
         self._low_pass(self._across[:, :-1], s[:, :-1], s[:, 1:], d[:, :-1], d[:, 1:])
         self._low_pass(self._down[:-1], s[:-1], s[1:], d[:-1], d[1:])
@@ -100,7 +100,7 @@ class Pathway:
                 np.negative(each, out=each)
             else:
                 np.subtract(each, rise, out=each)
-            to_power(each, self._exponent)
+            _to_power(each, self._exponent)
         return list(motion)
 
     def _rise(self, s: Map) -> Map:
@@ -124,11 +124,11 @@ class Pathway:
         np.multiply(new, np.float32(self._share), out=new)
         np.multiply(t, np.float32(1 - self._share), out=t)
         np.add(t, new, out=t)
-        np.add(t, SMALLEST, out=t)  # as `flush`, for both signs
+        np.add(t, SMALLEST, out=t)  # as `_flush`, for both signs
         np.subtract(t, SMALLEST, out=t)
 
 
-def to_power(values: Map, exponent: float) -> None:
+def _to_power(values: Map, exponent: float) -> None:
     """Raise the values above 0 to a power in place; the others become next to nothing."""
     np.maximum(values, LEAST, out=values)
     if exponent == 0.5:
@@ -140,7 +140,7 @@ def to_power(values: Map, exponent: float) -> None:
     np.exp(values, out=values)
 
 
-def flush(values: Map) -> None:
+def _flush(values: Map) -> None:
     """Set values below 1e-9 of a grey level to 0, in place.
 
     Values that decay from frame to frame would otherwise fall to numbers so small that a
@@ -149,7 +149,7 @@ def flush(values: Map) -> None:
     cv2.threshold(values, 1e-9, 0, cv2.THRESH_TOZERO, dst=values)
 
 
-def blurred(values: Map, line: Map, out: Map | None = None) -> Map:
+def _blurred(values: Map, line: Map, out: Map | None = None) -> Map:
     """Return the values blurred by a Gaussian, with the nearest pixel repeated beyond the frame."""
     return np.asarray(cv2.sepFilter2D(values, -1, line, line, dst=out, borderType=EDGE), np.float32)
 
@@ -178,7 +178,7 @@ class HuaMotion:
 
     def __init__(self, shape: tuple[int, int], low_pass_ms: float, interval_ms: float) -> None:
         self.shape, self._share = shape, interval_ms / (interval_ms + low_pass_ms)
-        self._bands = gaussian_line(1, 1.0), gaussian_line(2, 2.0)
+        self._bands = _gaussian_line(1, 1.0), _gaussian_line(2, 2.0)
         self._change, self._band, self._net, self._bent = np.empty((4, *shape), np.float32)
         self.reset()
 
@@ -187,7 +187,7 @@ class HuaMotion:
         self.frames = 0
         self.sums = np.zeros((2, 2, 2, 2))
         self._before: NDArray[np.uint8] | None = None
-        self._pathways = [Pathway(self.shape, each, self._share) for each in EXPONENTS]
+        self._pathways = [_Pathway(self.shape, each, self._share) for each in EXPONENTS]
 
     @property
     def ready(self) -> bool:
@@ -204,8 +204,8 @@ class HuaMotion:
         p = self._change
         cv2.subtract(now, before, dst=p, dtype=cv2.CV_32F)
         fine, coarse = self._bands
-        blurred(p, coarse, self._net)
-        band = np.subtract(blurred(p, fine, self._band), self._net, out=self._band)
+        _blurred(p, coarse, self._net)
+        band = np.subtract(_blurred(p, fine, self._band), self._net, out=self._band)
         on = self._pathways[0].step(band)
         off = self._pathways[1].step(np.negative(band, out=band))
         for axis, (way, back) in enumerate(((RIGHT, LEFT), (DOWN, UP))):

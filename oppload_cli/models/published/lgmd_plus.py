@@ -114,7 +114,7 @@ class LgmdPlus(ChangeDetector):
         self._on = self._off = self._g = self.zeros()
         self._spread = DelayedSpread((1, 1 / 4, 1 / 8), (10, 20, 30), self.ti)
         self._adaptation = Adaptation(783, self.ti)
-        self._local = local_weights(self.shape)
+        self._local = _local_weights(self.shape)
         self._counts: deque[int] = deque([0] * LAST_FRAMES, maxlen=LAST_FRAMES)
         self._ffi, self._collision = 0.0, 0
 
@@ -162,7 +162,7 @@ class LgmdPlus(ChangeDetector):
         return b
 
 
-def local_weights(shape: tuple[int, int]) -> Plane:
+def _local_weights(shape: tuple[int, int]) -> Plane:
     """Return V, the weight of inhibition: least in the middle of the view, at most 1.
 
     ``V = max(1 - g, 0.1)`` with ``g = exp(-4.5 (y'^2 + x'^2)) / (2 pi s (h/w) s)``, where y'

@@ -1,11 +1,11 @@
-"""The compiled twin of the presynaptic sums (presynaptic.c).
+"""The compiled twins of functions of the models and of motion: they hand arrays to the loops in C.
 
-The kernels are even across and down, and their directional parts are sums of one part that is
-odd across and one that is odd down. So one quadrant of each kernel is enough.
+Each has the name of its plain function, whose docstring says what it computes.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float32]
+    Grey = NDArray[np.uint8]
     Kernel = NDArray[np.float64]
+    Points = NDArray[np.float64]
 
     class Kernels(Protocol):
         """Square kernels of side 2 r + 1, and M_phi - 1/2 by the direction of each axis."""
@@ -39,10 +41,16 @@ if TYPE_CHECKING:
 # Rows dy of the inhibition that is one frame late. They are summed first: with few values
 # they inhibit most, and in all directions.
 _FIRST_ROWS = 1, 2
+_CHANNELS = 4  # that are averaged over a cell: x, y, change and a spare one
+_LANES = 4  # doubles of a vector of rmo.c
 
 
 class _Plan:
-    """The kernels as presynaptic.c takes them, and room for its intermediate maps."""
+    """The kernels as presynaptic.c takes them, and room for its intermediate maps.
+
+    The kernels are even across and down, and their directional parts are sums of one part that is
+    odd across and one that is odd down. So one quadrant of each kernel is enough.
+    """
 
     def __init__(self, kernels: Kernels) -> None:
         quadrants = [_quadrants(kernels.excitation, {})]
@@ -98,6 +106,93 @@ def presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: Su
     scratch, filled = plan.scratch(len(bands_of(shape))), address(_filled[out])
     compute = loops().presynaptic_sums
     in_bands(shape, lambda n, *rows: compute(*arguments, *rows, address(scratch[n]), filled))
+
+
+def group(
+    presynaptic: Floats, side: int, threshold: float, limit: float, out: Floats
+) -> tuple[float, float]:
+    """Compute G, as :func:`oppload_cli.models.dlgmd.group` does."""
+    height, width = shape = presynaptic.shape[0], presynaptic.shape[1]
+    totals = np.empty((height, 2))
+    arguments = (
+        *(address(presynaptic), height, width, side, threshold, limit),
+        *(address(out), address(totals)),
+    )
+    compute = loops().group
+    in_bands(shape, lambda _, first, last: compute(*arguments, first, last))
+    s, g = (totals.sum(axis=0) / presynaptic.size).tolist()
+    return s, g
+
+
+def pool(values: Floats, down: Floats, across: Floats) -> Floats:
+    """Pool a map, as :func:`oppload_cli.models.opposing_motion.pool` does."""
+    (height, width), rows, columns = values.shape, len(down), len(across)
+    half, out = np.empty((rows, width), np.float32), np.empty((rows, columns), np.float32)
+    loops().pool(
+        *(address(values), height, width, address(down), rows, address(across), columns),
+        *(address(half), address(out)),
+    )
+    return out
+
+
+def opponent_products(passing: Floats, opposite: Floats, weights: Floats) -> Floats:
+    """Add up opponent products, as the function of the same name in the models does."""
+    out = np.empty_like(passing)
+    loops().opponent_products(
+        *(address(passing), address(opposite), *passing.shape),
+        *(address(weights), len(weights) // 2, address(out)),
+    )
+    return out
+
+
+def reduce(frame: Grey, reduction: int, out: Grey) -> None:
+    """Average squares of pixels, as :func:`oppload_cli.motion.flow.reduce` does."""
+    rows, columns = out.shape
+    if reduction == 1:
+        np.copyto(out, frame)
+        return
+    line = np.empty(reduction * columns, np.uint16)
+    loops().reduce(
+        *(address(frame), frame.strides[0], reduction, rows, columns),
+        *(address(out), address(line)),
+    )
+
+
+def sample(
+    before: Grey,
+    now: Grey,
+    flow: NDArray[np.float32],
+    cells: tuple[int, int, int, int, int],
+    least: tuple[float, float],
+) -> tuple[Points, Points]:
+    """Sample flow on a grid, as :func:`oppload_cli.motion.flow.sample` does."""
+    rows, columns = now.shape
+    cell_rows, cell_columns, *_ = cells
+    starts, vectors = np.empty((2, cell_rows * cell_columns, 2))
+    shares = np.empty((2 * (rows + columns + cell_rows + cell_columns), 2))
+    means = np.empty((2 * cell_columns, _CHANNELS), np.float32)
+    kept = loops().sample(
+        *(address(before), address(now), address(flow), rows, columns, *cells),
+        *(least[0], 255.0 * least[1]),
+        *(address(starts), address(vectors), address(shares), address(means)),
+    )
+    return starts[:kept], vectors[:kept]
+
+
+def rmo_sums(
+    starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
+) -> tuple[int, float, float, float, float, int]:
+    """Sum RMO over all pairs, as :func:`oppload_cli.motion.rmo.rmo_sums` does."""
+    motion, origin = np.ascontiguousarray(vectors), np.ascontiguousarray(starts)
+    rows, sums = np.empty(5 * (len(motion) + _LANES)), np.empty(6)
+    loops().rmo_sums(
+        *(address(motion), address(origin), len(motion)),
+        math.tan(math.radians(opposite_tolerance)),
+        math.tan(math.radians(outward_tolerance)),
+        *(sides, address(rows), address(sums)),
+    )
+    count, opposite, outward, inward, largest, pairs = sums.tolist()
+    return int(count), opposite, outward, inward, largest, int(pairs)
 
 
 def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:
