@@ -47,11 +47,13 @@ class Tracer:
         called = self._module(frame)
         if not called:
             return
+        if frame.f_code.co_name == "<module>":
+            return  # an import
         outer, caller = frame.f_back, ""
         while outer is not None:
             module = self._module(outer)
             if module and outer.f_code.co_name == "<module>":
-                return  # an import
+                return  # a call while a module is imported
             caller = caller or module
             outer = outer.f_back
         pair = (caller, called)
