@@ -38,10 +38,10 @@ from oppload_cli.reproduction.lplc2 import (
     OFF_CENTRE,
     Row,
     axis_of,
-    low_passed,
     phenomena,
 )
 from oppload_cli.stimulus.catalogue import load_all
+from oppload_cli.tuning.present import low_passed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Result
 
 
-TUNING_KINDS = ("polar", "line", "heat", "contact")
+CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")
+TUNING_KINDS = ("polar", "line", "heat", *CLASSIC_KINDS)
 
 
 @click.command(short_help="plot results")
@@ -40,7 +41,8 @@ TUNING_KINDS = ("polar", "line", "heat", "contact")
     "--kind",
     type=click.Choice(["curves", "rmo", "map", *TUNING_KINDS]),
     help="Responses or RMO over time, places of the winning units; of a table of 'oppload tune': "
-    "polar, line or heat.  [default: the one that suits the file]",
+    "polar, line, heat, or the classic figures that 'oppload tune --figure' measures.  "
+    "[default: the one that suits the file]",
 )
 @click.option("--model", "models", multiple=True, metavar="NAME", help="Draw only this detector.")
 @click.option(
@@ -81,6 +83,11 @@ TUNING_KINDS = ("polar", "line", "heat", "contact")
     show_default=True,
     help="For --kind polar: overlay LPLC2 neurons' tuning to a bar of 10 or 60 deg.",
 )
+@click.option(
+    "--published/--no-published",
+    default=True,
+    help="For --kind contact and ends: numbers of published neurons.",
+)
 @click.option("--show", is_flag=True, help="Open the figures, where there is a display.")
 def plot(
     results: tuple[Path, ...],
@@ -99,6 +106,7 @@ def plot(
     any_length: bool,
     video: str | None,
     lplc2: str,
+    published: bool,
     show: bool,
 ) -> None:
     """Plot results over time, or tuning.
@@ -110,9 +118,8 @@ def plot(
     results a heat map. A NAME.stimulus.json beside a result is drawn as a strip of
     ground truth.
     """
-    from oppload_cli.plots.polar import direction_tunings
     from oppload_cli.plots.style import check_suffix, save
-    from oppload_cli.plots.tuning import kind_of, plot_tuning
+    from oppload_cli.plots.tuning import lines_of, plot_tuning
     from oppload_cli.results.reading import is_tuning, read_tuning
 
     if output is not None:
@@ -136,9 +143,8 @@ def plot(
         if kind in TUNING_KINDS or tuned:
             tunings = [read_tuning(path) for path in paths]
             look |= {"models": models, "scale": scale or "peak", "lplc2": lplc2}
-            figure, _ = plot_tuning(tunings, kind, **look)
-            if (kind or kind_of(tunings[0])) == "polar":
-                lines = [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
+            figure, _ = plot_tuning(tunings, kind, published=published, **look)
+            lines = lines_of(tunings, kind, models=models, lplc2=lplc2, labels=labels)
         else:
             drawn: dict[str, Any] = {
                 "models": models,

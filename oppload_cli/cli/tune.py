@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -34,7 +34,15 @@ FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hard
 
 
 @click.command(short_help="measure responses to a stimulus over directions, speeds, sizes")
-@click.argument("stimulus", metavar="STIMULUS", shell_complete=complete_stimuli)
+@click.argument("stimulus", metavar="[STIMULUS]", required=False, shell_complete=complete_stimuli)
+@click.option(
+    "--figure",
+    "figures",
+    multiple=True,
+    metavar="NAME",
+    help="In place of STIMULUS, a classic figure of looming neuroscience: peak-time, size-speed, "
+    "position, bar-ends, contrast, habituation, or all of them.",
+)
 @click.option(
     "--over",
     multiple=True,
@@ -45,10 +53,19 @@ FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hard
 )
 @change_option
 @settings_options(preset=STUDY_PRESET, table=False)
+@click.option(
+    "--indicator",
+    "indicator_s",
+    type=click.FloatRange(0, 60),
+    default=0.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Measure the responses as a calcium indicator of this time constant shows them; 0: none.",
+)
 @output_option(".", "Folder of the results.  [default: this folder]")
 @click.option(
     "--plot",
-    "figure",
+    "form",
     type=click.Choice(["png", "svg", "pdf", "none"]),
     default="png",
     show_default=True,
@@ -58,7 +75,8 @@ FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hard
 @if_exists_option("a result")
 @quiet_option
 def tune(
-    stimulus: str,
+    stimulus: str | None,
+    figures: tuple[str, ...],
     over: tuple[str, ...],
     changes: tuple[str, ...],
     models: tuple[str, ...],
@@ -67,8 +85,9 @@ def tune(
     config: Path | None,
     height: str | None,
     repeats: str | None,
+    indicator_s: float,
     output: Path,
-    figure: str,
+    form: str,
     jobs: int,
     if_exists: str,
     quiet: bool,
@@ -78,36 +97,83 @@ def tune(
     STIMULUS is a name of the catalogue ('oppload stimuli list') or a .toml file. DIR
     gets NAME.tuning.csv, a row per condition and detector, NAME.tuning.json with all
     settings, and the plot: polar over directions, a line over one parameter, a heat
-    map over two.
+    map over two. With --figure, NAME is that of the figure.
     """
-    from oppload_cli.pipeline.settings import resolve
     from oppload_cli.stimulus.files import file_stem
+
+    values = dict(parsed_setting(text) for text in changes)
+    chosen = {
+        "preset": preset,
+        "config": config,
+        "models": models,
+        "height": height,
+        "repeats": repeats,
+        "usual": STUDY_PRESET,
+    }
+    for sweep in _sweeps(stimulus, figures, values, over, (chosen, assignments)):
+        table = output / f"{file_stem(sweep.entry.name)}.tuning.csv"
+        kept = [table, table.with_suffix(".json")]
+        kept += [table.with_suffix(f".{form}")] if form != "none" else []
+        refuse_existing(kept, if_exists)
+        with claimed(table, if_exists) as claim:
+            _run(sweep, indicator_s, claim, kept, jobs=jobs, quiet=quiet)
+        for path in kept:
+            click.echo(path)
+
+
+class _Sweep(NamedTuple):
+    """A stimulus with its sweep, the settings of the detectors, and the figure that it is for.
+
+    Attributes
+    ----------
+    entry : Entry
+        The stimulus.
+    settings : Settings
+        Of the detectors.
+    presentations : int
+        How often each stimulus is shown in a row.
+    figure : dict of str to str
+        Name, title and kind of the figure; empty without one.
+    """
+
+    entry: Entry
+    settings: Settings
+    presentations: int
+    figure: dict[str, str]
+
+
+def _sweeps(
+    stimulus: str | None,
+    figures: Sequence[str],
+    changes: dict[str, Any],
+    over: Sequence[str],
+    chosen: tuple[dict[str, Any], Sequence[str]],
+) -> list[_Sweep]:
+    """Return what is to be measured; all of it is checked before the first is shown."""
+    from oppload_cli.pipeline.settings import resolve
+    from oppload_cli.tuning.classic import entry_of, figures_named
     from oppload_cli.tuning.run import entry_named, swept
 
-    settings = resolve(
-        preset=preset,
-        config=config,
-        models=models,
-        height=height,
-        repeats=repeats,
-        assignments=assignments,
-        usual=STUDY_PRESET,
-    )
-    entry = entry_named(stimulus)
-    entry = swept(entry.with_settings(dict(parsed_setting(text) for text in changes)), over)
-    table = output / f"{file_stem(entry.name)}.tuning.csv"
-    kept = [table, table.with_suffix(".json")]
-    kept += [table.with_suffix(f".{figure}")] if figure != "none" else []
-    refuse_existing(kept, if_exists)
-    with claimed(table, if_exists) as claim:
-        _run(entry, settings, claim, kept, jobs=jobs, quiet=quiet)
-    for path in kept:
-        click.echo(path)
+    if (stimulus is None) == (not figures):
+        raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
+    settings, assignments = chosen
+    if stimulus is not None:
+        entry = swept(entry_named(stimulus).with_settings(changes), over)
+        return [_Sweep(entry, resolve(**settings, assignments=assignments), 1, {})]
+    named = figures_named(figures)
+    if over and len(named) > 1:
+        raise click.UsageError("--over goes with one --figure alone")
+    made = []
+    for name, each in named.items():
+        resolved = resolve(**settings, assignments=[*each.settings, *assignments])
+        words = {"name": name, "title": each.title, "kind": each.kind}
+        made.append(_Sweep(entry_of(name, changes, over), resolved, each.presentations, words))
+    return made
 
 
 def _run(
-    entry: Entry,
-    settings: Settings,
+    sweep: _Sweep,
+    indicator_s: float,
     table: PartFile,
     paths: Sequence[Path],
     *,
@@ -117,23 +183,31 @@ def _run(
     from oppload_cli.cli.progress import progress_bar
     from oppload_cli.tuning.run import tune, write_tuning, write_tuning_sidecar
 
-    count = len(entry.values())
-    with progress_bar(count, "condition", quiet=quiet) as bar:
-        conditions = tune(entry, settings, jobs=jobs or cores(), progress=bar.update)
+    entry, settings, presentations, figure = sweep
+    with progress_bar(len(entry.values()), "condition", quiet=quiet) as bar:
+        conditions = tune(
+            entry,
+            settings,
+            presentations=presentations,
+            indicator_s=indicator_s,
+            jobs=jobs or cores(),
+            progress=bar.update,
+        )
     _warn_of_faint(conditions, settings)
     write_tuning(table, conditions)
-    write_tuning_sidecar(paths[1], entry, settings, command=["oppload", *sys.argv[1:]])
+    command = ["oppload", *sys.argv[1:]]
+    write_tuning_sidecar(
+        paths[1], entry, settings, command=command, indicator_s=indicator_s, figure=figure
+    )
     if len(paths) > 2:
-        from oppload_cli.plots.polar import direction_tunings
         from oppload_cli.plots.style import save
-        from oppload_cli.plots.tuning import kind_of, plot_tuning
+        from oppload_cli.plots.tuning import lines_of, plot_tuning
         from oppload_cli.results.reading import read_tuning
 
         tuning = read_tuning(paths[0])
         save(plot_tuning(tuning)[0], paths[2])
-        if kind_of(tuning) == "polar":
-            for curve in direction_tunings([tuning]):
-                click.echo(curve.line(), err=True)
+        for line in lines_of([tuning]):
+            click.echo(line, err=True)
 
 
 def _warn_of_faint(conditions: Sequence[Condition], settings: Settings) -> None:

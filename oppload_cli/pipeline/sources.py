@@ -39,11 +39,13 @@ class StimulusVideo:
         The stimulus.
     height : int or None
         Working height in pixels; None keeps the native size.
+    times : int
+        How often it is shown, each time at once after the time before.
     """
 
-    def __init__(self, protocol: Protocol, height: int | None) -> None:
+    def __init__(self, protocol: Protocol, height: int | None, times: int = 1) -> None:
         display = protocol.display
-        self.protocol = protocol
+        self.protocol, self.times = protocol, times
         self.decode = DecodeFacts()
         self.facts = InputFacts(
             protocol.name,
@@ -51,16 +53,18 @@ class StimulusVideo:
             display.width,
             display.height,
             display.frame_rate,
-            protocol.frame_count,
+            protocol.frame_count * times,
         )
         self.working = working_size(self.facts, height)
         self._luminance = Luminance(self.working, 0)
 
     def __iter__(self) -> Iterator[Frame]:
-        for shown in stimulus.frames(self.protocol):
-            picture = Picture(shown.index, shown.time_s, shown.grey)
-            self.decode.decoded += 1
-            yield Frame(shown.index, shown.time_s, self._luminance(picture))
+        for first in range(0, self.protocol.frame_count * self.times, self.protocol.frame_count):
+            for shown in stimulus.frames(self.protocol):
+                index = first + shown.index
+                picture = Picture(index, self.protocol.time_of(index), shown.grey)
+                self.decode.decoded += 1
+                yield Frame(index, picture.time_s, self._luminance(picture))
 
 
 class _ArrayVideo:

@@ -14,6 +14,14 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.reading import Result
 
+PARAMETER_UNITS = {
+    "_deg_s": "deg/s",
+    "_deg": "deg",
+    "_ms": "ms",
+    "_hz": "Hz",
+    "_per_s": "1/s",
+    "_s": "s",
+}
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
 
@@ -128,3 +136,24 @@ def plain(text: str) -> str:
     """Return a text that a figure shows as it is: no formula, and every character can be drawn."""
     lines = (printable(line) for line in text.split("\n"))
     return re.sub(r"(?<!\\)\$", r"\\$", "\n".join(lines))
+
+
+def described(parameter: str) -> str:
+    """Return the label of an axis over a swept parameter, with its unit.
+
+    Parameters
+    ----------
+    parameter : str
+        A dotted key: ``disk.growth.speed_deg_s`` gives ``speed (deg/s)``.
+    """
+    *_, owner, leaf = ("", *parameter.split("."))
+    if leaf in {"right", "up"}:  # of a place, which is in degrees
+        return f"{leaf} (deg)"
+    if leaf == "l_over_v_ms":
+        return "l/v (ms)"
+    if leaf == "end_deg":
+        return "final size (deg)"
+    for suffix, unit in PARAMETER_UNITS.items():
+        if leaf.endswith(suffix):
+            return f"{leaf.removesuffix(suffix).replace('_', ' ')} ({unit})"
+    return f"{owner} {leaf}".replace("_", " ").strip()

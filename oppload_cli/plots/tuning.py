@@ -1,15 +1,22 @@
-"""Tables of ``oppload tune``: a polar plot, a line or a heat map, as suits them."""
+"""Tables of ``oppload tune``: a plot that suits what is swept, or a classic figure."""
 
 from __future__ import annotations
 
-import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.naming import wrapped
+from oppload_cli.plots.classic import (
+    Request,
+    plot_contrast,
+    plot_ends,
+    plot_habituation,
+    plot_position,
+)
+from oppload_cli.plots.contact import contact_lines, plot_contact
+from oppload_cli.plots.naming import described, wrapped
 from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
@@ -27,24 +34,22 @@ from oppload_cli.results.reading import check_numbers
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
-    from numpy.typing import ArrayLike
 
     from oppload_cli.results.reading import Tuning
 
 
 TUNING_SCALES = ("peak", "raw")
-PARAMETER_UNITS = {
-    "_deg_s": "deg/s",
-    "_deg": "deg",
-    "_ms": "ms",
-    "_hz": "Hz",
-    "_per_s": "1/s",
-    "_s": "s",
+CLASSIC = {
+    "contact": plot_contact,
+    "position": plot_position,
+    "ends": plot_ends,
+    "contrast": plot_contrast,
+    "habituation": plot_habituation,
 }
+KINDS = ("polar", "line", "heat", *CLASSIC)
 
 
 def plot_tuning(
@@ -54,6 +59,7 @@ def plot_tuning(
     models: Sequence[str] = (),
     scale: str = "peak",
     lplc2: str = "auto",
+    published: bool = True,
     title: str | None = None,
     labels: Sequence[str] = (),
 ) -> tuple[Figure, list[Axes]]:
@@ -64,14 +70,17 @@ def plot_tuning(
     tunings : Tuning or sequence of Tuning
         At least one.
     kind : str, optional
-        ``polar``, ``line``, ``heat``, or ``contact``, the time of the peak before contact over
-        l/v with a line through it; else the one that suits the swept parameters.
+        ``polar``, ``line`` or ``heat``; or a classic figure: ``contact``, ``position``, ``ends``,
+        ``contrast`` or ``habituation``; else that of the figure that the table was made for, or
+        the one that suits the swept parameters.
     models : sequence of str
         The detectors to draw; none for all.
     scale : str
-        ``peak`` or ``raw``; a heat map is always over its largest peak.
+        ``peak`` or ``raw``, of a polar plot or a line; all others are over a peak.
     lplc2 : str
         ``10``, ``60``, ``none`` or ``auto``: the reference in a polar plot.
+    published : bool
+        Whether ``contact`` and ``ends`` show published neurons.
     title : str, optional
         Of the figure; else the stimulus's name.
     labels : sequence of str
@@ -107,12 +116,13 @@ def plot_tuning(
     first, raw = tunings[0], scale == "raw"
     kind = kind or kind_of(first)
     if title is None:
-        title = first.name if len(tunings) == 1 else ""
+        title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
     if kind == "polar":
         curves = direction_tunings(tunings, models, lplc2, labels)
         return plot_polar(curves, raw=raw, title=title)
-    if kind == "contact":
-        return _plot_contact(tunings, models, names_of(tunings, labels), title)
+    if kind in CLASSIC:
+        names = names_of(tunings, labels)
+        return CLASSIC[kind](Request(tunings, models, names, title, published))
     if kind == "line":
         return _plot_line(tunings, models, names_of(tunings, labels), raw=raw, title=title)
     if len(tunings) > 1:
@@ -121,8 +131,48 @@ def plot_tuning(
 
 
 def kind_of(tuning: Tuning) -> str:
-    """Return the kind of plot that suits a table: ``heat``, ``polar`` or ``line``."""
+    """Return the kind of plot that suits a table.
+
+    It is that of the classic figure for which it was made, else ``heat``, ``polar`` or ``line``.
+    """
+    made_for = _figure(tuning).get("kind")
+    if made_for in KINDS:
+        return str(made_for)
     return "heat" if len(tuning.parameters) == 2 else "polar" if tuning.direction else "line"
+
+
+def lines_of(
+    tunings: Sequence[Tuning],
+    kind: str | None = None,
+    *,
+    models: Sequence[str] = (),
+    lplc2: str = "auto",
+    labels: Sequence[str] = (),
+) -> list[str]:
+    """Return what a plot says in numbers: a line of text for each curve.
+
+    Parameters
+    ----------
+    tunings, kind, models, lplc2, labels
+        As for :func:`plot_tuning`.
+
+    Returns
+    -------
+    list of str
+        The directional selectivity of ``polar``, the fits of ``contact``; else none.
+    """
+    kind = kind or kind_of(tunings[0])
+    if kind == "polar":
+        return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
+    if kind == "contact":
+        return contact_lines(Request(tunings, models, names_of(tunings, labels), "", False))
+    return []
+
+
+def _figure(tuning: Tuning) -> dict[str, Any]:
+    """Return what the sidecar says of the classic figure for which a table was made."""
+    figure = tuning.sidecar.get("figure")
+    return figure if isinstance(figure, dict) else {}
 
 
 def _plot_line(
@@ -164,108 +214,6 @@ def _plot_line(
         lines = sum(each.count("\n") + 1 for each in axes[0].get_legend_handles_labels()[1])
         axes[0].set_title(wrapped(title, TITLE_WIDTH), pad=6 + 10 * lines)
     return figure, list(axes)
-
-
-class PeakTimes(NamedTuple):
-    """A line through the times of peaks before contact over l/v.
-
-    ``t = a l/v - d``: an object is seen under the angle 2 atan(1/a) at the delay d before its peak
-    (Gabbiani, Krapp and Laurent 1999, J Neurosci 19:1122).
-
-    Attributes
-    ----------
-    slope, slope_error : float
-        a, and half of its interval of 95 %.
-    delay_s, delay_error_s : float
-        d in s, and half of its interval of 95 %.
-    """
-
-    slope: float
-    slope_error: float
-    delay_s: float
-    delay_error_s: float
-
-    @property
-    def angle_deg(self) -> float:
-        """The angular threshold in degrees."""
-        return math.degrees(2 * math.atan2(1, self.slope))
-
-    @classmethod
-    def through(cls, l_over_v_s: ArrayLike, before_s: ArrayLike) -> PeakTimes:
-        """Fit the line to at least three points by least squares; times in s.
-
-        The intervals are those of Student's t distribution for normal, equal errors.
-        """
-        x, t = np.asarray(l_over_v_s, float), np.asarray(before_s, float)
-        about = x - x.mean()
-        slope = float(about @ t / (about @ about))
-        delay = float(slope * x.mean() - t.mean())
-        free = len(x) - 2
-        scatter = math.sqrt(float(np.sum((t - slope * x + delay) ** 2)) / free)
-        error = student_t(free) * scatter / math.sqrt(float(about @ about))
-        return cls(slope, error, delay, error * math.sqrt(float(np.mean(x**2))))
-
-
-def student_t(free: int) -> float:
-    """Return the quantile 0.975 of Student's t distribution for some degrees of freedom."""
-    if free <= len(_STUDENT):
-        return _STUDENT[free - 1]
-    z = _NORMAL  # the expansion of Abramowitz and Stegun, 26.7.5
-    return z + (z**3 + z) / (4 * free) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * free**2)
-
-
-_STUDENT = 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228
-_NORMAL = 1.959964
-
-
-def _plot_contact(
-    tunings: Sequence[Tuning], detectors: Sequence[str], tables: Sequence[str], title: str
-) -> tuple[Figure, list[Axes]]:
-    """Draw the time of the peak before contact over l/v, and a line through it."""
-    parameter = _parameter(tunings)
-    if not parameter.endswith("l_over_v_ms"):
-        raise ResultError(
-            f"{tunings[0].path}: sweeps '{parameter}', not l/v; for --kind contact run "
-            "'oppload tune loom-l-over-v'"
-        )
-    names = list(detectors) or list(dict.fromkeys(m for each in tunings for m in each.models))
-    height = 2.2 + 0.28 * len(names) * len(tunings)
-    with styled_figure(COLUMN, min(MOST_HEIGHT, height)) as figure:
-        axes = figure.subplots()
-        for number, tuning in enumerate(tunings):
-            if "peak_before_contact_s" not in tuning.rows:
-                raise ResultError(
-                    f"{tuning.path}: has no column 'peak_before_contact_s'; run oppload tune again"
-                )
-            check_numbers(tuning.path, tuning.rows, "peak_before_contact_s")
-            for name in names:
-                rows = tuning.of(name)
-                rows = rows[(rows["peak"] > 0) & rows["peak_before_contact_s"].notna()]
-                label = f"{tables[number]}: " * (len(tunings) > 1) + detector_named(name).label
-                if len(rows) >= 3:
-                    label += _draw_fit(axes, rows, parameter, detector_named(name).colour)
-                axes.plot(
-                    rows[parameter], 1000 * rows["peak_before_contact_s"], "o", markersize=3,
-                    color=detector_named(name).colour, linestyle="", label=label,
-                )  # fmt: skip
-        axes.set_xlabel(described(parameter))
-        axes.set_ylabel("peak before contact (ms)")
-        axes.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1)
-        lines = sum(each.count("\n") + 1 for each in axes.get_legend_handles_labels()[1])
-        axes.set_title(wrapped(title, TITLE_WIDTH), pad=6 + 10 * lines)
-    return figure, [axes]
-
-
-def _draw_fit(axes: Axes, rows: pd.DataFrame, parameter: str, colour: str) -> str:
-    """Draw the line through the peaks of one detector, and return its label."""
-    l_over_v = rows[parameter].to_numpy(float)
-    fit = PeakTimes.through(l_over_v / 1000, rows["peak_before_contact_s"].to_numpy(float))
-    ends = np.array([0, l_over_v.max()])
-    axes.plot(ends, fit.slope * ends - 1000 * fit.delay_s, color=colour, lw=0.8)
-    return (
-        f"\nslope {fit.slope:.2f} ± {fit.slope_error:.2f} ({fit.angle_deg:.0f} deg), delay "
-        f"{1000 * fit.delay_s:.0f} ± {1000 * fit.delay_error_s:.0f} ms"
-    )
 
 
 def _parameter(tunings: Sequence[Tuning]) -> str:
@@ -337,22 +285,3 @@ def _draw_heat(axes: Axes, tuning: Tuning, detector: str) -> AxesImage:
 
 def _number(value: object) -> str:
     return f"{value:g}" if isinstance(value, int | float) else str(value)
-
-
-def described(parameter: str) -> str:
-    """Return the label of an axis over a swept parameter, with its unit.
-
-    Parameters
-    ----------
-    parameter : str
-        A dotted key: ``disk.growth.speed_deg_s`` gives ``speed (deg/s)``.
-    """
-    *_, owner, leaf = ("", *parameter.split("."))
-    if leaf in {"right", "up"}:  # of a place, which is in degrees
-        return f"{leaf} (deg)"
-    if leaf == "l_over_v_ms":
-        return "l/v (ms)"
-    for suffix, unit in PARAMETER_UNITS.items():
-        if leaf.endswith(suffix):
-            return f"{leaf.removesuffix(suffix).replace('_', ' ')} ({unit})"
-    return f"{owner} {leaf}".replace("_", " ").strip()

@@ -21,7 +21,7 @@ from oppload_cli.reference.lplc2 import SOURCE, peaks
 from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict
 from oppload_cli.reproduction.common import DPI, WIDE
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import present
+from oppload_cli.tuning.present import low_passed, present
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -112,28 +112,6 @@ def axis_of(name: str) -> float | None:
     """Return the axis in degrees that stands at the end of a stimulus's name, None without one."""
     end = name.rpartition("/")[2].rpartition("-")[2]
     return float(end) if end.isdigit() else None
-
-
-def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
-    """Return a response as a calcium indicator shows it: a first-order low-pass.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, ...)
-        The response; NaN counts as 0.
-    time_s : ndarray, shape (n,)
-        Rising times in s.
-    constant_s : float
-        Time constant in s; 0 for none.
-    """
-    known = np.nan_to_num(values)
-    if not constant_s:
-        return known
-    signal = np.zeros_like(known)
-    for index in range(1, len(known)):
-        share = 1 - math.exp(-(time_s[index] - time_s[index - 1]) / constant_s)
-        signal[index] = signal[index - 1] + share * (known[index] - signal[index - 1])
-    return signal
 
 
 def published() -> dict[tuple[str, float | None, int | None], float]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,9 +52,41 @@ class Responses:
             return None
         return int(np.nanargmax(self.response))
 
+    def presentations(self, protocol: Protocol) -> list[Responses]:
+        """Return the responses to each presentation, as if it were the first.
 
-def present(protocol: Protocol, settings: Settings) -> dict[str, Responses]:
+        A pause before the motion does not count: there the object of the presentation before
+        vanishes, and that is a response of its own.
+        """
+        count = protocol.frame_count
+        moving = self.time_s[:count] >= protocol.timing.before_s
+        return [
+            Responses(
+                self.frame[:count],
+                self.time_s[:count],
+                np.where(moving, self.response[first : first + count], np.nan),
+                self.centre[first : first + count],
+                self.box[first : first + count],
+            )
+            for first in range(0, len(self.frame), count)
+        ]
+
+
+def present(
+    protocol: Protocol, settings: Settings, times: int = 1, indicator_s: float = 0.0
+) -> dict[str, Responses]:
     """Show a stimulus to the detectors of some settings.
+
+    Parameters
+    ----------
+    protocol : Protocol
+        The stimulus.
+    settings : Settings
+        Detectors, their parameters and the working height.
+    times : int
+        How often it is shown in a row.
+    indicator_s : float
+        Time constant of a calcium indicator that shows the responses; 0 for none.
 
     Returns
     -------
@@ -61,7 +94,7 @@ def present(protocol: Protocol, settings: Settings) -> dict[str, Responses]:
         By detector, in the settings' order: the numbers that ``oppload run`` writes
         for the stimulus's lossless video.
     """
-    video = StimulusVideo(protocol, settings.height)
+    video = StimulusVideo(protocol, settings.height, times)
     display = protocol.display
     shown = {
         "width": display.width,
@@ -89,12 +122,38 @@ def present(protocol: Protocol, settings: Settings) -> dict[str, Responses]:
         response = [np.nan if each is None else each.response for each in found]
         centre = boxes[:, :2] + boxes[:, 2:] / 2
         made[detector] = Responses(frame, time, np.array(response), centre, boxes)
+        if indicator_s:
+            signal = low_passed(made[detector].response, time, indicator_s)
+            signal[np.isnan(made[detector].response)] = np.nan
+            made[detector] = replace(made[detector], response=signal)
     return made
 
 
 def _box(response: Response | None) -> list[float]:
     box = response.box if response else None
     return [np.nan] * 4 if box is None else [box.x, box.y, box.width, box.height]
+
+
+def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
+    """Return a response as a calcium indicator shows it: a first-order low-pass.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        The response; NaN counts as 0.
+    time_s : ndarray, shape (n,)
+        Rising times in s.
+    constant_s : float
+        Time constant in s; 0 for none.
+    """
+    known = np.nan_to_num(values)
+    if not constant_s:
+        return known
+    signal = np.zeros_like(known)
+    for index in range(1, len(known)):
+        share = 1 - math.exp(-(time_s[index] - time_s[index - 1]) / constant_s)
+        signal[index] = signal[index - 1] + share * (known[index] - signal[index - 1])
+    return signal
 
 
 ONSET_SHARE = 0.1

@@ -25,7 +25,7 @@ from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Measures, measure, present
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from oppload_cli.pipeline.settings import Settings
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 
 SCHEMA = "oppload.tuning/1"
+PRESENTATION = "presentation"  # column of the number of a presentation in a row
 MEASURES = tuple(field.name for field in fields(Measures))
 
 
@@ -60,6 +61,8 @@ def tune(
     entry: Entry,
     settings: Settings,
     *,
+    presentations: int = 1,
+    indicator_s: float = 0.0,
     jobs: int = 1,
     progress: Callable[[], object] | None = None,
 ) -> list[Condition]:
@@ -71,10 +74,14 @@ def tune(
         The stimulus with its sweep, from :func:`oppload_cli.tuning.run.swept`.
     settings : Settings
         Detectors, their parameters and the working height.
+    presentations : int
+        How often each stimulus is shown in a row; above 1, each time is a condition of its own.
+    indicator_s : float
+        Time constant of a calcium indicator that shows the responses; 0 for none.
     jobs : int
         Processes; the result does not depend on it.
     progress : callable, optional
-        Called after each condition.
+        Called after each stimulus.
 
     Returns
     -------
@@ -91,7 +98,7 @@ def tune(
         If a process is ended from outside, for instance for want of memory.
     """
     shown = results(
-        partial(_measured, settings),
+        partial(_measured, settings, presentations, indicator_s),
         entry.protocols(),
         jobs,
         named=attrgetter("name"),
@@ -99,16 +106,30 @@ def tune(
     )
     return [
         Condition(name, values, measures)
-        for (name, values), measures in zip(entry.values().items(), shown, strict=True)
+        if presentations == 1
+        else Condition(
+            f"{name}/{PRESENTATION}-{number}", {**values, PRESENTATION: number}, measures
+        )
+        for (name, values), times in zip(entry.values().items(), shown, strict=True)
+        for number, measures in enumerate(times, 1)
     ]
 
 
-def _measured(settings: Settings, protocol: Protocol) -> dict[str, Measures]:
+def _measured(
+    settings: Settings, presentations: int, indicator_s: float, protocol: Protocol
+) -> list[dict[str, Measures]]:
+    """Return the measures of each presentation of a stimulus, by detector."""
     try:
-        shown = present(protocol, settings)
+        shown = present(protocol, settings, presentations, indicator_s)
     except OpploadError as error:
         raise type(error)(f"{protocol.name}: {error}") from error
-    return {detector: measure(each, protocol) for detector, each in shown.items()}
+    if presentations == 1:
+        return [{detector: measure(each, protocol) for detector, each in shown.items()}]
+    parts = {detector: each.presentations(protocol) for detector, each in shown.items()}
+    return [
+        {detector: measure(each[number], protocol) for detector, each in parts.items()}
+        for number in range(presentations)
+    ]
 
 
 def is_symmetric(entry: Entry) -> bool:
@@ -148,7 +169,13 @@ def write_tuning(table: Path | PartFile, conditions: Sequence[Condition]) -> Non
 
 
 def write_tuning_sidecar(
-    path: Path, entry: Entry, settings: Settings, *, command: Sequence[str]
+    path: Path,
+    entry: Entry,
+    settings: Settings,
+    *,
+    command: Sequence[str],
+    indicator_s: float = 0.0,
+    figure: Mapping[str, Any] | None = None,
 ) -> None:
     """Write everything that is needed to trust or repeat a tuning table.
 
@@ -162,6 +189,10 @@ def write_tuning_sidecar(
         Of the detectors.
     command : sequence of str
         The command line.
+    indicator_s : float
+        Time constant of the calcium indicator; 0 for none.
+    figure : mapping, optional
+        Name, title and kind of the classic figure that the table is for.
 
     Raises
     ------
@@ -182,6 +213,7 @@ def write_tuning_sidecar(
             for name, params in settings.with_all_detectors().resolved(height).items()
         },
         "sizes_deg": settings.angles,
+        "indicator_s": indicator_s,
         "stimulus": {
             "name": entry.name,
             "description": entry.description,
@@ -190,7 +222,7 @@ def write_tuning_sidecar(
             "first": first.as_table(),
         },
     }
-    write_sidecar(path, content)
+    write_sidecar(path, content | ({"figure": dict(figure)} if figure else {}))
 
 
 def _cells(values: dict[str, Any]) -> dict[str, str]:

@@ -47,6 +47,25 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path, capsys: Capture) -> None:
+    arguments = ("tune", "--figure", "peak-time", "--over", "l/v=10,30,50", "-o", tmp_path,
+                 "--change", "display.frame_rate=30", "--change", "timing.motion_s=0.6",
+                 "--model", "dlgmd", "--jobs", "1", "--indicator", "0.02")  # fmt: skip
+    done = run(capsys, *arguments)
+    assert done.returncode == 0
+    names = [f"peak-time.tuning.{end}" for end in ("csv", "json", "png")]
+    assert done.stdout.split() == [str(tmp_path / name) for name in names]
+    assert re.search(r"^D-LGMD: slope .* ± .* deg, .*, delay .* ms$", done.stderr, re.MULTILINE)
+    content = json.loads((tmp_path / names[1]).read_text())
+    assert (content["figure"]["kind"], content["indicator_s"]) == ("contact", 0.02)
+    before = [(tmp_path / name).read_bytes() for name in (names[0], names[2])]
+    assert run(capsys, *arguments, "--if-exists", "overwrite").returncode == 0
+    assert [(tmp_path / name).read_bytes() for name in (names[0], names[2])] == before
+    drawn = run(capsys, "plot", tmp_path / names[0], "-o", tmp_path / "a.svg", "--no-published")
+    assert drawn.stdout.splitlines()[0] in done.stderr
+    assert drawn.returncode == 0
+
+
 def test_a_detector_that_hardly_responds_is_named(
     stimulus: Path, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -76,6 +95,12 @@ def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsy
     [
         (["klapoetke2017/lom"], "no stimulus 'klapoetke2017/lom' in the catalogue; did you mean"),
         (["none.toml"], "none.toml: cannot be read"),
+        ([], "give a STIMULUS or --figure NAME, one of the two"),
+        (["DISK", "--figure", "contrast"], "give a STIMULUS or --figure NAME, one of the two"),
+        (["--figure", "contrst"], "no such figure; did you mean 'contrast'"),
+        (["--figure", "all", "--over", "l/v=10"], "--over goes with one --figure alone"),
+        (["--figure", "contrast", "--change", "disk.luminance=0"], "figure contrast sweeps it"),
+        (["DISK", "--indicator", "-1"], "--indicator"),
         (["klapoetke2017/loom"], "has no sweep of its own"),
         (["DISK", "--over", "sped=1"], "did you mean 'speed'"),
         (["DISK", "--over", "speed="], "its values cannot be read"),

@@ -9,8 +9,10 @@ from matplotlib.projections.polar import PolarAxes
 from scipy import stats
 
 from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.plots.contact import PeakTimes, student_t
+from oppload_cli.plots.naming import described
 from oppload_cli.plots.polar import direction_tunings
-from oppload_cli.plots.tuning import PeakTimes, described, plot_tuning, student_t
+from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference.lplc2 import bar_tuning, peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
 from tests.results.make import write_tuning
@@ -108,10 +110,10 @@ def test_peaks_before_contact_over_l_over_v(tmp_path: Path) -> None:
     panel = plot_tuning(tuning, "contact")[1][0]
     np.testing.assert_allclose(y_of(panel.lines[0]), [-10, 70], atol=1e-9)
     np.testing.assert_allclose(y_of(panel.lines[1]), [10, 30, 70])
-    label = "OppLoD\nslope 2.00 ± 0.00 (53 deg), delay 10 ± 0 ms"
-    assert panel.get_legend_handles_labels()[1] == [label]
+    label = "OppLoD\nslope 2.00 ± 0.00 (53 deg, 53 to 53), delay 10 ± 0 ms"
+    assert panel.get_legend_handles_labels()[1][0] == label
     other = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
-    with pytest.raises(ResultError, match="not l/v; for --kind contact run 'oppload tune loom-l"):
+    with pytest.raises(ResultError, match="not l/v; for --kind contact run 'oppload tune --fig"):
         plot_tuning(other, "contact")
 
 

@@ -13,7 +13,6 @@ from oppload_cli.reproduction.lplc2 import (
     OFF_CENTRE,
     Row,
     likeness,
-    low_passed,
     off_centre,
     phenomena,
     published,
@@ -21,7 +20,7 @@ from oppload_cli.reproduction.lplc2 import (
     table,
 )
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import present
+from oppload_cli.tuning.present import low_passed, present
 
 
 def test_a_low_pass_in_uneven_time() -> None:

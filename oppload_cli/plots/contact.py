@@ -1,0 +1,264 @@
+"""Time of the peak before contact over l/v: the line through it, and published neurons."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from oppload_cli.errors import ResultError
+from oppload_cli.plots.classic import FEW, Request, column_of, legend_above
+from oppload_cli.plots.naming import described, wrapped
+from oppload_cli.plots.style import (
+    COLUMN,
+    DASHES,
+    FAINT,
+    INK,
+    LEGEND_WIDTH,
+    MOST_HEIGHT,
+    PAGE,
+    styled_figure,
+)
+from oppload_cli.reference.looming import PublishedPeak, published_peaks
+from oppload_cli.results.reading import check_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike, NDArray
+
+    from oppload_cli.results.reading import Tuning
+
+    Series = NDArray[np.float64]
+
+
+class PeakTimes(NamedTuple):
+    """A line through the times of peaks before contact over l/v.
+
+    ``t = a l/v - d``: an object is seen under the angle 2 atan(1/a) at the delay d before its peak
+    (Gabbiani, Krapp and Laurent 1999, J Neurosci 19:1122).
+
+    Attributes
+    ----------
+    slope, slope_error : float
+        a, and half of its interval of 95 %.
+    delay_s, delay_error_s : float
+        d in s, and half of its interval of 95 %.
+    middle_s : float
+        Mean of l/v, where the line is known best.
+    """
+
+    slope: float
+    slope_error: float
+    delay_s: float
+    delay_error_s: float
+    middle_s: float = 0.0
+
+    @property
+    def angle_deg(self) -> float:
+        """The angular threshold in degrees."""
+        return _threshold(self.slope)
+
+    @property
+    def angle_limits_deg(self) -> tuple[float, float]:
+        """The interval of 95 % of the angular threshold, which is not even about it."""
+        return _threshold(self.slope + self.slope_error), _threshold(self.slope - self.slope_error)
+
+    @property
+    def text(self) -> str:
+        """The line in words, with its intervals."""
+        low, high = self.angle_limits_deg
+        return (
+            f"slope {self.slope:.2f} ± {self.slope_error:.2f} ({self.angle_deg:.0f} deg, {low:.0f} "
+            f"to {high:.0f}), delay {1000 * self.delay_s:.0f} ± {1000 * self.delay_error_s:.0f} ms"
+        )
+
+    def error_s(self, l_over_v_s: Series) -> Series:
+        """Return half of the interval of 95 % of the line itself, in s."""
+        scatter = self.delay_error_s**2 - (self.slope_error * self.middle_s) ** 2
+        along = self.slope_error * (l_over_v_s - self.middle_s)
+        return np.sqrt(np.maximum(scatter + along**2, 0))
+
+    @classmethod
+    def through(cls, l_over_v_s: ArrayLike, before_s: ArrayLike, step_s: float = 0.0) -> PeakTimes:
+        """Fit the line to at least three points by least squares; times in s.
+
+        The intervals are those of Student's t distribution for normal, equal errors. Times that
+        are multiples of `step_s`, that of a frame, may lie on a line by chance: their errors are
+        taken to be at least those of rounding.
+        """
+        x, t = np.asarray(l_over_v_s, float), np.asarray(before_s, float)
+        about = x - x.mean()
+        slope = float(about @ t / (about @ about))
+        delay = float(slope * x.mean() - t.mean())
+        free = len(x) - 2
+        scatter = math.sqrt(max(float(np.sum((t - slope * x + delay) ** 2)) / free, step_s**2 / 12))
+        error = student_t(free) * scatter / math.sqrt(float(about @ about))
+        return cls(slope, error, delay, error * math.sqrt(float(np.mean(x**2))), float(x.mean()))
+
+
+def _threshold(slope: float) -> float:
+    """Return the angle in degrees that belongs to a slope; 180 for one that is not above 0."""
+    return math.degrees(2 * math.atan2(1, max(slope, 0.0)))
+
+
+def student_t(free: int) -> float:
+    """Return the quantile 0.975 of Student's t distribution for some degrees of freedom."""
+    if free <= len(_STUDENT):
+        return _STUDENT[free - 1]
+    z = _NORMAL  # the expansion of Abramowitz and Stegun, 26.7.5
+    return z + (z**3 + z) / (4 * free) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * free**2)
+
+
+_STUDENT = 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228
+_NORMAL = 1.959964
+
+
+def contact_lines(request: Request) -> list[str]:
+    """Return a line of text with the fit of each curve of :func:`plot_contact`."""
+    made = []
+    for tuning, model, name, _ in request.curves():
+        _, x, before, _ = _peaks(tuning, model)
+        fit = _line(tuning, x, before) if len(x) >= 3 else None
+        made.append(f"{name}: {fit.text if fit else 'fewer than three peaks, no line'}")
+    return made
+
+
+def _peaks(tuning: Tuning, model: str) -> tuple[str, Series, Series, Series | None]:
+    """Return column, l/v in ms, times before contact in s, and sizes in deg if they are known."""
+    advice = "l/v; for --kind contact run 'oppload tune --figure peak-time'"
+    column = column_of(tuning, "l_over_v_ms", advice)
+    if "peak_before_contact_s" not in tuning.rows:
+        raise ResultError(
+            f"{tuning.path}: has no column 'peak_before_contact_s'; run oppload tune again"
+        )
+    measured = ["peak_before_contact_s"]
+    measured += ["size_at_peak_deg"] * ("size_at_peak_deg" in tuning.rows)
+    for name in (column, *measured):
+        check_numbers(tuning.path, tuning.rows, name)
+    rows = tuning.of(model)
+    rows = rows[(rows["peak"] > 0) & rows["peak_before_contact_s"].notna()]
+    values = [rows[name].to_numpy(float) for name in (column, *measured)]
+    return column, values[0], values[1], values[2] if len(values) > 2 else None
+
+
+def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
+    """Draw the time of the peak before contact over l/v with a line, and the size at the peak."""
+    curves = list(request.curves())
+    few = len(curves) <= FEW
+    known = [_peaks(tuning, model) for tuning, model, _, _ in curves]
+    sized = any(sizes is not None for *_, sizes in known)
+    lines = len(curves) * (2 if few else 1 / 3) + 8 * request.published
+    height = 2.0 + 1.3 * sized + 0.14 * lines
+    with styled_figure(COLUMN if few else PAGE, min(MOST_HEIGHT, height)) as figure:
+        heights = (1.6, 1)[: 1 + sized]
+        grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
+        axes = list(grid[:, 0])
+        for (tuning, _, name, look), (_, x, before, sizes) in zip(curves, known, strict=True):
+            label = name
+            if len(x) >= 3:
+                fit = _line(tuning, x, before)
+                short = f": {fit.angle_deg:.0f} deg, {1000 * fit.delay_s:.0f} ms"
+                label += f"\n{fit.text}" if few else short
+                _draw_line(axes[0], fit, x.max(), look)
+            points = {"color": look["color"], "linestyle": "", "marker": "o", "markersize": 3}
+            axes[0].plot(x, 1000 * before, **points, label=label)
+            if sizes is not None:
+                axes[-1].plot(x, sizes, **points)
+        _draw_field(axes, curves[0][0] if curves else None)
+        if request.published:
+            _draw_published(axes, axes[0].get_xlim()[1])
+        axes[0].set_ylabel("peak before contact (ms)")
+        if sized:
+            axes[-1].set_ylabel("size at peak (deg)")
+            axes[-1].set_ylim(0, 180)
+            axes[-1].set_yticks(range(0, 181, 45))
+        axes[-1].set_xlabel(described("l_over_v_ms"))
+        axes[-1].set_xlim(left=0)
+        legend_above(figure, axes[0], request.title, 1 if few else 3)
+    return figure, axes
+
+
+def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes:
+    try:
+        step = float(1 / Fraction(_first(tuning)["display"]["frame_rate"]))
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        step = 0.0
+    return PeakTimes.through(l_over_v_ms / 1000, before_s, step)
+
+
+def _first(tuning: Tuning) -> dict[str, Any]:
+    """Return the first stimulus of a table, as its sidecar has it; empty where it has none."""
+    first = tuning.sidecar.get("stimulus", {}).get("first")
+    return first if isinstance(first, dict) else {}
+
+
+def _draw_line(axes: Axes, fit: PeakTimes, longest: float, look: dict[str, Any]) -> None:
+    """Draw the line through the peaks of one detector, with its limits of 95 %."""
+    x = np.linspace(0, longest, 50)
+    line = fit.slope * x - 1000 * fit.delay_s
+    error = 1000 * fit.error_s(x / 1000)
+    axes.plot([x[0], x[-1]], [line[0], line[-1]], lw=0.8, **look)
+    axes.fill_between(x, line - error, line + error, color=look["color"], alpha=0.15, lw=0)
+
+
+def _draw_field(axes: Sequence[Axes], tuning: Tuning | None) -> None:
+    """Mark where the object fills the display or stops growing: no peak can come much later."""
+    largest = _largest_angle(tuning) if tuning else None
+    if not largest or largest >= 180:
+        return
+    slope = 1 / math.tan(math.radians(largest / 2))
+    x = axes[0].get_xlim()[1]
+    look: dict[str, Any] = {"color": FAINT, "lw": 0.7, "linestyle": DASHES[1]}
+    label = f"object fills the display or stops growing: {largest:.0f} deg"
+    axes[0].plot([0, x], [0, slope * x], **look, label=label)
+    axes[0].set_xlim(right=x)
+    if len(axes) > 1:
+        axes[1].axhline(largest, **look)
+
+
+def _largest_angle(tuning: Tuning) -> float | None:
+    """Return the angle at which the object fills the display, or stops growing if that is less."""
+    first = _first(tuning)
+    try:
+        display = first["display"]
+        field = min(display["width"], display["height"]) / display["pixels_per_degree"]
+        return float(min(field, *(one["growth"].get("most_deg", 180) for one in first["object"])))
+    except (KeyError, TypeError, AttributeError):
+        return None
+
+
+def _draw_published(axes: Sequence[Axes], longest: float) -> None:
+    """Draw the neurons: a range over animals as a band, single ones as lines."""
+    x = np.array([0.0, longest])
+    peaks = {(each.neuron, each.kind): each for each in published_peaks()}
+    for (neuron, kind), each in peaks.items():
+        line = each.slope * x - each.delay_ms
+        if kind == "upper limit":
+            low = peaks[neuron, "lower limit"]
+            # The slope falls with the angle, and a longer delay makes the peak later.
+            early = low.slope * x - low.delay_ms
+            shade: dict[str, Any] = {"color": FAINT, "alpha": 0.25, "lw": 0}
+            axes[0].fill_between(x, line, early, **shade, zorder=0, label=_named(each, low))
+            if len(axes) > 1:
+                axes[1].axhspan(low.angle_deg, each.angle_deg, **shade, zorder=0)
+        elif kind != "lower limit":
+            look: dict[str, Any] = {"color": INK, "lw": 0.8, "zorder": 1}
+            look["linestyle"] = DASHES[1 + (kind != "example")]
+            axes[0].plot(x, line, **look, label=_named(each))
+            if len(axes) > 1:
+                axes[1].axhline(each.angle_deg, **look)
+    axes[0].set_xlim(right=longest)
+
+
+def _named(peak: PublishedPeak, low: PublishedPeak | None = None) -> str:
+    """Return the label of a published threshold, or of a range that begins at `low`."""
+    study = peak.source.rsplit(", ", 1)[0]
+    what = "range over animals" if low else peak.kind
+    angle = f"{low.angle_deg:g} to {peak.angle_deg:g}" if low else f"{peak.angle_deg:g}"
+    delay = f"{low.delay_ms:g} to {peak.delay_ms:g}" if low else f"{peak.delay_ms:g}"
+    return wrapped(f"{peak.neuron}, {what}\n{angle} deg, {delay} ms ({study})", LEGEND_WIDTH)

@@ -1,0 +1,274 @@
+"""The classic figures, from tables made by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from oppload_cli.errors import ResultError
+from oppload_cli.plots.classic import both_over_one, half_distance
+from oppload_cli.plots.contact import PeakTimes
+from oppload_cli.plots.tuning import kind_of, lines_of, plot_tuning
+from oppload_cli.reference.looming import published_peaks
+from oppload_cli.results.reading import read_tuning
+from tests.results.make import write_tuning
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.lines import Line2D
+    from numpy.typing import NDArray
+
+    from oppload_cli.results.reading import Tuning
+
+
+def y_of(line: Line2D) -> NDArray[np.float64]:
+    return np.asarray(line.get_ydata(), float)
+
+
+def made(
+    path: Path, values: dict[str, list[Any]], peaks: dict[str, list[float]], **more: Any
+) -> Tuning:
+    """A table with a sidecar of some display and object."""
+    numbers = {key: each for key, each in values.items() if not isinstance(each[0], str)}
+    write_tuning(path, numbers, peaks)
+    content = {
+        "stimulus": {
+            "name": "x",
+            "first": {
+                "display": {
+                    "width": 360, "height": 360, "pixels_per_degree": 5, "background": 0.5,
+                    "frame_rate": more.pop("rate", "1000000"),
+                },
+                "object": [{"growth": {"most_deg": more.pop("most_deg", 180)}}],
+            },
+        },
+        **more,
+    }  # fmt: skip
+    path.with_suffix(".json").write_text(json.dumps(content))
+    tuning = read_tuning(path)
+    for key, each in values.items():
+        if isinstance(each[0], str):
+            tuning.rows.insert(1, key, np.repeat(each, len(peaks)))
+            tuning = type(tuning)(
+                tuning.path, tuning.rows, (key, *tuning.parameters), tuning.sidecar
+            )
+    return tuning
+
+
+L_OVER_V = [10.0, 20, 40, 80]
+
+
+def contact(path: Path, **more: Any) -> Tuning:
+    tuning = made(path, {"disk.growth.l_over_v_ms": L_OVER_V}, {"opplod": [4.0, 3, 2, 1]}, **more)
+    tuning.rows["peak_before_contact_s"] = [3 * each / 1000 - 0.02 for each in L_OVER_V]
+    tuning.rows["size_at_peak_deg"] = [40.0, 38, 37, 37]
+    return tuning
+
+
+def test_a_straight_line_is_found_exactly() -> None:
+    x = np.array(L_OVER_V) / 1000
+    fit = PeakTimes.through(x, 4.7 * x - 0.027)
+    assert (fit.slope, fit.delay_s) == pytest.approx((4.7, 0.027), abs=1e-12)
+    assert (fit.slope_error, fit.delay_error_s) == pytest.approx((0, 0), abs=1e-12)
+    assert fit.angle_deg == pytest.approx(24, abs=0.1)
+    assert fit.error_s(x) == pytest.approx(np.zeros(4), abs=1e-8)
+
+
+def test_the_limits_hold_in_95_of_100_experiments() -> None:
+    x = np.array([0.01, 0.02, 0.03, 0.05, 0.08])
+    random = np.random.default_rng(1)
+    held = np.zeros(4)
+    for _ in range(2000):
+        fit = PeakTimes.through(x, 3 * x - 0.02 + random.normal(0, 0.01, 5))
+        low, high = fit.angle_limits_deg
+        held += (
+            abs(fit.slope - 3) <= fit.slope_error,
+            abs(fit.delay_s - 0.02) <= fit.delay_error_s,
+            low <= math.degrees(2 * math.atan(1 / 3)) <= high,
+            abs(fit.slope * 0.04 - fit.delay_s - 0.1) <= fit.error_s(np.array([0.04]))[0],
+        )
+    assert held / 2000 == pytest.approx([0.95] * 4, abs=0.015)
+
+
+def test_times_in_whole_frames_are_no_better_known_than_to_a_frame() -> None:
+    x, frame = np.array([0.02, 0.04, 0.06, 0.08]), 1 / 120
+    random = np.random.default_rng(2)
+    held = 0
+    for _ in range(500):
+        before = frame * np.round((3 * x - 0.03 * random.random()) / frame)
+        fit = PeakTimes.through(x, before, frame)
+        held += abs(fit.slope - 3) <= fit.slope_error
+    assert held >= 475
+    even = PeakTimes.through(x, 3 * x, frame)
+    wide = 4.303 * frame / math.sqrt(12 * np.sum((x - 0.05) ** 2))
+    assert even.slope_error == pytest.approx(wide)
+
+
+def test_the_line_known_best_in_the_middle() -> None:
+    x = np.array([0.01, 0.02, 0.06])
+    fit = PeakTimes.through(x, [0.0, 0.05, 0.14])
+    assert fit.error_s(np.zeros(1)) == pytest.approx([fit.delay_error_s])
+    around = fit.error_s(np.array([0.02, 0.03, 0.04]))
+    assert around[1] < around[0] == pytest.approx(around[2])
+
+
+def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> None:
+    tuning = contact(tmp_path / "a.tuning.csv", most_deg=60)
+    _, (times, sizes) = plot_tuning(tuning, "contact")
+    labels = times.get_legend_handles_labels()[1]
+    assert labels[0] == "OppLoD\nslope 3.00 ± 0.00 (37 deg, 37 to 37), delay 20 ± 0 ms"
+    assert labels[1] == "object fills the display or stops growing: 60 deg"
+    study = "(Gabbiani et al. 1999)"
+    assert labels[2:] == [
+        f"locust DCMD, range over animals\n15 to 40 deg, 15 to 35 ms {study}",
+        f"locust DCMD, example\n24 deg, 27 ms {study}",
+        "fly giant fibre, excitation by size\n42 deg, 11.9 ms (von Reyn et al. 2017)",
+    ]
+    edge, example, fibre = times.lines[2:]
+    right = times.get_xlim()[1]
+    assert y_of(edge)[1] == pytest.approx(right / math.tan(math.radians(30)))
+    assert y_of(example) == pytest.approx([-27, right / math.tan(math.radians(12)) - 27])
+    assert y_of(fibre) == pytest.approx([-11.9, right / math.tan(math.radians(21)) - 11.9])
+    np.testing.assert_allclose(y_of(sizes.lines[0]), [40, 38, 37, 37])
+    assert (sizes.get_xlabel(), sizes.get_ylabel()) == ("l/v (ms)", "size at peak (deg)")
+    coarse = contact(tmp_path / "b.tuning.csv", rate="60000/1001")
+    assert "± 0.3" in plot_tuning(coarse, "contact")[1][0].get_legend_handles_labels()[1][0]
+    _, (alone, _) = plot_tuning(tuning, "contact", published=False)
+    assert len(alone.get_legend_handles_labels()[1]) == 2
+    assert lines_of([tuning], "contact") == [
+        "OppLoD: slope 3.00 ± 0.00 (37 deg, 37 to 37), delay 20 ± 0 ms"
+    ]
+
+
+def test_the_display_ends_before_a_disk_of_180_degrees(tmp_path: Path) -> None:
+    _, (times, _) = plot_tuning(contact(tmp_path / "a.tuning.csv"), "contact", published=False)
+    assert times.get_legend_handles_labels()[1][1].endswith("72 deg")
+
+
+def test_published_thresholds_have_source_and_error() -> None:
+    peaks = {(each.neuron, each.kind): each for each in published_peaks()}
+    example = peaks["locust DCMD", "example"]
+    assert (example.angle_deg, example.delay_ms) == (24, 27)
+    assert example.slope == pytest.approx(4.70, abs=0.01)
+    assert (peaks["locust DCMD", "lower limit"].angle_deg, len(peaks)) == (15, 4)
+    for each in peaks.values():
+        assert each.source
+        assert each.place
+        assert each.error_deg > 0
+        assert each.error_ms > 0
+
+
+def grid(values: NDArray[np.float64], step: float) -> dict[str, list[float]]:
+    side = (np.arange(len(values)) - len(values) // 2) * step
+    up, right = (each.ravel().tolist() for each in np.meshgrid(side, side, indexing="ij"))
+    return {"disk.centre_deg.right": right, "disk.centre_deg.up": up}
+
+
+def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
+    side = np.array([-20.0, -15, -10, -5, 0, 5, 10, 15, 20])
+    right, up = np.meshgrid(side - 5, side, indexing="xy")
+    cone: NDArray[np.float64] = np.maximum(0.0, 1 - np.hypot(right, up) / 20)
+    peaks = {"opplod": (7 * cone).ravel().tolist(), "dlgmd": [1.0] * 81}
+    tuning = made(tmp_path / "a.tuning.csv", grid(cone, 5), peaks, figure={"kind": "position"})
+    assert kind_of(tuning) == "position"
+    _, (panel, whole) = plot_tuning(tuning)
+    image = panel.images[0]
+    shown = np.asarray(image.get_array(), float)
+    row, column = np.unravel_index(int(shown.argmax()), shown.shape)
+    left, end, bottom, top = image.get_extent()
+    assert left + (column + 0.5) * (end - left) / 9 == pytest.approx(5)
+    assert bottom + (row + 0.5) * (top - bottom) / 9 == pytest.approx(0)
+    assert panel.get_title(loc="left") == "OppLoD\nhalf at 10 deg"
+    assert whole.get_title(loc="left") == "D-LGMD\nnot half on all sides"
+    assert half_distance(side, side, cone) == pytest.approx(10)
+
+
+def test_both_ends_over_one(tmp_path: Path) -> None:
+    axes = [0.0, 90, 180, 270]
+    both, one = dict.fromkeys(axes, 6.0), dict(zip(axes, [2.0, 1, 1, 0], strict=True))
+    assert both_over_one(both, one) == [3, 6, 3, 6]
+    assert both_over_one({0: 0.0, 90: 2.0}, {0: 0.0, 90: 0.0}) == [math.inf]
+    values: dict[str, list[Any]] = {
+        "bar.axis_deg": axes * 2,
+        "bar.growth.sides": ["both"] * 4 + ["forward"] * 4,
+    }
+    peaks = {"opplod": [*both.values(), *one.values()]}
+    tuning = made(tmp_path / "a.tuning.csv", values, peaks)
+    figure, (panel,) = plot_tuning(tuning, "ends")
+    total = y_of(panel.lines[2])
+    np.testing.assert_allclose(total, np.array([3, 1, 3, 1]) / 6)
+    assert panel.get_title(loc="left") == "OppLoD\nboth / one 3 to 6"
+    assert "LPLC2 neurons: 2.9 to 4.6" in figure.legends[0].get_title().get_text()
+
+
+def test_contrast_is_a_share_of_the_ground(tmp_path: Path) -> None:
+    values = {"disk.luminance": [1.0, 0.0, 0.4]}
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [2.0, 4, 1]})
+    _, (panel,) = plot_tuning(tuning, "contrast")
+    np.testing.assert_allclose(np.asarray(panel.lines[0].get_xdata(), float), [-100, -20, 100])
+    np.testing.assert_allclose(y_of(panel.lines[0]), [1, 0.25, 0.5])
+    (tmp_path / "a.tuning.json").unlink()
+    with pytest.raises(ResultError, match="contrast needs a ground that is not black"):
+        plot_tuning(read_tuning(tmp_path / "a.tuning.csv"), "contrast")
+
+
+def test_habituation_is_relative_to_the_first(tmp_path: Path) -> None:
+    peaks = {"opplod": [4.0, 4, 4], "dlgmd": [4.0, 2, 1]}
+    tuning = made(tmp_path / "a.tuning.csv", {"presentation": [1.0, 2, 3]}, peaks)
+    _, (panel,) = plot_tuning(tuning, "habituation")
+    np.testing.assert_allclose(y_of(panel.lines[1]), [1, 0.5, 0.25])
+    assert panel.get_legend_handles_labels()[1] == [
+        "OppLoD: last / first 1.000", "D-LGMD: last / first 0.250",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("contact", "not l/v; for --kind contact run 'oppload tune --figure peak-time'"),
+        ("position", "not a position; run 'oppload tune --figure position'"),
+        ("ends", "not the sides and the axis of a bar; run 'oppload tune --figure bar-ends'"),
+        ("contrast", "not a luminance; run 'oppload tune --figure contrast'"),
+        ("habituation", "not presentations in a row; run 'oppload tune --figure habituation'"),
+    ],
+)
+def test_a_table_of_something_else(kind: str, message: str, tmp_path: Path) -> None:
+    tuning = made(tmp_path / "a.tuning.csv", {"disk.size_deg": [5.0, 9]}, {"opplod": [1.0, 2]})
+    with pytest.raises(ResultError, match=f"sweeps 'disk.size_deg', {message}"):
+        plot_tuning(tuning, kind)
+
+
+def test_positions_that_are_no_grid_and_two_tables(tmp_path: Path) -> None:
+    values = {"disk.centre_deg.right": [0.0, 5, 9], "disk.centre_deg.up": [0.0, 0, 9]}
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2, 3]})
+    with pytest.raises(ResultError, match="its positions are no grid; draw --kind heat"):
+        plot_tuning(tuning, "position")
+    with pytest.raises(ResultError, match="a map of positions shows one table"):
+        plot_tuning([tuning, tuning], "position", labels=["a", "b"])
+
+
+@pytest.mark.parametrize("kind", ["contact", "contrast", "habituation", "ends", "position"])
+def test_detectors_without_a_response_and_many_of_them(kind: str, tmp_path: Path) -> None:
+    models = ("opplod", "dlgmd", "lgmd2", "plgmd", "emd_lplc2_gf")
+    every: dict[str, dict[str, list[Any]]] = {
+        "contact": {"disk.growth.l_over_v_ms": [10.0, 20, 30, 40]},
+        "contrast": {"disk.luminance": [0.0, 0.2, 0.8, 1]},
+        "habituation": {"presentation": [1.0, 2, 3, 4]},
+        "ends": {
+            "bar.axis_deg": [0.0, 180] * 2,
+            "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
+        },
+        "position": grid(np.zeros((2, 2)), 5),
+    }
+    values = every[kind]
+    peaks = {name: [0.0] * 4 if at else [1.0, 2, 2, 1] for at, name in enumerate(models)}
+    tuning = made(tmp_path / "a.tuning.csv", values, peaks)
+    tuning.rows["peak_before_contact_s"] = 0.1
+    figure, axes = plot_tuning(tuning, kind)
+    assert len(axes) == (5 if kind in {"ends", "position"} else 1)
+    assert figure.get_figwidth() == pytest.approx(17.8 / 2.54)

@@ -1,0 +1,248 @@
+"""The sweeps of the classic figures, with detectors whose answers are known."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+import pytest
+
+from oppload_cli import Detector, Response
+from oppload_cli.errors import OpploadError, ParameterError
+from oppload_cli.models import registry
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.plots.contact import PeakTimes
+from oppload_cli.plots.tuning import KINDS
+from oppload_cli.schema import Parameters, parameter
+from oppload_cli.tuning.classic import FIGURES, entry_of, figures_named
+from oppload_cli.tuning.present import Responses, low_passed, present
+from oppload_cli.tuning.run import swept, tune, write_tuning
+from tests.tuning.test_tuning import disk
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from oppload_cli.models.dpc import Map
+    from oppload_cli.tuning.run import Condition
+
+FIELD_DEG = 72  # of the displays
+RATE = 120
+DELAY = 6  # frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThetaParams(Parameters):
+    alpha: float = parameter(0.0, "0: the size itself; else of the eta function", low=0, high=20)
+
+
+class Theta(Detector):
+    """The angular size of a dark disk, or the eta function of it, some frames late."""
+
+    name, label, colour = "theta", "Theta", "#AA00AA"
+    meaning = "angular size of all that is dark"
+    parameters = ThetaParams
+    alarm_floors: ClassVar = {"default": 0.0}
+    params: ThetaParams
+    seen: tuple[float, ...] = ()
+
+    def reset(self) -> None:
+        self.seen = ()
+
+    def step(self, luma: Map) -> Response | None:
+        dark = float(np.mean(1 - luma)) * FIELD_DEG**2
+        self.seen = (*self.seen, math.radians(2 * math.sqrt(dark / math.pi)))
+        if len(self.seen) < DELAY + 2:
+            return None
+        if not self.params.alpha:
+            return Response(self.seen[-1])
+        before, late = self.seen[-DELAY - 2 : -DELAY]
+        return Response(
+            max(0.0, late - before) * math.exp(-self.params.alpha * (before + late) / 2)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TiredParams(Parameters):
+    share: float = parameter(0.5, "of its answer that is left the next time", low=0, high=1)
+
+
+class Tired(Detector):
+    """Answers to darkening, less each time after the picture has become brighter."""
+
+    name, label, colour = "tired", "Tired", "#00AAAA"
+    meaning = "darkening, less and less"
+    parameters = TiredParams
+    alarm_floors: ClassVar = {"default": 0.0}
+    params: TiredParams
+    dark, shows = 0.0, 0
+
+    def reset(self) -> None:
+        self.dark, self.shows = 0.0, 0
+
+    def step(self, luma: Map) -> Response | None:
+        before, self.dark = self.dark, float(np.mean(1 - luma))
+        self.shows += self.dark < before
+        return Response(max(0.0, self.dark - before) * self.params.share**self.shows)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _registered() -> Iterator[None]:
+    for each in (Theta, Tired):
+        registry.register(each)
+    yield
+    for each in (Theta, Tired):
+        registry.forget(each.name)
+
+
+def times(conditions: list[Condition], model: str) -> np.ndarray:
+    found = [each.measures[model].peak_before_contact_s for each in conditions]
+    return np.array(found, float)
+
+
+L_OVER_V = [20, 40, 60, 80]
+
+
+def test_the_line_finds_threshold_and_delay_of_the_eta_function() -> None:
+    entry = entry_of("peak-time", {}, ["l/v=20,40,60,80"])
+    settings = resolve(
+        models=["theta"], assignments=["theta.alpha=3", "time.interval=frame"], usual="reference"
+    )
+    shown = times(tune(entry, settings), "theta")
+    fit = PeakTimes.through(np.array(L_OVER_V) / 1000, shown, 1 / RATE)
+    # The derivative is that between two frames, half a frame before the last of them.
+    late = (DELAY + 0.5) / RATE
+    assert fit.slope == pytest.approx(3, abs=fit.slope_error)
+    assert fit.delay_s == pytest.approx(late, abs=fit.delay_error_s)
+    assert fit.slope_error < 0.4
+    low, high = fit.angle_limits_deg
+    assert low < math.degrees(2 * math.atan(1 / 3)) < high
+
+
+def test_the_size_itself_peaks_where_the_disk_stops_growing() -> None:
+    entry = entry_of("peak-time", {"disk.growth.most_deg": 50}, ["l/v=20,40,60,80"])
+    settings = resolve(models=["theta"], assignments=["time.interval=frame"], usual="reference")
+    shown = tune(entry, settings)
+    end = np.array(L_OVER_V) / 1000 / math.tan(math.radians(25))
+    late = end - times(shown, "theta")
+    assert ((late >= -1e-9) & (late < 1 / RATE)).all()
+    sizes = [each.measures["theta"].size_at_peak_deg for each in shown]
+    assert sizes == pytest.approx([50] * 4)
+
+
+def test_every_figure_makes_its_stimuli() -> None:
+    assert list(FIGURES) == [
+        "peak-time", "size-speed", "position", "bar-ends", "contrast", "habituation",
+    ]  # fmt: skip
+    for name, figure in FIGURES.items():
+        shown = entry_of(name, {}).protocols()
+        assert figure.kind in KINDS
+        assert {each.name.partition("/")[0] for each in shown} == {name}
+        # One scale in all figures, so that fields in pixels are the same angle.
+        assert {(each.display.height, each.display.scale) for each in shown} == {(360, 5)}
+        resolve(assignments=figure.settings, usual="reference")
+
+
+def test_other_values_of_what_a_figure_sweeps() -> None:
+    assert entry_of("peak-time", {}, ["l/v=5,15"]).sweep == {"disk.growth.l_over_v_ms": [5, 15]}
+    two = entry_of("size-speed", {}, ["speed=30"]).sweep
+    assert two["disk.growth.speed_deg_s"] == [30]
+    assert len(two["disk.growth.end_deg"]) == 7
+    (slow,) = entry_of("habituation", {"disk.growth.l_over_v_ms": 80}).protocols()
+    assert slow.objects[0].growth is not None
+    assert slow.objects[0].growth.l_over_v_ms == 80
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "over", "message"),
+    [
+        (
+            "peak-time",
+            {"disk.growth.l_over_v_ms": 3},
+            [],
+            "figure peak-time sweeps it; give --over",
+        ),
+        (
+            "peak-time",
+            {},
+            ["disk.luminance=0,1"],
+            "figure peak-time sweeps disk.growth.l_over_v_ms",
+        ),
+        ("habituation", {}, ["disk.luminance=0,1"], "figure habituation sweeps nothing"),
+        ("contrast", {"disc.size_deg": 3}, [], "did you mean 'disk'"),
+    ],
+)
+def test_wrong_values_of_a_figure(
+    name: str, changes: dict[str, float], over: list[str], message: str
+) -> None:
+    with pytest.raises(OpploadError, match=message):
+        entry_of(name, changes, over)
+
+
+def test_a_wrong_figure() -> None:
+    with pytest.raises(
+        ParameterError, match=r"did you mean 'contrast'\?; there are peak-time, .*all"
+    ):
+        figures_named(["contrst"])
+    assert next(iter(figures_named(["contrast", "all", "contrast"]))) == "contrast"
+    assert set(figures_named(["all"])) == set(FIGURES)
+
+
+def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> None:
+    entry = swept(disk(tmp_path, 0.4), ["speed=25"])
+    settings = resolve(
+        models=["opplod", "tired"], height="native", usual="reference",
+        assignments=["opplod.receptive_field=24"],
+    )  # fmt: skip
+    shown = tune(entry, settings, presentations=3)
+    assert [each.values["presentation"] for each in shown] == [1, 2, 3]
+    peaks = [each.measures["opplod"].peak or 0 for each in shown]
+    assert peaks[0] > 0
+    assert peaks == pytest.approx([peaks[0]] * 3, rel=0.01)
+    assert len({each.measures["opplod"].peak_frame for each in shown}) == 1
+    tired = [each.measures["tired"].peak or 0 for each in shown]
+    assert tired == pytest.approx([tired[0], tired[0] / 2, tired[0] / 4], rel=1e-6)
+    write_tuning(tmp_path / "a.csv", shown)
+    rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
+    assert list(rows[0])[:4] == ["stimulus", "disk.growth.speed_deg_s", "presentation", "model"]
+    assert rows[3]["stimulus"] == "disk/speed-25/presentation-2"
+
+
+def test_a_pause_before_the_motion_is_no_part_of_a_presentation(tmp_path: Path) -> None:
+    protocol = disk(tmp_path, 0.12).protocols()[0]  # 3 of 18 frames
+    count = protocol.frame_count
+    frames = np.arange(2.0 * count)
+    blank = np.zeros((2 * count, 2))
+    responses = Responses(frames, frames / 25, frames, blank, np.zeros((2 * count, 4)))
+    first, second = responses.presentations(protocol)
+    assert np.isnan(second.response).tolist() == [True] * 3 + [False] * (count - 3)
+    assert second.response[3] == count + 3
+    np.testing.assert_array_equal(first.time_s, second.time_s)
+
+
+def test_the_map_of_positions_peaks_where_the_unit_is() -> None:
+    entry = entry_of("position", {}, ["position=[[-12,0],[0,0],[12,0],[0,12],[0,-12]]"])
+    settings = resolve(
+        models=["opplod"], usual="reference", assignments=FIGURES["position"].settings
+    )
+    peaks = [each.measures["opplod"].peak or 0 for each in tune(entry, settings)]
+    assert int(np.argmax(peaks)) == 1
+    assert max(peaks[:1] + peaks[2:]) < 0.2 * peaks[1]
+
+
+def test_an_indicator_shows_the_response_low_passed(tmp_path: Path) -> None:
+    protocol = disk(tmp_path).protocols()[1]
+    settings = resolve(
+        models=["opplod"], height="native", usual="reference",
+        assignments=["opplod.receptive_field=24"],
+    )  # fmt: skip
+    plain, seen = (present(protocol, settings, 1, each)["opplod"] for each in (0.0, 0.5))
+    expected = low_passed(plain.response, plain.time_s, 0.5)
+    unknown = np.isnan(plain.response)
+    assert unknown.any()
+    np.testing.assert_array_equal(np.isnan(seen.response), unknown)
+    np.testing.assert_array_equal(seen.response[~unknown], expected[~unknown])
+    assert np.nanmax(seen.response) < 0.7 * np.nanmax(plain.response)
