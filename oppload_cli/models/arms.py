@@ -8,14 +8,12 @@ motion towards the middle, across the arm, and all motion in the field suppress 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 
 from oppload_cli.models.dpc import convolved, excitation, inhibition, referred
-from oppload_cli.models.kernels import DpcParams
 from oppload_cli.models.opposing_motion import (
     Judgement,
     has_history,
@@ -23,7 +21,6 @@ from oppload_cli.models.opposing_motion import (
     selected_units,
     units_at_rest,
 )
-from oppload_cli.schema import parameter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,59 +31,6 @@ if TYPE_CHECKING:
 
 DIRECTIONS = 0, 90, 180, 270  # of the arms, in degrees
 ARM_EDGE = 4.0  # degrees: how gradually the weight of an arm falls at the edge of its cone
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArmParams(DpcParams):
-    """Parameters of the arms; they count with ``judgement=arms`` only (preset ``lplc2``)."""
-
-    kernel_height: int = parameter(
-        0,
-        "working height that the DPC constants in px are meant for; at another one they are "
-        "scaled; 0: never",
-        unit="px",
-        low=0,
-        high=8192,
-    )
-    graded: bool = parameter(
-        True, "whether the arms see the graded direction of motion, or the four S_phi"
-    )
-    arm_cone: float = parameter(
-        90.0, "half-width of the cone in which an arm is excited", unit="deg", low=1, high=180
-    )
-    suppression_cone: float = parameter(
-        36.0, "half-width of the cone in which an arm is suppressed", unit="deg", low=1, high=180
-    )
-    suppression_field: float = parameter(
-        1.7, "reach of suppression along an arm, over that of excitation", low=0.1, high=10
-    )
-    inward: float = parameter(5.0, "suppression by motion towards the middle", low=0, high=1000)
-    lateral: float = parameter(4.0, "suppression by motion across the arm", low=0, high=1000)
-    surround: float = parameter(
-        0.25, "suppression by all motion in the field (normalisation)", low=0, high=1000
-    )
-    suppression_s: float = parameter(
-        0.15, "time constant of suppression; 0: none", unit="s", low=0, high=60
-    )
-    half_saturation: float = parameter(
-        1e-3, "excitation that fills half of an arm without suppression", low=1e-12, high=1e9
-    )
-    saturation: float = parameter(1.0, "exponent of an arm's saturation", low=0.05, high=20)
-    arm_power: float = parameter(
-        1.5, "exponent of the sum of the arms above the threshold", low=0.1, high=10
-    )
-    calcium_s: float = parameter(
-        0.0, "time constant of the calcium signal; 0: none", unit="s", low=0, high=60
-    )
-
-    def scaled(self, scale: float) -> dict[str, float]:
-        """Return the DPC constants in px at a working size that is `scale` times as large."""
-        return {
-            "sigma_excitation": self.sigma_excitation * scale,
-            "sigma_inhibition": self.sigma_inhibition * scale,
-            "kernel_radius": min(50, max(1, round(self.kernel_radius * scale))),
-            "latency_lambda": self.latency_lambda / scale,
-        }
 
 
 # ---- The equations -------------------------------------------------------------------------
