@@ -152,12 +152,12 @@ def alarm_params(preset: str = DEFAULT_PRESET, **values: float) -> AlarmParams:
     return alarm_params_with(known_names(), preset).replaced(**values)
 
 
-def alarm_params_with(names: Sequence[str], preset: str) -> AlarmParams:
+def alarm_params_with(names: Sequence[str], preset: str, **values: float) -> AlarmParams:
     """Return the parameters of the alarms under a preset, with the floors of some detectors."""
     floors = {f"{name}_floor": alarm_floor_of(name, preset) for name in names}
-    defaults = _alarm_class(tuple(names))()
     on = not preset_named(preset).no_alarm
-    return defaults.replaced(**{"on": on, **floors, **_ALARMS.get(preset, {})})
+    given = {"on": on, **floors, **_ALARMS.get(preset, {}), **values}
+    return _restored(tuple(names), given)
 
 
 @cache

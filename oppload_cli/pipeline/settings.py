@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from oppload_cli.detection.parameters import (
     AlarmParams,
     PlaceParams,
-    alarm_params,
     alarm_params_with,
     place_params,
 )
@@ -182,7 +181,7 @@ class Settings:
         if all(name in self.groups for name in known):
             return self
         sets = {name: parameters_of(name, self.preset) for name in known}
-        alarm = alarm_params(self.preset, **self.alarm.as_dict())
+        alarm = alarm_params_with(known, self.preset, **self.alarm.as_dict())
         return replace(self, groups={**sets, **self.groups, "alarm": alarm})
 
     def resolved(self, height: int, frame_rate: float | None = None) -> dict[str, Parameters]:
