@@ -13,8 +13,7 @@ from oppload_cli.files.reading import reading
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.reading import check_numbers
-from oppload_cli.results.thresholds import find_truth, result_threshold
-from oppload_cli.results.writing import SCHEMA
+from oppload_cli.results.thresholds import check_schema, find_truth, result_threshold
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -206,11 +205,7 @@ def content_of(result: Result) -> Content:
     ResultError
         If the result is of another version, or one of its files is damaged.
     """
-    schema = result.sidecar.get("schema", SCHEMA)
-    if schema != SCHEMA:
-        raise ResultError(
-            f"{result.path}: its sidecar is of schema {schema}, not {SCHEMA}; run the input again"
-        )
+    check_schema(result)
     curves = [_curve(result, name) for name in result.models]
     alarms = [span for curve in curves for span in _alarms(result, curve)]
     alarms.sort(key=lambda span: span.first)

@@ -11,6 +11,7 @@ from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError
 from oppload_cli.files.reading import is_file
+from oppload_cli.results.writing import SCHEMA
 from oppload_cli.stimulus.truth import read_ground_truth
 
 if TYPE_CHECKING:
@@ -103,8 +104,19 @@ def find_truth(result: Result) -> Truth | None:
     return None
 
 
+def check_schema(result: Result) -> None:
+    """Raise a ResultError if the sidecar of a result is that of another version."""
+    schema = result.sidecar.get("schema", SCHEMA)
+    if schema != SCHEMA:
+        raise ResultError(
+            f"{result.path}: its sidecar is of schema {schema}, not {SCHEMA}; run the input "
+            "again, or remove the sidecar to read the table alone"
+        )
+
+
 def _alarm_params(result: Result) -> AlarmParams:
     """Return the parameters of a result's alarms; the default ones without a sidecar."""
+    check_schema(result)
     stated = result.part("parameters").get("alarm", {})
     try:
         return alarm_params(**stated)

@@ -287,3 +287,7 @@ def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> No
     path.with_name("clip.oppload.json").write_text(json.dumps(wrong))
     with pytest.raises(ResultError, match="wrong alarm"):
         plot_curves(read_result(path))
+    older = {"schema": "oppload.result/1", "parameters": {"alarm": {"enough": 3}}}
+    path.with_name("clip.oppload.json").write_text(json.dumps(older))
+    with pytest.raises(ResultError, match=r"is of schema oppload\.result/1"):
+        plot_curves(read_result(path))
