@@ -256,6 +256,7 @@ def plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
             panel.set_xlabel(described(axis))
             panel.set_ylabel("peak / largest peak")
             panel.label_outer()
+        axes[0].set_ylim(bottom=0)  # of all: they share it
         legend_above(figure, axes[0], wrapped(request.title, TITLE_WIDTH) + note)
     return figure, axes
 
@@ -274,7 +275,6 @@ def _draw_ends(
         list(total), [each / largest for each in total.values()],
         ":", color=INK, lw=0.9, label="sum of the two single ends",
     )  # fmt: skip
-    axes.set_ylim(bottom=0)
     axes.set_xticks(range(0, 361, 90))
 
 
@@ -367,7 +367,7 @@ def plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
                 continue
             share = peaks / peaks[0]
             # Curves that lie on one another are all seen: the first ones are drawn larger.
-            size = 3.0 + 2.0 * max(0, min(len(curves), FEW) - 1 - number)
+            size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= FEW)
             most = max(most, float(share.max()))
             label = f"{name}: last / first {share[-1]:.3f}"
             panel.plot(rows[column], share, marker="o", markersize=size, **look, label=label)

@@ -25,7 +25,7 @@ from oppload_cli.reference.looming import PublishedPeak, published_peaks
 from oppload_cli.results.reading import check_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -72,9 +72,10 @@ class PeakTimes(NamedTuple):
     def text(self) -> str:
         """The line in words, with its intervals."""
         low, high = self.angle_limits_deg
+        delay, error = round(1000 * self.delay_s), 1000 * self.delay_error_s
         return (
             f"slope {self.slope:.2f} ± {self.slope_error:.2f} ({self.angle_deg:.0f} deg, {low:.0f} "
-            f"to {high:.0f}), delay {1000 * self.delay_s:.0f} ± {1000 * self.delay_error_s:.0f} ms"
+            f"to {high:.0f}), delay {delay} ± {error:.0f} ms"
         )
 
     def error_s(self, l_over_v_s: Series) -> Series:
@@ -123,7 +124,7 @@ def contact_lines(request: Request) -> list[str]:
     made = []
     for tuning, model, name, _ in request.curves():
         _, x, before, _ = _peaks(tuning, model)
-        fit = _line(tuning, x, before) if len(x) >= 3 else None
+        fit = _line(tuning, x, before)
         made.append(f"{name}: {fit.text if fit else 'fewer than three peaks, no line'}")
     return made
 
@@ -158,13 +159,16 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         heights = (1.6, 1)[: 1 + sized]
         grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
         axes = list(grid[:, 0])
+        top = None if few else _top(x for _, x, _, _ in known)
         for (tuning, _, name, look), (_, x, before, sizes) in zip(curves, known, strict=True):
             label = name
-            if len(x) >= 3:
-                fit = _line(tuning, x, before)
-                short = f": {fit.angle_deg:.0f} deg, {1000 * fit.delay_s:.0f} ms"
+            fit = _line(tuning, x, before)
+            if fit is not None:
+                short = f": {fit.angle_deg:.0f} deg, {round(1000 * fit.delay_s)} ms"
                 label += f"\n{fit.text}" if few else short
-                _draw_line(axes[0], fit, x.max(), look)
+                _draw_line(axes[0], fit, x.max(), look, limits=few)
+            if top is not None and len(x) and 1000 * before.min() > top:
+                label += " (above)"
             points = {"color": look["color"], "linestyle": "", "marker": "o", "markersize": 3}
             axes[0].plot(x, 1000 * before, **points, label=label)
             if sizes is not None:
@@ -179,11 +183,22 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
             axes[-1].set_yticks(range(0, 181, 45))
         axes[-1].set_xlabel(described("l_over_v_ms"))
         axes[-1].set_xlim(left=0)
+        if top is not None and axes[0].get_ylim()[1] > top:
+            axes[0].set_ylim(-top / 8, top)
         legend_above(figure, axes[0], request.title, 1 if few else 3)
     return figure, axes
 
 
-def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes:
+def _top(l_over_v_ms: Iterable[Series]) -> float:
+    """Return when, in ms, an object is 10 deg large: before, no detector of many sets the axis."""
+    longest = max((float(each.max()) for each in l_over_v_ms if len(each)), default=1.0)
+    return longest / math.tan(math.radians(5))
+
+
+def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | None:
+    """Return the line through the peaks of one detector; None with fewer than three l/v."""
+    if len(np.unique(l_over_v_ms)) < 3:
+        return None
     try:
         step = float(1 / Fraction(_first(tuning)["display"]["frame_rate"]))
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
@@ -197,13 +212,16 @@ def _first(tuning: Tuning) -> dict[str, Any]:
     return first if isinstance(first, dict) else {}
 
 
-def _draw_line(axes: Axes, fit: PeakTimes, longest: float, look: dict[str, Any]) -> None:
-    """Draw the line through the peaks of one detector, with its limits of 95 %."""
+def _draw_line(
+    axes: Axes, fit: PeakTimes, longest: float, look: dict[str, Any], *, limits: bool
+) -> None:
+    """Draw the line through the peaks of one detector, and its limits of 95 %."""
     x = np.linspace(0, longest, 50)
     line = fit.slope * x - 1000 * fit.delay_s
     error = 1000 * fit.error_s(x / 1000)
     axes.plot([x[0], x[-1]], [line[0], line[-1]], lw=0.8, **look)
-    axes.fill_between(x, line - error, line + error, color=look["color"], alpha=0.15, lw=0)
+    if limits:
+        axes.fill_between(x, line - error, line + error, color=look["color"], alpha=0.15, lw=0)
 
 
 def _draw_field(axes: Sequence[Axes], tuning: Tuning | None) -> None:

@@ -272,3 +272,37 @@ def test_detectors_without_a_response_and_many_of_them(kind: str, tmp_path: Path
     figure, axes = plot_tuning(tuning, kind)
     assert len(axes) == (5 if kind in {"ends", "position"} else 1)
     assert figure.get_figwidth() == pytest.approx(17.8 / 2.54)
+
+
+def test_of_many_detectors_none_sets_the_axis_alone(tmp_path: Path) -> None:
+    models = ("opplod", "dlgmd", "lgmd2", "plgmd", "area_growth")
+    rising = {name: [1.0, 2, 3] for name in models}
+    tuning = made(tmp_path / "a.tuning.csv", {"disk.growth.l_over_v_ms": [10.0, 20, 40]}, rising)
+    early = tuning.rows["model"] == "area_growth"
+    tuning.rows["peak_before_contact_s"] = np.where(early, 1.9, 0.1)
+    (panel,) = plot_tuning(tuning, "contact")[1]
+    labels = panel.get_legend_handles_labels()[1]
+    assert panel.get_ylim()[1] == pytest.approx(40 / math.tan(math.radians(5)))
+    assert [label for label in labels if "(above)" in label] == [
+        "area growth: 180 deg, -1900 ms (above)"
+    ]
+    assert labels[0] == "OppLoD: 180 deg, -100 ms"
+
+
+def test_two_l_over_v_make_no_line(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [10.0, 20, 20]}
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2, 3]})
+    tuning.rows["peak_before_contact_s"] = [0.01, 0.03, 0.03]
+    assert lines_of([tuning], "contact") == ["OppLoD: fewer than three peaks, no line"]
+    assert plot_tuning(tuning, "contact")[1][0].get_legend_handles_labels()[1][0] == "OppLoD"
+
+
+def test_the_sum_of_single_ends_is_inside_the_axes(tmp_path: Path) -> None:
+    values: dict[str, list[Any]] = {
+        "bar.axis_deg": [0.0, 180] * 2, "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
+    }  # fmt: skip
+    peaks = {"opplod": [2.0, 2, 2, 2], "dlgmd": [2.0, 2, 1, 1]}
+    tuning = made(tmp_path / "a.tuning.csv", values, peaks)
+    for panel in plot_tuning(tuning, "ends")[1]:
+        assert panel.get_ylim()[0] == 0
+        assert panel.get_ylim()[1] > 2
