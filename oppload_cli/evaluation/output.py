@@ -144,8 +144,8 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
     minutes = sum(clip.seconds(*clip.quiet) for clip in evaluation.clips) / 60
     approaches = sum(clip.label.looming for clip in evaluation.clips)
     yield (
-        f"{approaches} approaches, {len(evaluation.clips) - approaches} clips without one, "
-        f"{minutes:.1f} minutes without an approach"
+        f"approaches: {approaches}, clips without one: {len(evaluation.clips) - approaches}, "
+        f"minutes without an approach: {number(minutes)}"
     )
     wide = max(len(label_of(each.name)) for each in evaluation.detectors)
     for title, condition in (("alarm as shipped", SHIPPED), ("1 per minute", condition_of(1.0))):
@@ -155,9 +155,11 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
                 found.get((each.name, measure, condition))
                 for measure in ("detection_rate", "lead_time_s", "false_alarms_per_minute")
             )
-            detected = f"{rate.value * rate.n:.0f} of {rate.n}" if rate else ""
+            detected = NOTHING
+            if rate and rate.n:
+                detected = f"{rate.value * rate.n:.0f} of {rate.n}{_interval(rate)}"
             yield (
-                f"{label_of(each.name):<{wide}}  {detected + _interval(rate):<24}"
+                f"{label_of(each.name):<{wide}}  {detected:<24}"
                 f"{number(lead.value if lead else None):<10}"
                 f"{number(false.value if false else None)}{_interval(false)}"
             )
@@ -169,7 +171,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
     ):
         bound = number(RULE_OF_THREE / minutes) if minutes else NOTHING
         yield (
-            f"No false alarm in {minutes:.1f} minutes still allows up to {bound} per minute "
+            f"No false alarm in {number(minutes)} minutes still allows up to {bound} per minute "
             f"(the rule of three, 95 %)."
         )
 

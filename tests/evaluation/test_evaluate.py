@@ -3,16 +3,19 @@ from __future__ import annotations
 import base64
 import csv
 import json
+import math
 import shutil
 from html.parser import HTMLParser
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.evaluation.output import FILES
-from oppload_cli.evaluation.page import MEASURES, number
+from oppload_cli.evaluation.metrics.intervals import Measurement
+from oppload_cli.evaluation.output import FILES, printed_table
+from oppload_cli.evaluation.page import MEASURES, NOTHING, number
 from tests.cli import inside
 from tests.cli.inside import run
 from tests.cli.process import oppload
@@ -58,11 +61,26 @@ def evaluated(labelled: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--draws", "100", "-j", "1",
     )  # fmt: skip
     assert done.returncode == 0
-    assert done.stderr.startswith("2 approaches, 2 clips without one, 0.1 minutes without an")
+    assert done.stderr.startswith("approaches: 2, clips without one: 2, minutes without an ")
     assert "the rule of three, 95 %" in done.stderr
     assert sorted(done.stdout.split()) == sorted(str(folder / name) for name in FILES)
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     return folder
+
+
+def test_a_rate_that_is_not_determined_is_a_dash() -> None:
+    """A threshold for one false alarm per minute need not exist: then no clip counts."""
+    nan = math.nan
+    measurements = [
+        Measurement("dlgmd", "detection_rate", "alarm as shipped", 0.5, 0.1, 0.9, 4),
+        Measurement("dlgmd", "detection_rate", "at 1 per minute", nan, nan, nan, 0),
+    ]
+    told: Any = SimpleNamespace(
+        measurements=measurements, clips=(), detectors=[SimpleNamespace(name="dlgmd")]
+    )
+    _, _, shipped, _, chosen, *_ = printed_table(told)
+    assert shipped.split() == ["D-LGMD", "2", "of", "4", "(0.1", "to", "0.9)", NOTHING, NOTHING]
+    assert chosen.split() == ["D-LGMD", NOTHING, NOTHING, NOTHING]
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:

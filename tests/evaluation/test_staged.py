@@ -152,7 +152,7 @@ def test_one_command_draws_labels_and_measures(tmp_path: Path) -> None:
     wanted = [HIT, MISS, *changes, "-j", "1", "--draws", "100", "--model", "opplod:default"]
     done = oppload("evaluate", *wanted, "-o", tmp_path / "out")
     assert done.returncode == 0
-    assert "1 approaches, 1 clips without one" in done.stderr
+    assert "approaches: 1, clips without one: 1, " in done.stderr
     with (tmp_path / "out" / "evaluation.csv").open() as lines:
         found = {(row["measure"], row["condition"]) for row in csv.DictReader(lines)}
     assert ("alarmed_share", "alarm as shipped, kind near miss at 2 sizes") in found
