@@ -134,7 +134,10 @@ class OpplodParams(_ArmParams):
         high=1,
     )
     adaptation_level: float = parameter(
-        0.035, "R is divided where its background is above this level; 0: never", low=0, high=1e9
+        0.035,
+        "R is divided where its background, of all motion, is above this level; 0: never",
+        low=0,
+        high=1e9,
     )
     adaptation_s: float = parameter(
         4.0, "length of this background, back from the latest frame", unit="s", low=0.1, high=60

@@ -331,7 +331,7 @@ class PooledJudgement:
     def reset(self) -> None:
         """Forget the frames that have passed."""
         params = self._params
-        self._kept = np.zeros_like(self.maps.responses)
+        self._kept = np.zeros((2, *self.maps.responses.shape), np.float32)
         self._moving = 0.0  # intervals
         # Times of frames add up with rounding: a hundredth of an interval decides no comparison.
         self._background = Background(
@@ -351,33 +351,33 @@ class PooledJudgement:
 
         Returns
         -------
-        ndarray of float32, shape (rows, columns)
-            Sum over both axes of ``max(0, out - w_p in)``.
+        ndarray of float32, shape (2, rows, columns)
+            Sum over both axes of ``max(0, out - w_p in)``: without the motion that has only just
+            begun (`history`), and of all motion.
         """
         pooled = {phi: pool(s, self._down, self._across) for phi, s in pathways.items()}
-        if seen is not None:
-            pooled = self._in_time(pooled, seen)
+        if seen is not None and seen.share != 1:
+            e = self._excitation * pool(seen.maps[0], self._down, self._across)
+            pooled = {
+                phi: referred(s, e, seen.share, directional=True) for phi, s in pooled.items()
+            }
         if self._params.compression != 1:
             pooled = {phi: each**self._params.compression for phi, each in pooled.items()}
+        everything = counted = self._outward(pooled)
+        if seen is not None and self._params.history:
+            known = has_history(seen.coarse(self.maps.responses.shape), self._params.history)
+            if not known.all():
+                pooled = {phi: each * known for phi, each in pooled.items()}
+                counted = self._outward(pooled)
         self.maps = self.maps._replace(pathways=pooled)
+        return np.stack((counted, everything))
+
+    def _outward(self, pooled: Mapping[int, Map]) -> Map:
         total = np.zeros_like(self.maps.responses)
         for axis, weights in self._weights.items():
             products = opponent_products(pooled[axis], pooled[axis + 180], weights)
             total += np.maximum(products, 0)
         return total
-
-    def _in_time(self, pooled: dict[int, Map], seen: Photoreceptors) -> dict[int, Map]:
-        """Refer pooled S to the reference interval, and leave out motion that has just begun."""
-        if seen.share != 1:
-            e = self._excitation * pool(seen.maps[0], self._down, self._across)
-            pooled = {
-                phi: referred(s, e, seen.share, directional=True) for phi, s in pooled.items()
-            }
-        if self._params.history:
-            known = has_history(seen.coarse(self.maps.responses.shape), self._params.history)
-            if not known.all():
-                pooled = {phi: s * known for phi, s in pooled.items()}
-        return pooled
 
     def judge(
         self,
@@ -391,7 +391,7 @@ class PooledJudgement:
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
-        further : ndarray of float32, shape (rows, columns), optional
+        further : ndarray of float32, shape (2, rows, columns), optional
             R of frames further apart, which is added.
         seen : Photoreceptors, optional
             As for `opponency`.
@@ -402,16 +402,19 @@ class PooledJudgement:
             Of the best unit; its response is ``c2 R^2``, 0 unless R is above T_o.
         """
         params = self._params
-        opponency = self.opponency(pathways, seen)
+        both = self.opponency(pathways, seen)
         elapsed = seen.elapsed if seen else 1.0
         if further is not None:
-            opponency += further
+            both += further
         if params.persistence:
-            cv2.accumulateWeighted(opponency, self._kept, 1 - params.persistence**elapsed)
-            opponency = self._kept.copy()
-        opponency *= self._gains
+            rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
+            weight = 1 - params.persistence**elapsed
+            cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)
+            both = self._kept.copy()
+        both *= self._gains
+        opponency, everything = both
         if params.adaptation_level:
-            opponency *= np.float32(self._adaptation(float(opponency.max()), elapsed))
+            opponency *= np.float32(self._adaptation(float(everything.max()), elapsed))
         responses = enhanced(opponency, params.gain, params.threshold)
         self.maps = self.maps._replace(responses=responses)
         row, column = divmod(int(opponency.argmax()), opponency.shape[1])

@@ -55,7 +55,7 @@ def test_pooled_opponency_agrees_with_the_literal_reference(
     expected = reference.opponency(p, field=field, cell=cell, sigma=sigma, axes=axes, w_p=0.7)
     assert isinstance(model.judgement, PooledJudgement)
     np.testing.assert_allclose(
-        model.judgement.opponency(model.pathways), expected, atol=1e-5 * max(1, expected.max())
+        model.judgement.opponency(model.pathways)[0], expected, atol=1e-5 * max(1, expected.max())
     )
     assert answer is not None
     assert answer.opponency == pytest.approx(expected.max(), rel=1e-4)
@@ -328,3 +328,15 @@ def test_text_becomes_a_value(name: str, text: str, value: object) -> None:
 def test_text_of_the_wrong_kind() -> None:
     with pytest.raises(ParameterError, match="takes a whole number or none, not 'wide'"):
         REFERENCE.parsed("cell", "wide")
+
+
+def test_motion_that_history_leaves_out_counts_as_background() -> None:
+    moving = looming(120, 20, 50, 14)
+    frames = [*[moving[0]] * 6, *moving[1:]]
+    params = DEFAULT.replaced(persistence=0, strides=1, adaptation_level=1e-6, adaptation_guard_s=0)
+    models = [Opplod((120, 120), params.replaced(history=history)) for history in (0.125, 0)]
+    gated, plain = (
+        [answer.response for answer in map(model.step, frames) if answer] for model in models
+    )
+    assert 0 < gated[4] < plain[4] / 1000
+    assert gated[5:] == plain[5:]

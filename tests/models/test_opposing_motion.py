@@ -191,7 +191,7 @@ def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
     expected = np.zeros_like(plain.maps.responses)
     for _ in range(5):
         maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
-        expected = 0.75 * expected + 0.25 * plain.opponency(maps)
+        expected = 0.75 * expected + 0.25 * plain.opponency(maps)[0]
         assert kept.judge(maps).opponency == pytest.approx(expected.max(), rel=1e-5)
     kept.reset()
     assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
@@ -204,4 +204,4 @@ def test_the_opponency_of_frames_further_apart_is_added() -> None:
     maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
     r = judgement.opponency(maps)
     further = rng.random(r.shape, dtype=np.float32)
-    assert judgement.judge(maps, further).opponency == pytest.approx((r + further).max())
+    assert judgement.judge(maps, further).opponency == pytest.approx((r + further)[0].max())
