@@ -244,9 +244,12 @@ def _largest_angle(tuning: Tuning) -> float | None:
     first = _first(tuning)
     try:
         display = first["display"]
-        field = min(display["width"], display["height"]) / display["pixels_per_degree"]
-        return float(min(field, *(one["growth"].get("most_deg", 180) for one in first["object"])))
-    except (KeyError, TypeError, AttributeError):
+        field = 180.0
+        if display["projection"] == "flat":
+            scale = display["pixels_per_degree"] or display["width"] / display["field_of_view_deg"]
+            field = min(display["width"], display["height"]) / scale
+        return float(min([field, *(one["growth"].get("most_deg", 180) for one in first["object"])]))
+    except (KeyError, TypeError, AttributeError, ZeroDivisionError):
         return None
 
 

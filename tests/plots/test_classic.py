@@ -41,7 +41,9 @@ def made(
             "name": "x",
             "first": {
                 "display": {
-                    "width": 360, "height": 360, "pixels_per_degree": 5, "background": 0.5,
+                    "width": 360, "height": 360, "background": 0.5,
+                    "projection": more.pop("projection", "flat"),
+                    "pixels_per_degree": more.pop("scale", 5), "field_of_view_deg": 90,
                     "frame_rate": more.pop("rate", "1000000"),
                 },
                 "object": [{"growth": {"most_deg": more.pop("most_deg", 180)}}],
@@ -148,6 +150,15 @@ def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> No
 def test_the_display_ends_before_a_disk_of_180_degrees(tmp_path: Path) -> None:
     _, (times, _) = plot_tuning(contact(tmp_path / "a.tuning.csv"), "contact", published=False)
     assert times.get_legend_handles_labels()[1][1].endswith("72 deg")
+    wide = contact(tmp_path / "b.tuning.csv", scale=None)
+    (label,) = plot_tuning(wide, "contact", published=False)[1][0].get_legend_handles_labels()[1][
+        1:
+    ]
+    assert label.endswith("90 deg")
+    for other in ({"scale": 0}, {"scale": "x"}, {"projection": "perspective"}):
+        tuning = contact(tmp_path / "c.tuning.csv", **other)
+        _, (times, _) = plot_tuning(tuning, "contact", published=False)
+        assert (len(times.get_legend_handles_labels()[1]) == 1) is (other != {"scale": 0})
 
 
 def test_published_thresholds_have_source_and_error() -> None:

@@ -100,6 +100,27 @@ def test_the_unit_over_a_loom_wins() -> None:
 
 
 @pytest.mark.slow
+def test_the_same_peaks_at_other_rates_and_sizes() -> None:
+    large = {"display.width": 720, "display.height": 720, "display.pixels_per_degree": 10}
+    names = ("loom", "bar-expand-10/axis-0", "bar-expand-60/axis-15", "cross-outward")
+
+    def peaks(rate: int, height: int) -> list[float]:
+        settings = resolve(
+            preset="lplc2", models=["opplod"], height=str(height), assignments=["opplod.units=1x1"]
+        )
+        signals = []
+        for name in names:
+            changes = {"display.frame_rate": rate} | (large if height > 360 else {})
+            (protocol,) = load_all(f"klapoetke2017/{name}", changes)
+            signals.append(float(np.nanmax(present(protocol, settings, 1, 1.0)["opplod"].response)))
+        return [each / signals[0] for each in signals]
+
+    usual = peaks(30, 240)
+    for rate, height in ((60, 240), (120, 240), (30, 480)):
+        assert peaks(rate, height) == pytest.approx(usual, rel=0.15), (rate, height)
+
+
+@pytest.mark.slow
 def test_it_is_tuned_as_the_neurons_are() -> None:
     rows = show("lplc2").rows
     assert len(rows) == 123
