@@ -242,7 +242,8 @@ def check_display() -> None:
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     ):
         raise ParameterError(
-            "--show needs a display, and this machine has none; open the file elsewhere"
+            "--show needs a display, and this machine has none; leave it out, and open the file "
+            "elsewhere"
         )
 
 
