@@ -1,4 +1,4 @@
-"""What the documentation's site needs beyond its extensions: code that is run while it is built.
+"""The extension of the documentation's site: code that is run while the site is built.
 
 A block ``run`` of a page shows its code, runs it, and shows what it prints::
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         masks: Mapping[int, Kernel]
 
     class Sums(Protocol):
-        """Where S and the S_phi go."""
+        """The maps into which S and the S_phi are written."""
 
         presynaptic: Floats
         pathways: Mapping[int, Floats]

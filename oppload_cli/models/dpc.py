@@ -415,7 +415,7 @@ class Dpc:
 
 
 class _Layer(Protocol):
-    """What several detectors may share: it takes frames, and holds values of the latest one."""
+    """A step that several detectors may share; it holds the values of the latest frame."""
 
     @property
     def frames(self) -> int:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RmoParams(Parameters):
-    """What counts as motion, as opposite and as outward (``docs/rmo.md``).
+    """The bounds of motion, of opposite and of outward vectors (``docs/rmo.md``).
 
     The first four concern the vectors taken from a video, the others the metric.
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class IfExists(StrEnum):
-    """What to do where a result exists already."""
+    """The ways to deal with a result that exists already."""
 
     ERROR = "error"
     SKIP = "skip"

@@ -75,7 +75,7 @@ class _Entry(NamedTuple):
 
 @dataclass(frozen=True)
 class _Report:
-    """What :func:`write_report` has written.
+    """The files that :func:`write_report` has written.
 
     Attributes
     ----------

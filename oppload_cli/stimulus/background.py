@@ -1,4 +1,4 @@
-"""What lies behind the objects: an even luminance, drawn surroundings or a video."""
+"""The ground behind the objects: an even luminance, drawn surroundings or a video."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _MOST_BYTES = 1 << 30  # of a video's part that is used
 
 
 class _Background(Protocol):
-    """What lies behind the objects."""
+    """The ground behind the objects."""
 
     def look(self, time: float, frame_s: float) -> object:
         """Return all that the picture depends on."""

@@ -31,7 +31,7 @@ _OWN_MOUNTS = 0x20000  # CLONE_NEWNS of Linux
 
 @dataclass(frozen=True)
 class Verdict:
-    """What came of one case."""
+    """The outcome of one case."""
 
     family: str
     number: int

@@ -1,4 +1,4 @@
-"""What the attack consists of: each family makes a case from a random number generator alone."""
+"""The families of the attack: each makes a case from a random number generator alone."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ WORDS = (
 
 @dataclass(frozen=True)
 class Material:
-    """What cases are made of; `ready` makes it once."""
+    """The files of which cases are made; `ready` makes them once."""
 
     seeds: dict[str, Path]
     clip: Path
