@@ -304,7 +304,7 @@ class _Run:
         task, settings = self._task, self._settings
         facts, decode, working = self.video.facts, self.video.decode, self.video.working
         rate = float(facts.frame_rate) if facts.frame_rate else None
-        groups = settings.with_all_detectors().resolved(working.height, rate)
+        groups = settings.resolved(working.height, rate)
         return {
             "tool": environment(),
             "command": list(task.command),
