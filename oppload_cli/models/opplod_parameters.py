@@ -157,7 +157,7 @@ class OpplodParams(_ArmParams):
         high=90,
     )
     periphery: float = parameter(
-        1.1, "weight of inward against outward motion, w_p", low=0, high=1000
+        1.0, "weight of inward against outward motion, w_p", low=0, high=1000
     )
     threshold: float = parameter(0.0, "opponency above which it is enhanced, T_o", low=0, high=1e9)
     gain: float = parameter(1.0, "gain of enhancing, c2", low=0, high=1e9)
