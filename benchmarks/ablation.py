@@ -42,7 +42,6 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "no persistence": {"persistence": 0.0},
     "no adaptation": {"adaptation_level": 0.0},
     "no history": {"history": 0.0},
-    "inward as heavy as outward": {"periphery": 1.0},
     "cone of 90 degrees": {"cone": 90.0},
     "no border": {"border": 0},
 }

@@ -57,7 +57,6 @@ _REFERENCE = OpplodParams(
     persistence=0.0,
     adaptation_level=0.0,
     cone=90.0,
-    periphery=1.0,
 )
 
 # As LPLC2 neurons answer (``docs/lplc2.md``): fields of 60 degrees on a display of 72 degrees.
