@@ -40,7 +40,7 @@ AHEAD = 4  # pictures that wait to be encoded
 # A key frame at least every half second at 30 frames/s: a step backwards decodes 15 frames at most.
 # Looking ahead, the encoder now and then gives other bytes for the same frames.
 _NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
-CODEC = {"preset": "veryfast", "crf": "24", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
+CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
 
 
 @dataclass(frozen=True)
