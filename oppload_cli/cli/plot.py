@@ -185,7 +185,11 @@ def _plot_results(
         still = still_of(results[0], video)
         figure, _ = plot_places(results[0], still, title=look["title"])
         if still is None:
-            click.echo(f"{paths[0]}: its video is missing; give --video INPUT", err=True)
+            click.echo(
+                f"oppload: {paths[0]}: its video is gone, so the ground is white; --video says "
+                "where it is now",
+                err=True,
+            )
         return figure
     return plot_curves(results, **look, **curves, marks=marks.of(results))[0]
 

@@ -12,17 +12,18 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.naming import labels_of, wrapped
 from oppload_cli.plots.panels import (
-    BAR,
     BAR_STEP,
     FLOOR,
     SCALES,
     CurveOptions,
+    bars_of,
     contact_of,
     draw_curves,
     log_axis,
     panels_of,
     scale_of,
     time_label,
+    with_bars,
 )
 from oppload_cli.plots.style import (
     COLUMN,
@@ -58,6 +59,7 @@ MOST_PANELS = 24  # of small multiples; more results are a heat map
 MOST_BINS = 400  # of time, in a heat map
 MOST_NAMES = 60  # along a heat map
 ALARM = "#D55E00"
+LETTER = 0.02  # of a panel's width, for each letter of a label
 LINE = 0.09  # inches of height for each line of a legend
 
 
@@ -140,9 +142,10 @@ def plot_curves(
     truths = [find_truth(result) for result in results]
     panels = panels_of(results, options, truths)
     if sum(map(len, panels)) <= MOST_CURVES or axes is not None:
-        return _draw_few(panels, options, truths, axes)
+        return _draw_few(panels, with_bars(panels, options), truths, axes)
     if len(results) <= MOST_PANELS:
-        return _draw_multiples(_one_each(panels), options)
+        small = _one_each(panels)
+        return _draw_multiples(small, with_bars(small, options))
     return _draw_heat(_one_each(panels), options)
 
 
@@ -255,8 +258,8 @@ def _mark(
         contact = contact_of(truth)
         marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
     first, last = axes[0].get_xlim()
-    below = 0.0 if len(of_inputs) == 1 else BAR_STEP * len(curves) + 1 - BAR  # the bars
-    row = 0
+    below = max((1 - bar + BAR_STEP for bar in bars_of(curves, options).values()), default=0.0)
+    taken: list[tuple[float, float]] = []  # by labels in the first row, as shares of the width
     for label, times in marks.items():
         known = {c: time - c.zero_s for c, time in times.items() if time is not None}
         alike = len({round(time, 6) for time in known.values()}) == 1
@@ -268,14 +271,19 @@ def _mark(
                 )
             if number:
                 continue
-            near_left = time < first + 0.2 * (last - first)
+            text = label if inside else f"{label} at {time:.3g} s"
+            share = min(max((time - first) / (last - first), 0.0), 1.0)
+            wide = LETTER * len(text)
+            # The second label goes to the right, away from the first and from peaks before it.
+            right = share < 0.2 or (bool(taken) and share + wide < 1)
+            begin, end = (share, share + wide) if right else (share - wide, share)
+            lower = any(begin < other[1] and other[0] < end for other in taken)
+            taken.append((begin, end))
             axes[0].annotate(
-                label if inside else f"{label} at {time:.3g} s",
-                (min(max(time, first), last), 1 - below), xycoords=("data", "axes fraction"),
-                xytext=(2 if near_left else -2, -6.5 * row - 1), textcoords="offset points",
-                ha="left" if near_left else "right", va="top", fontsize=6, color=INK,
+                text, (share, 1 - below), xycoords="axes fraction",
+                xytext=(2 if right else -2, -7.5 if lower else -1), textcoords="offset points",
+                ha="left" if right else "right", va="top", fontsize=6, color=INK,
             )  # fmt: skip
-            row += 1
     axes[0].set_xlim(first, last)
 
 
@@ -372,8 +380,14 @@ def _draw_multiples(
         legend = panels if several else []
         title = options.title or ("" if several else panels[0][0].result.title)
         shown_notes = [note for note in notes if "above the panel" not in note]
+        if len(shown_notes) < len(notes):
+            shown_notes.append("no dotted line: threshold above the panel")
         _legend(figure, legend, shown_notes, wrapped(title, 2 * TITLE_WIDTH))
-        figure.supylabel(_value_label(scale, panels[0][0]), fontsize=7.5)
+        label = _value_label(scale, panels[0][0])
+        if rows == 1:  # in two lines, as one would be longer than the panel is high
+            axes[0].set_ylabel(label.replace(" / ", " /\n").replace(" (", "\n("))
+        else:
+            figure.supylabel(label, fontsize=7.5)
         figure.supxlabel(time_label(options), fontsize=7.5)
     return figure, axes
 
@@ -396,11 +410,14 @@ def _legend(
         for curves in panels
         for curve in curves
     }
-    blank = [Line2D([], [], linestyle="none", label=note) for note in notes]
+    blank = [Line2D([], [], linestyle="none", label=wrapped(note, LEGEND_WIDTH)) for note in notes]
+    entries = [*lines.values(), *blank]
     figure.legend(
-        handles=[*lines.values(), *blank], loc="outside upper left", ncols=4,
+        handles=entries, loc="outside upper left", ncols=4,
         title=title or None, title_fontsize=8, alignment="left",
     )  # fmt: skip
+    more = LINE * 1.5 * (-(-len(entries) // 4) - 1)  # lines; the panels keep their height
+    figure.set_figheight(min(MOST_HEIGHT, figure.get_figheight() + more))
 
 
 def _draw_heat(

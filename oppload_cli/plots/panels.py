@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,7 @@ SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; responses below it are drawn at it
 HEADROOM = 1.25  # over the peak
 BAR, BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
+UNCOUNTED = "above the threshold without an alarm: at the start, a cut or a flash, or too short"
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class CurveOptions:
     marks: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
     threshold: bool = True
     any_length: bool = False
+    bars: bool = False  # at the top for alarms, where shades would mix their colours
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +119,22 @@ class Curve:
         return [(time[a], time[b - 1] - time[a] + step) for a, b in edges.reshape(-1, 2)]
 
 
+def with_bars(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> CurveOptions:
+    """Return the options with bars for alarms where curves of a panel would share a shade."""
+    bars = any(
+        len({curve.number for curve in curves}) > 1
+        or sum(bool(curve.alarms()) for curve in curves) > 1
+        for curves in panels
+    )
+    return replace(options, bars=bars)
+
+
+def bars_of(curves: Sequence[Curve], options: CurveOptions) -> dict[Curve, float]:
+    """Return the height of the bar of each curve with an alarm, as a share of its panel."""
+    alarming = [curve for curve in curves if options.bars and curve.alarms()]
+    return {curve: BAR - BAR_STEP * order for order, curve in enumerate(alarming)}
+
+
 def time_label(options: CurveOptions) -> str:
     """Return the label of the time axis."""
     return "time from contact (s)" if options.align else "time (s)"
@@ -178,8 +196,8 @@ def _contact(
     contact = contact_of(truths[at]) if contact is None else contact
     if contact is None:
         raise ResultError(
-            f"{results[at].path}: its time of contact is not known; give it with --contact, or a "
-            "manifest of clips with --manifest"
+            f"{results[at].path}: its time of contact is not known; leave the result out, or give "
+            "the time with --contact, or with a --manifest of clips that states it"
         )
     return contact
 
@@ -202,31 +220,40 @@ def draw_curves(
         Marks that the legend has to explain.
     """
     values = [curve.scaled(scale) for curve in curves]
-    one_input = len({curve.number for curve in curves}) == 1
     notes: list[str] = []
+    if options.xlim:  # before the curves, so that a peak outside is not drawn beside the panel
+        axes.set_xlim(options.xlim)
+    bars = bars_of(curves, options)
     for order, (curve, value) in enumerate(zip(curves, values, strict=True)):
         _draw_curve(axes, curve, value, scale, order)
-        _draw_alarms(axes, curve, None if one_input else BAR - order * BAR_STEP)
+        _draw_alarms(axes, curve, bars.get(curve))
         if options.threshold and scale != "threshold":
             notes += _draw_threshold(axes, curve, scale)
-    if any(curve.alarms() for curve in curves):
-        notes.append("shaded: alarm on" if one_input else "bar at the top: alarm on")
+    notes += _alarm_notes(curves, options)
     if scale != options.scale:
         notes.append("over the peak, as there is no alarm threshold")
     axes.margins(x=0.01)
-    if options.xlim:
-        axes.set_xlim(options.xlim)
     largest = max(float(np.nanmax(value, initial=0)) for value in values)
-    bars = 0 if one_input else BAR_STEP * len(curves)
+    bars_height = BAR_STEP * len(bars)
     if scale == "threshold":
         if options.threshold:
             axes.axhline(1, color=INK, lw=0.9)
-        log_axis(axes, max(10.0, 3 * largest) * 10 ** (4 * bars))
+        log_axis(axes, max(10.0, 3 * largest) * 10 ** (4 * bars_height))
     elif largest > 0:
-        axes.set_ylim(-0.03 * largest, HEADROOM * largest * (1 + bars))
+        axes.set_ylim(-0.03 * largest, HEADROOM * largest * (1 + bars_height))
         if scale == "peak":
             axes.set_yticks([0, 0.5, 1])
     return list(dict.fromkeys(notes))
+
+
+def _alarm_notes(curves: Sequence[Curve], options: CurveOptions) -> list[str]:
+    notes = []
+    if any(curve.alarms() for curve in curves):
+        notes.append("bar at the top: alarm on" if options.bars else "shaded: alarm on")
+    silent = [curve for curve in curves if not curve.alarms() and curve.threshold is not None]
+    if any(np.nanmax(curve.scaled("threshold"), initial=0) > 1 for curve in silent):
+        notes.append(UNCOUNTED)
+    return notes
 
 
 def _draw_alarms(axes: Axes, curve: Curve, height: float | None) -> None:
@@ -263,14 +290,14 @@ def _described(curve: Curve, scale: str, best: int) -> str:
     """Return a curve's line in the legend: its name, its peak and when it was."""
     peak, value = float(curve.response[best]), float(curve.scaled(scale)[best])
     when = f"{curve.time[best]:.2f} s" if curve.zero_s else f"{curve.time[best]:.3g} s"
-    if len(curve.name) <= 12 and not curve.zero_s:
-        when += f" (frame {int(curve.result.frames['frame'].iloc[best])})"
-    if scale != "threshold":
-        return f"{curve.name}, peak {peak:.3g} at {when}"
-    if value < FLOOR:
+    if scale == "threshold" and value < FLOOR:
         return f"{curve.name}, below {FLOOR:g} of the threshold"
     times = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
-    return f"{curve.name}, {times} times threshold at {when}"
+    height = f"{times} times threshold" if scale == "threshold" else f"peak {peak:.3g}"
+    said = f"{curve.name}, {height} at {when}"
+    frame = f" (frame {int(curve.result.frames['frame'].iloc[best])})"
+    fits = len(said + frame) <= LEGEND_WIDTH and not curve.zero_s
+    return said + frame if fits else said
 
 
 def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:

@@ -15,6 +15,7 @@ from oppload_cli.models.registry import detectors, placing_detector
 from oppload_cli.plots.naming import wrapped
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure
 from oppload_cli.results.reading import check_numbers
+from oppload_cli.results.thresholds import result_threshold
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span
 
@@ -54,8 +55,8 @@ def still_of(result: Result, video: str | None = None) -> Still | None:
     ResultError
         If it ends before that frame.
     """
-    name = video or result.sidecar.get("input", {}).get("name")
-    if not isinstance(name, str) or (video is None and not is_there(Path(name))):
+    name = video or _input_of(result)
+    if name is None:
         return None
     peak = int(result.frames["frame"].iloc[_peak(result)])
     span = Span(start=Position(frame=peak), duration=Position(frame=1))
@@ -126,7 +127,8 @@ def plot_places(
             axes.add_patch(
                 Rectangle((left, top), width, height, fill=False, lw=1.2, ec=detector.colour)
             )
-        told = f"box: looming object at the peak, frame {frame}"
+        what = "box: looming object" if np.isfinite(left) else "no looming object"
+        told = f"{what} at the peak, frame {frame}{_over_threshold(result, detector.name, best)}"
         axes.set_title(f"{wrapped(title or result.title, TITLE_WIDTH)}\n{told}", fontsize=7)
         axes.set(
             xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal"
@@ -134,6 +136,25 @@ def plot_places(
         bar = figure.colorbar(dots, ax=axes, orientation="horizontal", pad=0.02, aspect=40)
         bar.set_label("time (s); area of a dot: response", color=INK)
     return figure, [axes]
+
+
+def _input_of(result: Result) -> str | None:
+    """Return where the input is: as the sidecar says, or beside the result."""
+    name = result.part("input").get("name")
+    if not isinstance(name, str) or not name:
+        return None
+    folder = result.path.parent
+    places = (Path(name), folder / name, folder / Path(name).name)
+    return next((str(each) for each in places if is_there(each)), None)
+
+
+def _over_threshold(result: Result, detector: str, row: int) -> str:
+    """Return the response over its threshold in words; noise has large dots too."""
+    threshold = result_threshold(result, detector)[row]
+    if f"{detector}_alarm" not in result.frames.columns or not threshold > 0:
+        return ""
+    ratio = float(result.frames[f"{detector}_response"].iloc[row]) / threshold
+    return f",\n{ratio:.2g} times the threshold of the alarm"
 
 
 def _detector(result: Result) -> type[Detector]:

@@ -66,7 +66,7 @@ def plot_rmo(
     if len(results) > MOST:
         raise ResultError(
             f"{results[MOST].path}: one figure shows the RMO of at most {MOST} results; "
-            "plot them separately"
+            "leave out --output"
         )
     for result in results:
         missing = next((name for name in COLUMNS if name not in result.frames.columns), None)

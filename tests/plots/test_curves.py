@@ -84,6 +84,54 @@ def test_alarms_are_shaded_in_the_colour_of_their_detector(result: Result) -> No
     assert matplotlib.colors.to_hex(shade.get_facecolor()) == CYCLE[0].lower()
 
 
+def test_alarms_of_two_detectors_are_bars_whose_colours_do_not_mix(tmp_path: Path) -> None:
+    rows = frame_rows()
+    for row in rows[25:]:
+        row["dlgmd_alarm"] = "1"
+    both = read_result(write_rows(tmp_path / "both.frames.csv", rows))
+    _, (panel,) = plot_curves(both)
+    upper, lower = panel.patches
+    colours = [matplotlib.colors.to_hex(each.get_facecolor()) for each in (upper, lower)]
+    assert colours == [detector_named(name).colour.lower() for name in ("opplod", "dlgmd")]
+    spans = [each.get_extents().transformed(panel.transAxes.inverted()) for each in (upper, lower)]
+    assert 0.9 < spans[1].y0 < spans[1].y1 < spans[0].y0 < spans[0].y1 <= 1
+    assert "bar at the top: alarm on" in labels(panel)
+
+
+def test_a_peak_that_did_not_count_is_explained(tmp_path: Path) -> None:
+    rows = frame_rows()
+    for row in rows:
+        row["opplod_alarm"] = "0"
+    silent = read_result(write_rows(tmp_path / "cut.frames.csv", rows))
+    _, (panel,) = plot_curves(silent, models=["opplod"])
+    assert labels(panel)[1].replace("\n", " ") == (
+        "above the threshold without an alarm: at the start, a cut or a flash, or too short"
+    )
+
+
+def test_a_peak_outside_the_axis_leaves_the_panel_its_size(result: Result) -> None:
+    sizes = []
+    for xlim in ((0.2, 1.9), (0.2, 0.8)):  # the peak is at 1.5 s
+        figure, (panel,) = plot_curves(result, models=["opplod"], xlim=xlim)
+        figure.draw_without_rendering()
+        sizes.append(panel.get_position().width)
+    assert sizes[1] == pytest.approx(sizes[0], abs=0.05)
+
+
+def test_a_row_of_panels_keeps_its_height_and_its_label_under_a_long_legend(
+    tmp_path: Path,
+) -> None:
+    rows = frame_rows()
+    for row in rows:
+        row.update({f"{name}_response": row["opplod_response"] for name in detectors()})
+    pair = [read_result(write_rows(tmp_path / f"{n}.frames.csv", rows)) for n in "ab"]
+    figure, axes = plot_curves(pair)
+    figure.draw_without_rendering()
+    assert axes[0].get_window_extent().height / figure.dpi > 0.8  # inches
+    label = axes[0].yaxis.label.get_window_extent()
+    assert label.y1 < figure.legends[0].get_window_extent().y0
+
+
 def test_noise_is_no_peak(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows[3:]:
@@ -204,6 +252,15 @@ def test_marks_are_drawn(result: Result) -> None:
     ]
     assert len(verticals) == 1
     assert {text.get_text() for text in panel.texts} == {"onset", "contact at 7 s"}
+
+
+def test_labels_of_marks_share_a_row_unless_they_would_overlap(result: Result) -> None:
+    for onset, contact, together in ((0.5, 1.6, True), (1.0, 1.1, True), (1.75, 1.85, False)):
+        figure, (panel,) = plot_curves(result, marks={"onset": [onset], "contact": [contact]})
+        figure.draw_without_rendering()
+        first, second = (text.get_window_extent() for text in panel.texts)
+        assert not first.overlaps(second), (onset, contact)
+        assert (abs(first.y1 - second.y1) < 2) == together, (onset, contact)
 
 
 def test_time_counts_from_contact(tmp_path: Path) -> None:

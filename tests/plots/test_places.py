@@ -11,7 +11,7 @@ from oppload_cli.errors import ResultError
 from oppload_cli.plots.places import plot_places, still_of
 from oppload_cli.results.reading import read_result
 from tests.media import write_video
-from tests.results.make import write_result
+from tests.results.make import frame_rows, write_result, write_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -35,6 +35,33 @@ def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
     assert isinstance(box, Rectangle)
     assert box.get_bbox().bounds == (10, 20, 40, 40)
     assert panel.get_xlim() == (0, 96)
+
+
+def test_the_video_is_found_beside_the_result(tmp_path: Path) -> None:
+    write_video(tmp_path / "clip.avi", [np.full((64, 96), 2 * t, np.uint8) for t in range(40)])
+    path = write_result(tmp_path / "clip.frames.csv", peak=30)
+    sidecar = {"input": {"name": "elsewhere/clip.avi", "width": 96, "height": 64}}
+    path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
+    still = still_of(read_result(path))
+    assert still is not None
+    np.testing.assert_allclose(still * 255, 60, atol=1)
+
+
+def test_the_title_says_how_strong_the_peak_is_and_whether_there_is_an_object(
+    tmp_path: Path,
+) -> None:
+    rows = frame_rows()
+    for row in rows[3:]:
+        row.update(dict.fromkeys(("opplod_x", "opplod_y", "opplod_width", "opplod_height"), ""))
+    path = write_rows(tmp_path / "clip.frames.csv", rows)
+    alarm = {"parameters": {"alarm": {"opplod_floor": 20, "factor": 0}}}
+    path.with_name("clip.oppload.json").write_text(json.dumps(alarm))
+    panel = plot_places(read_result(path))[1][0]
+    assert panel.get_title("left").split("\n")[1:] == [
+        "no looming object at the peak, frame 30,",
+        "0.05 times the threshold of the alarm",
+    ]
+    assert len(panel.patches) == 0
 
 
 def test_without_the_video_places_are_drawn_on_white(tmp_path: Path) -> None:
