@@ -249,8 +249,10 @@ def plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
                 for some in (rows[rows[sides] == side] for side in ("both", "forward"))
             )
             _draw_ends(panel, both, one, detector_named(name).colour)
+            largest = max(*both.values(), *one.values())
             panel.set_title(
-                f"{detector_named(name).label}\nboth / one {_range(both_over_one(both, one))}",
+                f"{detector_named(name).label}, peak {largest:.2g}\n"
+                f"both / one {_range(both_over_one(both, one))}",
                 fontsize=7,
             )
             panel.set_xlabel(described(axis))

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 
 TURN = 2 * np.pi
+MOST_CURVES = 6  # in one plot; more get a small plot each
 
 
 @dataclass(frozen=True)
@@ -135,6 +136,12 @@ class DirectionTuning:
     def numbers(self) -> _Selectivity:
         """Peak and selectivity."""
         return selectivity(self.angles_deg, self.responses)
+
+    @property
+    def about(self) -> str:
+        """The peak and its unit in words."""
+        peak = self.numbers.peak
+        return f"peak {peak:.3g} ({self.unit})" if peak > 0 else "no response"
 
     def line(self) -> str:
         """Return the numbers in one line, for standard output."""
@@ -245,9 +252,12 @@ def plot_polar(
         At least one.
     raw : bool
         Whether each curve gets a plot in its own unit, instead of all in one over their peaks.
+        More than six curves get a small plot each in any case.
     title : str
         Of the figure.
     """
+    if len(curves) > MOST_CURVES:
+        return _draw_multiples(curves, raw=raw, title=title)
     groups = [[curve] for curve in curves] if raw else [list(curves)]
     columns = 1 if len(groups) <= 2 else 2 if len(groups) <= 4 else 3
     rows = -(-len(groups) // columns)
@@ -268,6 +278,35 @@ def plot_polar(
     return figure, axes
 
 
+def _draw_multiples(
+    curves: Sequence[DirectionTuning], *, raw: bool, title: str
+) -> tuple[Figure, list[Axes]]:
+    """Draw a small plot for each curve; what the radius means is written once."""
+    columns = 4
+    rows = -(-len(curves) // columns)
+    with styled_figure(PAGE, min(MOST_HEIGHT, 0.4 + 2.1 * rows)) as figure:
+        grid = figure.subplots(
+            rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
+        ).ravel()
+        axes = list(grid[: len(curves)])
+        for panel, curve in zip(axes, curves, strict=True):
+            draw_polar(panel, [curve], raw=raw)
+            panel.get_legend().remove()
+            panel.set_xlabel("")
+            panel.set_thetagrids(range(0, 360, 90), [])
+            panel.tick_params(labelsize=5)
+            panel.set_title(f"{curve.name}\n{curve.about}", fontsize=6.8, pad=3)
+        for panel in grid[len(curves) :]:
+            panel.set_visible(False)
+        if title:
+            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        radius = "response" if raw else "response / peak"
+        figure.supxlabel(
+            f"radius: {radius}; angle: direction of motion, to the right: 0°", fontsize=7.5
+        )
+    return figure, axes
+
+
 def spread(figure: Figure) -> None:
     """Leave room around polar plots: the layout overlooks how far labels of angles reach."""
     engine: Any = figure.get_layout_engine()
@@ -280,8 +319,7 @@ def draw_polar(axes: PolarAxes, curves: Sequence[DirectionTuning], *, raw: bool 
         peak = curve.numbers.peak
         over = 1.0 if raw or peak <= 0 else peak
         angles, values = _closed(curve.angles_deg, curve.responses / over)
-        about = f"peak {peak:.3g} ({curve.unit})" if peak > 0 else "no response"
-        name = curve.name if raw else f"{curve.name}, {about}"
+        name = curve.name if raw else f"{curve.name}, {curve.about}"
         axes.plot(np.deg2rad(angles), values, label=name, **curve.look)
     axes.set_thetagrids(range(0, 360, 45), [f"{angle}°" for angle in range(0, 360, 45)])
     top = max(float(np.max(np.asarray(line.get_ydata()), initial=0)) for line in axes.lines) or 1.0

@@ -23,6 +23,7 @@ from oppload_cli.plots.style import (
     DASHES,
     LEGEND_WIDTH,
     MOST_HEIGHT,
+    PAGE,
     SHADES,
     TITLE_WIDTH,
     as_list,
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Tuning
 
 
+NARROW, WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
+MOST_TICKS = 24  # along a heat map
 TUNING_SCALES = ("peak", "raw")
 CLASSIC = {
     "contact": plot_contact,
@@ -246,9 +249,10 @@ def _plot_heat(tuning: Tuning, detectors: Sequence[str], title: str) -> tuple[Fi
         raise ResultError(
             f"{tuning.path}: column 'model' never holds '{detectors[0]}'; leave it out"
         )
-    rows = tuning.rows[tuning.parameters[1]].nunique()
+    columns, rows = (tuning.rows[name].nunique() for name in tuning.parameters)
+    width = COLUMN if columns <= NARROW else PAGE
     height = 0.2 + len(names) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
-    with styled_figure(COLUMN, min(MOST_HEIGHT, height)) as figure:
+    with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
         axes = list(figure.subplots(len(names), 1, squeeze=False)[:, 0])
         if title:
             figure.suptitle(wrapped(title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
@@ -269,13 +273,17 @@ def _draw_heat(axes: Axes, tuning: Tuning, detector: str) -> AxesImage:
     share = values / largest if largest > 0 else values
     norm = norm_of(share)
     image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
-    axes.set_xticks(range(share.shape[1]), [_number(value) for value in cells.columns])
+    every = -(-share.shape[1] // MOST_TICKS)
+    names = [_number(value) for value in cells.columns]
+    axes.set_xticks(range(0, share.shape[1], every), names[::every])
     axes.set_yticks(range(share.shape[0]), [_number(value) for value in cells.index])
-    if share.size <= 100:
+    if share.size <= 100 and share.shape[1] <= WIDE:
+        least = norm.vmin or 0.0
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):
                 ink = "black" if norm(value) > 0.55 else "white"
-                axes.text(column, row, f"{value:.2g}", ha="center", va="center", color=ink, size=6)
+                text = f"{value:.2g}" if value >= least else f"<{least:.2g}"
+                axes.text(column, row, text, ha="center", va="center", color=ink, size=6)
     axes.set_xlabel(described(across))
     axes.set_ylabel(described(up))
     shown = detector_named(detector)

@@ -213,7 +213,7 @@ def test_both_ends_over_one(tmp_path: Path) -> None:
     figure, (panel,) = plot_tuning(tuning, "ends")
     total = y_of(panel.lines[2])
     np.testing.assert_allclose(total, np.array([3, 1, 3, 1]) / 6)
-    assert panel.get_title(loc="left") == "OppLoD\nboth / one 3 to 6"
+    assert panel.get_title(loc="left") == "OppLoD, peak 6\nboth / one 3 to 6"
     assert "LPLC2 neurons: 2.9 to 4.6" in figure.legends[0].get_title().get_text()
 
 

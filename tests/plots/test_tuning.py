@@ -9,9 +9,11 @@ from matplotlib.projections.polar import PolarAxes
 from scipy import stats
 
 from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.contact import PeakTimes, student_t
 from oppload_cli.plots.naming import described
 from oppload_cli.plots.polar import direction_tunings
+from oppload_cli.plots.style import MOST_HEIGHT
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference.lplc2 import bar_tuning, peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
@@ -149,7 +151,34 @@ def test_a_heat_map_over_several_decades_is_logarithmic(tmp_path: Path) -> None:
     assert (wide.vmin, wide.vmax) == pytest.approx((1e-4, 1))
     assert not isinstance(narrow, LogNorm)
     assert (narrow.vmin, narrow.vmax) == (0, 1)
-    assert {text.get_text() for text in opplod.texts} == {"1e-09", "0.002", "0.04", "1"}
+    assert {text.get_text() for text in opplod.texts} == {"<0.0001", "0.002", "0.04", "1"}
+
+
+def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
+    across = [float(angle) for angle in range(0, 180, 15)]
+    values = {"bar.axis_deg": across * 2, "bar.width_deg": [10.0] * 12 + [60.0] * 12}
+    peaks_of = {"opplod": [0.00123 * (at + 1) for at in range(24)]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    figure, (panel,) = plot_tuning(tuning)
+    figure.draw_without_rendering()
+    extents = [text.get_window_extent() for text in (*panel.texts, *panel.get_xticklabels())]
+    assert len(extents) == 36
+    assert not [1 for at, one in enumerate(extents) for two in extents[:at] if one.overlaps(two)]
+
+
+def test_more_than_six_curves_have_a_polar_plot_each(tmp_path: Path) -> None:
+    directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
+    peaks_of = {name: [0.5, 1, 0, 1, 1, 1, 1, 1] for name in list(detectors())[:19]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", directions, peaks_of))
+    figure, axes = plot_tuning(tuning, lplc2="none")
+    assert len(axes) == 19
+    figure.draw_without_rendering()
+    assert figure.get_figheight() <= MOST_HEIGHT
+    lowest = min(panel.get_tightbbox().y0 for panel in axes)
+    assert lowest > 0  # nothing is cut
+    names = [panel.get_title("left").split("\n")[0] for panel in axes]
+    assert names == [detector_named(name).label for name in peaks_of]
+    np.testing.assert_allclose(np.asarray(axes[3].lines[0].get_ydata())[:8], peaks_of["opplod"])
 
 
 def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None:
