@@ -174,8 +174,8 @@ def test_more_than_six_curves_have_a_polar_plot_each(tmp_path: Path) -> None:
     assert len(axes) == 19
     figure.draw_without_rendering()
     assert figure.get_figheight() <= MOST_HEIGHT
-    lowest = min(panel.get_tightbbox().y0 for panel in axes)
-    assert lowest > 0  # nothing is cut
+    extents = [panel.get_tightbbox() for panel in axes]
+    assert all(extent is not None and extent.y0 > 0 for extent in extents)  # nothing is cut
     names = [panel.get_title("left").split("\n")[0] for panel in axes]
     assert names == [detector_named(name).label for name in peaks_of]
     np.testing.assert_allclose(np.asarray(axes[3].lines[0].get_ydata())[:8], peaks_of["opplod"])
