@@ -247,7 +247,8 @@ class AlarmTable:
 
 
 def _cell(verdict: Verdict) -> str:
-    first = f"{verdict.alarms[0].start_s:.2f} s" if verdict.alarms else "-"
+    none = "not counted" if (verdict.peak or 0) > 1 else "-"  # at a cut, or too short
+    first = f"{verdict.alarms[0].start_s:.2f} s" if verdict.alarms else none
     return f"{first:<13}{f'{times(verdict.strongest)} x' if verdict.peak is not None else '-'}"
 
 

@@ -159,7 +159,7 @@ class Content:
         groups |= {f"parameters: {name}": each for name, each in parameters.items()}
         return {
             printable(str(group)): {
-                printable(str(name)): printable(str(value))
+                printable(str(name)): printable(_said(value))
                 for name, value in values.items()
                 if value is not None
             }
@@ -347,6 +347,15 @@ def _notes(result: Result, curves: list[Curve]) -> list[str]:
         why = f" ({preset.name}: {preset.no_alarm})" if preset and preset.no_alarm else ""
         notes.append(f"no alarm of {', '.join(off)}{why}: curves are drawn over their peaks")
     return notes
+
+
+def _said(value: Any) -> str:
+    """Return a setting as text without the brackets and quotes of Python."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {_said(each)}" for name, each in value.items())
+    return ", ".join(map(_said, value)) or "none" if isinstance(value, list) else str(value)
 
 
 def _short(value: Any) -> Any:

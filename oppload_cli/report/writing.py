@@ -46,7 +46,7 @@ class _Entry(NamedTuple):
     still : bytes
         JPEG; empty without a video.
     sparks : list of tuple
-        Colour and SVG path of the curve of each detector.
+        Label, colour and SVG path of the curve of each detector.
     alarms : list of tuple
         Label and colour of the detector, time in seconds, frame and peak of each alarm.
     duration_s : float
@@ -55,6 +55,8 @@ class _Entry(NamedTuple):
         The largest response, in `unit`.
     unit : str
         The unit of `peak`, such as the alarm's threshold.
+    silence : str
+        Why `peak` set off no alarm although it is above the threshold, else empty.
     notes : list of str
         Sentences of warning.
     video : Path or None
@@ -64,11 +66,12 @@ class _Entry(NamedTuple):
     title: str
     page: Path
     still: bytes
-    sparks: list[tuple[str, str]]
+    sparks: list[tuple[str, str, str]]
     alarms: list[tuple[str, str, float, int, float]]
     duration_s: float
     peak: float
     unit: str
+    silence: str
     notes: list[str]
     video: Path | None
 
@@ -211,7 +214,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
         copy = copy_video(result, name, beside, still=content.strongest.best, tell=tell)
         video_notes = [copy.note] if copy.note else []
     except SourceError as error:
-        video_notes = [f"no video: {error}"]
+        video_notes = [f"the page has no video ({error})"]
     notes = [*content.notes, *video_notes]
     write_atomic(item.page, _page(content, copy, beside.name, notes, indexed=item.indexed))
     strongest = content.strongest
@@ -220,7 +223,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
         printable(result.title),
         item.page,
         copy.still if copy else b"",
-        [(curve.colour, _spark(curve, times)) for curve in content.curves],
+        [(curve.label, curve.colour, _spark(curve, times)) for curve in content.curves],
         [
             (span.curve.label, span.curve.colour, span.start_s, span.frame, span.peak)
             for span in content.alarms
@@ -228,6 +231,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
         float(times[-1] - times[0]),
         strongest.peak,
         strongest.unit,
+        content.silence.removeprefix(", which "),
         video_notes,
         beside if copy and copy.content is None else None,
     )
@@ -276,6 +280,7 @@ def _index_page(entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> 
         script=_script("index"),
         entries=ordered,
         alarmed=sum(bool(each.alarms) for each in entries),
+        detectors=list(dict.fromkeys(spark[:2] for each in ordered for spark in each.sparks)),
         failures=[printable(str(failure)) for failure in failures],
         spark_size=SPARK,
         threshold_row=_spark_row(1.0),

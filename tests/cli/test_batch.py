@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from oppload_cli.cli.progress import AlarmTable
+from oppload_cli.pipeline.task import Outcome
+from oppload_cli.results.alarms import Verdict
 from tests.cli import process
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
@@ -311,3 +314,10 @@ def test_a_batch_says_who_alarmed_and_lists_the_alarms(clips: Path, tmp_path: Pa
     kept = oppload(*words, "--if-exists", "skip")
     assert f"{len(alarmed)} of 2 alarmed" in kept.stderr
     assert list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines())) == rows
+
+
+def test_the_table_tells_a_peak_that_did_not_count_from_a_weak_one() -> None:
+    verdicts = (Verdict("opplod", (), 50.0), Verdict("dlgmd", (), 0.5))
+    table = AlarmTable(["clip"], ["opplod", "dlgmd"])
+    row = list(table.lines("clip", Outcome(frames=10, wall_s=1.0, verdicts=verdicts)))[-1]
+    assert row.split() == ["clip", "not", "counted", "50", "x", "-", "0.5", "x", "10"]

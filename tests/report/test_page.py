@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import OutputError, ResultError
+from oppload_cli.models.registry import detector_named
 from oppload_cli.report import video
 from oppload_cli.report.page import content_of
 from oppload_cli.report.writing import number, seconds, write_report
@@ -101,6 +102,27 @@ def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Pat
     content = content_of(read_result(table))
     assert content.alarms == []
     assert "did not count" in content.silence
+    index = write_report([table, table], table.parent).first.read_text()
+    reason = "did not count: it came at the start, a cut or a flash, or was too short"
+    assert index.count(f'title="{reason}">not counted<') == 2
+
+
+def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
+    index = write_report([table, table], table.parent).first.read_text()
+    legend = index[index.index('<p class="legend">') : index.index("</header>")]
+    assert re.findall(r'fill="([^"]+)"/></svg> ([^<]+)<', legend) == [
+        (detector_named(name).colour, detector_named(name).label) for name in ("opplod", "dlgmd")
+    ]
+
+
+def test_settings_are_words(table: Path) -> None:
+    content = sidecar_of(table.with_name("clip.mkv"))
+    content["tool"] = {"libraries": {"numpy": "2.0", "av": "18"}}
+    content["decode"] = {"complete": True, "messages": [], "damaged": False}
+    write_sidecar(table, content)
+    settings = content_of(read_result(table)).settings()
+    assert settings["tool"] == {"libraries": "numpy 2.0, av 18"}
+    assert settings["decode"] == {"complete": "yes", "messages": "none", "damaged": "no"}
 
 
 @pytest.mark.parametrize(
@@ -167,10 +189,10 @@ def test_a_page_without_its_video_says_why(kind: str, table: Path) -> None:
     write_sidecar(table, content)
     report = write_report([table], table.parent)
     expected = {
-        "gone": f"no video: {clip}: is gone; --video says where it is now",
-        "camera": "no video: camera:0: frames of a camera or a stream are not kept",
-        "unknown": "no video: no sidecar names the video of this result",
-        "broken": f"no video: {clip}: not a video that can be read",
+        "gone": f"the page has no video ({clip}: is gone; --video says where it is now)",
+        "camera": "no video (camera:0: frames of a camera or a stream are not kept)",
+        "unknown": "no video (no sidecar names the video of this result)",
+        "broken": f"no video ({clip}: not a video that can be read",
         "another": f"{clip}: is not the video of the run (bytes was",
     }[kind]
     assert any(expected in note for note in report.notes)

@@ -376,8 +376,8 @@
     const none = () => {};
     const over = data.curves.filter((curve) => curve.thresholded);
     const others = data.curves.filter((curve) => !curve.thresholded);
-    const contact = (u) => {
-      if (data.truth && data.truth.contact !== null) mark(u, "x", data.truth.contact, "contact", [4, 3]);
+    const contact = (u, label = "") => {
+      if (data.truth && data.truth.contact !== null) mark(u, "x", data.truth.contact, label, [4, 3]);
     };
     if (over.length) {
       const most = Math.max(10, ...over.map((c) => c.values.reduce((a, b) => Math.max(a, b), 0)));
@@ -390,7 +390,7 @@
         230,
         over,
         { distr: 3, log: 10, range: () => [LOWEST, top] },
-        { splits: () => decades, values: (_, splits) => splits.map(plain) },
+        { splits: () => decades, values: (_, splits) => splits.map((at) => (at > LOWEST ? plain(at) : `≤${plain(at)}`)) },
         (u) => {
           mark(u, "y", 1, "threshold", [4, 3]);
           contact(u);
@@ -418,7 +418,11 @@
         values,
       }));
       const most = Math.max(...curves.map((c) => c.values.reduce((a, b) => Math.max(a, b), 0)));
-      panel("Stimulus: angular size (deg)", 120, curves, { range: () => [0, most * 1.08] }, {}, contact);
+      panel("Stimulus: angular size (deg)", 120, curves, { range: () => [0, most * 1.08] }, {}, (u) => contact(u, "contact"));
+      const name = document.createElement("span");
+      name.className = "names";
+      name.append(" ", key("#88888840"), " ground: an object looms");
+      charts.at(-1).host.previousElementSibling.append(name);
     }
     const note = document.createElement("p");
     note.className = "axis";
