@@ -166,7 +166,8 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     names = sorted(known)
     import difflib  # noqa: PLC0415 - only for a misspelt word
 
-    near = difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    begun = [name for name in names if len(word) > 2 and name.startswith(word)]
+    near = begun[:1] or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
     if near:
         return f"; did you mean '{near[0]}'?"
     return f"; choose {', '.join(names)}" if names else ""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from oppload_cli.cli import check_display, show_file
+from oppload_cli.cli import check_display, say, show_file
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
@@ -177,6 +177,9 @@ def _plot_results(
 
     needed = {"rmo": RMO_COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
     results = [read_result(path, needed) for path in paths]
+    for result in results:
+        if result.shortfall:
+            say(f"oppload: {result.path}: {result.shortfall}")
     if kind == "rmo":
         return plot_rmo(results, **look)[0]
     if kind == "map":

@@ -249,6 +249,8 @@ def _run_one(task: Task, verbosity: int, fail_on: str | None, opening: Opening |
     progress = Progress(printable(task.name), verbosity, to_end=task.span.open_ended)
     try:
         outcome = run_task(task, progress, opening)
+    except SourceError as error:
+        raise SourceError(f"{error}{_stimulus_of(task.name)}") from error
     finally:
         progress.close()
     if verbosity >= 0:
@@ -259,6 +261,20 @@ def _run_one(task: Task, verbosity: int, fail_on: str | None, opening: Opening |
     tally = Tally()
     tally.add(task.name, outcome)
     return tally.exit_code_unless(fail_on)
+
+
+def _stimulus_of(name: str) -> str:
+    """Return how to make the stimulus whose name was given in place of a file, or nothing."""
+    if os.path.lexists(name):
+        return ""
+    from oppload_cli.errors import StimulusError
+    from oppload_cli.stimulus.catalogue import find
+
+    try:
+        found = find(name)
+    except StimulusError:
+        return ""
+    return f"; 'oppload stimuli generate {found[0].name}' makes the stimulus of this name"
 
 
 def _report(tasks: Iterator[Task], folder: Path, selection: _Selection, quiet: bool) -> int:

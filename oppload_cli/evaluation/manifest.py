@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ManifestError, suggestion
 from oppload_cli.evaluation.metrics.clips import Label
-from oppload_cli.files.reading import is_file, reading, text_of
+from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -94,6 +94,8 @@ def read_manifest(path: Path) -> Manifest:
     ManifestError
         If it cannot be read, is no CSV, or lacks a column.
     """
+    if is_folder(path):
+        raise ManifestError(f"{path}: is a folder; give its manifest, such as manifest.csv in it")
     with reading(path, ManifestError, form="CSV in UTF-8"):
         text = text_of(path, pipes=True)
         rows = list(csv.reader(io.StringIO(text, newline=""), strict=True))

@@ -100,7 +100,10 @@ def reading(
         yield
     except OSError as error:
         raise kind(f"{path}: cannot be read ({reason_of(error)}); {check}") from error
-    except (ValueError, RecursionError, csv.Error) as error:  # of UTF-8, or of the format
+    except UnicodeDecodeError as error:
+        at = f"byte {error.start + 1} cannot be read as text"
+        raise kind(f"{path}: is not valid {form} ({at}); {repair}") from error
+    except (ValueError, RecursionError, csv.Error) as error:  # of the format
         raise kind(f"{path}: is not valid {form} ({reason_of(error)}); {repair}") from error
 
 

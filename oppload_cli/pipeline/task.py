@@ -177,7 +177,10 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
         yield f"with{'' if content['measure_rmo'] else 'out'} radial motion opponency"
     if _plain(asdict(task.span)) != content["span"]:
         yield "of another part of the input: see --start, --end and --duration"
-    yield from _other_parameters(settings, content)
+    others = list(_other_parameters(settings, content))
+    if others and settings.preset != content["preset"]:  # which says more than a parameter
+        yield f"of preset {content['preset']}, not {settings.preset}"
+    yield from others
 
 
 def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[str]:

@@ -17,6 +17,7 @@ from oppload_cli.plots.panels import (
     SCALES,
     CurveOptions,
     bars_of,
+    check_xlim,
     contact_of,
     draw_curves,
     log_axis,
@@ -141,6 +142,7 @@ def plot_curves(
     )  # fmt: skip
     truths = [find_truth(result) for result in results]
     panels = panels_of(results, options, truths)
+    check_xlim(panels, xlim)
     if sum(map(len, panels)) <= MOST_CURVES or axes is not None:
         return _draw_few(panels, with_bars(panels, options), truths, axes)
     if len(results) <= MOST_PANELS:

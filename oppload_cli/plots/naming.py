@@ -50,7 +50,8 @@ def labels_of(results: Sequence[Result], given: Sequence[str] = ()) -> list[str]
     if given:
         if len(given) != len(results):
             raise ParameterError(
-                f"{len(given)} label{'s' * (len(given) > 1)} for {len(results)} results; "
+                f"{len(given)} label{'s' * (len(given) > 1)} for {len(results)} "
+                f"result{'s' * (len(results) > 1)}; "
                 "give one for each, or none"
             )
         return [plain(label) for label in given]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from oppload_cli.errors import ResultError
+from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.naming import in_number_order, labels_of, wrapped
 from oppload_cli.plots.style import (
@@ -186,6 +186,19 @@ def panels_of(
     if options.scale == "raw":
         return [[curve] for group in groups for curve in group]
     return groups
+
+
+def check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | None) -> None:
+    """Raise a ParameterError if an axis has no length, or shows no frame of any curve."""
+    if xlim is None:
+        return
+    begin, end = xlim
+    if not begin < end:
+        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no length; begin it earlier")
+    times = [curve.time for curves in panels for curve in curves]
+    if not any(((begin <= time) & (time <= end)).any() for time in times):
+        held = f"{min(time[0] for time in times):.3g} to {max(time[-1] for time in times):.3g} s"
+        raise ParameterError(f"no frame is between {begin:g} and {end:g} s; there are {held}")
 
 
 def _contact(

@@ -341,6 +341,8 @@ def _notes(result: Result, curves: list[Curve]) -> list[str]:
         messages = decode.get("messages")
         said = "; ".join(map(str, messages)) if isinstance(messages, list) else ""
         notes.append(f"the video was not read completely ({said or 'damaged frames'})")
+    if result.shortfall:
+        notes.append(result.shortfall)
     off = [curve.label for curve in curves if not curve.thresholded]
     if off:
         preset = PRESETS.get(str(result.sidecar.get("preset")))

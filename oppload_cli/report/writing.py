@@ -232,7 +232,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
         strongest.peak,
         strongest.unit,
         content.silence.removeprefix(", which "),
-        video_notes,
+        [*video_notes, *([result.shortfall] if result.shortfall else [])],
         beside if copy and copy.content is None else None,
     )
 

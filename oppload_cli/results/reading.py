@@ -71,6 +71,15 @@ class Result:
         part = self.sidecar.get(name)
         return part if isinstance(part, dict) else {}
 
+    @property
+    def shortfall(self) -> str:
+        """A sentence on rows that the run wrote and the table lacks; empty if it has them all."""
+        written = self.part("decode").get("analysed")
+        if not isinstance(written, int) or self.path.name.endswith(".part"):
+            return ""
+        lost = written - len(self.frames)
+        return f"the table lacks {lost} of the run's {written} rows; run it again" * (lost > 0)
+
     def need(self, columns: Sequence[str]) -> None:
         """Raise a ResultError that names the first of these columns that is missing."""
         _need(self.path, self.frames, columns, ANOTHER_RESULT)

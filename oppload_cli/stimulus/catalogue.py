@@ -228,7 +228,7 @@ def find(wanted: str) -> list[Entry]:
     if not found:
         names = {entry.name for entry in known}
         near = {name for entry in known for name in entry.values()} | names
-        hint = suggestion(wanted, near)
+        hint = suggestion(wanted, near | {name.rpartition("/")[2] for name in names})
         if any(name.startswith(f"{wanted}/") for name in names):
             hint = f"; did you mean '{wanted}/*'?"
         elif "did you mean" not in hint:

@@ -286,6 +286,7 @@ def test_a_result_is_skipped_only_if_it_is_the_same(clips: Path, tmp_path: Path)
     assert "skipped" in oppload(*words).stderr
     for more, difference in (
         (("--set", "opplod.gain=2"), "with opplod.gain = 1.0, not 2.0"),
+        (("--preset", "reference"), "of preset default, not reference"),
         (("--start", "f1"), "of another part of the input"),
         (("--model", "dlgmd"), "of the models opplod, dlgmd, not dlgmd"),
         (("--fov", "90"), "with no --fov, not --fov 90"),

@@ -17,6 +17,7 @@ def prepared(folder: Path) -> None:
     (folder / "empty").mkdir()
     (folder / "other.csv").write_text("a,b\n1,2\n")
     (folder / "file").write_text("in the way")
+    (folder / "binary.csv").write_bytes(b"a\xff\n")
 
 
 WRONG = [
@@ -36,6 +37,15 @@ WRONG = [
     (["run", "CLIP", "-o", "result.csv"], 2, "'result.csv' is the name of a file; give a folder"),
     (["stimuli", "generate", "looming-disk-centre", "-o", "a.MP4"], 2, "'a.MP4' is the name of a"),
     (["run", "CLIP", "CLIP2", "-o", "-"], 2, "'-o -' streams one input"),
+    (
+        ["run", "looming-disk-centre"],
+        3,
+        "'oppload stimuli generate opplod2023/looming-disk-centre'",
+    ),
+    (["stimuli", "generate", "looming-disk-center"], 2, "did you mean 'looming-disk-centre'?"),
+    (["evaluate", "empty"], 2, "empty: is a folder; give its manifest"),
+    (["run", "CLIP", "--model", "lgmd1"], 2, "no model 'lgmd1'; did you mean 'lgmd1_group'?"),
+    (["plot", "binary.csv"], 2, "is not valid text in UTF-8 (byte 2 cannot be read as text)"),
     (["run"], 2, "Missing argument 'INPUT...'"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),

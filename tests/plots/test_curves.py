@@ -285,6 +285,20 @@ def test_own_axes_and_title(result: Result) -> None:
     assert panel.get_title("left") == "A title"
 
 
+@pytest.mark.parametrize(
+    ("xlim", "said"),
+    [
+        ((6, 5), "from 6 to 5 s has no length"),
+        ((20, 30), "between 20 and 30 s; there are 0 to 1.95"),
+    ],
+)
+def test_an_axis_without_a_frame_is_an_error(
+    result: Result, xlim: tuple[float, float], said: str
+) -> None:
+    with pytest.raises(ParameterError, match=said):
+        plot_curves(result, xlim=xlim)
+
+
 @pytest.mark.parametrize("options", [{"scale": "log"}, {"align": "onset"}])
 def test_a_wrong_option_is_named(result: Result, options: dict[str, str]) -> None:
     with pytest.raises(ParameterError, match=next(iter(options.values()))):

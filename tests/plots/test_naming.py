@@ -73,5 +73,5 @@ def test_given_names_are_one_for_each(tmp_path: Path) -> None:
     result = result_of(tmp_path / "a", {})
     assert labels_of([result], ["mine"]) == ["mine"]
     assert labels_of([result]) == ["clip"]
-    with pytest.raises(ParameterError, match="2 labels for 1 results"):
+    with pytest.raises(ParameterError, match="2 labels for 1 result;"):
         labels_of([result], ["a", "b"])

@@ -115,6 +115,19 @@ def test_the_index_names_the_colours_of_the_detectors_once(table: Path) -> None:
     ]
 
 
+def test_a_table_that_was_cut_is_told(table: Path, capsys: Capture) -> None:
+    content = sidecar_of(table.with_name("clip.mkv"))
+    content["decode"] = {"analysed": ROWS}
+    write_sidecar(table, content)
+    assert content_of(read_result(table)).notes == []
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3])[:-4])
+    said = f"the table lacks 4 of the run's {ROWS} rows; run it again"
+    for command in ("report", "plot"):
+        done = run(capsys, command, table, *(["-j", "1"] if command == "report" else []))
+        assert (done.returncode, said in done.stderr) == (0, True)
+    assert said.replace("'", "&#39;") in table.with_name("clip.report.html").read_text()
+
+
 def test_settings_are_words(table: Path) -> None:
     content = sidecar_of(table.with_name("clip.mkv"))
     content["tool"] = {"libraries": {"numpy": "2.0", "av": "18"}}
