@@ -9,6 +9,7 @@ import numpy as np
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.classic import (
+    FEW,
     Request,
     plot_contrast,
     plot_ends,
@@ -21,6 +22,7 @@ from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
     DASHES,
+    DECADES,
     LEGEND_WIDTH,
     MOST_HEIGHT,
     PAGE,
@@ -249,6 +251,8 @@ def _plot_heat(tuning: Tuning, detectors: Sequence[str], title: str) -> tuple[Fi
         raise ResultError(
             f"{tuning.path}: column 'model' never holds '{detectors[0]}'; leave it out"
         )
+    if len(names) > FEW:
+        return _plot_small_heats(tuning, names, title)
     columns, rows = (tuning.rows[name].nunique() for name in tuning.parameters)
     width = COLUMN if columns <= NARROW else PAGE
     height = 0.2 + len(names) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
@@ -265,28 +269,57 @@ def _plot_heat(tuning: Tuning, detectors: Sequence[str], title: str) -> tuple[Fi
     return figure, axes
 
 
-def _draw_heat(axes: Axes, tuning: Tuning, detector: str) -> AxesImage:
+def _plot_small_heats(
+    tuning: Tuning, names: Sequence[str], title: str
+) -> tuple[Figure, list[Axes]]:
+    """Draw a small heat map for each of many detectors, without numbers, all on one scale."""
+    across, up = tuning.parameters
+    rows = -(-len(names) // 4)
+    with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + 1.75 * rows)) as figure:
+        grid = figure.subplots(rows, 4, squeeze=False, sharex=True, sharey=True).ravel()
+        axes = list(grid[: len(names)])
+        for panel, name in zip(axes, names, strict=True):
+            image = _draw_heat(panel, tuning, name, small=True)
+        for free in grid[len(names) :]:
+            free.set_visible(False)
+        for panel in axes[-4:]:  # also above an empty place
+            panel.tick_params(labelbottom=True)
+        if title:
+            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        figure.supxlabel(described(across), fontsize=7.5)
+        figure.supylabel(described(up), fontsize=7.5)
+        bar = figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02, extend="min")
+        bar.set_label("peak / largest peak")
+        bar.outline.set_linewidth(0.5)
+    return figure, axes
+
+
+def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False) -> AxesImage:
     across, up = tuning.parameters
     cells = tuning.of(detector).pivot_table(index=up, columns=across, values="peak")
     values = cells.to_numpy(float)
     largest = float(np.nanmax(values))
     share = values / largest if largest > 0 else values
-    norm = norm_of(share)
+    norm = norm_of(share, (10.0**-DECADES, 1.0) if small else None)
     image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
-    every = -(-share.shape[1] // MOST_TICKS)
+    every = -(-share.shape[1] // (6 if small else MOST_TICKS))
     names = [_number(value) for value in cells.columns]
     axes.set_xticks(range(0, share.shape[1], every), names[::every])
     axes.set_yticks(range(share.shape[0]), [_number(value) for value in cells.index])
-    if share.size <= 100 and share.shape[1] <= WIDE:
+    if share.size <= 100 and share.shape[1] <= WIDE and not small:
         least = norm.vmin or 0.0
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):
                 ink = "black" if norm(value) > 0.55 else "white"
                 text = f"{value:.2g}" if value >= least else f"<{least:.2g}"
                 axes.text(column, row, text, ha="center", va="center", color=ink, size=6)
+    shown = detector_named(detector)
+    if small:
+        axes.tick_params(labelsize=6)
+        axes.set_title(f"{shown.label}\npeak {largest:.3g} ({shown.unit})", fontsize=6, pad=2)
+        return image
     axes.set_xlabel(described(across))
     axes.set_ylabel(described(up))
-    shown = detector_named(detector)
     axes.set_title(f"{shown.label}, largest peak {largest:.3g} ({shown.unit})")
     return image
 

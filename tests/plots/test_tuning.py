@@ -166,6 +166,25 @@ def test_the_numbers_of_a_wide_heat_map_do_not_touch(tmp_path: Path) -> None:
     assert not [1 for at, one in enumerate(extents) for two in extents[:at] if one.overlaps(two)]
 
 
+@pytest.mark.filterwarnings("error")  # of a layout that found no room
+def test_heat_maps_of_many_detectors_are_small_and_on_one_scale(tmp_path: Path) -> None:
+    values = {"disk.speed_deg_s": [10.0, 10, 20, 20], "disk.size_deg": [5.0, 9, 5, 9]}
+    peaks_of = {name: [1e-9, 0.5, 4.0, 1e4] for name in list(detectors())[:19]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
+    figure, axes = plot_tuning(tuning)
+    figure.draw_without_rendering()
+    assert len(axes) == 19
+    assert figure.get_figheight() <= MOST_HEIGHT
+    assert {(panel.images[0].norm.vmin, panel.images[0].norm.vmax) for panel in axes} == {(1e-4, 1)}
+    boxes = [panel.get_window_extent() for panel in axes]
+    assert min(box.height for box in boxes) / figure.dpi > 0.9  # inches
+    for above, below in zip(axes[:-4], axes[4:], strict=True):
+        extent, box = below.get_tightbbox(), above.get_window_extent()
+        assert extent is not None
+        assert extent.y1 < box.y0  # the title of one is below the map above it
+    np.testing.assert_allclose(np.asarray(axes[0].images[0].get_array()).max(), 1)
+
+
 def test_more_than_six_curves_have_a_polar_plot_each(tmp_path: Path) -> None:
     directions = {"bar.rotation_deg": [float(angle) for angle in range(0, 360, 45)]}
     peaks_of = {name: [0.5, 1, 0, 1, 1, 1, 1, 1] for name in list(detectors())[:19]}
