@@ -96,6 +96,14 @@ def test_pages_name_only_files_of_the_project_that_exist() -> None:
     assert named > 5
 
 
+def test_the_list_of_how_to_pages_can_be_read_without_the_site() -> None:
+    listed = (DOCS / "howto" / "index.md").read_text("utf-8")
+    pages = {page for page in (DOCS / "howto").glob("*.md") if page.name != "index.md"}
+    titles = {page.name: page.read_text("utf-8").splitlines()[0][2:] for page in pages}
+    links = re.findall(r"^- \[(.*)\]\((.*)\)$", listed, re.MULTILINE)
+    assert {name: title for title, name in links} == titles
+
+
 def _pages() -> list[Path]:
     top = DOCS.parent
     others = [top / "README.md", top / "CONTRIBUTING.md", top / "benchmarks" / "README.md"]
