@@ -62,19 +62,36 @@ class _Plan:
             reach[age] = max(reach[age], dy, dx + count - 1)
         self.reach = np.array(reach, np.intc)
         self.axes = tuple(kernels.masks)
+        self.arguments = (
+            *(address(self.runs), len(self.runs), address(self.taps)),
+            *(address(self.reach), 45 in self.axes),
+        )
         self._scratch: Floats = np.zeros((0, 0), np.float32)
 
-    def scratch(self, bands: int) -> Floats:
-        """Return room for each band."""
+    def scratch(self, bands: int) -> list[int]:
+        """Return where each band has room."""
         if len(self._scratch) < bands:
             floats = loops().presynaptic_scratch(address(self.reach))
             self._scratch = np.zeros((bands, floats), np.float32)
-        return self._scratch
+        return _addresses(self._scratch)
+
+
+class _Outputs:
+    """Where the maps of sums stand, and where the sums that were computed last are not 0.
+
+    Those that are 0 stay, and only the others are written.
+    """
+
+    def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:
+        pathways = [sums.pathways[phi] for phi in (*axes, *(phi + 180 for phi in axes))]
+        maps = [address(each) for each in (sums.presynaptic, *pathways)]
+        self.arguments = *maps, *([None] * (5 - len(maps)))
+        self._filled = np.ones(sums.presynaptic.shape, np.uint8)  # at first they may hold anything
+        self.filled = address(self._filled)
 
 
 _plans: WeakKeyDictionary[Kernels, _Plan] = WeakKeyDictionary()
-# Where the sums that were computed last are not 0: those stay, and only these are written.
-_filled: WeakKeyDictionary[Sums, NDArray[np.uint8]] = WeakKeyDictionary()
+_outputs: WeakKeyDictionary[Sums, _Outputs] = WeakKeyDictionary()
 
 
 def presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: Sums) -> None:
@@ -92,20 +109,15 @@ def presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: Su
     if kernels not in _plans:
         _plans[kernels] = _Plan(kernels)
     plan = _plans[kernels]
+    if out not in _outputs:
+        _outputs[out] = _Outputs(out, plan.axes)
+    outputs = _outputs[out]
     height, width = shape = photoreceptors[0].shape[0], photoreceptors[0].shape[1]
-    pathways = [*plan.axes, *(phi + 180 for phi in plan.axes)]
-    outputs = [address(out.presynaptic), *(address(out.pathways[phi]) for phi in pathways)]
-    arguments = (
-        *(address(each) for each in photoreceptors),
-        *(height, width, address(plan.runs), len(plan.runs), address(plan.taps)),
-        *(address(plan.reach), 45 in plan.axes),
-        *(*outputs, *([None] * (5 - len(outputs)))),
-    )
-    if out not in _filled:  # it may hold anything
-        _filled[out] = np.ones(shape, np.uint8)
-    scratch, filled = plan.scratch(len(bands_of(shape))), address(_filled[out])
+    maps = [address(each) for each in photoreceptors]
+    arguments = *maps, height, width, *plan.arguments, *outputs.arguments
+    scratch, filled = plan.scratch(len(bands_of(shape))), outputs.filled
     compute = loops().presynaptic_sums
-    in_bands(shape, lambda n, *rows: compute(*arguments, *rows, address(scratch[n]), filled))
+    in_bands(shape, lambda n, *rows: compute(*arguments, *rows, scratch[n], filled))
 
 
 def group(
@@ -124,24 +136,30 @@ def group(
     return s, g
 
 
-def pool(values: Floats, down: Floats, across: Floats) -> Floats:
-    """Pool a map, as :func:`oppload_cli.models.opposing_motion.pool` does."""
-    (height, width), rows, columns = values.shape, len(down), len(across)
-    half, out = np.empty((rows, width), np.float32), np.empty((rows, columns), np.float32)
-    loops().pool(
-        *(address(values), height, width, address(down), rows, address(across), columns),
-        *(address(half), address(out)),
+def pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
+    """Pool maps, as :func:`oppload_cli.models.opposing_motion.pool` does."""
+    (height, width), rows, columns = maps[0].shape, len(down), len(across)
+    half, out = (
+        np.empty((rows, width), np.float32),
+        np.empty((len(maps), rows, columns), np.float32),
     )
+    shared = height, width, address(down), rows, address(across), columns, address(half)
+    for each, to in zip(maps, _addresses(out), strict=True):
+        loops().pool(address(each), *shared, to)
     return out
 
 
-def opponent_products(passing: Floats, opposite: Floats, weights: Floats) -> Floats:
+def opponent_products(pooled: Floats, weights: Floats) -> Floats:
     """Add up opponent products, as the function of the same name in the models does."""
-    out = np.empty_like(passing)
-    loops().opponent_products(
-        *(address(passing), address(opposite), *passing.shape),
-        *(address(weights), len(weights) // 2, address(out)),
-    )
+    axes, rows, columns = len(weights), *pooled.shape[1:]
+    out = np.empty((axes, rows, columns), np.float32)
+    at = _addresses(pooled)
+    for passing, opposite, weight, to in zip(
+        at[:axes], at[axes:], _addresses(weights), _addresses(out), strict=True
+    ):
+        loops().opponent_products(
+            passing, opposite, rows, columns, weight, weights.shape[-1] // 2, to
+        )
     return out
 
 
@@ -193,6 +211,12 @@ def rmo_sums(
     )
     count, opposite, outward, inward, largest, pairs = sums.tolist()
     return int(count), opposite, outward, inward, largest, int(pairs)
+
+
+def _addresses(maps: Floats) -> list[int]:
+    """Return where each map of a contiguous array stands in memory."""
+    first, size = address(maps), maps[0].nbytes
+    return [first + size * number for number in range(len(maps))]
 
 
 def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:

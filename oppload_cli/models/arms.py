@@ -251,11 +251,12 @@ class ArmsJudgement:
             directed = [pathways[phi] for phi in DIRECTIONS]
             parts = [np.maximum.reduce(directed), *directed]
         unit = np.float32(1 / kernels.excitation.sum())
-        pooled = [pool(np.ascontiguousarray(part), self._down, self._across) for part in parts]
+        pooled = pool(parts, self._down, self._across)
         amount = pooled[0]
         factor = np.full_like(amount, unit)
         if seen.share != 1:
-            e = np.float32(kernels.excitation.sum()) * pool(seen.maps[0], self._down, self._across)
+            e = pool(seen.maps[:1], self._down, self._across)[0]
+            e *= np.float32(kernels.excitation.sum())
             other = referred(amount, e, seen.share, directional=True)
             factor *= other / np.maximum(amount, np.float32(1e-12))
         if self._params.history:

@@ -1,7 +1,7 @@
 """Opposing motion judgement (OMJ), made to work (``docs/model.md``, section 5).
 
 Pool the S maps over cells, multiply what moves apart on opposite sides of each unit, take
-outward minus inward. :mod:`oppload_cli.models.opposing_motion` is the paper to the letter instead.
+outward minus inward. :class:`PixelwiseJudgement` is the paper to the letter instead.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.opplod_parameters import OpplodParams
 
     Floats = NDArray[np.float64]
+    Maps = NDArray[np.float32]  # several maps of cells, as one array
 
 
 _BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
@@ -108,21 +109,21 @@ def pooling_weights(length: int, centres: Floats, sigma: float, border: int = 0)
 
 
 @with_twin
-def pool(values: Map, down: Map, across: Map) -> Map:
-    """Pool a map over the cells: ``down values across'``, step 1 of section 5.
+def pool(maps: Sequence[Map], down: Map, across: Map) -> Maps:
+    """Pool maps over the cells: ``down S_phi across'`` of each, step 1 of section 5.
 
     Parameters
     ----------
-    values : ndarray of float32, shape (height, width)
-        S_phi, contiguous.
+    maps : sequence of ndarray of float32, shape (height, width)
+        S_phi, each contiguous.
     down, across : ndarray of float32, shapes (rows, height) and (columns, width)
         :func:`pooling_weights` of either side.
 
     Returns
     -------
-    ndarray of float32, shape (rows, columns)
+    ndarray of float32, shape (maps, rows, columns)
     """
-    return np.asarray(down @ values @ across.T, np.float32)
+    return np.asarray([down @ each @ across.T for each in maps], np.float32)
 
 
 def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
@@ -158,30 +159,32 @@ def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
 
 
 @with_twin
-def opponent_products(passing: Map, opposite: Map, weights: Map) -> Map:
+def opponent_products(pooled: Maps, weights: Maps) -> Maps:
     """Sum ``O(c, u) = S_phi(c + u) S_(phi+180)(c - u)`` over the offsets u, weighted.
 
     Parameters
     ----------
-    passing, opposite : ndarray of float32, shape (rows, columns)
-        The pooled S_phi and S_(phi+180), contiguous; beyond the frame they are 0.
-    weights : ndarray of float32, shape (2 reach + 1, 2 reach + 1)
-        :func:`offset_weights`.
+    pooled : ndarray of float32, shape (2 axes, rows, columns)
+        The pooled S_phi of each axis, and then the S_(phi+180), contiguous; beyond the frame
+        they are 0.
+    weights : ndarray of float32, shape (axes, 2 reach + 1, 2 reach + 1)
+        :func:`offset_weights` of each axis, contiguous.
 
     Returns
     -------
-    ndarray of float32, shape (rows, columns)
+    ndarray of float32, shape (axes, rows, columns)
         ``out(c) - w_p in(c)`` of the unit at every cell c.
     """
-    sums = np.zeros_like(passing)
-    rows, columns = passing.shape
-    reach = len(weights) // 2
-    for dy, dx in np.argwhere(weights) - reach:
+    axes, reach = len(weights), weights.shape[-1] // 2
+    sums = np.zeros_like(pooled[:axes])
+    rows, columns = sums.shape[1:]
+    for axis, dy, dx in np.argwhere(weights) - (0, reach, reach):
         y, x = abs(dy), abs(dx)  # beyond these margins one of the two is outside the frame
         if 2 * y < rows and 2 * x < columns:
-            ahead = passing[y + dy : rows - y + dy, x + dx : columns - x + dx]
-            behind = opposite[y - dy : rows - y - dy, x - dx : columns - x - dx]
-            sums[y : rows - y, x : columns - x] += weights[reach + dy, reach + dx] * ahead * behind
+            ahead = pooled[axis, y + dy : rows - y + dy, x + dx : columns - x + dx]
+            behind = pooled[axes + axis, y - dy : rows - y - dy, x - dx : columns - x - dx]
+            products = weights[axis, reach + dy, reach + dx] * ahead * behind
+            sums[axis, y : rows - y, x : columns - x] += products
     return sums
 
 
@@ -320,10 +323,12 @@ class PooledJudgement:
         # A power of a Gaussian is a Gaussian, wider where the power is below 1.
         self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
         reach = int(maps.field / 2 // (params.cell or 1))
-        self._weights = {
-            axis: offset_weights(reach, axis, params.cone, params.periphery)
-            for axis in params.both_axes
-        }
+        self._weights = np.array(
+            [
+                offset_weights(reach, axis, params.cone, params.periphery)
+                for axis in params.both_axes
+            ]
+        )
         self._excitation = np.float32(Kernels.of(params.dpc(), ()).excitation.sum())
         self._gains = selected_units(self.maps, params.grid(), shape)
         self.reset()
@@ -339,7 +344,7 @@ class PooledJudgement:
             params.adaptation_guard_s * self._per_second + 0.01,
         )
 
-    def opponency(self, pathways: Mapping[int, Map], seen: Photoreceptors | None = None) -> Map:
+    def opponency(self, pathways: Mapping[int, Map], seen: Photoreceptors | None = None) -> Maps:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
 
         Parameters
@@ -355,29 +360,25 @@ class PooledJudgement:
             Sum over both axes of ``max(0, out - w_p in)``: without the motion that has only just
             begun (`history`), and of all motion.
         """
-        pooled = {phi: pool(s, self._down, self._across) for phi, s in pathways.items()}
+        one, other = self._params.both_axes
+        directions = one, other, one + 180, other + 180
+        pooled = pool([pathways[phi] for phi in directions], self._down, self._across)
         if seen is not None and seen.share != 1:
-            e = self._excitation * pool(seen.maps[0], self._down, self._across)
-            pooled = {
-                phi: referred(s, e, seen.share, directional=True) for phi, s in pooled.items()
-            }
+            e = self._excitation * pool(seen.maps[:1], self._down, self._across)
+            pooled = referred(pooled, e, seen.share, directional=True)
         if self._params.compression != 1:
-            pooled = {phi: each**self._params.compression for phi, each in pooled.items()}
+            pooled **= self._params.compression
         everything = counted = self._outward(pooled)
         if seen is not None and self._params.history:
             known = has_history(seen.coarse(self.maps.responses.shape), self._params.history)
             if not known.all():
-                pooled = {phi: each * known for phi, each in pooled.items()}
+                pooled *= known
                 counted = self._outward(pooled)
-        self.maps = self.maps._replace(pathways=pooled)
+        self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
         return np.stack((counted, everything))
 
-    def _outward(self, pooled: Mapping[int, Map]) -> Map:
-        total = np.zeros_like(self.maps.responses)
-        for axis, weights in self._weights.items():
-            products = opponent_products(pooled[axis], pooled[axis + 180], weights)
-            total += np.maximum(products, 0)
-        return total
+    def _outward(self, pooled: Maps) -> Map:
+        return np.asarray(np.maximum(opponent_products(pooled, self._weights), 0).sum(axis=0))
 
     def judge(
         self,

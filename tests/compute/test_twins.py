@@ -189,28 +189,31 @@ def test_grouping_keeps_a_value_that_equals_the_threshold(
 @pytest.mark.parametrize(("cell", "sigma"), [(8, 1.5), (7, 0.43), (1, 2.0), (24, 1.5)])
 @pytest.mark.parametrize("shape", [*SHAPES, (131, 118)])
 def test_pooling(shape: tuple[int, int], cell: int, sigma: float) -> None:
-    values = np.random.default_rng(2).random(shape, dtype=np.float32)
-    values[: shape[0] // 4] = 0
+    maps = list(np.random.default_rng(2).random((3, *shape), dtype=np.float32))
+    maps[0][: shape[0] // 4] = 0
     down, across = (
         pooling_weights(length, cell_centres(length, cell), sigma * cell) for length in shape
     )
-    found = opposing_motion.pool(values, down, across)
+    found = opposing_motion.pool(maps, down, across)
     np.testing.assert_allclose(
-        found, plain(opposing_motion.pool)(values, down, across), rtol=1e-5, atol=1e-7
+        found, plain(opposing_motion.pool)(maps, down, across), rtol=1e-5, atol=1e-7
     )
-    np.testing.assert_allclose(found, reference.pooled(values, cell, sigma), atol=2e-6)
+    for one, values in zip(found, maps, strict=True):
+        np.testing.assert_allclose(one, reference.pooled(values, cell, sigma), atol=2e-6)
 
 
-@pytest.mark.parametrize("axis", [0, 45, 90, 135])
+@pytest.mark.parametrize("axes", [(0, 90), (45, 135), (135,)])
 @pytest.mark.parametrize("cone", [90.0, 60.0, 45.0, 20.0])
-def test_opponent_products(axis: int, cone: float) -> None:
+def test_opponent_products(axes: tuple[int, ...], cone: float) -> None:
     for shape, reach in (((1, 1), 3), ((5, 17), 6), ((9, 9), 2), ((4, 30), 0), ((2, 3), 9)):
-        one, other = np.random.default_rng(axis).random((2, *shape), dtype=np.float32)
-        weights = offset_weights(reach, axis, cone, 0.7)
-        found = opposing_motion.opponent_products(one, other, weights)
-        expected = reference.opponent_products(one, other, axis, reach, w_p=0.7, cone=cone)
-        np.testing.assert_allclose(found, expected, atol=2e-5)
-        alike = plain(opposing_motion.opponent_products)(one, other, weights)
+        pooled = np.random.default_rng(axes).random((2 * len(axes), *shape), dtype=np.float32)
+        weights = np.array([offset_weights(reach, axis, cone, 0.7) for axis in axes])
+        found = opposing_motion.opponent_products(pooled, weights)
+        for n, axis in enumerate(axes):
+            one, other = pooled[n], pooled[len(axes) + n]
+            expected = reference.opponent_products(one, other, axis, reach, w_p=0.7, cone=cone)
+            np.testing.assert_allclose(found[n], expected, atol=2e-5)
+        alike = plain(opposing_motion.opponent_products)(pooled, weights)
         np.testing.assert_allclose(found, alike, atol=1e-5)
 
 
