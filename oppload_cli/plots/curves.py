@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.naming import labels_of, wrapped
+from oppload_cli.plots.naming import in_two_lines, labels_of, wrapped
 from oppload_cli.plots.panels import (
     BAR_STEP,
     FLOOR,
@@ -443,8 +443,11 @@ def _draw_heat(
             panel.set_xlabel(time_label(options))
         step = -(-len(names) // MOST_NAMES)
         shown = range(0, len(names), step)
-        axes[0].set_yticks(shown, [names[at] for at in shown])
+        axes[0].set_yticks(shown, [in_two_lines(names[at]) for at in shown])
         axes[0].tick_params(axis="y", labelsize=6, length=0)
+        for label in axes[0].get_yticklabels():
+            if "\n" in label.get_text():
+                label.set(fontsize=4.5, linespacing=0.9)
         if step > 1:
             axes[0].set_ylabel(f"one name in {step} is written")
         if options.title:

@@ -133,6 +133,11 @@ def wrapped(text: str, width: int) -> str:
     return plain("\n".join(each for line in lines for each in line))
 
 
+def in_two_lines(name: str) -> str:
+    """Return a name in two lines of like length, if it is longer than 36 characters."""
+    return wrapped(name, max(36, len(name) // 2 + 8))
+
+
 def plain(text: str) -> str:
     """Return a text that a figure shows as it is: no formula, and every character can be drawn."""
     lines = (printable(line) for line in text.split("\n"))

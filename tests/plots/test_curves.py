@@ -230,6 +230,18 @@ def test_more_than_24_results_are_a_heat_map_of_bounded_size(tmp_path: Path) -> 
     assert len(opplod.lines) == 70  # the alarm of each
 
 
+def test_a_long_name_leaves_a_heat_map_its_width(tmp_path: Path) -> None:
+    long = "a video with a rather long name, of the second camera in the cellar, the copy"
+    names = [*(f"clip-{number}" for number in range(24)), long]
+    figure, (panel,) = plot_curves(several(tmp_path, 25), models=["opplod"], labels=names)
+    figure.draw_without_rendering()
+    assert panel.get_position().width > 0.6
+    told = [label.get_text().replace("\n", " ") for label in panel.get_yticklabels()]
+    assert told == names
+    last, before = (panel.get_yticklabels()[at].get_window_extent() for at in (-1, -2))
+    assert not last.overlaps(before)
+
+
 def test_figures_are_bounded(tmp_path: Path) -> None:
     for count, scale in ((3, "threshold"), (3, "raw"), (24, "threshold"), (24, "raw")):
         figure, _ = plot_curves(several(tmp_path, count), scale=scale)
