@@ -23,7 +23,7 @@ from oppload_cli.plots.style import (
     TITLE_WIDTH,
     styled_figure,
 )
-from oppload_cli.reference.lplc2 import BOTH_ENDS_OVER_ONE
+from oppload_cli.reference.published import BOTH_ENDS_OVER_ONE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -21,7 +21,7 @@ from oppload_cli.plots.style import (
     PAGE,
     styled_figure,
 )
-from oppload_cli.reference.looming import PublishedPeak, published_peaks
+from oppload_cli.reference.published import AngularThreshold, angular_thresholds
 from oppload_cli.results.reading import check_numbers
 
 if TYPE_CHECKING:
@@ -256,7 +256,7 @@ def _largest_angle(tuning: Tuning) -> float | None:
 def _draw_published(axes: Sequence[Axes], longest: float) -> None:
     """Draw the neurons: a range over animals as a band, single ones as lines."""
     x = np.array([0.0, longest])
-    peaks = {(each.neuron, each.kind): each for each in published_peaks()}
+    peaks = {(each.neuron, each.kind): each for each in angular_thresholds()}
     for (neuron, kind), each in peaks.items():
         line = each.slope * x - each.delay_ms
         if kind == "upper limit":
@@ -276,7 +276,7 @@ def _draw_published(axes: Sequence[Axes], longest: float) -> None:
     axes[0].set_xlim(right=longest)
 
 
-def _named(peak: PublishedPeak, low: PublishedPeak | None = None) -> str:
+def _named(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
     """Return the label of a published threshold, or of a range that begins at `low`."""
     study = peak.source.rsplit(", ", 1)[0]
     what = "range over animals" if low else peak.kind

@@ -22,7 +22,7 @@ from oppload_cli.plots.style import (
     TITLE_WIDTH,
     styled_figure,
 )
-from oppload_cli.reference.lplc2 import BAR_WIDTHS, bar_tuning
+from oppload_cli.reference.published import BAR_WIDTHS, bar_tuning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -17,7 +17,7 @@ from oppload_cli.models.registry import detector_named, parameters_of
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
-from oppload_cli.reference.lplc2 import SOURCE, peaks
+from oppload_cli.reference.published import SOURCE, lplc2_peaks
 from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict
 from oppload_cli.reproduction.common import DPI, WIDE
 from oppload_cli.stimulus.catalogue import load_all
@@ -117,7 +117,7 @@ def axis_of(name: str) -> float | None:
 def published() -> dict[tuple[str, float | None, int | None], float]:
     """Return the published peaks over that of the loom, by stimulus, axis and width."""
     known = {}
-    for peak in peaks():
+    for peak in lplc2_peaks():
         kind, _, word = peak.stimulus.rpartition("_")
         name = kind if word in _NAMED_DIRECTIONS else peak.stimulus
         for family in BATTERY:

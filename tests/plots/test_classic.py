@@ -13,7 +13,7 @@ from oppload_cli.errors import ResultError
 from oppload_cli.plots.classic import both_over_one, half_distance
 from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.tuning import kind_of, lines_of, plot_tuning
-from oppload_cli.reference.looming import published_peaks
+from oppload_cli.reference.published import angular_thresholds
 from oppload_cli.results.reading import read_tuning
 from tests.results.make import write_tuning
 
@@ -162,7 +162,7 @@ def test_the_display_ends_before_a_disk_of_180_degrees(tmp_path: Path) -> None:
 
 
 def test_published_thresholds_have_source_and_error() -> None:
-    peaks = {(each.neuron, each.kind): each for each in published_peaks()}
+    peaks = {(each.neuron, each.kind): each for each in angular_thresholds()}
     example = peaks["locust DCMD", "example"]
     assert (example.angle_deg, example.delay_ms) == (24, 27)
     assert example.slope == pytest.approx(4.70, abs=0.01)

@@ -15,7 +15,7 @@ from oppload_cli.plots.naming import described
 from oppload_cli.plots.polar import direction_tunings
 from oppload_cli.plots.style import MOST_HEIGHT
 from oppload_cli.plots.tuning import plot_tuning
-from oppload_cli.reference.lplc2 import bar_tuning, peaks
+from oppload_cli.reference.published import bar_tuning, lplc2_peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
 from tests.results.make import write_tuning
 
@@ -63,8 +63,8 @@ def test_the_reference_has_the_published_numbers() -> None:
     assert bar_tuning(10) == {15: 0.33, 45: 0.34, 75: 0.32, 105: 0.38, 135: 0.39, 165: 0.41}
     assert bar_tuning(60) == {15: 0.19, 45: 0.05, 75: 0.15, 105: 0.18, 135: 0.07, 165: 0.23}
     assert bar_tuning(20) == {}
-    assert len(peaks()) == 21
-    assert {p.stimulus: p.relative for p in peaks()}["cross_outward"] == 0.46
+    assert len(lplc2_peaks()) == 21
+    assert {p.stimulus: p.relative for p in lplc2_peaks()}["cross_outward"] == 0.46
 
 
 def test_two_parameters_make_a_heat_map(tmp_path: Path) -> None:

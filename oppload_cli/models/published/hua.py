@@ -5,21 +5,246 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Column, Detector, Response
 from oppload_cli.models.presets import DEFAULT_PRESET
-from oppload_cli.models.published.hua_motion import FIRST_FRAME, HuaMotion
-from oppload_cli.models.published.parts import USUAL_RATE
+from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE, grey_levels
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
     from typing import Any
 
+    from numpy.typing import NDArray
+
     from oppload_cli.models.dpc import Map
 
 LOW_PASS_MS = 30.0
 QUADRANTS = "right_down", "left_down", "left_up", "right_up"
+EXPONENTS = 0.9, 0.5  # of T4 (ON) and T5 (OFF)
+RIGHT, LEFT, DOWN, UP = range(4)
+FIRST_FRAME = 2  # the authors' code passes over the difference of the first two frames
+SMALLEST = np.float32(1e-22)
+LEAST = np.float32(1e-30)
+
+
+# ---- The motion, which both variants share ---------------------------------------------------
+
+
+def _gaussian_line(radius: int, sigma: float) -> Map:
+    """Return a row of a Gaussian kernel, of sum 1."""
+    line = np.exp(-(np.arange(-radius, radius + 1) ** 2) / (2 * sigma**2))
+    return np.asarray(line / line.sum(), np.float32)
+
+
+def _radial_bias(shape: tuple[int, int]) -> Map:
+    """Return the weight of each pixel, a Gaussian about the middle of the frame."""
+    height, width = shape
+    middle_y, middle_x = max(1, height // 2), max(1, width // 2)
+    y = ((np.arange(height) - middle_y) / middle_y) ** 2
+    x = ((np.arange(width) - middle_x) / middle_x) ** 2
+    bias = np.exp(-4.5 * (y[:, None] + x)) / (2 * np.pi * height / width)
+    return np.asarray(bias, np.float32)
+
+
+class _Pathway:
+    """T4 (of ON signals) or T5 (of OFF signals): motion in four directions.
+
+    All arrays are made once: to allocate them takes more time than to compute them.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the frames.
+    exponent : float
+        Of its motion.
+    share : float
+        Share of the input in each low-passed value.
+    """
+
+    def __init__(self, shape: tuple[int, int], exponent: float, share: float) -> None:
+        self._exponent, self._share = exponent, share
+        self._bias = _radial_bias(shape)
+        self._spread = _gaussian_line(5, 5.0)
+        self._room, self._other, self._s = np.empty((3, *shape), np.float32)
+        self._signal, self._delayed, self._contrast = np.zeros((3, *shape), np.float32)
+        # T of neighbours, low-passed: of each pixel with that to its right, and with that below.
+        self._across, self._down = np.zeros((2, *shape), np.float32)
+        self._motion = np.zeros((4, *shape), np.float32)
+
+    def step(self, change: Map) -> list[Map]:
+        """Return its motion to the right, left, down and up; the next frame overwrites it.
+
+        Parameters
+        ----------
+        change : ndarray of float32, shape (height, width)
+            Band-passed change of luminance, towards ON or OFF.
+        """
+        share = self._share
+        cv2.threshold(change, 0, 0, cv2.THRESH_TOZERO, dst=self._room)
+        cv2.scaleAdd(self._signal, DECAY, self._room, dst=self._signal)
+        _flush(self._signal)
+        s, d = _blurred(self._signal, self._spread, self._s), self._delayed
+        _flush(s)
+        cv2.addWeighted(s, share, d, 1 - share, 0, dst=d)
+        _flush(d)
+        rise = self._rise(s)
+        self._low_pass(self._across[:, :-1], s[:, :-1], s[:, 1:], d[:, :-1], d[:, 1:])
+        self._low_pass(self._down[:-1], s[:-1], s[1:], d[:-1], d[1:])
+        # T of a pixel and its neighbour is that of the neighbour and the pixel with the other
+        # sign; beyond the frame the edge is repeated, so that T is 0 there.
+        bias, motion = self._bias, self._motion
+        np.multiply(bias, self._across, out=motion[RIGHT])
+        np.multiply(bias[:, 1:], self._across[:, :-1], out=motion[LEFT][:, 1:])
+        np.multiply(bias, self._down, out=motion[DOWN])
+        np.multiply(bias[1:], self._down[:-1], out=motion[UP][1:])
+        motion[LEFT][:, 0], motion[UP][0] = 0, 0
+        for way, each in enumerate(motion):
+            if way in {LEFT, UP}:
+                np.add(each, rise, out=each)
+                np.negative(each, out=each)
+            else:
+                np.subtract(each, rise, out=each)
+            _to_power(each, self._exponent)
+        return list(motion)
+
+    def _rise(self, s: Map) -> Map:
+        """Return by how much the contrast of S with its 8 neighbours rose since the frame before.
+
+        The mean of the neighbours is ``(9 A3 * S - S) / 8``, so that the contrast is
+        ``9/8 |S - A3 * S|``.
+        """
+        before, now = self._contrast, self._other
+        cv2.blur(s, (3, 3), dst=now, borderType=EDGE)
+        cv2.absdiff(s, now, dst=now)
+        self._contrast, self._other = now, before
+        return np.asarray(cv2.addWeighted(now, 9 / 8, before, -9 / 8, 0, dst=self._room))
+
+    def _low_pass(self, t: Map, s_here: Map, s_there: Map, d_here: Map, d_there: Map) -> None:
+        """Low-pass T in place, its input the correlated signals of a pixel and a neighbour."""
+        new = self._motion[0][: t.shape[0], : t.shape[1]]
+        np.subtract(d_here, d_there, out=new)
+        np.multiply(new, s_here, out=new)
+        np.multiply(new, s_there, out=new)
+        np.multiply(new, np.float32(self._share), out=new)
+        np.multiply(t, np.float32(1 - self._share), out=t)
+        np.add(t, new, out=t)
+        np.add(t, SMALLEST, out=t)  # as `_flush`, for both signs
+        np.subtract(t, SMALLEST, out=t)
+
+
+def _to_power(values: Map, exponent: float) -> None:
+    """Raise the values above 0 to a power in place; the others become next to nothing."""
+    np.maximum(values, LEAST, out=values)
+    if exponent == 0.5:
+        np.sqrt(values, out=values)
+        return
+    # By logarithms, which NumPy computes for several values at once.
+    np.log(values, out=values)
+    np.multiply(values, np.float32(exponent), out=values)
+    np.exp(values, out=values)
+
+
+def _flush(values: Map) -> None:
+    """Set values below 1e-9 of a grey level to 0, in place.
+
+    Values that decay from frame to frame would otherwise fall to numbers so small that a
+    processor needs many times as long for each.
+    """
+    cv2.threshold(values, 1e-9, 0, cv2.THRESH_TOZERO, dst=values)
+
+
+def _blurred(values: Map, line: Map, out: Map | None = None) -> Map:
+    """Return the values blurred by a Gaussian, with the nearest pixel repeated beyond the frame."""
+    return np.asarray(cv2.sepFilter2D(values, -1, line, line, dst=out, borderType=EDGE), np.float32)
+
+
+class _Motion:
+    """The network up to its last layer, which both variants share: net motion along both axes.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the frames.
+    low_pass_ms : float
+        Time constant of the delay.
+    interval_ms : float
+        Between two frames.
+
+    Attributes
+    ----------
+    frames : int
+        How many frames were taken.
+    sums : ndarray of float64, shape (2, 2, 2, 2)
+        By axis (across, down), half of the frame (upper, lower), half (left, right): the sums
+        of the motion to the right or downwards through the Gaussian error linear unit, and of
+        the motion the other way through it.
+    """
+
+    def __init__(self, shape: tuple[int, int], low_pass_ms: float, interval_ms: float) -> None:
+        self.shape, self._share = shape, interval_ms / (interval_ms + low_pass_ms)
+        self._bands = _gaussian_line(1, 1.0), _gaussian_line(2, 2.0)
+        self._change, self._band, self._net, self._bent = np.empty((4, *shape), np.float32)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self.frames = 0
+        self.sums = np.zeros((2, 2, 2, 2))
+        self._before: NDArray[np.uint8] | None = None
+        self._pathways = [_Pathway(self.shape, each, self._share) for each in EXPONENTS]
+
+    @property
+    def ready(self) -> bool:
+        """Whether there was a change to answer to."""
+        return self.frames > FIRST_FRAME
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; return `ready`."""
+        now = grey_levels(luma, self.shape)
+        before, self._before = self._before, now
+        self.frames += 1
+        if before is None or not self.ready:
+            return False
+        p = self._change
+        cv2.subtract(now, before, dst=p, dtype=cv2.CV_32F)
+        fine, coarse = self._bands
+        _blurred(p, coarse, self._net)
+        band = np.subtract(_blurred(p, fine, self._band), self._net, out=self._band)
+        on = self._pathways[0].step(band)
+        off = self._pathways[1].step(np.negative(band, out=band))
+        for axis, (way, back) in enumerate(((RIGHT, LEFT), (DOWN, UP))):
+            net = np.subtract(on[way], on[back], out=self._net)
+            net += off[way]
+            net -= off[back]
+            self.sums[axis] = self._sums(net)
+        return True
+
+    def _sums(self, x: Map) -> Any:
+        """Return the sums of GELU(x) and GELU(-x) over the quadrants, shape (2, 2, 2).
+
+        The Gaussian error linear unit in its form by the tangent is ``x / 2 + b`` with
+        ``b = x / 2 tanh(0.7978846 (x + 0.044715 x^3))``, and that of -x is ``b - x / 2``.
+        """
+        bent = np.multiply(x, x, out=self._bent)
+        bent *= np.float32(0.7978846 * 0.044715)
+        bent += np.float32(0.7978846)
+        bent *= x
+        np.tanh(bent, out=bent)
+        bent *= x
+        sums = np.empty((2, 2, 2))
+        # The authors count rows and columns from 1.
+        row, column = self.shape[0] // 2 - 1, self.shape[1] // 2 - 1
+        for y, rows in enumerate((slice(row), slice(row, None))):
+            for z, columns in enumerate((slice(column), slice(column, None))):
+                own = rows, columns
+                half, curved = (each[own].sum(dtype=np.float64) / 2 for each in (x, bent))
+                sums[y, z] = curved + half, curved - half
+        return sums
+
+
+# ---- The detectors ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +311,7 @@ class HuaFixed(Detector):
         super().__init__(shape, params, **others)
         interval_ms = 1000 / (self.frame_rate or USUAL_RATE)
         constants = shape, self.params.low_pass_ms, interval_ms
-        self._motion = self.layers.other(("hua", *constants), lambda: HuaMotion(*constants))
+        self._motion = self.layers.other(("hua", *constants), lambda: _Motion(*constants))
         self._sums = np.zeros(4)
 
     def reset(self) -> None:

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
+import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Box, Column, Response
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published import parts
-from oppload_cli.models.published.mlplc2_parts import (
-    BAND,
-    HALF_FIELD,
-    MOTION_MS,
-    SUMMED_FRAMES,
-    Attention,
-    corner_line,
-    correlate,
-    cut,
-    powered,
-)
 from oppload_cli.models.published.parts import ZERO, ChangeDetector, low_pass_share, spread
 from oppload_cli.schema import Parameters, parameter
 
@@ -40,6 +31,120 @@ GAIN, EXPONENTS = 10.0, (0.9, 0.5)  # of T4 (ON) and T5 (OFF)
 LEAST_MOTION, LOST_MOTION = 2.0, 1e-20
 KEPT_ABOVE, COLLISION = 10_000.0, 1000.0  # of the latest outputs of a field; of its output
 QUADRANTS = ("ru", "upper right"), ("lu", "upper left"), ("lb", "lower left"), ("rb", "lower right")
+BAND = 5  # px at the frame's edge without motion
+DELAYS_MS = 80.0, 70.0, 60.0, 50.0, 40.0  # at distances of 1 to 5 px
+NULL_WEIGHT, MOTION_MS = 1.5, 30.0  # of motion the other way; low-pass of motion
+NEIGHBOURS = (0, 1), (0, -1), (1, 0), (-1, 0)  # to the right, left, below, above: rows, columns
+HALF_FIELD, SUMMED_FRAMES = 75, 5  # px, frames
+FAINTEST_MOTION = 1e-12  # of which a power is taken
+
+
+# ---- Fields cut at the edge, correlators of neighbours, and fields of attention --------------
+
+
+def _corner_line(size: int, used: int, sigma: float) -> Plane:
+    """Return the first part of a Gaussian of sum 1, whose square the authors apply centred."""
+    line = np.exp(-((np.arange(size) - size // 2) ** 2) / (2 * sigma**2))
+    return np.asarray(line[:used] / line.sum(), np.float64)
+
+
+def _cut(p: Plane, line: Plane) -> Plane:
+    """Return P convolved with the square of a line, as the authors' loop computes it.
+
+    Their running sum is set to 0 after every tap that lies in the outer band, in the order of
+    rows. So a pixel whose last tap lies there gets 0. Near the upper edge only the rows below
+    the band count, and near the left edge only the part of the last row beyond it.
+    """
+    reach = len(line) // 2
+    inner, last_row = p.copy(), np.zeros((len(line), len(line)))
+    inner[:BAND], inner[:, :BAND], last_row[-1] = 0, 0, line[-1] * line
+    out = np.asarray(cv2.sepFilter2D(inner, -1, line, line, borderType=ZERO))
+    side = BAND + reach
+    out[:, :side] = spread(inner[:, : side + reach], last_row, ZERO)[:, :side]
+    out[: BAND - reach], out[-side:], out[:, : BAND - reach], out[:, -side:] = 0, 0, 0, 0
+    return np.asarray(out, np.float64)
+
+
+def _correlate(
+    motion: Plane, here: Places, signals: tuple[Plane, Plane], width: int, interval_ms: float
+) -> None:
+    """Add the low-passed correlation of some pixels with their neighbours in four directions.
+
+    Parameters
+    ----------
+    motion : ndarray of float64, shape (4, pixels)
+        Is changed in place.
+    here : ndarray of int
+        The pixels, outside the band at the edge: those whose signal is above 0.
+    signals : tuple of ndarray of float64, shape (pixels,)
+        The compressed signal of this frame and of the one before.
+    width : int
+        Of the frame in px.
+    interval_ms : float
+        Between two frames.
+    """
+    share = low_pass_share(interval_ms, MOTION_MS)
+    now, before = signals
+    now_here, before_here = now[here], before[here]
+    for distance, tau in enumerate(DELAYS_MS, 1):
+        late = low_pass_share(interval_ms, tau)
+        d_here = late * now_here + (1 - late) * before_here
+        for own, (dy, dx) in zip(motion, NEIGHBOURS, strict=True):
+            there = here + distance * (dy * width + dx)
+            now_there = now[there]
+            d_there = late * now_there + (1 - late) * before[there]
+            e = d_here * d_there * (now_there - NULL_WEIGHT * now_here)
+            e[(e < 0) | (e > 1)] = 0
+            own[here] += share * e
+
+
+def _powered(motion: Plane, exponent: float) -> Plane:
+    """Return a power of the motion, 0 where it has all but decayed."""
+    if exponent == 0.5:
+        return np.sqrt(motion)
+    return np.where(motion > FAINTEST_MOTION, np.maximum(motion, FAINTEST_MOTION) ** exponent, 0)
+
+
+@dataclass
+class _Attention:
+    """A field of attention: its number, place and first frame, and its latest sums."""
+
+    number: int
+    y: int
+    x: int
+    birth: int = 0
+    quadrants: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    sums: deque[float] = field(default_factory=lambda: deque(maxlen=SUMMED_FRAMES))
+    outputs: deque[float] = field(default_factory=lambda: deque([0.0], SUMMED_FRAMES))
+
+    def take(self, y: Places, x: Places, net: Plane) -> None:
+        """Sum the outward part of the motion in each quadrant.
+
+        Parameters
+        ----------
+        y, x : ndarray of int, shape (n,)
+            The pixels that move.
+        net : ndarray of float64, shape (2, n)
+            Their net motion to the right and downwards.
+        """
+        dy, dx = y - self.y, x - self.x
+        inside = np.abs(2 * dy + 1) < 2 * HALF_FIELD
+        inside &= np.abs(2 * dx + 1) < 2 * HALF_FIELD
+        dy, dx, (across, downward) = dy[inside], dx[inside], net[:, inside]
+        right, left = np.maximum(across, 0), np.maximum(-across, 0)
+        down, up = np.maximum(downward, 0), np.maximum(-downward, 0)
+        middle = (dy == 0) & (dx == 0)
+        self.quadrants = (
+            float((right + up)[(dy <= 0) & (dx > 0)].sum()),
+            float((left + up)[(dy < 0) & (dx <= 0)].sum()),
+            float((left + down)[(dy >= 0) & (dx < 0)].sum()),
+            float((right + down)[((dy > 0) & (dx >= 0)) | middle].sum()),
+        )
+        self.sums.append(sum(self.quadrants) if all(self.quadrants) else 0.0)
+        self.outputs.append(sum(self.sums))
+
+
+# ---- The detector ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +220,7 @@ class Mlplc2(ChangeDetector):
     def forget(self) -> None:
         """Forget all changes."""
         self._interval_ms = 1000 / (self.frame_rate or parts.USUAL_RATE)
-        line = corner_line(*COMPRESSION)
+        line = _corner_line(*COMPRESSION)
         reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
         self._reach = reach
         # Compression passes the threshold where the signal is above this.
@@ -132,7 +237,7 @@ class Mlplc2(ChangeDetector):
         self._inner = edge.ravel()
         self._active: list[Places] = [np.empty(0, np.intp)] * 2
         self._earlier = list(self._active)
-        self._fields: list[Attention] = []
+        self._fields: list[_Attention] = []
         self._frames = self._opened = 0
 
     def answer(self, p: Plane) -> Mlplc2Response:
@@ -150,16 +255,16 @@ class Mlplc2(ChangeDetector):
         for motion, pair, now, before in zip(
             self._motion, self._pairs(), self._now, self._former, strict=True
         ):
-            correlate(motion, pair, (now, before), self.shape[1], self._interval_ms)
+            _correlate(motion, pair, (now, before), self.shape[1], self._interval_ms)
         own = self._motion[:, :, moving]
         self._moves[moving] = (own > LOST_MOTION).any(axis=(0, 1))
-        t4, t5 = (powered(*each) for each in zip(own, EXPONENTS, strict=True))
+        t4, t5 = (_powered(*each) for each in zip(own, EXPONENTS, strict=True))
         return self._attend(moving, GAIN * (t4 + t5))
 
     def _drive(self, inhibiting: Plane, exciting: Plane) -> None:
         """Let excitation and inhibition drive the ON and the OFF signal, which decay."""
-        excitation = cut(exciting, corner_line(*EXCITATION))
-        s = cut(inhibiting, corner_line(*INHIBITION))
+        excitation = _cut(exciting, _corner_line(*EXCITATION))
+        s = _cut(inhibiting, _corner_line(*INHIBITION))
         np.multiply(s, -INHIBITION_WEIGHT, out=s)
         np.add(s, excitation, out=s)
         bright = excitation >= 0
@@ -205,7 +310,7 @@ class Mlplc2(ChangeDetector):
         if magnitude.size and magnitude.max() > 0:
             best = int(magnitude.argmax())
             moved = float(magnitude[best]), int(x[best]), int(y[best])
-        fields = self._fields or [Attention(0, -1, -1)]
+        fields = self._fields or [_Attention(0, -1, -1)]
         oldest, largest = fields[0], max(fields, key=lambda each: each.outputs[-1])
         output, side = largest.outputs[-1], 2.0 * HALF_FIELD
         left_top = largest.x - HALF_FIELD, largest.y - HALF_FIELD
@@ -229,4 +334,4 @@ class Mlplc2(ChangeDetector):
         if beyond.any():
             last = np.flatnonzero(beyond)[-1]  # records grow
             self._opened += 1
-            self._fields.append(Attention(self._opened, int(y[last]), int(x[last]), self._frames))
+            self._fields.append(_Attention(self._opened, int(y[last]), int(x[last]), self._frames))
