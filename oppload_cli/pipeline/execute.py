@@ -283,7 +283,10 @@ class _Run:
         remarks = self._times.notes()
         pictures, rate = self._pictures_per_s(), self.video.facts.frame_rate
         if pictures is not None and rate is not None:
-            remarks.append(f"{float(rate):.4g} frames/s file, about {pictures:.2g} pictures/s")
+            remarks.append(
+                f"holds about {pictures:.2g} different pictures/s in {float(rate):.4g} frames/s; "
+                "the repeats are left out"
+            )
         return tuple(remarks)
 
     def _field_of_view(self, groups: Mapping[str, Parameters]) -> dict[str, Any] | None:

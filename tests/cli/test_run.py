@@ -122,6 +122,16 @@ def test_preset_paper_runs_at_its_own_height(clip: Path, tmp_path: Path) -> None
     assert (sidecar["preset"], sidecar["working"]["height"]) == ("paper", 600)
 
 
+def test_a_cadence_of_repeats_is_told(tmp_path: Path) -> None:
+    pictures = grey_frames(30, seed=2)
+    write_video(tmp_path / "cadence.avi", [each for each in pictures for _ in range(2)])
+    said = "cadence.avi: holds about 15 different pictures/s in 30 frames/s; the repeats are left"
+    for handling, told in (("near", True), ("keep", False)):
+        words = ("--repeats", handling, "--height", "48", "--no-rmo", "--if-exists", "overwrite")
+        done = oppload("run", tmp_path / "cadence.avi", "-o", tmp_path, *words)
+        assert (done.returncode, said in done.stderr) == (0, told)
+
+
 def test_an_existing_result_is_not_touched_without_being_asked(clip: Path, tmp_path: Path) -> None:
     there = tmp_path / "loom.frames.csv"
     there.write_text("mine")
