@@ -185,6 +185,15 @@ def test_a_looming_disk_has_the_same_peak_at_any_rate(name: str, rate: float, mo
     assert 1 / most <= here / there <= most
 
 
+@pytest.mark.parametrize("name", ["opplod", "dlgmd"])
+@pytest.mark.parametrize("rate", [60, 90, 120, 240])
+def test_frames_between_change_nothing_at_the_same_times(name: str, rate: int) -> None:
+    here = {round(30 * time_s, 6): each.response for time_s, each in responses(rate, name).items()}
+    there = [each.response for each in responses(30, name).values()]
+    assert max(there) > 0
+    assert [here[number] for number in range(3, 3 + len(there))] == there
+
+
 # ---- Rest ----------------------------------------------------------------------------------
 
 
