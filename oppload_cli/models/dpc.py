@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Map = NDArray[np.float32]  # one value per pixel of the working frame
 
 MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
-TOO_YOUNG = 1 / 8  # reference intervals that a frame may lack and count as one interval old
+TOO_YOUNG = 1 / 8  # of an interval that a frame may lack and count as one interval old
 MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
 
 
@@ -170,7 +170,7 @@ class Photoreceptors:
     """P of a video, now and one and two intervals ago.
 
     P(t) compares a frame with the youngest one that is an interval old, or with the next one, if
-    that is nearer and lacks 1/8 of the reference interval at most. One interval ago is when the
+    that is nearer and lacks 1/8 of the interval at most. One interval ago is when the
     frame was that it is compared with.
 
     Parameters
@@ -307,9 +307,9 @@ class Photoreceptors:
             return None
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
         lacking = younger[0].at - wanted
-        if lacking <= TOO_YOUNG and lacking < wanted - older[0].at:
+        if lacking <= TOO_YOUNG * self.stride and lacking < wanted - older[0].at:
             return younger
-        return older if older[0].at <= wanted + TOO_YOUNG else None
+        return older if older[0].at <= wanted + TOO_YOUNG * self.stride else None
 
     def _keep(self, record: _Record, luma: Map) -> None:
         """Keep a frame for later ones, unless it comes shortly after the one kept last."""

@@ -204,14 +204,13 @@ class Opplod(Detector):
         box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
 
-    def _further(self, ready: list[bool]) -> Map | None:
-        """Return R over several intervals each, summed (``docs/presets.md``)."""
-        total: Map | None = None
+    def _further(self, ready: list[bool]) -> list[Map]:
+        """Return R over several intervals, of each stride that answers (``docs/presets.md``)."""
+        found = []
         for strided, is_ready in zip(self._strided, ready, strict=True):
             if is_ready and isinstance(self.judgement, PooledJudgement):
                 seen, sums = strided.layer.photoreceptors, strided.layer.sums
                 # S is referred to the time of one interval.
                 share = seen.stride ** (-2 * self.params.compression)
-                r = self.judgement.opponency(sums.pathways, seen) * share
-                total = r if total is None else total + r
-        return total
+                found.append(self.judgement.opponency(sums.pathways, seen) * share)
+        return found

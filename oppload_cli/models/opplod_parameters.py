@@ -143,7 +143,7 @@ class OpplodParams(_ArmParams):
         4.0, "length of this background, back from the latest frame", unit="s", low=0.1, high=60
     )
     adaptation_guard_s: float = parameter(
-        0.2,
+        0.25,
         "latest part of this time that does not yet count as background",
         unit="s",
         low=0,

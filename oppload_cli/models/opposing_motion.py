@@ -383,7 +383,7 @@ class PooledJudgement:
     def judge(
         self,
         pathways: Mapping[int, Map],
-        further: Map | None = None,
+        further: Sequence[Map] = (),
         seen: Photoreceptors | None = None,
     ) -> Judgement:
         """Judge the S maps of the four pathways.
@@ -392,8 +392,9 @@ class PooledJudgement:
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
-        further : ndarray of float32, shape (2, rows, columns), optional
-            R of frames further apart, which is added.
+        further : sequence of ndarray of float32, shape (2, rows, columns), optional
+            R of frames further apart, which are added. Until all strides answer, the mean of
+            those that do stands for the others, so that R has no step where one begins.
         seen : Photoreceptors, optional
             As for `opponency`.
 
@@ -405,8 +406,9 @@ class PooledJudgement:
         params = self._params
         both = self.opponency(pathways, seen)
         elapsed = seen.elapsed if seen else 1.0
-        if further is not None:
-            both += further
+        for each in further:
+            both += each
+        both *= np.float32(params.strides / (1 + len(further)))
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
             weight = 1 - params.persistence**elapsed

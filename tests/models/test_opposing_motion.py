@@ -203,5 +203,9 @@ def test_the_opponency_of_frames_further_apart_is_added() -> None:
     rng = np.random.default_rng(5)
     maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
     r = judgement.opponency(maps)
-    further = rng.random(r.shape, dtype=np.float32)
-    assert judgement.judge(maps, further).opponency == pytest.approx((r + further)[0].max())
+    one, other = rng.random((2, *r.shape), dtype=np.float32)
+    three = PooledJudgement(SHAPE, params.replaced(strides=3))
+    assert three.judge(maps, [one, other]).opponency == pytest.approx((r + one + other)[0].max())
+    # The mean of those that answer stands for those that do not answer yet.
+    assert three.judge(maps, [one]).opponency == pytest.approx(1.5 * (r + one)[0].max())
+    assert three.judge(maps).opponency == pytest.approx(3 * r[0].max())

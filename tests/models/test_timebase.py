@@ -15,7 +15,7 @@ from oppload_cli.models.kernels import DpcParams
 from oppload_cli.models.opposing_motion import has_history
 from oppload_cli.models.timebase import Clock, TimeParams, time_params
 from tests.media import disk
-from tests.presets import REFERENCE
+from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,13 +71,16 @@ def test_each_frame_is_compared_with_that_one_interval_earlier(
     assert layer.luma_change == pytest.approx(float(layer.maps[0].mean()) * layer.share)
 
 
-@pytest.mark.parametrize(("rate", "back"), [(15, 1), (30, 2), (60, 4)])
-def test_a_stride_of_two_is_two_intervals(rate: int, back: int) -> None:
+@pytest.mark.parametrize(
+    ("rate", "back", "share"), [(15, 1, 1), (25, 2, 5 / 6), (30, 2, 1), (50, 3, 10 / 9), (60, 4, 1)]
+)
+def test_a_stride_of_two_is_two_intervals(rate: int, back: int, share: float) -> None:
+    """At 50 frames/s 0.06 s are nearer than 0.08 s, and lack a tenth of the two intervals."""
     count = 3 * back + 1
     frames = numbered(count)
     layer = seen([t / rate for t in range(count)], frames, stride=2)
     assert layer.ready
-    assert layer.share == 1
+    assert layer.share == pytest.approx(share)
     np.testing.assert_array_equal(layer.maps[0], frames[-1] - frames[-1 - back])
 
 
@@ -192,6 +195,23 @@ def test_frames_between_change_nothing_at_the_same_times(name: str, rate: int) -
     there = [each.response for each in responses(30, name).values()]
     assert max(there) > 0
     assert [here[number] for number in range(3, 3 + len(there))] == there
+
+
+def test_the_adaptation_begins_alike_at_any_rate() -> None:
+    """A disk that grows from the first frame on has its peak where the adaptation begins."""
+    peaks = {}
+    for rate in (25, 30, 50, 120):
+        bank = DetectorBank((240, 240), [DEFAULT])
+        answers = {}
+        for t in range(rate):
+            answer = bank.step(disk(240, 120, 120, 2 + 48 * t / rate), t / rate)["opplod"]
+            if answer is not None:
+                answers[t / rate] = answer.response
+        peaks[rate] = max((response, time_s) for time_s, response in answers.items())
+    assert 0.02 < peaks[30][0] < 0.2
+    for rate, (response, time_s) in peaks.items():
+        assert response == pytest.approx(peaks[30][0], rel=0.25), rate
+        assert time_s == pytest.approx(peaks[30][1], abs=0.05), rate
 
 
 # ---- Rest ----------------------------------------------------------------------------------
