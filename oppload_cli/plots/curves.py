@@ -271,7 +271,7 @@ def _mark(
                 each.axvline(
                     time, color=INK if alike else curve.colour, lw=0.7, linestyle=(0, (4, 2))
                 )
-            if number:
+            if number or (label == "contact" and options.align):  # the axis says where it is
                 continue
             text = label if inside else f"{label} at {time:.3g} s"
             share = min(max((time - first) / (last - first), 0.0), 1.0)

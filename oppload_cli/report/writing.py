@@ -52,9 +52,9 @@ class _Entry(NamedTuple):
     duration_s : float
         From the first to the last frame.
     peak : float
-        The largest response, in `unit`.
-    unit : str
-        The unit of `peak`, such as the alarm's threshold.
+        The largest response, over its threshold, or over its peak where the alarms are off.
+    thresholded : bool
+        Whether it is over a threshold.
     silence : str
         Why `peak` set off no alarm although it is above the threshold, else empty.
     notes : list of str
@@ -70,7 +70,7 @@ class _Entry(NamedTuple):
     alarms: list[tuple[str, str, float, int, float]]
     duration_s: float
     peak: float
-    unit: str
+    thresholded: bool
     silence: str
     notes: list[str]
     video: Path | None
@@ -230,7 +230,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
         ],
         float(times[-1] - times[0]),
         strongest.peak,
-        strongest.unit,
+        strongest.thresholded,
         content.silence.removeprefix(", which "),
         [*video_notes, *([result.shortfall] if result.shortfall else [])],
         beside if copy and copy.content is None else None,

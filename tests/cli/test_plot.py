@@ -143,7 +143,7 @@ def test_the_look_of_a_figure(tmp_path: Path, capsys: Capture) -> None:
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     drawn = figure.read_text()
-    for text in ("My title", "first", "second", "time from contact (s)", "contact"):
+    for text in ("My title", "first", "second", "time from contact (s)"):
         assert f"<!-- {text} -->" in drawn
     done = run(capsys, "plot", *paths, "-o", figure, "--label", "one")
     assert (done.returncode, "1 label for 2 results" in done.stderr) == (2, True)

@@ -281,6 +281,7 @@ def test_time_counts_from_contact(tmp_path: Path) -> None:
         results, models=["opplod"], align="contact", marks={"contact": [1.1, 1.6]}, xlim=(-1, 0.2)
     )
     assert (panel.get_xlabel(), panel.get_xlim()) == ("time from contact (s)", (-1, 0.2))
+    assert not panel.texts  # the axis says where the contact is
     assert labels(panel)[:2] == [f"c-{n}, 4 times threshold at -0.10 s" for n in (20, 30)]
     with pytest.raises(ResultError, match=r"c-20\.frames\.csv: its time of contact is not known"):
         plot_curves(results, align="contact")

@@ -97,6 +97,19 @@ def test_a_detector_without_an_alarm_is_drawn_over_its_peak(table: Path) -> None
     assert "no alarm of D-LGMD" in content.notes[0]
 
 
+def test_alarms_that_are_off_are_not_called_silent(table: Path) -> None:
+    lines = [line.split(",") for line in table.read_text().splitlines()]
+    kept = [at for at, name in enumerate(lines[0]) if not name.endswith("_alarm")]
+    table.write_text("".join(",".join(cells[at] for at in kept) + "\n" for cells in lines))
+    index = write_report([table, table], table.parent).first.read_text()
+    assert index.count('<span class="none">off</span>') == 2
+    assert index.count('data-peak=""') == 2
+    assert "<line" not in index
+    page = table.with_name("clip.report.html").read_text()
+    assert "<p>alarms are off; the curves are drawn over their peaks." in page
+    assert "<p>Alarms are off.</p>" in page
+
+
 def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Path) -> None:
     table.write_text(table.read_text().replace(",0.5,1,", ",0.5,0,"))
     content = content_of(read_result(table))
