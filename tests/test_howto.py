@@ -49,3 +49,17 @@ def test_the_ros_node_publishes_each_row(tmp_path: Path) -> None:
         "looming/alarm True", "looming/response 0.25",
         "shut down",
     ]  # fmt: skip
+
+
+def test_the_first_tutorial_makes_the_videos_of_the_others(tmp_path: Path) -> None:
+    page = (PAGES.parent / "tutorials" / "collision.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (script,) = [block for block in blocks if "stimuli generate" in block]
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    subprocess.run(
+        ["bash", "-euc", script], cwd=tmp_path, env={**os.environ, "PATH": path}, check=True
+    )
+    made = {str(each.relative_to(tmp_path)) for each in tmp_path.rglob("*.mp4")}
+    assert made == {
+        "video.mp4", "videos/approach.mp4", "videos/passing-by.mp4", "videos/retreat.mp4",
+    }  # fmt: skip
