@@ -8,7 +8,7 @@ import numpy as np
 
 from oppload_cli.errors import ResultError
 from oppload_cli.plots.naming import labels_of, wrapped
-from oppload_cli.plots.style import COLUMN, CYCLE, FAINT, TITLE_WIDTH, as_list, styled_figure
+from oppload_cli.plots.style import COLUMN, CYCLE, FAINT, INK, TITLE_WIDTH, as_list, styled_figure
 from oppload_cli.results.reading import check_numbers
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
 MOST = 3  # results in one figure
+INDEX, MEAN = CYCLE[3], CYCLE[4]  # as on the pages, and unlike OppLoD and D-LGMD
 
 
 def plot_rmo(
@@ -99,13 +100,13 @@ def _draw(panels: Sequence[Axes], result: Result) -> None:
     )
     index, size, share = panels
     index.axhline(0, color=FAINT, lw=0.6)
-    index.plot(time, values[0], color=CYCLE[0])
+    index.plot(time, values[0], color=INDEX)
     index.set(ylim=(-1.08, 1.08), yticks=[-1, 0, 1], ylabel="RMO index")
-    size.plot(time, values[1], color=CYCLE[1], linestyle="-", label="mean of ROM pairs")
-    size.plot(time, values[2], color=CYCLE[2], linestyle="--", label="max of ROM pairs")
+    size.plot(time, values[1], color=MEAN, linestyle="-", label="mean of ROM pairs")
+    size.plot(time, values[2], color=MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
     size.set(ylim=(-0.04, 1.08), ylabel="RMO")
     size.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderpad=0, borderaxespad=0.1)
-    share.plot(time, 100 * values[3], color=CYCLE[3])
+    share.plot(time, 100 * values[3], color=INK)
     share.set_ylim(bottom=0)
     share.set_ylabel("ROM pairs (%)")
     for panel in panels:

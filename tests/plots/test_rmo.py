@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ResultError
+from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.rmo import plot_rmo
 from oppload_cli.results.reading import read_result
 from tests.results.make import frame_rows, write_result, write_rows
@@ -22,6 +23,8 @@ def test_rmo_over_time(tmp_path: Path) -> None:
     assert [line.get_label() for line in size.lines] == ["mean of ROM pairs", "max of ROM pairs"]
     assert set(np.asarray(share.lines[0].get_ydata())[1:]) == {10}
     assert share.get_ylabel() == "ROM pairs (%)"
+    drawn = {str(line.get_color()) for line in (index.lines[1], *size.lines, *share.lines)}
+    assert not drawn & {detector_named(name).colour for name in ("opplod", "dlgmd")}
 
 
 def test_without_rmo_the_column_is_named(tmp_path: Path) -> None:
