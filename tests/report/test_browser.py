@@ -129,6 +129,26 @@ def test_a_click_in_a_curve_goes_there(browser: Browser, page: Path) -> None:
         assert share == pytest.approx((TIMES_MS[frame] - start) / (end - start), abs=0.005)
 
 
+def test_a_click_on_a_name_hides_its_curve(browser: Browser, page: Path) -> None:
+    coloured = """
+    const canvas = document.querySelector(".chart canvas");
+    const all = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+    let found = 0;  // pixels in the colour of OppLoD
+    for (let i = 0; i < all.length; i += 4)
+      found += all[i] === 0xd5 && all[i + 1] === 0x5e && all[i + 2] === 0x00;
+    return found;
+    """
+    opened(browser, page)
+    drawn = browser.run(coloured)
+    pressed = "document.querySelector('button.names').getAttribute('aria-pressed')"
+    browser.click("button.names")
+    browser.wait(f"{pressed} === 'false'")
+    browser.wait_for(lambda: browser.run(coloured) == 0, "the curve never went")
+    browser.click("button.names")
+    browser.wait_for(lambda: browser.run(coloured) == drawn, "the curve never came back")
+    assert drawn > 100
+
+
 def test_it_plays_to_the_end_in_step(browser: Browser, page: Path) -> None:
     player = "document.getElementById('video')"
     opened(browser, page)

@@ -249,12 +249,20 @@
   function panel(title, height, curves, scale, ticks, below) {
     const heading = document.createElement("h2");
     heading.textContent = title;
-    for (const curve of curves) {
-      const name = document.createElement("span");
+    curves.forEach((curve, order) => {
+      const name = document.createElement("button");
+      name.type = "button";
       name.className = "names";
-      name.append(" ", key(curve.colour), ` ${curve.label}`);
+      name.title = "Show or hide this curve";
+      name.setAttribute("aria-pressed", "true");
+      name.append(key(curve.colour), ` ${curve.label}`);
+      name.addEventListener("click", () => {
+        const shown = !u.series[order + 1].show;
+        name.setAttribute("aria-pressed", shown);
+        u.setSeries(order + 1, { show: shown });
+      });
       heading.append(name);
-    }
+    });
     const host = document.createElement("div");
     host.className = "chart";
     host.setAttribute("role", "img");
@@ -326,6 +334,7 @@
     }
     const strip = 5 * devicePixelRatio;
     curves.forEach((curve, order) => {
+      if (!u.series[order + 1].show) return;
       for (const [first, last] of curve.alarms || []) {
         shade(u, first, last, curve.colour, 0.3 / (1 + curves.length), [0, bbox.height]);
         shade(u, first, last, curve.colour, 1, [order * strip, (order + 1) * strip]);
