@@ -190,7 +190,9 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
         reason = f"{table} exists" if there else "another run is writing it"
         yield f"{task.name}: skipped, {reason}"
         return
-    if len(outcome.verdicts) <= _MOST_IN_A_LINE:
+    if not task.settings.alarm.on:
+        yield f"{task.name}: alarms are off; the responses are in the table"
+    elif len(outcome.verdicts) <= _MOST_IN_A_LINE:
         yield f"{task.name}: {in_words(outcome.verdicts)}"
     else:
         yield f"{task.name}:"

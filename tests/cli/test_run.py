@@ -118,6 +118,8 @@ def test_preset_paper_runs_at_its_own_height(clip: Path, tmp_path: Path) -> None
     done = oppload("run", clip, "-o", tmp_path, "--preset", "paper", "--end", "f8", "-v")
     assert done.returncode == 0
     assert "seen at 600 x 600" in done.stderr
+    assert "loom.avi: alarms are off; the responses are in the table" in done.stderr
+    assert "no alarm" not in done.stderr
     sidecar = json.loads((tmp_path / "loom.oppload.json").read_text())
     assert (sidecar["preset"], sidecar["working"]["height"]) == ("paper", 600)
 
