@@ -180,14 +180,17 @@ class _Plot(NamedTuple):
 
 PLOTS = {
     "detection.png": _Plot(
-        "Detection rate over false alarms per minute, for every fixed threshold.", _detection
+        "Detection rate over false alarms per minute, for every fixed threshold; "
+        "dotted: the rates of the tables.",
+        _detection,
     ),
     "roc.png": _Plot("ROC over one-second windows; area in brackets.", _roc),
     "precision-recall.png": _Plot(
         "Precision over recall of the same windows; average in brackets.", _precision_recall
     ),
     "within-clip.png": _Plot(
-        "Correctly ordered pairs of windows within clips; bars: 95 % intervals.", _order
+        "Correctly ordered pairs of windows within clips; lines: 95 % intervals, dotted: chance.",
+        _order,
     ),
     "lead-time.png": _Plot("Lead of each detected approach.", _leads),
     "false-alarms.png": _Plot(
