@@ -6,7 +6,7 @@ import itertools
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.errors import ParameterError
+from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.tuning.run import entry_named, swept
 
 if TYPE_CHECKING:
@@ -121,8 +121,8 @@ def figures_named(names: Sequence[str]) -> dict[str, Classic]:
     chosen = [one for name in names for one in (FIGURES if name == _EVERY else [name])]
     for name in chosen:
         if name not in FIGURES:
-            known = ", ".join((*FIGURES, _EVERY))
-            raise ParameterError(f"--figure {name}: no such figure; choose {known}")
+            hint = suggestion(name, (*FIGURES, _EVERY))
+            raise ParameterError(f"--figure {name}: no such figure{hint}")
     return {name: FIGURES[name] for name in dict.fromkeys(chosen)}
 
 

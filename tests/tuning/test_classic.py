@@ -183,8 +183,10 @@ def test_wrong_values_of_a_figure(
 
 
 def test_a_wrong_figure() -> None:
-    with pytest.raises(ParameterError, match=r"no such figure; choose peak-time, .*all"):
+    with pytest.raises(ParameterError, match=r"no such figure; did you mean 'contrast'\?$"):
         figures_named(["contrst"])
+    with pytest.raises(ParameterError, match=r"no such figure; choose all, .*size-speed$"):
+        figures_named(["xyz"])
     assert next(iter(figures_named(["contrast", "all", "contrast"]))) == "contrast"
     assert set(figures_named(["all"])) == set(FIGURES)
 
