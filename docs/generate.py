@@ -56,8 +56,8 @@ def parameters() -> str:
         "Set a parameter with `--set set.parameter=value`, or in a configuration file: see"
         " `oppload config`.",
         "The default *auto* follows from the video: from its working height or its frame rate."
-        " The defaults are those of preset `default`; `oppload models` lists the parameters of"
-        " all presets.",
+        " The defaults are those of preset `default`; `oppload models PRESET` lists what a"
+        " preset changes.",
         "",
     ]
     for name, (meaning, kind) in parameter_sets().items():

@@ -340,14 +340,21 @@ def test_one_model_is_described_and_measured(capsys: Capture) -> None:
     name, cost, unit = run(capsys, "models", "toy", "--measure").stdout.split(maxsplit=2)
     assert (name, unit) == ("toy", "ms per frame\n")
     assert float(cost) >= 0
-    assert "no model 'tooy'; did you mean 'toy'" in run(capsys, "models", "tooy").stderr
+    unknown = run(capsys, "models", "tooy")
+    assert "no model, preset or settings 'tooy'; did you mean 'toy'" in unknown.stderr
 
 
 def test_it_is_among_the_models(capsys: Capture) -> None:
     text = run(capsys, "models").stdout
+    assert [line.split() for line in text.splitlines() if "toy" in line] == [
+        ["toy", "0.5", "darkening"]
+    ]
+    text = run(capsys, "models", "toy", "alarm", "default", "reference").stdout
     assert f"toy  ({Toy.meaning})" in text
     assert "darkening from which a pixel counts" in text
     assert "an alarm of Toy needs a response above this" in text
+    assert "  every parameter has its default\n" in text
+    assert "  opplod.strides = 1\n" in text
     described = json.loads(run(capsys, "models", "--json").stdout)
     assert described["models"]["toy"] == {
         "label": "Toy", "meaning": Toy.meaning, "by_default": False, "places": True,

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.parameters import PlaceParams, alarm_params, place_params
+from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, detectors, parameters_of
 from oppload_cli.models.timebase import TimeParams, time_params
@@ -41,44 +42,66 @@ def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
     }
 
 
-@click.command(short_help="list the models, their parameters and presets")
+@click.command(short_help="list the models and presets; describe one with its parameters")
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
-    """Describe the models, every parameter with its range and default, and the presets.
+    """List the models and the presets, a line for each.
 
-    NAME limits it to some models, without the presets. --measure prints the processor time
-    that each model takes for a frame of 427 x 240 on one core.
+    NAME is a model, a preset, or a group of settings (alarm, places, rmo, repeats, time), and
+    describes it with every parameter and its default. --measure prints the processor time that
+    each model takes for a frame of 427 x 240 on one core.
     """
-    chosen = [detector_named(name) for name in names] or list(detectors().values())
     if measure:
-        for each in chosen:
+        for each in [detector_named(name) for name in names] or list(detectors().values()):
             click.echo(f"{each.name:<20}{_measured_cost(each):>8.2f} ms per frame")
-        return
-    if as_json:
+    elif as_json:
         click.echo(json.dumps(_described(), indent=2))
-        return
+    elif names:
+        for name in names:
+            _describe(name)
+    else:
+        _list()
+
+
+def _list() -> None:
+    click.secho("models  (ms per frame of 427 x 240 on one core; what they answer to)", bold=True)
+    for name, each in detectors().items():
+        cost = f"{each.cost_ms:g}" if each.cost_ms else ""
+        click.echo(f"  {name:<20}{cost:>5}  {each.answers_to or each.meaning}")
+    click.secho("\npresets", bold=True)
+    for preset in PRESETS.values():
+        click.echo(f"  {preset.name:<20}{preset.meaning}")
+    groups = ", ".join(name for name in parameter_sets() if name not in detectors())
+    click.echo(
+        f"\n'oppload models NAME' describes a model or a preset with its parameters, and the "
+        f"settings of\n{groups}."
+    )
+
+
+def _describe(name: str) -> None:
     sets = parameter_sets()
-    for name in names or sets:
+    if name in PRESETS:
+        preset = PRESETS[name]
+        click.secho(f"{name}  ({preset.meaning}; working height {preset.height})", bold=True)
+        changed = [
+            f"  {group}.{parameter} = {value}"
+            for group, of_preset in _groups(name).items()
+            for parameter, value in _changed(of_preset)
+        ]
+        click.echo("\n".join(changed) or "  every parameter has its default")
+    elif name in sets:
         meaning, params = sets[name]
         click.secho(f"{name}  ({meaning})", bold=True)
         for line in _facts(detectors()[name]) if name in detectors() else ():
             click.echo(f"  {line}")
         for line in _lines(params):
             click.echo(f"  {line}")
-        click.echo()
-    if not names:
-        _print_presets()
-
-
-def _print_presets() -> None:
-    click.secho("presets", bold=True)
-    for preset in PRESETS.values():
-        click.echo(f"  {preset.name:<9}{preset.meaning}; working height {preset.height}")
-        for group, of_preset in _groups(preset.name).items():
-            for name, value in _changed(of_preset):
-                click.echo(f"  {'':9}{group}.{name} = {value}")
+    else:
+        known = [*sets, *PRESETS]
+        raise ParameterError(f"no model, preset or settings '{name}'{suggestion(name, known)}")
+    click.echo()
 
 
 def _measured_cost(detector: type[Detector]) -> float:
@@ -144,10 +167,11 @@ def _changed(params: Parameters) -> Iterator[tuple[str, object]]:
 
 
 def _lines(params: type[Parameters]) -> Iterator[str]:
+    width = max(20, *(len(each.name) + 1 for each in params.declared()))
     for entry in _entries(params):
         unit = f" {entry['unit']}" if entry["unit"] else ""
         default = "auto" if entry["default"] is None else str(entry["default"])
-        yield f"{entry['name']:<20}{default:>8}{unit:<8} {entry['meaning']}"
+        yield f"{entry['name']:<{width}}{default:>8}{unit:<8} {entry['meaning']}"
 
 
 def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
