@@ -169,7 +169,7 @@ def test_ten_thousand_inputs(tmp_path: Path) -> None:
             (tmp_path / f"{number:03d}" / f"{clip:02d}-{number}.mp4").touch()
     plan = planned([str(tmp_path)], recursive=True)
     assert len(plan.inputs) == len({each.stem for each in plan.inputs}) == 10_000
-    assert plan.inputs[0].stem == "00-0"
+    assert plan.inputs[0].stem == "000/00-0"
 
 
 def test_a_listed_entry_is_one_input() -> None:
