@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 
 LONGEST_SIDE = 960  # px: half a screen, and all of a phone's
+MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # from 5 minutes on a page costs less time and space
 MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
 STILL_SIDE, QUALITY = 320, 80  # px and JPEG quality of the picture in the index
 AHEAD = 4  # pictures that wait to be encoded
@@ -135,7 +136,7 @@ def copy_video(
     times_s, picture = np.full(len(frames), np.nan), b""
     count = Seldom(tell)
     source = Call(lambda: source_of(name, _image_rate(result), 0)).result()
-    size = _even_size(source.facts)
+    size = _even_size(source.facts, len(frames))
     file = PartFile(path)
     try:
         recording = Recording(file, *size, source.facts.frame_rate, CODEC)
@@ -186,9 +187,10 @@ def _abandoned(recording: Recording) -> Iterator[None]:
         raise
 
 
-def _even_size(facts: InputFacts) -> tuple[int, int]:
+def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
     """Return the size of the copy; H.264 of these colours has even sides only."""
-    width, height = colour_size(facts, LONGEST_SIDE)
+    longest = LONGEST_SIDE if frames < MANY_FRAMES else SIDE_OF_MANY
+    width, height = colour_size(facts, longest)
     return max(2, width - width % 2), max(2, height - height % 2)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import json
 import re
 import shutil
@@ -196,6 +197,17 @@ def test_a_long_video_stands_beside_the_page(table: Path, monkeypatch: pytest.Mo
     assert data_of(page)["video"]["address"] == "./clip.report.mp4"
     assert page.with_name("clip.report.mp4").stat().st_size > 100
     assert not list(page.parent.glob("*.part"))
+
+
+def test_the_copy_of_a_long_video_is_smaller(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def size() -> tuple[int, int]:
+        with av.open(io.BytesIO(film_of(write_report([table], table.parent).first))) as copy:
+            return copy.streams.video[0].width, copy.streams.video[0].height
+
+    width, height = size()
+    monkeypatch.setattr(video, "MANY_FRAMES", LAST + 1 - FIRST)
+    monkeypatch.setattr(video, "SIDE_OF_MANY", width // 2)
+    assert size() == (width // 2, height // 2)
 
 
 @pytest.mark.parametrize("kind", ["gone", "camera", "unknown", "broken", "another"])
