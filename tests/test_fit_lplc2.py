@@ -91,6 +91,7 @@ def test_a_phenomenon_counts_by_its_distance_from_its_range() -> None:
     assert len(misses(both, without="bar-expand-10")) == 10 - 4
 
 
+@pytest.mark.slow
 def test_a_fit_is_that_of_its_seed_and_goes_on(tmp_path: Path) -> None:
     name = "klapoetke2017/cross-outward"
     params = cast("OpplodParams", parameters_of("opplod", "lplc2"))

@@ -189,6 +189,7 @@ def test_a_browser_shows_every_picture(evaluated: Path, browser: Browser) -> Non
     assert browser.pictures() == page.read_text().count("<img ")
 
 
+@pytest.mark.slow
 def test_the_same_clips_give_the_same_bytes(
     evaluated: Path, labelled: Path, tmp_path: Path
 ) -> None:

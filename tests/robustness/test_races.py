@@ -44,7 +44,16 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+SLOW = {"stimuli png", "tune"}  # others write a folder, and work in processes, as they do
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(words, id=name, marks=[pytest.mark.slow] if name in SLOW else [])
+        for name, words in COMMANDS.items()
+    ],
+)
 def test_parallel_runs(command: tuple[str, ...], results: Path, tmp_path: Path) -> None:
     words = [word.format(folder=results, place=tmp_path) for word in command]
     runs = [

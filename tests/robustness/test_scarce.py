@@ -69,7 +69,7 @@ NPROC = [
     pytest.param(number, command, marks=() if quick else pytest.mark.slow)
     for number in range(1, 13)
     for command in ("alone", "jobs", "reproduce", "stimuli", "tune")
-    for quick in [number == 1 and command in {"alone", "jobs", "tune"}]
+    for quick in [number == 1 and command in {"alone", "jobs"}]
     if command not in {"reproduce", "tune"} or number in {1, 4, 8}
 ]
 

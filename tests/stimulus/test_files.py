@@ -316,7 +316,9 @@ def test_models_respond_the_same_with_and_without_a_file(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups are of POSIX")
-@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "stop", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_an_interrupt_leaves_complete_files_only(stop: signal.Signals, tmp_path: Path) -> None:
     words = ("stimuli", "generate", "controls/*", "-o", str(tmp_path), "--jobs", "2")
     running = subprocess.Popen(
