@@ -109,7 +109,7 @@ class Opplod(Detector):
     reference = "Shuang et al., OppLoD"
     answers_to = "edges that move outward from a centre on opposite sides"
     made_for = "240 px high, 30 frames/s; other rates by its presentation times"
-    cost_ms = 3.4
+    cost_ms = 2.6
     meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing"
     response_column = "", "enhanced response of OppLoD; empty during warm-up"
     answers = OpplodResponse
