@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import cv2
 import numpy as np
+from click.shell_completion import CompletionItem
 
 from oppload_cli.detection.parameters import PlaceParams, alarm_params, place_params
 from oppload_cli.errors import ParameterError, suggestion
@@ -42,8 +43,13 @@ def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
     }
 
 
+def _complete(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+    names = (*parameter_sets(), *PRESETS)
+    return [CompletionItem(name) for name in names if name.startswith(text)]
+
+
 @click.command(short_help="list the models and presets; describe one with its parameters")
-@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=_complete)
 @click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
 @click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
 def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:

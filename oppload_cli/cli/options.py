@@ -225,7 +225,7 @@ def settings_options(
             multiple=True,
             metavar="SET.PARAMETER=VALUE",
             shell_complete=_complete_settings,
-            help=f"One parameter, e.g. {EXAMPLE_SETTING}; see 'oppload models'.",
+            help=f"One parameter, e.g. {EXAMPLE_SETTING}; 'oppload models NAME' lists them.",
         ),
         click.option(
             "--config",

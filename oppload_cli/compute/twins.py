@@ -83,6 +83,7 @@ class _Outputs:
     """
 
     def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:
+        self.axes = axes
         pathways = [sums.pathways[phi] for phi in (*axes, *(phi + 180 for phi in axes))]
         maps = [address(each) for each in (sums.presynaptic, *pathways)]
         self.arguments = *maps, *([None] * (5 - len(maps)))
@@ -109,9 +110,9 @@ def presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: Su
     if kernels not in _plans:
         _plans[kernels] = _Plan(kernels)
     plan = _plans[kernels]
-    if out not in _outputs:
-        _outputs[out] = _Outputs(out, plan.axes)
-    outputs = _outputs[out]
+    outputs = _outputs.get(out)
+    if outputs is None or outputs.axes != plan.axes:
+        outputs = _outputs[out] = _Outputs(out, plan.axes)
     height, width = shape = photoreceptors[0].shape[0], photoreceptors[0].shape[1]
     maps = [address(each) for each in photoreceptors]
     arguments = *maps, height, width, *plan.arguments, *outputs.arguments

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from oppload_cli.errors import ResultError
-from oppload_cli.files.reading import is_there
+from oppload_cli.errors import ResultError, SourceError
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detectors, placing_detector
 from oppload_cli.plots.naming import wrapped
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure
-from oppload_cli.results.reading import check_numbers
+from oppload_cli.results.reading import check_numbers, find_video
 from oppload_cli.results.thresholds import result_threshold
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span
@@ -55,8 +53,9 @@ def still_of(result: Result, video: str | None = None) -> Still | None:
     ResultError
         If it ends before that frame.
     """
-    name = video or _input_of(result)
-    if name is None:
+    try:
+        name = video or find_video(result)
+    except SourceError:
         return None
     peak = int(result.frames["frame"].iloc[_peak(result)])
     span = Span(start=Position(frame=peak), duration=Position(frame=1))
@@ -136,16 +135,6 @@ def plot_places(
         bar = figure.colorbar(dots, ax=axes, orientation="horizontal", pad=0.02, aspect=40)
         bar.set_label("time (s); area of a dot: response", color=INK)
     return figure, [axes]
-
-
-def _input_of(result: Result) -> str | None:
-    """Return where the input is: as the sidecar says, or beside the result."""
-    name = result.part("input").get("name")
-    if not isinstance(name, str) or not name:
-        return None
-    folder = result.path.parent
-    places = (Path(name), folder / name, folder / Path(name).name)
-    return next((str(each) for each in places if is_there(each)), None)
 
 
 def _over_threshold(result: Result, detector: str, row: int) -> str:

@@ -6,7 +6,6 @@ import os
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
@@ -14,17 +13,16 @@ import numpy as np
 
 from oppload_cli.errors import SourceError
 from oppload_cli.files.atomic import PartFile, output_errors
-from oppload_cli.files.reading import is_file, is_folder
 from oppload_cli.processes.pool import Seldom
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.colour import BT709, Colour, colour_size
-from oppload_cli.video.inputs import NUMBER
 from oppload_cli.video.recording import Recording
 from oppload_cli.video.source import DEFAULT_IMAGE_RATE, source_of
 from oppload_cli.video.span import Position, Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     import av
     from numpy.typing import NDArray
@@ -34,7 +32,7 @@ if TYPE_CHECKING:
 
 
 LONGEST_SIDE = 960  # px: half a screen, and all of a phone's
-MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # from 5 minutes on a page costs less time and space
+MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # px of longer videos, whose pages take time and space
 MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
 STILL_SIDE, QUALITY = 320, 80  # px and JPEG quality of the picture in the index
 AHEAD = 4  # pictures that wait to be encoded
@@ -66,45 +64,6 @@ class VideoCopy:
     note: str = ""
 
 
-def find_video(result: Result, moved: Path | None = None) -> str:
-    """Return the name of the video or of the images that a result was made from.
-
-    Parameters
-    ----------
-    result : Result
-        Its sidecar names the input, from the folder in which the run was started. It is
-        looked for there, and beside the result.
-    moved : Path, optional
-        Where the input is now, or the folder that it is in.
-
-    Raises
-    ------
-    SourceError
-        If it is not there, or cannot be shown again: a camera, a stream, an unknown input.
-    """
-    facts = result.part("input")
-    name, kind = facts.get("name"), facts.get("kind")
-    if moved is not None and (
-        not is_folder(moved) or kind == "images" or not isinstance(name, str)
-    ):
-        return str(moved)
-    if not isinstance(name, str) or not name:
-        raise SourceError("no sidecar names the video of this result")
-    if kind not in ("container", "images"):
-        raise SourceError(f"{name}: frames of a camera or a stream are not kept")
-    path = Path(name)
-    folder = result.path.parent
-    places = [moved / path.name] if moved else [path, folder / path, folder / path.name]
-    for place in places:
-        if is_file(place) or (kind == "images" and _holds_images(place)):
-            return str(place)
-    raise SourceError(f"{name}: is gone; --video says where it is now")
-
-
-def _holds_images(path: Path) -> bool:
-    return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))
-
-
 def copy_video(
     result: Result, name: str, path: Path, *, still: int, tell: Callable[[int], object]
 ) -> VideoCopy:
@@ -115,7 +74,7 @@ def copy_video(
     result : Result
         Its rows say which frames.
     name : str
-        The video, from :func:`find_video`.
+        The video, from :func:`~oppload_cli.results.reading.find_video`.
     path : Path
         The name of the copy where it is too large to be embedded.
     still : int

@@ -18,8 +18,8 @@ from oppload_cli.files.atomic import make_folder, write_atomic
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.processes.pool import outcomes
 from oppload_cli.report.page import Content, Curve, content_of
-from oppload_cli.report.video import VideoCopy, copy_video, find_video
-from oppload_cli.results.reading import Result, read_result, stem_of
+from oppload_cli.report.video import VideoCopy, copy_video
+from oppload_cli.results.reading import Result, find_video, read_result, stem_of
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED
 

@@ -13,10 +13,11 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from oppload_cli.errors import ResultError, reason_of
-from oppload_cli.files.reading import is_file, reading, text_of
+from oppload_cli.errors import ResultError, SourceError, reason_of
+from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.results.columns import columns_for
+from oppload_cli.video.inputs import NUMBER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -350,3 +351,42 @@ def _sidecar(path: Path) -> dict[str, Any]:
         for name, value in content.items()
         if name not in tables or isinstance(value, dict)
     }
+
+
+def find_video(result: Result, moved: Path | None = None) -> str:
+    """Return the name of the video or of the images that a result was made from.
+
+    Parameters
+    ----------
+    result : Result
+        Its sidecar names the input, from the folder in which the run was started. It is
+        looked for there, and beside the result.
+    moved : Path, optional
+        Where the input is now, or the folder that it is in.
+
+    Raises
+    ------
+    SourceError
+        If it is not there, or cannot be shown again: a camera, a stream, an unknown input.
+    """
+    facts = result.part("input")
+    name, kind = facts.get("name"), facts.get("kind")
+    if moved is not None and (
+        not is_folder(moved) or kind == "images" or not isinstance(name, str)
+    ):
+        return str(moved)
+    if not isinstance(name, str) or not name:
+        raise SourceError("no sidecar names the video of this result")
+    if kind not in ("container", "images"):
+        raise SourceError(f"{name}: frames of a camera or a stream are not kept")
+    path = Path(name)
+    folder = result.path.parent
+    places = [moved / path.name] if moved else [path, folder / path, folder / path.name]
+    for place in places:
+        if is_file(place) or (kind == "images" and _holds_images(place)):
+            return str(place)
+    raise SourceError(f"{name}: is gone; --video says where it is now")
+
+
+def _holds_images(path: Path) -> bool:
+    return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))

@@ -97,6 +97,18 @@ def test_presynaptic_sums(shape: tuple[int, int], radius: int) -> None:
         assert expected[0].max() > 0.1 or shape == (1, 1)
 
 
+def test_sums_of_other_axes_go_into_the_same_arrays() -> None:
+    shape = (37, 53)
+    p = photoreceptors(shape, 1)
+    out, other = (PresynapticSums.zeros(shape, (0, 90)) for _ in "ab")
+    for axes in ((), (0, 90)):
+        kernels = Kernels.of(DpcParams(), axes)
+        dpc.presynaptic_sums(p, kernels, out)
+        plain(dpc.presynaptic_sums)(p, kernels, other)
+    assert stacked(other)[1:].max() > 0.1
+    np.testing.assert_allclose(stacked(out), stacked(other), atol=1e-5)
+
+
 @pytest.mark.parametrize("axes", [(0, 90), (45, 135)])
 @pytest.mark.parametrize("empty", ["left", "right", "above", "below", "nothing"])
 def test_presynaptic_sums_where_excitation_and_inhibition_are_about_equal(

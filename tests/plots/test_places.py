@@ -21,7 +21,8 @@ def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
     frames = [np.full((64, 96), 2 * t, np.uint8) for t in range(40)]
     video = write_video(tmp_path / "clip.avi", frames)
     path = write_result(tmp_path / "clip.frames.csv", peak=30)
-    sidecar = {"input": {"name": str(video), "width": 96, "height": 64}}
+    facts = {"name": str(video), "kind": "container", "width": 96, "height": 64}
+    sidecar = {"input": facts}
     path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
     result = read_result(path)
     still = still_of(result)
@@ -40,7 +41,8 @@ def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
 def test_the_video_is_found_beside_the_result(tmp_path: Path) -> None:
     write_video(tmp_path / "clip.avi", [np.full((64, 96), 2 * t, np.uint8) for t in range(40)])
     path = write_result(tmp_path / "clip.frames.csv", peak=30)
-    sidecar = {"input": {"name": "elsewhere/clip.avi", "width": 96, "height": 64}}
+    facts = {"name": "elsewhere/clip.avi", "kind": "container", "width": 96, "height": 64}
+    sidecar = {"input": facts}
     path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
     still = still_of(read_result(path))
     assert still is not None
