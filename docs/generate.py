@@ -10,7 +10,7 @@ from oppload_cli.cli.models import parameter_sets
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
 from oppload_cli.models.registry import detectors
-from oppload_cli.results.columns import COMMON, RMO, VIEW, columns_of
+from oppload_cli.results.table import COMMON, RMO, VIEW, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

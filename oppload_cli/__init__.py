@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from oppload_cli.plots.rmo import plot_rmo
     from oppload_cli.plots.tuning import plot_tuning
     from oppload_cli.results.reading import Tuning, read_tuning
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.source import Video, open_video
     from oppload_cli.video.span import Position, Span
@@ -63,7 +63,7 @@ _HOME = {
     "Frame": "video.frames",
     "FrameDifference": "models.frame_difference",
     "FrameDifferenceParams": "models.frame_difference",
-    "FrameRecord": "results.record",
+    "FrameRecord": "results.table",
     "Layers": "models.dpc",
     "OpploadError": "errors",
     "Opplod": "models.opplod",

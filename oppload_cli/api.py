@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from oppload_cli.pipeline.sources import Source
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
 
 
 DETECTION_COLUMNS = (

@@ -12,7 +12,7 @@ import pytest
 
 import oppload_cli as oppload
 from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError
-from oppload_cli.results.columns import columns_for
+from oppload_cli.results.table import columns_for
 from tests.cli.inside import run
 from tests.media import looming, write_video
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import AlarmParams, Box, Column, Detector, Response, alarm_params
-from oppload_cli.annotation.layout import layout_of
+from oppload_cli.annotation.frame import layout_of
 from oppload_cli.cli import main
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import registry

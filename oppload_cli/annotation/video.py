@@ -9,8 +9,16 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.annotation.layout import DARK, WHITE, layout_of, width_of, write
-from oppload_cli.annotation.strip import History, draw_ground, draw_strip
+from oppload_cli.annotation.frame import (
+    DARK,
+    WHITE,
+    History,
+    draw_ground,
+    draw_strip,
+    layout_of,
+    width_of,
+    write,
+)
 from oppload_cli.errors import OpploadError
 from oppload_cli.files.atomic import PartFile, output_errors
 from oppload_cli.models.registry import placing_detector
@@ -21,9 +29,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from oppload_cli.annotation.layout import Layout, Paint
+    from oppload_cli.annotation.frame import Layout, Paint
     from oppload_cli.detection.places import Detection
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.colour import Bgr
     from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
     from oppload_cli.video.source import Video

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from oppload_cli.pipeline.task import Outcome, Task, Watcher
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.source import Video
 
 

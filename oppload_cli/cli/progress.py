@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.task import Outcome, Task
     from oppload_cli.results.alarms import Verdict
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.source import Video
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.clips import Label, Numbers
     from oppload_cli.evaluation.metrics.intervals import Measurement
     from oppload_cli.evaluation.metrics.measures import Performance
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.video.frames import DecodedSource, Frame, FrameSource
 

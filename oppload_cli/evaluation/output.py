@@ -26,9 +26,8 @@ from oppload_cli.evaluation.metrics.windows import (
     tiled,
     without_approach,
 )
-from oppload_cli.evaluation.page import NOTHING, number, page_of
+from oppload_cli.evaluation.page import NOTHING, number, page_of, pictures, worst
 from oppload_cli.evaluation.plots import PLOTS, drawn
-from oppload_cli.evaluation.stills import pictures, worst
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
 from oppload_cli.files.tables import open_table
 

@@ -9,7 +9,7 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.evaluation.manifest import Entry, Manifest
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.stimulus.catalogue import find
-from oppload_cli.stimulus.tables import PICTURE
+from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.stimulus.truth import ground_truth, read_ground_truth
 
 if TYPE_CHECKING:

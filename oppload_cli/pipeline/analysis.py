@@ -12,14 +12,13 @@ from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.models.registry import default_names, detector_of, parameters_of
-from oppload_cli.models.timebase import NEARLY_ONE, TimeParams, time_params
+from oppload_cli.models.timebase import NEARLY_ONE, FrameTimes, TimeParams, time_params
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics
 from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
 from oppload_cli.pipeline.sources import open_source
-from oppload_cli.pipeline.times import FrameTimes
 from oppload_cli.processes.threads import Prefetch
-from oppload_cli.results.record import FrameRecord
+from oppload_cli.results.table import FrameRecord
 from oppload_cli.video.frames import frames_ahead
 
 if TYPE_CHECKING:

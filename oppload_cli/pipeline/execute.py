@@ -16,16 +16,15 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason_of
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
+from oppload_cli.models.timebase import FrameTimes
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.outputs import Writing, begun
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL
 from oppload_cli.pipeline.task import Interrupted, Outcome, Task, exists_already
-from oppload_cli.pipeline.times import FrameTimes
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
-from oppload_cli.results.columns import columns_for
-from oppload_cli.results.record import ModelSummary
+from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import Optics
 from oppload_cli.video.span import Span
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.pipeline.task import Watcher
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.schema import Parameters
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.annotation.video import AnnotatedVideo
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.frames import FrameSource
     from oppload_cli.video.source import Video
 

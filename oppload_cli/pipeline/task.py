@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from oppload_cli.pipeline.outputs import Outputs
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.results.alarms import Verdict
-    from oppload_cli.results.record import FrameRecord, ModelSummary
+    from oppload_cli.results.table import FrameRecord, ModelSummary
     from oppload_cli.video.source import Video
 
 _REMEDY = "choose --if-exists overwrite, or another --output"

@@ -11,13 +11,18 @@ import numpy as np
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle, spread
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, SHADES, png_bytes, styled_figure
 from oppload_cli.reference.published import BAR_WIDTHS, SOURCE, bar_tuning
-from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict, at_least, at_most
-from oppload_cli.reproduction.common import (
+from oppload_cli.reproduction.claims import (
     DPI,
     NO_PAUSE,
     PRESETS,
     TITLES,
     WIDE,
+    Built,
+    Claim,
+    Finding,
+    Verdict,
+    at_least,
+    at_most,
     peak_of,
     plain,
     presented,

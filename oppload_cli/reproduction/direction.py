@@ -13,8 +13,18 @@ from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import FAINT, SHADES, png_bytes, styled_figure
-from oppload_cli.reproduction.claims import Built, Claim, Finding, at_least, at_most
-from oppload_cli.reproduction.common import DPI, PRESETS, TITLES, WIDE, settings_of
+from oppload_cli.reproduction.claims import (
+    DPI,
+    PRESETS,
+    TITLES,
+    WIDE,
+    Built,
+    Claim,
+    Finding,
+    at_least,
+    at_most,
+    settings_of,
+)
 from oppload_cli.stimulus.catalogue import load
 
 if TYPE_CHECKING:

@@ -7,13 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.plots.style import CYCLE, png_bytes, styled_figure
-from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict, at_most
-from oppload_cli.reproduction.common import (
+from oppload_cli.reproduction.claims import (
     DPI,
     NO_PAUSE,
     PRESETS,
     TITLES,
     WIDE,
+    Built,
+    Claim,
+    Finding,
+    Verdict,
+    at_most,
     peak_of,
     presented,
     settings_of,

@@ -9,8 +9,18 @@ from matplotlib.patches import Rectangle
 
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import png_bytes, styled_figure
-from oppload_cli.reproduction.claims import Built, Claim, Finding, Verdict, at_most
-from oppload_cli.reproduction.common import DPI, PRESETS, TITLES, WIDE, settings_of
+from oppload_cli.reproduction.claims import (
+    DPI,
+    PRESETS,
+    TITLES,
+    WIDE,
+    Built,
+    Claim,
+    Finding,
+    Verdict,
+    at_most,
+    settings_of,
+)
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import present

@@ -11,8 +11,17 @@ from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import rmo, rmo_metrics
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import CYCLE, FAINT, INK, png_bytes, styled_figure
-from oppload_cli.reproduction.claims import NO_PRESET, Built, Claim, Finding, Verdict, at_most
-from oppload_cli.reproduction.common import DPI, NO_PAUSE, WIDE
+from oppload_cli.reproduction.claims import (
+    DPI,
+    NO_PAUSE,
+    NO_PRESET,
+    WIDE,
+    Built,
+    Claim,
+    Finding,
+    Verdict,
+    at_most,
+)
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.stimulus.truth import frame_truth
 

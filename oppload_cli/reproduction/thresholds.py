@@ -8,13 +8,16 @@ import numpy as np
 
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import FAINT, png_bytes, styled_figure
-from oppload_cli.reproduction.claims import Built, Claim, Finding, at_least
-from oppload_cli.reproduction.common import (
+from oppload_cli.reproduction.claims import (
     DPI,
     NO_PAUSE,
     PRESETS,
     TITLES,
     WIDE,
+    Built,
+    Claim,
+    Finding,
+    at_least,
     peak_of,
     plain,
     presented,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
 
 COLUMNS: dict[str, tuple[type, str]] = {
     "video": (str, "the input, as it was named"),

@@ -14,8 +14,7 @@ from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.files.tables import typed
 from oppload_cli.models.registry import default_names, known_names
-from oppload_cli.results.columns import columns_for
-from oppload_cli.results.record import ModelSummary
+from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.writing import SCHEMA
 from oppload_cli.schema import parsed_fraction
 

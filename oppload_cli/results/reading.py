@@ -16,7 +16,7 @@ import pandas as pd
 from oppload_cli.errors import ResultError, SourceError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.models.registry import default_names, known_names
-from oppload_cli.results.columns import columns_for
+from oppload_cli.results.table import columns_for
 from oppload_cli.video.inputs import NUMBER
 
 if TYPE_CHECKING:

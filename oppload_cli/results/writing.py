@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.detection.places import Detection
     from oppload_cli.files.tables import Value
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
 
 
 SCHEMA = "oppload.result/2"

@@ -17,19 +17,10 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.catalogue import Entry, entries, find, load, load_all, read_entry
     from oppload_cli.stimulus.courses import Course
     from oppload_cli.stimulus.files import Written, file_stem, write
+    from oppload_cli.stimulus.objects import Brightness, Growth, Motion, Object
     from oppload_cli.stimulus.protocol import Protocol, json_schema
     from oppload_cli.stimulus.renderer import Renderer, StimulusFrame, frames
-    from oppload_cli.stimulus.tables import (
-        Brightness,
-        Camera,
-        Display,
-        Effects,
-        Growth,
-        Motion,
-        Object,
-        Scene,
-        Timing,
-    )
+    from oppload_cli.stimulus.tables import Camera, Display, Effects, Scene, Timing
     from oppload_cli.stimulus.truth import (
         FrameTruth,
         ObjectTruth,
@@ -77,12 +68,10 @@ _MODULES = {
     "catalogue": ("Entry", "entries", "find", "load", "load_all", "read_entry"),
     "courses": ("Course",),
     "files": ("Written", "file_stem", "write"),
+    "objects": ("Brightness", "Growth", "Motion", "Object"),
     "protocol": ("Protocol", "json_schema"),
     "renderer": ("Renderer", "StimulusFrame", "frames"),
-    "tables": (
-        *("Brightness", "Camera", "Display", "Effects", "Growth", "Motion", "Object", "Scene"),
-        "Timing",
-    ),
+    "tables": ("Camera", "Display", "Effects", "Scene", "Timing"),
     "truth": (
         *("FrameTruth", "ObjectTruth", "PictureTruth"),
         *("frame_truth", "ground_truth", "read_ground_truth"),

@@ -1,4 +1,4 @@
-"""From degrees of the field to pixels of the display: positions, lengths and outlines."""
+"""The pose of an object in degrees of the field, and its outline in pixels of the display."""
 
 from __future__ import annotations
 
@@ -7,14 +7,88 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from oppload_cli.stimulus.kinematics import Pose
-    from oppload_cli.stimulus.tables import Display, Object
+    from oppload_cli.stimulus.objects import Object
+    from oppload_cli.stimulus.tables import Display
 
     Point = tuple[float, float]
 
 
 # tan() beyond this is too large to draw, and a shape that large fills every display
 WIDEST_DEG = 89.9
+
+
+@dataclass(frozen=True)
+class Extent:
+    """Reach of a shape to both sides of its anchor, along its axis.
+
+    Attributes
+    ----------
+    forward, backward : float
+        Degrees, at least 0.
+    forward_speed, backward_speed : float
+        How fast they grow, in deg/s.
+    """
+
+    forward: float
+    backward: float
+    forward_speed: float = 0.0
+    backward_speed: float = 0.0
+
+    @property
+    def size(self) -> float:
+        """The full size in degrees."""
+        return self.forward + self.backward
+
+    def times(self, sign: float) -> Extent:
+        """Return the same reach, its speeds times 1 (forwards in time), -1 (backwards) or 0."""
+        return Extent(
+            self.forward, self.backward, sign * self.forward_speed, sign * self.backward_speed
+        )
+
+
+@dataclass(frozen=True)
+class Pose:
+    """An object at one time.
+
+    Attributes
+    ----------
+    visible : bool
+        Whether it is drawn.
+    centre_deg, velocity_deg_s : tuple of float
+        Anchor point [right, up] and its velocity.
+    orientation_deg : float
+        Direction of its axis.
+    extent : Extent
+        Reach to both sides of the anchor along the axis, and its speeds.
+    luminance : float
+        0 to 1.
+    zoom : float
+        Scale of a pattern.
+    travel_deg : tuple of float
+        Its own movement since the start, in the scene's frame before any turn.
+    contact_in_s : float or None
+        Time to contact while it approaches.
+    looming : bool
+        Whether its complete outline grows.
+    """
+
+    visible: bool
+    centre_deg: tuple[float, float]
+    velocity_deg_s: tuple[float, float]
+    orientation_deg: float
+    extent: Extent
+    luminance: float
+    zoom: float
+    travel_deg: tuple[float, float]
+    contact_in_s: float | None
+    looming: bool
+
+    @property
+    def look(self) -> tuple[object, ...]:
+        """All that the picture depends on."""
+        reach = (self.extent.forward, self.extent.backward)
+        place = (self.centre_deg, self.orientation_deg, self.zoom, self.travel_deg)
+        return (self.visible, self.luminance, *reach, *place)
 
 
 @dataclass(frozen=True)

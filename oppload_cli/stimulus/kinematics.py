@@ -9,93 +9,18 @@ from __future__ import annotations
 import bisect
 import math
 import random
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.tables import FIELDS, LOOMING
+from oppload_cli.stimulus.geometry import Extent, Pose, Projection
+from oppload_cli.stimulus.objects import FIELDS, LOOMING
 
 if TYPE_CHECKING:
-    from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.tables import Brightness, Camera, Growth, Motion, Object, Timing
+    from oppload_cli.stimulus.objects import Brightness, Growth, Motion, Object
+    from oppload_cli.stimulus.tables import Camera, ProtocolTables, Timing
 
 
 _Vector = tuple[float, float]
 _STILL: _Vector = (0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class _Extent:
-    """Reach of a shape to both sides of its anchor, along its axis.
-
-    Attributes
-    ----------
-    forward, backward : float
-        Degrees, at least 0.
-    forward_speed, backward_speed : float
-        How fast they grow, in deg/s.
-    """
-
-    forward: float
-    backward: float
-    forward_speed: float = 0.0
-    backward_speed: float = 0.0
-
-    @property
-    def size(self) -> float:
-        """The full size in degrees."""
-        return self.forward + self.backward
-
-    def times(self, sign: float) -> _Extent:
-        """Return the same reach, its speeds times 1 (forwards in time), -1 (backwards) or 0."""
-        return _Extent(
-            self.forward, self.backward, sign * self.forward_speed, sign * self.backward_speed
-        )
-
-
-@dataclass(frozen=True)
-class Pose:
-    """An object at one time.
-
-    Attributes
-    ----------
-    visible : bool
-        Whether it is drawn.
-    centre_deg, velocity_deg_s : tuple of float
-        Anchor point [right, up] and its velocity.
-    orientation_deg : float
-        Direction of its axis.
-    extent : _Extent
-        Reach to both sides of the anchor along the axis, and its speeds.
-    luminance : float
-        0 to 1.
-    zoom : float
-        Scale of a pattern.
-    travel_deg : tuple of float
-        Its own movement since the start, in the scene's frame before any turn.
-    contact_in_s : float or None
-        Time to contact while it approaches.
-    looming : bool
-        Whether its complete outline grows.
-    """
-
-    visible: bool
-    centre_deg: tuple[float, float]
-    velocity_deg_s: tuple[float, float]
-    orientation_deg: float
-    extent: _Extent
-    luminance: float
-    zoom: float
-    travel_deg: tuple[float, float]
-    contact_in_s: float | None
-    looming: bool
-
-    @property
-    def look(self) -> tuple[object, ...]:
-        """All that the picture depends on."""
-        reach = (self.extent.forward, self.extent.backward)
-        place = (self.centre_deg, self.orientation_deg, self.zoom, self.travel_deg)
-        return (self.visible, self.luminance, *reach, *place)
 
 
 def motion_times(timing: Timing, obj: Object) -> tuple[float, float]:
@@ -105,7 +30,7 @@ def motion_times(timing: Timing, obj: Object) -> tuple[float, float]:
     return start, end
 
 
-def pose_of(protocol: Protocol, obj: Object, time: float) -> Pose:
+def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     """Return the pose of an object of the protocol at a time, in seconds of the clip."""
     start, end = motion_times(protocol.timing, obj)
     moving = start <= time < end
@@ -134,7 +59,7 @@ def pose_of(protocol: Protocol, obj: Object, time: float) -> Pose:
     )
 
 
-def reaches_field(protocol: Protocol, obj: Object, pose: Pose) -> bool:
+def reaches_field(protocol: ProtocolTables, obj: Object, pose: Pose) -> bool:
     """Tell whether an object may touch the display.
 
     It is False only where the object is not drawn, or where the bounding circle of a shape
@@ -172,7 +97,7 @@ def _contact_in(obj: Object, time: float, start: float, end: float) -> float | N
 
 
 def _in_scene(
-    protocol: Protocol, point: tuple[float, float], velocity: tuple[float, float], time: float
+    protocol: ProtocolTables, point: tuple[float, float], velocity: tuple[float, float], time: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Turn and shift a point and its velocity as the scene does."""
     scene, timing = protocol.scene, protocol.timing
@@ -189,7 +114,7 @@ def _in_scene(
     return (x + scene.centre_deg[0] + dx, y + scene.centre_deg[1] + dy), (vx, vy)
 
 
-def _scene_turn(protocol: Protocol, time: float) -> float:
+def _scene_turn(protocol: ProtocolTables, time: float) -> float:
     scene, timing = protocol.scene, protocol.timing
     if scene.motion is None:
         return scene.rotation_deg
@@ -281,25 +206,25 @@ def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector,
     return (place[0], place[1]), (speed[0], speed[1])
 
 
-def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> _Extent:
+def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
     """Reach of a shape, with its speeds when time runs forwards.
 
     `elapsed` counts from the start of its motion; `start` and `end` are seconds of the clip.
     """
     growth, size = obj.growth, obj.size_deg or 0.0
     if growth is None:
-        return _Extent(size / 2, size / 2)
+        return Extent(size / 2, size / 2)
     if growth.kind == "approach":
         contact = end if growth.contact_s is None else growth.contact_s
         return _approach(growth, contact - start - elapsed)
     if growth.kind == "steps":
         index = bisect.bisect_right(growth.times_s, elapsed + 1e-9)
         size = growth.sizes_deg[index - 1] if index else size
-        return _Extent(size / 2, size / 2)
+        return Extent(size / 2, size / 2)
     return _constant_edge_speed(growth, size, elapsed)
 
 
-def _approach(growth: Growth, remaining: float) -> _Extent:
+def _approach(growth: Growth, remaining: float) -> Extent:
     """Reach of an object that approaches at constant speed, some seconds before contact.
 
     Its angular size is ``2 atan((l/v) / (contact - t))``, with l the half size of the
@@ -310,10 +235,10 @@ def _approach(growth: Growth, remaining: float) -> _Extent:
     speed = math.degrees(ratio / (remaining**2 + ratio**2)) if remaining > 0 else 0.0
     if half <= growth.least_deg / 2 or half >= growth.most_deg / 2:
         half, speed = min(max(half, growth.least_deg / 2), growth.most_deg / 2), 0.0
-    return _Extent(half, half, speed, speed)
+    return Extent(half, half, speed, speed)
 
 
-def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> _Extent:
+def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
     """Reach of a shape of this size at the start, its edges moving at constant speed."""
     speed = growth.speed_deg_s or 0.0
     forward = speed if growth.sides in {"both", "forward"} else 0.0
@@ -324,5 +249,5 @@ def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> _Extent
         moving, elapsed = elapsed < lasts, min(elapsed, lasts)
         if growth.end_deg < size:
             forward, backward = -forward, -backward
-    reach = _Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)
+    reach = Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)
     return reach.times(1.0 if moving else 0.0)

@@ -13,8 +13,8 @@ from oppload_cli.errors import StimulusError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.stimulus.kinematics import Pose
-    from oppload_cli.stimulus.tables import Object
+    from oppload_cli.stimulus.geometry import Pose
+    from oppload_cli.stimulus.objects import Object
 
     Floats = NDArray[np.float64]
     Picture = NDArray[np.float32]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.stimulus.tables import Object
+    from oppload_cli.stimulus.objects import Object
 
     Floats = NDArray[np.float64]
     Picture = NDArray[np.float32]

@@ -15,19 +15,11 @@ from fractions import Fraction
 from typing import Any, Self
 
 from oppload_cli.errors import StimulusError, suggestion
-from oppload_cli.schema import REQUIRED, Parameter, Table, parameter
+from oppload_cli.schema import REQUIRED, Parameter, Table
 from oppload_cli.stimulus.kinematics import motion_times, pose_of, reaches_field
+from oppload_cli.stimulus.objects import FIELDS, PICTURE, Object
 from oppload_cli.stimulus.staging import check_stage, enters
-from oppload_cli.stimulus.tables import (
-    FIELDS,
-    PICTURE,
-    Camera,
-    Display,
-    Effects,
-    Object,
-    Scene,
-    Timing,
-)
+from oppload_cli.stimulus.tables import ProtocolTables
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
@@ -37,20 +29,8 @@ _RESERVED = ("display", "timing", "scene", "camera", "effects", "object", "sweep
 
 
 @dataclass(frozen=True, kw_only=True)
-class Protocol(Table):
+class Protocol(ProtocolTables):
     """One stimulus, resolved: everything that its frames depend on."""
-
-    name: str = parameter("stimulus", "its name")
-    description: str = parameter("", "one line on what it shows")
-    source: str = parameter("", "its publication or its purpose")
-    tags: tuple[str, ...] = parameter((), "words to search for")
-    seed: int = parameter(0, "seed of everything random in it", low=0, high=2**32 - 1)
-    display: Display = parameter(REQUIRED, "the screen")
-    timing: Timing = parameter(REQUIRED, "pauses and duration")
-    scene: Scene = parameter(Scene(), "shift, turn and motion of all objects together")
-    camera: Camera | None = parameter(None, "the camera of a staged scene")
-    effects: Effects = parameter(Effects(), "changes of the finished picture")
-    objects: tuple[Object, ...] = parameter((), "drawn in this order, the first one at the back")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -66,17 +46,6 @@ class Protocol(Table):
                 _check_inside(self, obj)
             except StimulusError as problem:
                 raise StimulusError(f"object '{obj.id}': {problem}") from None
-
-    @property
-    def frame_count(self) -> int:
-        """Number of frames: those whose time lies before the clip's end."""
-        timing = self.timing
-        total = sum(Fraction(repr(s)) for s in (timing.before_s, timing.motion_s, timing.after_s))
-        return max(1, math.ceil(total * self.display.frame_rate))
-
-    def time_of(self, frame: int) -> float:
-        """Return the time of a frame (0-based), in seconds of the clip."""
-        return float(frame / self.display.frame_rate)
 
     @classmethod
     def from_table(cls, table: object, where: str) -> Self:

@@ -1,16 +1,37 @@
-"""The renderer: from a protocol to frames of luminance with their ground truth."""
+"""The renderer: from a protocol to frames of luminance with their ground truth.
+
+A painter puts one object of the protocol, a shape or a pattern, onto the picture.
+"""
 
 from __future__ import annotations
 
+import math
+import typing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
-from oppload_cli.stimulus.painters import painter_of
+from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
+from oppload_cli.stimulus.geometry import WIDEST_DEG, Projection, corners_of, middle_of
+from oppload_cli.stimulus.kinematics import pose_of
+from oppload_cli.stimulus.objects import GRATINGS, PICTURE
+from oppload_cli.stimulus.patterns import (
+    DotField,
+    Texture,
+    generator,
+    noise_tile,
+    shaded,
+    sine_wave,
+    square_wave,
+)
+from oppload_cli.stimulus.pictures import cutout_of, shadow_of
+from oppload_cli.stimulus.staging import camera_of, sight_of
+from oppload_cli.stimulus.surfaces import Surface
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
 
 if TYPE_CHECKING:
@@ -18,11 +39,18 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from oppload_cli.stimulus.geometry import Pose
+    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.stimulus.staging import Sight
+
+    Floats = NDArray[np.float64]
+    Picture = NDArray[np.float32]
 
 
 # v / 255 in single precision, rounded once
 _LUMINANCE = np.arange(256, dtype=np.float32) / np.float32(255)
+_LARGEST_TILE = 2048
 
 
 @dataclass(frozen=True)
@@ -56,7 +84,7 @@ class Renderer:
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
         self._background = background_of(protocol)
-        self._painters = [painter_of(protocol, obj) for obj in protocol.objects]
+        self._painters = [_painter_of(protocol, obj) for obj in protocol.objects]
         self._last: tuple[list[object], NDArray[np.float32]] | None = None
 
     def grey(self, frame: int) -> NDArray[np.uint8]:
@@ -158,3 +186,313 @@ def frames(protocol: Protocol) -> Iterator[StimulusFrame]:
         grey = renderer.grey(index)
         truth = frame_truth(protocol, index)
         yield StimulusFrame(index, truth.time_s, grey, _LUMINANCE[grey], truth)
+
+
+def _painter_of(protocol: Protocol, obj: Object) -> _AnyPainter:
+    """Return the painter of an object of the protocol.
+
+    Raises
+    ------
+    StimulusError
+        If its picture cannot be used.
+    """
+    if obj.kind == PICTURE:
+        return _PicturePainter(protocol, obj)
+    if obj.kind in GRATINGS:
+        return _GratingPainter(protocol, obj)
+    others: dict[str, type[_Painter]] = {
+        "field": _PatternPainter,
+        "texture": _TexturePainter,
+        "dots": _DotsPainter,
+        "patch": _PatchPainter,
+    }
+    return others.get(obj.kind, _Painter)(protocol, obj)
+
+
+class _AnyPainter(typing.Protocol):
+    """Paints one object."""
+
+    def pose(self, time: float) -> Any:
+        """Return the object at a time: whether it is `visible`, and its `look`."""
+
+    def paint(self, picture: Picture, pose: Any) -> None:
+        """Paint the object over the picture, float32 (h, w), in place."""
+
+
+class _Painter:
+    """Paints a shape of one colour; the base of the others."""
+
+    def __init__(self, protocol: Protocol, obj: Object) -> None:
+        self.protocol, self.obj = protocol, obj
+        self.projection = Projection.of(protocol.display)
+        self.height, self.width = protocol.display.height, protocol.display.width
+
+    def pose(self, time: float) -> Pose:
+        """Return the pose of the object at a time, in seconds of the clip."""
+        return pose_of(self.protocol, self.obj, time)
+
+    def paint(self, picture: Picture, pose: Pose) -> None:
+        """Paint the object over the picture.
+
+        Parameters
+        ----------
+        picture : ndarray
+            float32 (h, w), luminance; changed in place.
+        pose : Pose
+            The pose of the object.
+        """
+        self._blend(picture, pose, *self._coverage(pose))
+
+    def _blend(self, picture: Picture, pose: Pose, window: Window, coverage: Floats) -> None:
+        if coverage.size:
+            part = picture[window.slices]
+            part += (self._colours(pose, window) - part) * coverage.astype(np.float32)
+
+    def _colours(self, pose: Pose, window: Window) -> Picture:
+        """Return the luminance of the object's pixels, float32 of the window's shape."""
+        return np.full(window.shape, pose.luminance, dtype=np.float32)
+
+    def _coverage(self, pose: Pose) -> tuple[Window, Floats]:
+        """Share of each pixel that the shape covers."""
+        size = self.height, self.width
+        if self.obj.kind not in {"disk", "patch", "ring"}:
+            corners = corners_of(self.projection, self.obj, pose, *size)
+            return polygon_coverage(corners, *size)
+        (x, y), (ahead, behind) = middle_of(self.projection, pose)
+        window, coverage = disk_coverage(x, y, (ahead + behind) / 2, *size)
+        inner = pose.extent.size / 2 - (self.obj.width_deg or 0.0)
+        if self.obj.kind == "ring" and inner > 0:
+            hole, open_share = disk_coverage(x, y, self.projection.reach(inner), *size)
+            rows = slice(hole.top - window.top, hole.bottom - window.top)
+            columns = slice(hole.left - window.left, hole.right - window.left)
+            coverage[rows, columns] -= open_share
+        return window, np.maximum(coverage, 0.0)
+
+
+class _PatchPainter(_Painter):
+    """Paints a textured disk; the texture grows with it."""
+
+    _SIDE = 256
+
+    @cached_property
+    def _texture(self) -> Texture:
+        """One tile spans the disk."""
+        random = generator(self.protocol.seed, self.obj.id)
+        return Texture(noise_tile(self._SIDE, self.obj.exponent, self._SIDE / 8, random))
+
+    def _colours(self, pose: Pose, window: Window) -> Picture:
+        """Return the texture, turned and scaled as the disk is."""
+        (x, y), (ahead, behind) = middle_of(self.projection, pose)
+        size = max(ahead + behind, 1e-9)
+        angle = math.radians(pose.orientation_deg)
+        u: Floats = (np.arange(window.left + 0.5, window.right)[None, :] - x) / size
+        v: Floats = (np.arange(window.top + 0.5, window.bottom)[:, None] - y) / size
+        if angle:
+            u, v = (
+                u * math.cos(angle) - v * math.sin(angle),
+                u * math.sin(angle) + v * math.cos(angle),
+            )
+        return shaded(pose.luminance, self.obj.contrast, self._texture.at(u, v, self._SIDE / size))
+
+
+class _PatternPainter(_Painter):
+    """Base of the patterns, which cover the display or a round aperture of it."""
+
+    def paint(self, picture: Picture, pose: Pose) -> None:
+        """Paint the pattern over the picture."""
+        self._blend(picture, pose, *self._aperture)
+
+    @cached_property
+    def _aperture(self) -> tuple[Window, Floats]:
+        size = self.obj.size_deg
+        if size is None:
+            return Window(0, self.height, 0, self.width), np.ones((1, 1))
+        shift = self.protocol.scene.centre_deg
+        x, y = (a + b for a, b in zip(self.obj.centre_deg, shift, strict=True))
+        centre = self.projection.to_px(x, y)
+        return disk_coverage(*centre, self.projection.reach(size / 2), self.height, self.width)
+
+    @cached_property
+    def _grid_deg(self) -> tuple[Floats, Floats]:
+        """Degrees right and up of the pixels' centres: (1, w) and (h, 1), or both (h, w)."""
+        middle_x, middle_y = self.projection.middle
+        x: Floats = (np.arange(0.5, self.width)[None, :] - middle_x) / self.projection.scale
+        y: Floats = (middle_y - np.arange(0.5, self.height)[:, None]) / self.projection.scale
+        if not self.projection.perspective:
+            return x, y
+        # the eccentricity of a pixel is the arctangent of its distance from the middle
+        distance = np.radians(np.hypot(x, y))
+        ratio = np.where(distance > 0, np.arctan(distance) / np.maximum(distance, 1e-12), 1.0)
+        return x * ratio, y * ratio
+
+    def _pattern_grid(self, pose: Pose, window: Window) -> tuple[Floats, Floats]:
+        """Pixels in the pattern's own coordinates: degrees along its axis and across it.
+
+        The arrays are (1, w) and (h, 1) where nothing turns.
+        """
+        x, y = self._grid_deg
+        rows, columns = window.slices
+        x = x[:, columns] if x.shape[0] == 1 else x[rows, columns]
+        y = y[rows] if y.shape[1] == 1 else y[rows, columns]
+        x, y = (x - pose.centre_deg[0]) / pose.zoom, (y - pose.centre_deg[1]) / pose.zoom
+        angle = math.radians(pose.orientation_deg)
+        if angle == 0:
+            return x, y
+        cosine, sine = math.cos(angle), math.sin(angle)
+        return x * cosine + y * sine, y * cosine - x * sine
+
+
+class _GratingPainter(_PatternPainter):
+    """Paints square and sine gratings and plaids."""
+
+    def _colours(self, pose: Pose, window: Window) -> Picture:
+        """Return the mean luminance times 1 plus the contrast times the wave."""
+        obj = self.obj
+        if obj.kind != "plaid":
+            wave = self._wave(pose, window, 0.0)
+        else:
+            turned = (self._wave(pose, window, sign * obj.plaid_deg / 2) for sign in (-1, 1))
+            wave = sum(turned, start=np.zeros(window.shape)) / 2
+        luminance = pose.luminance * (1 + obj.contrast * wave)
+        return np.broadcast_to(luminance, window.shape).astype(np.float32)
+
+    def _wave(self, pose: Pose, window: Window, turn_deg: float) -> Floats:
+        x, y = self._pattern_grid(pose, window)
+        turn, period = math.radians(turn_deg), self.obj.period_deg or 1.0
+        phase = (x * math.cos(turn) + y * math.sin(turn)) / period
+        if self.projection.perspective:
+            across, down = np.abs(np.gradient(phase, axis=1)), np.abs(np.gradient(phase, axis=0))
+        else:
+            heading = math.radians(pose.orientation_deg) + turn
+            pixel = 1 / (self.projection.scale * pose.zoom * period)
+            across = np.array(_clean(math.cos(heading)) * pixel)
+            down = np.array(_clean(math.sin(heading)) * pixel)
+        wave = square_wave if self.obj.kind == "square-grating" else sine_wave
+        if across.size == 1 and not down.any():
+            phase = phase[:1]
+        elif down.size == 1 and not across.any():
+            phase = phase[:, :1]
+        return wave(phase + self.obj.phase_deg / 360, across, down)
+
+
+class _TexturePainter(_PatternPainter):
+    """Paints a 1/f texture over the display."""
+
+    @cached_property
+    def _tile_deg(self) -> float:
+        """Side of the tile that repeats."""
+        return max(self.height, self.width) / self.projection.scale
+
+    @cached_property
+    def _texture(self) -> Texture:
+        """The texture, at least two samples to a pixel where the tile is not too large."""
+        pixels = max(self.height, self.width)
+        side = min(2 ** math.ceil(math.log2(2 * pixels)), _LARGEST_TILE)
+        finest = self.obj.finest_deg or 4 / self.projection.scale
+        random = generator(self.protocol.seed, self.obj.id)
+        wavelength = max(finest / self._tile_deg * side, 2.0)
+        return Texture(noise_tile(side, self.obj.exponent, wavelength, random))
+
+    def _colours(self, pose: Pose, window: Window) -> Picture:
+        """Return the mean luminance times 1 plus the contrast times the texture."""
+        x, y = self._pattern_grid(pose, window)
+        per_pixel = self._texture.levels[0].shape[0] / self._tile_deg
+        per_pixel /= self.projection.scale * pose.zoom
+        values = self._texture.at(x / self._tile_deg, -y / self._tile_deg, per_pixel)
+        return shaded(pose.luminance, self.obj.contrast, values)
+
+
+class _DotsPainter(_PatternPainter):
+    """Paints random dots on an even ground."""
+
+    @cached_property
+    def _dots(self) -> DotField:
+        """All dots of the clip."""
+        x, y = self._grid_deg
+        view = 2 * float(np.hypot(np.abs(x).max(), np.abs(y).max()))
+        motion = self.obj.motion
+        lasts = self.protocol.timing.motion_s
+        smallest = min(1.0, math.exp(motion.zoom_per_s * lasts)) if motion else 1.0
+        return DotField(self.obj, self.protocol.seed, view / smallest)
+
+    def _colours(self, pose: Pose, window: Window) -> Picture:
+        """Return the ground, with the dots on it."""
+        places = self._dots.positions(pose)
+        x, y = self._to_px(places)
+        radius = self.projection.reach((self.obj.dot_deg or 0.0) / 2)
+        near = (np.abs(x - self.width / 2) < self.width / 2 + radius) & (
+            np.abs(y - self.height / 2) < self.height / 2 + radius
+        )
+        picture = np.full((self.height, self.width), pose.luminance, dtype=np.float32)
+        if near.any():
+            part, covered = disk_coverage(x[near], y[near], radius, self.height, self.width)
+            picture[part.slices] *= (1 + self.obj.contrast * covered).astype(np.float32)
+        return picture[window.slices]
+
+    def _to_px(self, places: Floats) -> tuple[Floats, Floats]:
+        scale = np.full(len(places), self.projection.scale)
+        if self.projection.perspective:
+            away = np.minimum(np.hypot(places[:, 0], places[:, 1]), WIDEST_DEG)
+            scale = self.projection.eye_px * np.tan(np.radians(away)) / np.maximum(away, 1e-12)
+        middle_x, middle_y = self.projection.middle
+        return middle_x + scale * places[:, 0], middle_y - scale * places[:, 1]
+
+
+class _PicturePainter:
+    """Paints a picture with transparency in exact perspective, and its shadow."""
+
+    def __init__(self, protocol: Protocol, obj: Object) -> None:
+        self._protocol, self._obj = protocol, obj
+        self._cutout = cutout_of(obj, protocol.seed)
+        self._down = -camera_of(protocol).height_m
+
+    def pose(self, time: float) -> Sight:
+        """Return the picture as the camera meets it."""
+        return sight_of(self._protocol, self._obj, time)
+
+    def paint(self, picture: Picture, pose: Sight) -> None:
+        """Paint the shadow and the picture."""
+        (right_m, up_m, ahead_m), offset = pose.view.place, pose.offset
+        place = right_m + offset[0], up_m + offset[1], ahead_m + offset[2]
+        size = self._obj.size_m or 0.0
+        wide, high = self._cutout.width * size / 2, self._cutout.height * size / 2
+        ground = place[0], self._down, place[2]
+        ahead, right, up = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+        if self._obj.shadow:
+            side = shadow_of()
+            extent = -1.1 * wide, -0.4 * wide, 1.1 * wide, 0.4 * wide
+            # a circle, half as deep as wide
+            scale = side.width / (2.2 * wide)
+            shade = Surface(ground, right, ahead, side, scale, (-1.1 * wide, 1.1 * wide), extent)
+            self._blend(picture, shade, pose, 0.0, self._obj.shadow)
+        scale = self._cutout.texture.width / (2 * wide)
+        extent = -wide, -high, wide, high
+        flat = Surface(place, right, up, self._cutout.texture, scale, (-wide, high), extent)
+        self._blend(picture, flat, pose, self._gain, 1.0)
+
+    def _blend(
+        self, picture: Picture, surface: Surface, pose: Sight, gain: float, share: float
+    ) -> None:
+        height, width = picture.shape
+        seen = surface.seen(pose.view, height, width)
+        if seen is None:
+            return
+        placed, covered = seen
+        values = surface.values(placed) * (covered * np.float32(share))[..., None]
+        part = picture[placed.window.slices]
+        part *= 1 - values[..., 1]
+        part += np.minimum(values[..., 0] * np.float32(gain), values[..., 1])
+
+    @cached_property
+    def _gain(self) -> float:
+        """The factor by which the luminance of the picture is multiplied."""
+        wanted = self._obj.relative_luminance
+        if wanted is None:
+            return 1.0
+        behind = background_of(self._protocol).picture(0.0, 0.0)
+        return wanted * float(behind.mean(dtype=np.float64)) / max(self._cutout.mean, 1e-6)
+
+
+def _clean(value: float) -> float:
+    """Make the cosine of 90 degrees 0."""
+    return 0.0 if abs(value) < 1e-12 else value

@@ -16,11 +16,12 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector, line_of
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import motion_times, shaken, shown
-from oppload_cli.stimulus.tables import PICTURE, Camera
+from oppload_cli.stimulus.objects import PICTURE
+from oppload_cli.stimulus.tables import Camera
 
 if TYPE_CHECKING:
-    from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.tables import Object
+    from oppload_cli.stimulus.objects import Object
+    from oppload_cli.stimulus.tables import ProtocolTables
 
 NEAREST_M = 0.01  # nothing nearer to the camera than that is drawn
 _USUAL_CAMERA = Camera()
@@ -93,12 +94,12 @@ class Sight:
         return self.drawn, self.offset, self.view
 
 
-def camera_of(protocol: Protocol) -> Camera:
+def camera_of(protocol: ProtocolTables) -> Camera:
     """Return the camera of a protocol; the usual one where it names none."""
     return protocol.camera or _USUAL_CAMERA
 
 
-def view_of(protocol: Protocol, time: float) -> View:
+def view_of(protocol: ProtocolTables, time: float) -> View:
     """Return the camera of a protocol at a time, in seconds of the clip."""
     camera, timing = camera_of(protocol), protocol.timing
     elapsed = min(max(time - timing.before_s, 0.0), timing.motion_s)
@@ -115,14 +116,14 @@ def view_of(protocol: Protocol, time: float) -> View:
 
 
 @lru_cache(maxsize=256)
-def _line(protocol: Protocol, obj: Object) -> Line:
+def _line(protocol: ProtocolTables, obj: Object) -> Line:
     start, end = motion_times(protocol.timing, obj)
     if obj.course is None or obj.size_m is None:
         raise StimulusError(f"object '{obj.id}' has no course")
     return line_of(obj.course, obj.size_m, end - start)
 
 
-def sight_of(protocol: Protocol, obj: Object, time: float) -> Sight:
+def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
     """Return a picture of the protocol at a time, in seconds of the clip."""
     start, end = motion_times(protocol.timing, obj)
     line, view = _line(protocol, obj), view_of(protocol, time)
@@ -136,7 +137,7 @@ def sight_of(protocol: Protocol, obj: Object, time: float) -> Sight:
     return Sight(drawn, offset, velocity, left, view)
 
 
-def contact_of(protocol: Protocol, obj: Object) -> float | None:
+def contact_of(protocol: ProtocolTables, obj: Object) -> float | None:
     """Return when a picture hits the camera, in seconds of the clip; None if it never does."""
     nearest, distance = _line(protocol, obj).closest()
     if nearest is None or distance > HIT_SIZES * (obj.size_m or 0.0) + 1e-9:
@@ -144,7 +145,7 @@ def contact_of(protocol: Protocol, obj: Object) -> float | None:
     return motion_times(protocol.timing, obj)[0] + nearest
 
 
-def miss_of(protocol: Protocol, obj: Object) -> float | None:
+def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
     """Return the least distance of a picture's course from the camera, in its own sizes.
 
     None for one that comes no nearer.
@@ -184,7 +185,7 @@ def box_of(sight: Sight, half_width: float, half_height: float) -> Box | None:
     return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
 
 
-def enters(protocol: Protocol, obj: Object, time: float) -> bool:
+def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
     """Tell whether a picture may touch the display: its bounding square does."""
     sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
     if not sight.drawn:
@@ -197,7 +198,7 @@ def enters(protocol: Protocol, obj: Object, time: float) -> bool:
     return left < display.width and top < display.height and left + width > 0 < top + height
 
 
-def check_stage(protocol: Protocol) -> None:
+def check_stage(protocol: ProtocolTables) -> None:
     """Check the rules that a staged scene sets for the tables of a protocol together.
 
     Raises
@@ -229,7 +230,7 @@ def check_stage(protocol: Protocol) -> None:
             raise StimulusError(f"object '{obj.id}': course: {problem}") from None
 
 
-def _check_start(protocol: Protocol, obj: Object) -> None:
+def _check_start(protocol: ProtocolTables, obj: Object) -> None:
     ahead = _line(protocol, obj).start[2]
     if ahead <= 0 and obj.course is not None and obj.course.kind != "overtaking":
         raise StimulusError(

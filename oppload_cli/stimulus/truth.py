@@ -11,18 +11,18 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.geometry import Projection, middle_of
 from oppload_cli.stimulus.kinematics import motion_times, pose_of
+from oppload_cli.stimulus.objects import LOOMING, PICTURE, SIZED
 from oppload_cli.stimulus.pictures import cutout_of
 from oppload_cli.stimulus.staging import NEAREST_M, box_of, camera_of, contact_of, miss_of, sight_of
-from oppload_cli.stimulus.tables import LOOMING, PICTURE, SIZED
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from oppload_cli.stimulus.kinematics import Pose
+    from oppload_cli.stimulus.geometry import Pose
+    from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.stimulus.tables import Object
 
 
 _SCHEMA = "oppload.stimulus/1"

@@ -9,7 +9,7 @@ from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box
 from oppload_cli.models.dlgmd import DlgmdResponse
 from oppload_cli.models.opplod import OpplodResponse
-from oppload_cli.results.record import FrameRecord
+from oppload_cli.results.table import FrameRecord
 from oppload_cli.video.frames import InputFacts
 
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from oppload_cli.annotation.layout import layout_of
+from oppload_cli.annotation.frame import layout_of
 from tests.annotation.records import facts
 
 

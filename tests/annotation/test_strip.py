@@ -6,21 +6,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.layout import layout_of, paint_of
-from oppload_cli.annotation.strip import (
+from oppload_cli.annotation.frame import (
     History,
     Point,
     column_of,
     draw_ground,
     draw_strip,
+    layout_of,
     level_row,
+    paint_of,
     tick_step,
 )
 from oppload_cli.models.registry import detectors
 from tests.annotation.records import facts, record
 
 if TYPE_CHECKING:
-    from oppload_cli.results.record import FrameRecord
+    from oppload_cli.results.table import FrameRecord
 
 LAYOUT = layout_of(facts(1280, 720))
 BOTH = ("opplod", "dlgmd")

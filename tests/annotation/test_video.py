@@ -10,8 +10,7 @@ import av
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.layout import layout_of, paint_of
-from oppload_cli.annotation.strip import level_row
+from oppload_cli.annotation.frame import layout_of, level_row, paint_of
 from oppload_cli.annotation.video import AnnotatedVideo
 from oppload_cli.errors import OutputError
 from oppload_cli.pipeline.analysis import analyse

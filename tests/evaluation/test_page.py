@@ -15,9 +15,8 @@ from oppload_cli.evaluation.manifest import Entry, Manifest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.output import report_json, report_of
-from oppload_cli.evaluation.page import number, page_of
+from oppload_cli.evaluation.page import HEIGHT, WIDTH, number, page_of, strip, winner_of, worst
 from oppload_cli.evaluation.plots import PLOTS
-from oppload_cli.evaluation.stills import HEIGHT, WIDTH, strip, winner_of, worst
 from tests.evaluation.make import NAME, clip, peaks
 from tests.presets import REFERENCE
 

@@ -18,7 +18,7 @@ from oppload_cli.models.arms import (
 from oppload_cli.models.kernels import DpcParams, Kernels
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.registry import parameters_of
-from oppload_cli.results.columns import columns_for
+from oppload_cli.results.table import columns_for
 
 if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map

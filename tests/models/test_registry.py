@@ -16,7 +16,7 @@ from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.presets import PRESETS, preset_named
 from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
-from oppload_cli.results.columns import COMMON, RMO, columns_of
+from oppload_cli.results.table import COMMON, RMO, columns_of
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:

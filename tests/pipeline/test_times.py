@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from oppload_cli.pipeline.times import FrameTimes
+from oppload_cli.models.timebase import FrameTimes
 
 
 def taken(times: list[float], rate: float | None = None) -> tuple[list[float], FrameTimes]:

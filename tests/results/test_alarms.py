@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box, Response
 from oppload_cli.results.alarms import AlarmLog, Verdict, in_words, verdicts_in, write_alarms
-from oppload_cli.results.record import FrameRecord
+from oppload_cli.results.table import FrameRecord
 
 if TYPE_CHECKING:
     from pathlib import Path

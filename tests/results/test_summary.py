@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from oppload_cli import DlgmdResponse, FrameRecord
-from oppload_cli.results.record import ModelSummary
+from oppload_cli.results.table import ModelSummary
 
 
 def record(frame: int, response: float | None, alarm: bool = False) -> FrameRecord:

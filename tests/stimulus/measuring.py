@@ -12,7 +12,7 @@ import numpy as np
 from oppload_cli.stimulus import Effects, Object, Protocol, Renderer, frame_truth
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import pose_of
-from oppload_cli.stimulus.tables import SIZED
+from oppload_cli.stimulus.objects import SIZED
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
-from oppload_cli.stimulus.tables import KINDS
+from oppload_cli.stimulus.objects import KINDS
 
 if TYPE_CHECKING:
     from pathlib import Path

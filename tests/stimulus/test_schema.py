@@ -10,7 +10,7 @@ from typing import Any
 from docs.generate_gallery import SECTIONS, reference
 from oppload_cli.stimulus import Growth, Object, json_schema, load_all
 from oppload_cli.stimulus.catalogue import catalogue_directory
-from oppload_cli.stimulus.tables import KINDS
+from oppload_cli.stimulus.objects import KINDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 

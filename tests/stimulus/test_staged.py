@@ -13,7 +13,8 @@ from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus import PictureTruth, Renderer, frame_truth
 from oppload_cli.stimulus.courses import Course, line_of
-from oppload_cli.stimulus.tables import DRAWINGS, SURROUNDINGS
+from oppload_cli.stimulus.objects import DRAWINGS
+from oppload_cli.stimulus.tables import SURROUNDINGS
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,0 +1,406 @@
+"""The objects of a protocol: shapes, patterns and pictures, with their motion and changes."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+from oppload_cli.errors import StimulusError
+from oppload_cli.schema import REQUIRED, Table, parameter
+from oppload_cli.stimulus.courses import Course
+
+GRATINGS = ("square-grating", "sine-grating", "plaid")
+PATTERNS = (*GRATINGS, "texture", "dots")
+FIELDS = ("field", *PATTERNS)
+SIZED = ("disk", "square", "bar", "cross", "ring", "patch")
+PICTURE = "picture"
+KINDS = (*SIZED, "edge", *FIELDS, PICTURE)
+DRAWINGS = ("ball", "box", "car", "bird")
+# A shape looms where its complete outline grows; a bar or a cross grows along lines only.
+LOOMING = ("disk", "square", "ring", "patch")
+_TEXTURED = ("texture", "patch")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion(Table):
+    """How a shape, a pattern or the complete scene moves."""
+
+    speed_deg_s: float = parameter(0.0, "speed", unit="deg/s", low=0, high=100_000)
+    direction_deg: float | None = parameter(
+        None, "direction of the movement; default: the axis", unit="deg"
+    )
+    rotation_deg_s: float = parameter(
+        0.0, "speed of turning, counter-clockwise", unit="deg/s", low=-100_000, high=100_000
+    )
+    zoom_per_s: float = parameter(
+        0.0,
+        "growth rate of a pattern's scale: exp(zoom_per_s t); patterns only",
+        unit="1/s",
+        low=-20,
+        high=20,
+    )
+    shake_deg: float = parameter(
+        0.0, "RMS distance of a shake from its middle", unit="deg", low=0, high=90
+    )
+    shake_hz: float = parameter(4.0, "middle frequency of the shake", unit="Hz", above=0, high=500)
+    path_deg: tuple[tuple[float, float], ...] = parameter(
+        (),
+        "points [right, up] of a path, added to centre_deg, joined by straight lines",
+        unit="deg",
+    )
+    path_s: tuple[float, ...] = parameter(
+        (), "when each point is reached, from the start of the motion", unit="s", low=0, high=3600
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.path_deg or self.path_s:
+            _check_times(self.path_s, self.path_deg, "path_s", "path_deg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Growth(Table):
+    """How the size of a shape changes."""
+
+    kind: str = parameter(
+        REQUIRED,
+        "edge-speed: constant speed of the edge; approach: constant approach speed; "
+        "steps: sudden sizes",
+        choices=("edge-speed", "approach", "steps"),
+    )
+    speed_deg_s: float | None = parameter(
+        None,
+        "speed of each moving edge",
+        unit="deg/s",
+        above=0,
+        high=100_000,
+        kinds=("edge-speed",),
+        needed_by=("edge-speed",),
+    )
+    end_deg: float | None = parameter(
+        None,
+        "size to grow (or shrink) to, then held; without it the shape grows until the motion ends",
+        unit="deg",
+        low=0,
+        high=360,
+        kinds=("edge-speed",),
+    )
+    sides: str = parameter(
+        "both",
+        "the ends of a bar that move: both, forward (along the axis) or backward",
+        choices=("both", "forward", "backward"),
+        kinds=("edge-speed",),
+    )
+    l_over_v_ms: float | None = parameter(
+        None,
+        "half size over approach speed: size = 2 atan((l/v) / (contact - t))",
+        unit="ms",
+        above=0,
+        high=1e6,
+        kinds=("approach",),
+        needed_by=("approach",),
+    )
+    contact_s: float | None = parameter(
+        None,
+        "time of contact, in seconds of the clip; default: the end of the motion",
+        unit="s",
+        low=0,
+        high=10_000,
+        kinds=("approach",),
+    )
+    least_deg: float = parameter(
+        0.0,
+        "shown at least at this size (the time course is cut, not shifted)",
+        unit="deg",
+        low=0,
+        high=180,
+        kinds=("approach",),
+    )
+    most_deg: float = parameter(
+        180.0,
+        "shown at most at this size (the time course is cut, not shifted)",
+        unit="deg",
+        above=0,
+        high=180,
+        kinds=("approach",),
+    )
+    sizes_deg: tuple[float, ...] = parameter(
+        (), "sizes to step to", unit="deg", low=0, high=360, kinds=("steps",)
+    )
+    times_s: tuple[float, ...] = parameter(
+        (),
+        "when the size steps, from the start of the motion",
+        unit="s",
+        low=0,
+        high=3600,
+        kinds=("steps",),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.least_deg >= self.most_deg:
+            raise StimulusError("least_deg must be below most_deg")
+        if self.kind == "steps":
+            _check_times(self.times_s, self.sizes_deg, "times_s", "sizes_deg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Brightness(Table):
+    """How the luminance of an object changes; times count from the start of its motion."""
+
+    kind: str = parameter(
+        REQUIRED,
+        "step: at once; ramp: evenly; flicker: back and forth",
+        choices=("step", "ramp", "flicker"),
+    )
+    to: float = parameter(REQUIRED, "the other luminance", low=0, high=1)
+    start_s: float = parameter(0.0, "when the change starts", unit="s", low=0, high=3600)
+    duration_s: float | None = parameter(
+        None,
+        "duration of the ramp; default: the rest of the motion",
+        unit="s",
+        above=0,
+        high=3600,
+        kinds=("ramp",),
+    )
+    frequency_hz: float | None = parameter(
+        None,
+        "cycles per second",
+        unit="Hz",
+        above=0,
+        high=5000,
+        kinds=("flicker",),
+        needed_by=("flicker",),
+    )
+    waveform: str = parameter(
+        "square", "square or sine", choices=("square", "sine"), kinds=("flicker",)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Object(Table):
+    """One object: a shape (disk, bar, ...) or a pattern that fills the display."""
+
+    id: str = parameter(REQUIRED, "its name in the ground truth, in sweeps and in --change")
+    kind: str = parameter(REQUIRED, "its shape or pattern", choices=KINDS)
+    luminance: float | None = parameter(
+        None, "luminance; of a pattern the mean; default 0, of a pattern 0.5", low=0, high=1
+    )
+    size_deg: float | None = parameter(
+        None,
+        "diameter (disk, ring, patch), side (square), length along the axis (bar, cross); "
+        "of a pattern the diameter of a round aperture",
+        unit="deg",
+        low=0,
+        high=360,
+        kinds=(*SIZED, *FIELDS),
+    )
+    width_deg: float | None = parameter(
+        None,
+        "size across the axis (bar), width of the arms (cross), thickness (ring)",
+        unit="deg",
+        above=0,
+        high=360,
+        kinds=("bar", "cross", "ring"),
+        needed_by=("bar", "cross", "ring"),
+    )
+    axis_deg: float = parameter(
+        0.0, "orientation: the line along which a bar grows, an edge or a grating moves", unit="deg"
+    )
+    centre_deg: tuple[float, float] = parameter(
+        (0.0, 0.0),
+        "position [right, up] at the start; of an edge a point on it",
+        unit="deg",
+        low=-360,
+        high=360,
+    )
+    onset_s: float = parameter(
+        0.0,
+        "delay from the end of the pause to the start of its motion",
+        unit="s",
+        low=0,
+        high=3600,
+    )
+    duration_s: float | None = parameter(
+        None,
+        "duration of its motion; default: until the end of the clip's motion",
+        unit="s",
+        above=0,
+        high=3600,
+    )
+    appears: str = parameter(
+        "start",
+        "visible from the start of the clip, or from the onset of its motion",
+        choices=("start", "onset"),
+    )
+    vanishes: str = parameter(
+        "never", "never, or at the end of its motion", choices=("never", "end")
+    )
+    reverse: bool = parameter(False, "play its growth and motion backwards (receding)")
+    contrast: float = parameter(
+        1.0,
+        "grating, plaid: Michelson contrast; texture, patch: RMS contrast; dots: luminance "
+        "of the dots over that of the ground, minus 1 (negative: dark dots)",
+        low=-1,
+        high=10,
+        kinds=(*PATTERNS, "patch"),
+    )
+    period_deg: float | None = parameter(
+        None,
+        "length of a cycle",
+        unit="deg",
+        low=0.001,
+        high=360,
+        kinds=GRATINGS,
+        needed_by=GRATINGS,
+    )
+    phase_deg: float = parameter(
+        0.0, "phase at the centre, 360 to a cycle", unit="deg", kinds=GRATINGS
+    )
+    plaid_deg: float = parameter(
+        90.0, "angle between the two gratings", unit="deg", above=0, high=180, kinds=("plaid",)
+    )
+    exponent: float = parameter(
+        1.0, "amplitude of the texture falls as 1/f to this power", low=0, high=4, kinds=_TEXTURED
+    )
+    finest_deg: float | None = parameter(
+        None,
+        "shortest wavelength in the texture; default: 4 px (patch: an eighth of its size)",
+        unit="deg",
+        low=0.001,
+        high=360,
+        kinds=("texture",),
+    )
+    dot_deg: float | None = parameter(
+        None,
+        "diameter of a dot",
+        unit="deg",
+        low=0.001,
+        high=90,
+        kinds=("dots",),
+        needed_by=("dots",),
+    )
+    dots_per_100deg2: float | None = parameter(
+        None,
+        "number of dots in 100 square degrees",
+        above=0,
+        high=10_000,
+        kinds=("dots",),
+        needed_by=("dots",),
+    )
+    coherence: float = parameter(
+        1.0,
+        "share of the dots that move together; each other dot has a direction of its own",
+        low=0,
+        high=1,
+        kinds=("dots",),
+    )
+    file: str | None = parameter(
+        None, "image with transparency; give this or drawing", kinds=(PICTURE,)
+    )
+    drawing: str | None = parameter(
+        None,
+        "drawn by the package; give this or file",
+        choices=DRAWINGS,
+        kinds=(PICTURE,),
+    )
+    size_m: float | None = parameter(
+        None,
+        "longer side of what is not transparent",
+        unit="m",
+        above=0,
+        high=1000,
+        kinds=(PICTURE,),
+        needed_by=(PICTURE,),
+    )
+    relative_luminance: float | None = parameter(
+        None,
+        "mean luminance over that of the background in the first frame; default: as it is",
+        low=0,
+        high=100,
+        kinds=(PICTURE,),
+    )
+    shadow: float | None = parameter(
+        None,
+        "share of light that its shadow takes from the ground below it; default 0",
+        low=0,
+        high=1,
+        kinds=(PICTURE,),
+    )
+    course: Course | None = parameter(
+        None, "how it moves in three dimensions", kinds=(PICTURE,), needed_by=(PICTURE,)
+    )
+    growth: Growth | None = parameter(None, "how its size changes", kinds=SIZED)
+    motion: Motion | None = parameter(None, "how it moves")
+    brightness: Brightness | None = parameter(None, "how its luminance changes")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.luminance is None:
+            shaded = self.kind in PATTERNS or self.kind == "patch"
+            object.__setattr__(self, "luminance", 0.5 if shaded else 0.0)
+        self._check_size()
+        self._check_contrast()
+        if self.kind == PICTURE:
+            self._check_picture()
+        if self.motion is not None and self.motion.zoom_per_s and self.kind not in PATTERNS:
+            raise StimulusError(
+                f"motion: zoom_per_s is for patterns, not for kind '{self.kind}'; use growth"
+            )
+
+    @property
+    def base_luminance(self) -> float:
+        """The luminance, which is never None once the object is made."""
+        return self.luminance if self.luminance is not None else 0.0
+
+    def _check_size(self) -> None:
+        approaching = self.growth is not None and self.growth.kind == "approach"
+        if approaching and self.size_deg is not None:
+            raise StimulusError(
+                "size_deg does not go with growth kind 'approach', which sets the size; remove it"
+            )
+        if self.kind in SIZED and self.size_deg is None and not approaching:
+            raise StimulusError(f"kind '{self.kind}' needs size_deg; add it")
+        if self.growth is not None and self.growth.sides != "both" and self.kind != "bar":
+            raise StimulusError(
+                f"growth: sides = '{self.growth.sides}' is for kind 'bar', not '{self.kind}'"
+            )
+
+    def _check_picture(self) -> None:
+        if (self.file is None) == (self.drawing is None):
+            raise StimulusError("kind 'picture' needs either file or drawing, and only one")
+        for key in ("motion", "brightness"):
+            if getattr(self, key) is not None:
+                raise StimulusError(f"{key} does not go with kind 'picture'; use course")
+        if self.reverse:
+            raise StimulusError("reverse does not go with kind 'picture'; use course")
+
+    def _check_contrast(self) -> None:
+        if self.kind in GRATINGS and not 0 <= self.contrast * self.base_luminance <= 1 - (
+            self.base_luminance
+        ):
+            raise StimulusError(
+                f"contrast = {self.contrast:g} takes luminance = {self.base_luminance:g} out of "
+                "0 to 1; lower one of them"
+            )
+        if self.kind == "dots" and self.base_luminance * (1 + self.contrast) > 1:
+            raise StimulusError(
+                f"contrast = {self.contrast:g} makes the dots brighter than 1 at luminance = "
+                f"{self.base_luminance:g}; lower one of them"
+            )
+        if self.kind in _TEXTURED and self.contrast < 0:
+            raise StimulusError(f"contrast of a {self.kind} must be at least 0")
+
+
+def _check_times(
+    times: tuple[float, ...], values: tuple[Any, ...], first: str, second: str
+) -> None:
+    """Check a list of rising times and the list of values that goes with it."""
+    if not times or len(times) != len(values):
+        raise StimulusError(
+            f"{first} and {second} must be lists of the same length, not {len(times)} and "
+            f"{len(values)} values"
+        )
+    if any(after <= before for before, after in itertools.pairwise(times)):
+        raise StimulusError(f"{first} must rise from value to value")
