@@ -23,7 +23,7 @@ ROOMS: dict[str, tuple[int, str]] = {
     "__main__": (3, "the process"),
     "cli": (3, "the commands"),
     "api": (1, "run, results, for Python"),
-    "batch": (2, "many inputs"),
+    "batch": (0, "many inputs"),
     "evaluation": (3, "labelled clips"),
     "reproduction": (4, "the paper's claims"),
     "tuning": (4, "tuning curves"),

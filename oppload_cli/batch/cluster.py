@@ -17,6 +17,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
+
 from oppload_cli.batch.local import Counting, attempt, failed
 from oppload_cli.errors import OpploadError, ParameterError, reason_of
 from oppload_cli.files.reading import is_file
@@ -149,7 +151,6 @@ def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
     version : str
         Of oppload where the batch was started.
     """
-    import cv2  # noqa: PLC0415 - only on the worker
     import distributed  # noqa: PLC0415 - an optional extra
 
     if version != __version__:  # a worker that came later

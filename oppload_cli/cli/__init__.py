@@ -9,8 +9,9 @@ import errno
 import importlib
 import os
 import sys
+import threading
 from contextlib import suppress
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Never, NoReturn
 
 import click
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from click.shell_completion import CompletionItem
+    from tqdm import tqdm
 
 
 # Of address space; both are fewer than the commands take in the end.
@@ -234,6 +236,32 @@ def say(line: str) -> None:
 def on_terminal() -> bool:
     """Tell whether standard error is a terminal, which can show progress; False if closed."""
     return sys.stderr is not None and sys.stderr.isatty()
+
+
+def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -> tqdm[Never]:
+    """Return a bar on standard error, which is shown on a terminal only.
+
+    Parameters
+    ----------
+    total : int or None
+        At which it is full; None if that is not known.
+    unit : str
+        The word for the things that are counted.
+    quiet : bool
+        Whether it is not shown on a terminal either.
+    name : str
+        Put before the bar.
+    """
+    from tqdm import tqdm  # not for help and completion
+
+    # Neither its thread, which looks for bars that stand still, nor its lock for several
+    # processes is needed, and the system may refuse both.
+    tqdm.monitor_interval = 0
+    tqdm.set_lock(threading.RLock())
+    hidden = quiet or not on_terminal()
+    return tqdm(
+        total=total, unit=unit, desc=name or None, disable=hidden, leave=False, dynamic_ncols=True
+    )
 
 
 def check_display() -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from oppload_cli.benchmark.battery import columns_of
+from oppload_cli.cli import progress_bar
 from oppload_cli.cli.options import complete_models, jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import make_folder
@@ -85,7 +86,6 @@ def _measured(
 ) -> Benchmark:
     from oppload_cli.benchmark.output import Benchmark
     from oppload_cli.benchmark.run import show
-    from oppload_cli.cli.progress import progress_bar
     from oppload_cli.evaluation.evaluate import evaluate
     from oppload_cli.evaluation.manifest import read_manifest
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from oppload_cli.cli.options import settings_options
+from oppload_cli.models.presets import NATIVE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -31,8 +32,6 @@ def config(**chosen: Any) -> None:
 
 
 def _lines(settings: Settings) -> Iterator[str]:
-    from oppload_cli.pipeline.settings import NATIVE
-
     origins = settings.origins
     yield f'preset = "{settings.preset}"  # {origins["preset"]}'
     yield f"models = {json.dumps(list(settings.models))}  # {origins['models']}"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import oppload_cli as oppload
 from oppload_cli import stimulus
 from oppload_cli.cli.options import if_exists_option, output_option
 
@@ -29,10 +30,7 @@ def demo(output: Path, if_exists: str) -> None:
     from oppload_cli.pipeline.outputs import IfExists, Outputs
     from oppload_cli.pipeline.settings import resolve
     from oppload_cli.pipeline.task import Task, exists_already
-    from oppload_cli.plots.curves import plot_curves
     from oppload_cli.plots.style import save
-    from oppload_cli.report.writing import write_report
-    from oppload_cli.results.reading import read_result
 
     stem, settings = stimulus.file_stem(STIMULUS), resolve()
     outputs = Outputs.of(output, stem, settings.models)
@@ -54,8 +52,7 @@ def demo(output: Path, if_exists: str) -> None:
     click.echo(f"$ oppload run {video} -o {output}")
     for line in report(task, run_task(task)):
         click.echo(line)
-    figure = outputs.csv.with_suffix(".png")
-    save(plot_curves([read_result(outputs.csv)])[0], figure)
+    result, figure = oppload.read_result(outputs.csv), outputs.csv.with_suffix(".png")
+    save(result.plot()[0], figure)
     click.echo(f"$ oppload plot {outputs.csv}\n  {figure}")
-    page = write_report([outputs.csv], output).first
-    click.echo(f"$ oppload report {outputs.csv}\n  {page}")
+    click.echo(f"$ oppload report {outputs.csv}\n  {result.report(output)}")

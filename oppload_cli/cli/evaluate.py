@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os.path
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import say
+from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     change_option,
     complete_models,
@@ -20,10 +19,9 @@ from oppload_cli.cli.options import (
     quiet_option,
     repeats_option,
 )
-from oppload_cli.errors import ExitCode, ParameterError
+from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.processes import cores
-from oppload_cli.stimulus.catalogue import parsed_setting
 
 if TYPE_CHECKING:
     from oppload_cli.evaluation.detectors import EvaluatedDetector
@@ -100,23 +98,13 @@ def evaluate(
     responses and windows as CSV, and the plots.
     """
     from oppload_cli.evaluation.detectors import evaluated_detectors
-    from oppload_cli.evaluation.manifest import read_manifest, with_boxes
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
-    from oppload_cli.evaluation.staged import labelled, protocols_of
+    from oppload_cli.evaluation.staged import clips_of
     from oppload_cli.pipeline.repeats import RepeatParams
 
     handling = RepeatParams(handling=repeats) if repeats else None
     detectors = evaluated_detectors((name for text in models for name in text.split(",")), handling)
-    manifest = _manifest(inputs)
-    _check_options(manifest, boxes, (*backgrounds, *changes))
-    if manifest is not None:
-        read = with_boxes(read_manifest(manifest), boxes)
-    else:
-        settings = dict(parsed_setting(text) for text in changes)
-        names = [name for name in inputs if not _is_video(name)]
-        protocols = protocols_of(names, settings, [str(path) for path in backgrounds])
-        videos = [Path(name) for name in inputs if _is_video(name)]
-        read = labelled(protocols, videos)
+    read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:
@@ -130,32 +118,6 @@ def evaluate(
     return ExitCode.INCOMPLETE if found.faults else ExitCode.DONE
 
 
-def _is_video(name: str) -> bool:
-    """Tell whether an input is a file that is no protocol."""
-    return os.path.isfile(name) and not name.endswith(".toml")  # noqa: PTH113 - any name
-
-
-def _manifest(inputs: tuple[str, ...]) -> Path | None:
-    """Return the manifest, if one was named: a single input that is no stimulus or its video."""
-    from oppload_cli.evaluation.staged import truth_beside
-
-    path = Path(inputs[0])
-    if len(inputs) > 1 or path.suffix == ".toml":
-        return None
-    if os.path.lexists(path):
-        return None if _is_video(inputs[0]) and truth_beside(path).is_file() else path
-    return path if path.suffix == ".csv" else None
-
-
-def _check_options(
-    manifest: Path | None, boxes: Path | None, of_stimuli: tuple[object, ...]
-) -> None:
-    if manifest is None and boxes is not None:
-        raise ParameterError("--boxes goes with a manifest; the boxes of stimuli are known")
-    if manifest is not None and of_stimuli:
-        raise ParameterError("--background and --change go with stimuli, not with a manifest")
-
-
 def _evaluated(
     manifest: Manifest,
     detectors: list[EvaluatedDetector],
@@ -164,7 +126,6 @@ def _evaluated(
     draws: int,
     quiet: bool,
 ) -> Evaluation:
-    from oppload_cli.cli.progress import progress_bar
     from oppload_cli.evaluation.evaluate import evaluate
 
     for fault in manifest.faults:

@@ -6,11 +6,12 @@ An option of this module has the same name, default and meaning in every command
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 from click.shell_completion import CompletionItem
 
+import oppload_cli as oppload
 from oppload_cli.files.reading import is_folder
 from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 
@@ -118,10 +119,8 @@ def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[
 
 def complete_models(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
     """Complete the last of some detectors, and its preset."""
-    from oppload_cli.models.registry import detectors
-
     before, comma, last = text.rpartition(",")
-    names = {name: each.meaning for name, each in detectors().items()}
+    names = {name: each.meaning for name, each in oppload.detectors().items()}
     if ":" in last:
         model = last.partition(":")[0]
         names = {f"{model}:{name}": each.meaning for name, each in PRESETS.items()}
@@ -166,6 +165,66 @@ def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[C
 
 def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
     return [CompletionItem(name) for name in names if name.startswith(text)]
+
+
+class RunOptions(NamedTuple):
+    """The options of ``oppload run`` beside the part of the input and the settings.
+
+    Attributes
+    ----------
+    output : Path
+        Folder of the results, or ``-``.
+    annotate, report_pages : bool
+        Whether annotated videos and pages are written too.
+    boxes : str
+        Objects with a box in an annotated video.
+    if_exists : str
+        What to do where a result exists.
+    fail_on : str or None
+        ``alarm`` or ``no-alarm``: the condition of exit code 5.
+    quiet, verbose : bool
+        Whether less or more than the outcome is printed.
+    recursive : bool
+        Whether folders are searched to any depth.
+    files_from : str or None
+        A list of inputs.
+    null : bool
+        Whether the names of the list end in NUL.
+    shard : str or None
+        ``I/N``.
+    jobs : int
+        Processes; 0 means the cores that the affinity mask allows.
+    scheduler : str or None
+        Address or file of a dask scheduler.
+    dry_run : bool
+        Whether the plan is only printed.
+    """
+
+    output: Path
+    annotate: bool
+    report_pages: bool
+    boxes: str
+    if_exists: str
+    fail_on: str | None
+    quiet: bool
+    verbose: bool
+    recursive: bool
+    files_from: str | None
+    null: bool
+    shard: str | None
+    jobs: int
+    scheduler: str | None
+    dry_run: bool
+
+    @property
+    def for_many(self) -> bool:
+        """Whether a batch is meant, however many inputs it has."""
+        return bool(self.recursive or self.files_from or self.shard or self.scheduler)
+
+    @property
+    def verbosity(self) -> int:
+        """-1 prints errors only, 0 the outcome of each input, 1 the sizes of frames too."""
+        return -1 if self.quiet else int(self.verbose)
 
 
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
@@ -118,12 +119,11 @@ def plot(
     results a heat map. A NAME.stimulus.json beside a result is drawn as a strip of
     ground truth.
     """
-    from oppload_cli.plots.style import check_suffix, save
-    from oppload_cli.plots.tuning import lines_of, plot_tuning
-    from oppload_cli.results.reading import is_tuning, read_tuning
+    from oppload_cli.plots import style, tuning
+    from oppload_cli.results.reading import is_tuning
 
     if output is not None:
-        check_suffix(output)
+        style.check_suffix(output)
     for model in models:
         detector_named(model)
     if show:
@@ -141,10 +141,10 @@ def plot(
             )
         lines: list[str] = []
         if kind in TUNING_KINDS or tuned:
-            tunings = [read_tuning(path) for path in paths]
+            tunings = [oppload.read_tuning(path) for path in paths]
             look |= {"models": models, "scale": scale or "peak", "lplc2": lplc2}
-            figure, _ = plot_tuning(tunings, kind, published=published, **look)
-            lines = lines_of(tunings, kind, models=models, lplc2=lplc2, labels=labels)
+            figure, _ = oppload.plot_tuning(tunings, kind, published=published, **look)
+            lines = tuning.lines_of(tunings, kind, models=models, lplc2=lplc2, labels=labels)
         else:
             drawn: dict[str, Any] = {
                 "models": models,
@@ -153,7 +153,7 @@ def plot(
             }
             drawn |= {"threshold": threshold, "any_length": any_length}
             figure = _plot_results(paths, kind, {**look, "xlim": xlim}, drawn, marks, video=video)
-        save(figure, target)
+        style.save(figure, target)
         click.echo("\n".join([*lines, str(target)]))
         if show:
             show_file(target)
@@ -169,24 +169,21 @@ def _plot_results(
     video: str | None,
 ) -> Figure:
     """Draw results of ``oppload run``: `look` is for every kind, `curves` for curves only."""
-    from oppload_cli.plots.curves import plot_curves
-    from oppload_cli.plots.places import plot_places, still_of
-    from oppload_cli.plots.rmo import COLUMNS as RMO_COLUMNS
-    from oppload_cli.plots.rmo import plot_rmo
+    from oppload_cli.plots import places, rmo
     from oppload_cli.results.reading import read_result
 
-    needed = {"rmo": RMO_COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
+    needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
     results = [read_result(path, needed) for path in paths]
     for result in results:
         if result.shortfall:
             say(f"oppload: {result.path}: {result.shortfall}")
     if kind == "rmo":
-        return plot_rmo(results, **look)[0]
+        return oppload.plot_rmo(results, **look)[0]
     if kind == "map":
         if len(results) > 1:
             raise ResultError(f"{paths[1]}: a map shows one result; leave out --output")
-        still = still_of(results[0], video)
-        figure, _ = plot_places(results[0], still, title=look["title"])
+        still = places.still_of(results[0], video)
+        figure, _ = oppload.plot_places(results[0], still, title=look["title"])
         if still is None:
             click.echo(
                 f"oppload: {paths[0]}: its video is gone, so the ground is white; --video says "
@@ -194,7 +191,7 @@ def _plot_results(
                 err=True,
             )
         return figure
-    return plot_curves(results, **look, **curves, marks=marks.of(results))[0]
+    return oppload.plot_curves(results, **look, **curves, marks=marks.of(results))[0]
 
 
 class _Marks(NamedTuple):

@@ -6,13 +6,12 @@ Progress is a bar on a terminal, and a plain line now and then elsewhere.
 from __future__ import annotations
 
 import os.path
-import threading
 import time
 from typing import TYPE_CHECKING, Never
 
 import click
 
-from oppload_cli.cli import on_terminal, say
+from oppload_cli.cli import on_terminal, progress_bar, say
 from oppload_cli.errors import printable
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.alarms import in_words, label_of, times
@@ -31,32 +30,6 @@ if TYPE_CHECKING:
 LINE_EVERY_S = 30.0
 _MOST_IN_A_LINE = 3  # detectors
 _WIDEST_NAME, _CELL = 40, 23  # characters of a table's columns
-
-
-def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -> tqdm[Never]:
-    """Return a bar on standard error, which is shown on a terminal only.
-
-    Parameters
-    ----------
-    total : int or None
-        At which it is full; None if that is not known.
-    unit : str
-        The word for the things that are counted.
-    quiet : bool
-        Whether it is not shown on a terminal either.
-    name : str
-        Put before the bar.
-    """
-    from tqdm import tqdm
-
-    # Neither its thread, which looks for bars that stand still, nor its lock for several
-    # processes is needed, and the system may refuse both.
-    tqdm.monitor_interval = 0
-    tqdm.set_lock(threading.RLock())
-    hidden = quiet or not on_terminal()
-    return tqdm(
-        total=total, unit=unit, desc=name or None, disable=hidden, leave=False, dynamic_ncols=True
-    )
 
 
 class Progress:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import check_display, say, show_file
+from oppload_cli.cli import check_display, progress_bar, say, show_file
 from oppload_cli.cli.options import jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode, ParameterError
 from oppload_cli.files.reading import is_folder
@@ -73,7 +73,6 @@ def write_pages(
     code : ExitCode
         ``INCOMPLETE`` if a result has no page.
     """
-    from oppload_cli.cli.progress import progress_bar
     from oppload_cli.report.writing import write_report
 
     alone = len(tables) == 1

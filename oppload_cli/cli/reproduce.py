@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from oppload_cli.cli import progress_bar
 from oppload_cli.cli.options import if_exists_option, jobs_option, output_option, quiet_option
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
 from oppload_cli.processes import cores
@@ -53,7 +54,6 @@ def reproduce(
 
 
 def _make(names: list[str], output: Path, claim: PartFile, *, jobs: int, quiet: bool) -> None:
-    from oppload_cli.cli.progress import progress_bar
     from oppload_cli.reproduction.report import build, page_of, report_json, report_of, verdicts
 
     started = time.perf_counter()

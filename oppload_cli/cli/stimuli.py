@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from oppload_cli.cli import progress_bar
 from oppload_cli.cli.options import (
     ResultsFolder,
     change_option,
@@ -203,7 +204,6 @@ def _written(
     jobs: int | None,
     quiet: bool,
 ) -> list[Written | OpploadError]:
-    from oppload_cli.cli.progress import progress_bar
     from oppload_cli.stimulus.files import write_all
 
     total = sum(protocol.frame_count for protocol in protocols)

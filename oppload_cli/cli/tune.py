@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+import oppload_cli as oppload
+from oppload_cli.cli import progress_bar
 from oppload_cli.cli.options import (
     change_option,
     complete_stimuli,
@@ -180,7 +182,6 @@ def _run(
     jobs: int,
     quiet: bool,
 ) -> None:
-    from oppload_cli.cli.progress import progress_bar
     from oppload_cli.tuning.run import tune, write_tuning, write_tuning_sidecar
 
     entry, settings, presentations, figure = sweep
@@ -201,11 +202,10 @@ def _run(
     )
     if len(paths) > 2:
         from oppload_cli.plots.style import save
-        from oppload_cli.plots.tuning import lines_of, plot_tuning
-        from oppload_cli.results.reading import read_tuning
+        from oppload_cli.plots.tuning import lines_of
 
-        tuning = read_tuning(paths[0])
-        save(plot_tuning(tuning)[0], paths[2])
+        tuning = oppload.read_tuning(paths[0])
+        save(oppload.plot_tuning(tuning)[0], paths[2])
         for line in lines_of([tuning]):
             click.echo(line, err=True)
 

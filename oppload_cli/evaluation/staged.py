@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os.path
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from oppload_cli.errors import StimulusError
-from oppload_cli.evaluation.manifest import Entry, Manifest
+from oppload_cli.errors import ParameterError, StimulusError
+from oppload_cli.evaluation.manifest import Entry, Manifest, read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.clips import Label
-from oppload_cli.stimulus.catalogue import find
+from oppload_cli.stimulus.catalogue import find, parsed_setting
 from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.stimulus.truth import ground_truth, read_ground_truth
 
@@ -27,6 +28,61 @@ FOOTAGE = {
     "scene.background_end": "loop",
 }
 _CAMERA = {"pan_deg_s": "pan", "shake_deg": "shake", "forward_m_s": "forward"}
+
+
+def clips_of(
+    inputs: Sequence[str], boxes: Path | None, backgrounds: Sequence[str], changes: Sequence[str]
+) -> Manifest:
+    """Return the clips to evaluate, of a manifest or of stimuli.
+
+    Parameters
+    ----------
+    inputs : sequence of str
+        A manifest, or stimuli and videos of stimuli, as the user names them.
+    boxes : Path or None
+        The file of boxes that goes with the manifest.
+    backgrounds : sequence of str
+        Videos to put behind the stimuli.
+    changes : sequence of str
+        Values of the stimuli to change, each as ``KEY=VALUE``.
+
+    Raises
+    ------
+    ParameterError
+        If an option does not go with the inputs.
+    ManifestError, StimulusError
+        If an input cannot be read.
+    """
+    manifest = _manifest_in(inputs)
+    _check_options(manifest, boxes, (*backgrounds, *changes))
+    if manifest is not None:
+        return with_boxes(read_manifest(manifest), boxes)
+    settings = dict(parsed_setting(text) for text in changes)
+    names = [name for name in inputs if not _is_video(name)]
+    videos = [Path(name) for name in inputs if _is_video(name)]
+    return labelled(protocols_of(names, settings, backgrounds), videos)
+
+
+def _is_video(name: str) -> bool:
+    """Tell whether an input is a file that is no protocol."""
+    return os.path.isfile(name) and not name.endswith(".toml")  # noqa: PTH113 - any name
+
+
+def _manifest_in(inputs: Sequence[str]) -> Path | None:
+    """Return the manifest, if one was named: a single input that is no stimulus or its video."""
+    path = Path(inputs[0])
+    if len(inputs) > 1 or path.suffix == ".toml":
+        return None
+    if os.path.lexists(path):
+        return None if _is_video(inputs[0]) and truth_beside(path).is_file() else path
+    return path if path.suffix == ".csv" else None
+
+
+def _check_options(manifest: Path | None, boxes: Path | None, of_stimuli: Sequence[object]) -> None:
+    if manifest is None and boxes is not None:
+        raise ParameterError("--boxes goes with a manifest; the boxes of stimuli are known")
+    if manifest is not None and of_stimuli:
+        raise ParameterError("--background and --change go with stimuli, not with a manifest")
 
 
 def protocols_of(

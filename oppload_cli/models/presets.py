@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PRESET = "default"
 STUDY_PRESET = "reference"  # of commands that study the model itself
+NATIVE = "native"  # the working height that is the height of the video
 EXAMPLE_SETTING = "opplod.receptive_field=200"  # for help texts and messages
 
 

@@ -11,6 +11,7 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 
+from oppload_cli import stimulus as stimuli
 from oppload_cli.compute.loops import is_large
 from oppload_cli.environment import environment
 from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason_of
@@ -374,10 +375,8 @@ def _ground_truth(video: Path) -> dict[str, Any] | None:
     path = video.with_name(f"{video.stem}.stimulus.json")
     if not os.path.lexists(path):  # False also for a name that is too long to look up
         return None
-    from oppload_cli.stimulus.truth import read_ground_truth  # noqa: PLC0415 - few inputs have it
-
     try:
-        truth = read_ground_truth(path)
+        truth = stimuli.read_ground_truth(path)
     except OpploadError as error:
         return {"path": str(path), "error": str(error)}
     kept = ("name", "looming", "contact_time_s", "display")

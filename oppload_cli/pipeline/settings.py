@@ -20,6 +20,7 @@ from oppload_cli.files.reading import reading, text_of
 from oppload_cli.models.presets import (
     DEFAULT_PRESET,
     EXAMPLE_SETTING,
+    NATIVE,
     Preset,
     preset_in,
     preset_named,
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 Kind = TypeVar("Kind", bound="Parameters")
 
 COMMAND_LINE = "command line"
-NATIVE = "native"
 USUAL, ALL = "usual", "all"  # columns of a table; `ALL` also stands for all models
 TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.reading import reading
+from oppload_cli.models.presets import NATIVE
 from oppload_cli.pipeline.outputs import IfExists
-from oppload_cli.pipeline.settings import NATIVE
 from oppload_cli.results.alarms import verdicts_in
 from oppload_cli.results.writing import SCHEMA
 from oppload_cli.video.frames import WorkingSize

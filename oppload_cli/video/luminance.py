@@ -57,7 +57,7 @@ class Luminance:
         if plane.shape[::-1] == self._coded:
             return plane
         if self._resizing is None:
-            from oppload_cli.video.planes import Resizing
+            from oppload_cli.video.planes import Resizing  # PyAV, which few runs need here
 
             self._resizing = Resizing(*self._coded)
         return self._resizing(plane)

@@ -79,7 +79,7 @@ class Opening:
         if self._process is None:
 
             def source() -> PictureSource:
-                from oppload_cli.video.source import source_of
+                from oppload_cli.video.source import source_of  # once a decoder is forked
 
                 return source_of(name, image_rate, threads)
 

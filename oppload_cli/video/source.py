@@ -79,7 +79,7 @@ class Video:
         self._luminance = Luminance(self.working, source.facts.rotation)
         self._colour: Colour | None = None
         if colour:
-            from oppload_cli.video.colour import Colour
+            from oppload_cli.video.colour import Colour  # only for annotated videos
 
             self._colour = Colour(source.facts)
 
@@ -187,6 +187,7 @@ def source_of(name: str, image_rate: Fraction, threads: int) -> PictureSource:
         If nothing can be read from it.
     """
     if name.startswith("camera:"):
+        # Each kind of input loads its own libraries: OpenCV, Pillow or PyAV.
         from oppload_cli.video.images import CameraSource
 
         return CameraSource(name)

@@ -1,0 +1,337 @@
+"""The work of ``oppload run``, on one input or many, and its report.
+
+The command imports this module, and with it the detectors, once a video is being decoded.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from oppload_cli import stimulus
+from oppload_cli.batch.plan import Failure, parse_shard, planned, read_list
+from oppload_cli.batch.report import Tally, write_failures
+from oppload_cli.cli import say
+from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, incomplete, report
+from oppload_cli.cli.report import write_pages
+from oppload_cli.compute import loops
+from oppload_cli.errors import (
+    ExitCode,
+    OpploadError,
+    OutputError,
+    ParameterError,
+    SourceError,
+    StimulusError,
+    printable,
+)
+from oppload_cli.files.atomic import make_folder
+from oppload_cli.models.presets import PRESETS
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.outputs import IfExists, Outputs
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Interrupted, Task, exists_already
+from oppload_cli.results.alarms import write_alarms
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from fractions import Fraction
+    from pathlib import Path
+
+    from oppload_cli.batch.plan import Plan
+    from oppload_cli.cli.options import RunOptions
+    from oppload_cli.pipeline.settings import Settings
+    from oppload_cli.pipeline.task import Outcome
+    from oppload_cli.video.opening import Opening
+    from oppload_cli.video.span import Span
+
+
+STANDARD_OUTPUT = "-"
+_LISTED = 10  # inputs with alarms that are printed
+_NAMES_INPUTS = {"recursive", "files_from", "null", "shard", "dry_run", "if_exists"}
+
+
+def run_inputs(
+    inputs: tuple[str, ...],
+    options: RunOptions,
+    chosen: dict[str, Any],
+    span: Span,
+    image_rate: Fraction,
+    opening: Opening | None,
+) -> int:
+    """Run the detectors on inputs; return the exit code.
+
+    Parameters
+    ----------
+    inputs : tuple of str
+        As the user names them.
+    options : RunOptions
+        Of the command.
+    chosen : dict
+        The settings, as for :func:`oppload_cli.pipeline.settings.resolve`.
+    span : Span
+        The part of each input.
+    image_rate : Fraction
+        Frames per second of images.
+    opening : Opening or None
+        The only input, where it is being decoded already.
+    """
+    settings = resolve(**chosen)
+    _check_alarms(settings, options.fail_on, quiet=options.quiet)
+    _check_loops(quiet=options.quiet)
+    if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]
+    task = Task("", settings, None, span, image_rate, if_exists, command, boxes=options.boxes)
+    if str(options.output) == STANDARD_OUTPUT:
+        return _run_one(replace(task, name=_only(inputs, options)), options, opening)
+    plan = _plan_of(inputs, options)
+    if options.report_pages and options.shard:
+        raise ParameterError(
+            "--report makes one index of all pages; leave it out with --shard, and run "
+            "'oppload report DIR' when all parts are done"
+        )
+    tasks = _tasks(plan, task, options)
+    if options.dry_run:
+        return _print_plan(tasks, plan)
+    alone = len(plan) == 1 and not options.for_many
+    if alone and plan.failures:
+        raise SourceError(plan.failures[0].message)
+    make_folder(options.output)
+    if alone:
+        code = _run_one(next(tasks), options, opening)
+    else:
+        code = _Batch(plan, settings.models, options).run(tasks)
+    if not options.report_pages:
+        return code
+    return _report(_tasks(plan, task, options), options) or code
+
+
+def _check_alarms(settings: Settings, fail_on: str | None, *, quiet: bool) -> None:
+    """Where alarms are off, say why, and refuse a condition on them."""
+    if settings.alarm.on:
+        return
+    reason = PRESETS[settings.preset].no_alarm
+    why = f" under preset '{settings.preset}', because {reason}" if reason else ""
+    if fail_on:
+        raise ParameterError(f"--fail-on: alarms are off{why}; choose another preset")
+    if not quiet:
+        say(f"oppload: alarms are off{why}; --set alarm.on=true switches them on")
+
+
+def _check_loops(*, quiet: bool) -> None:
+    """Say why the models run slowly, unless the user has switched the compiled loops off."""
+    reason = None if loops.portable else loops.why_portable() or loops.why_not_wide()
+    if reason and not quiet:
+        slow = "10 to 20 times as slow as" if loops.arithmetic() == "portable" else "slower than"
+        say(f"oppload: {reason}. The alarms are the same, but the models are {slow} usual")
+
+
+def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
+    """Run one input, showing its frames."""
+    progress = Progress(printable(task.name), options.verbosity, to_end=task.span.open_ended)
+    try:
+        outcome = run_task(task, progress, opening)
+    except SourceError as error:
+        raise SourceError(f"{error}{_stimulus_of(task.name)}") from error
+    finally:
+        progress.close()
+    if options.verbosity >= 0:
+        for line in report(task, outcome):
+            say(line)
+    elif not outcome.complete:
+        say(incomplete(task, outcome))
+    tally = Tally()
+    tally.add(task.name, outcome)
+    return tally.exit_code_unless(options.fail_on)
+
+
+def _stimulus_of(name: str) -> str:
+    """Return how to make the stimulus whose name was given in place of a file, or nothing."""
+    if os.path.lexists(name):
+        return ""
+    try:
+        found = stimulus.find(name)
+    except StimulusError:
+        return ""
+    return f"; 'oppload stimuli generate {found[0].name}' makes the stimulus of this name"
+
+
+def _report(tasks: Iterator[Task], options: RunOptions) -> int:
+    """Write the pages of the results that are there; return the exit code."""
+    named = [task.outputs.csv for task in tasks if task.outputs]
+    tables = [table for table in named if os.path.lexists(table)]
+    if not tables:
+        return ExitCode.DONE
+    page, code = write_pages(tables, options.output, jobs=options.jobs, quiet=options.quiet)
+    if not options.quiet:
+        say(f"page: {page}")
+    return code
+
+
+def _plan_of(inputs: tuple[str, ...], options: RunOptions) -> Plan:
+    shard = parse_shard(options.shard) if options.shard else None
+    listed = read_list(options.files_from, null=options.null) if options.files_from else []
+    plan = planned([*inputs, *listed], recursive=options.recursive)
+    return plan.shard(*shard) if shard else plan
+
+
+def _tasks(plan: Plan, task: Task, options: RunOptions) -> Iterator[Task]:
+    """Yield a task per input, like the one given."""
+    models = task.settings.models
+    for each in plan.inputs:
+        outputs = Outputs.of(options.output, each.stem, models, annotate=options.annotate)
+        yield replace(task, name=each.name, stem=each.stem, outputs=outputs)
+
+
+def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
+    """Print what would be done, a line per input; return the exit code."""
+    counts = {"run": 0, "skip": 0, "refuse": 0}
+    for task in tasks:
+        try:
+            state = "run" if exists_already(task) is None else "skip"
+        except OutputError:
+            state = "refuse"
+        counts[state] += 1
+        table = task.outputs and task.outputs.csv
+        click.echo(f"{state}\t{printable(task.name)}\t{printable(str(table))}")
+    failures = plan.failures
+    for failure in failures:
+        say(f"oppload: {failure.message}")
+    refused = ", which have results: see --if-exists" if counts["refuse"] else ""
+    say(
+        f"{len(plan)} inputs: {counts['run']} to run, {counts['skip']} to skip, "
+        f"{len(failures)} not there, {counts['refuse']} to refuse{refused}"
+    )
+    if failures and len(failures) == len(plan):
+        return Tally(failures).exit_code
+    return ExitCode.INCOMPLETE if failures else ExitCode.DONE
+
+
+def _only(inputs: tuple[str, ...], options: RunOptions) -> str:
+    if options.annotate or options.report_pages:
+        option = "--annotate" if options.annotate else "--report"
+        raise ParameterError(f"{option} writes a file; give a folder with --output, not '-'")
+    if len(inputs) != 1 or options.for_many or options.dry_run:
+        raise ParameterError("'-o -' streams one input; give one, or a folder with --output")
+    return inputs[0]
+
+
+class _Batch:
+    """Runs a plan, and reports.
+
+    Parameters
+    ----------
+    plan : Plan
+        The inputs.
+    models : sequence of str
+        The detectors.
+    options : RunOptions
+        Of the command.
+    """
+
+    def __init__(self, plan: Plan, models: Sequence[str], options: RunOptions) -> None:
+        self._plan, self._options, self._verbosity = plan, options, options.verbosity
+        shard, folder = options.shard, options.output
+        part = f"-{shard.replace('/', '-of-')}" if shard else ""
+        self._failures = folder / f"failures{part}.csv"
+        self._alarms = folder / f"alarms{part}.csv"
+        self._rows = AlarmTable((each.stem for each in plan.inputs), models)
+        self._tally = Tally(plan.failures)
+        for failure in plan.failures:
+            say(f"oppload: {failure.message}")
+        self._begun = time.monotonic()
+        self._progress = BatchProgress(len(plan.inputs), self._verbosity)
+        self.started = self._progress.started
+        self.frames = self._progress.frames
+
+    def ended(self, task: Task, result: Outcome | Failure) -> None:
+        """Count the outcome of a task, and print it."""
+        self._tally.add(task.name, result)
+        self._progress.ended(task.name, self._lines(task, result))
+
+    def run(self, tasks: Iterator[Task]) -> int:
+        """Run the tasks of the plan's inputs; return the exit code.
+
+        A bad input never stops the others.
+        """
+        try:
+            self._run(tasks)
+        except KeyboardInterrupt as error:
+            self._report()
+            finished = self._tally.inputs.total()
+            kept = f"{error}; " if str(error) else ""
+            raise Interrupted(
+                f"{kept}{finished} of {len(self._plan)} inputs are finished; "
+                f"go on with --if-exists skip"
+            ) from error
+        except OpploadError:
+            self._progress.close()
+            if self._tally.inputs.total():
+                self._report()
+            raise
+        self._report()
+        return self._tally.exit_code_unless(self._options.fail_on)
+
+    def _run(self, tasks: Iterator[Task]) -> None:
+        from oppload_cli.batch import local  # a single input needs no processes
+
+        jobs = local.jobs_for(self._options.jobs, len(self._plan.inputs))
+        if self._options.scheduler:
+            from oppload_cli.batch.cluster import run_on_cluster
+
+            run_on_cluster(tasks, self._options.scheduler, self)
+        elif jobs > 1:
+            local.run_in_processes(tasks, jobs, self)
+        else:
+            local.run_here(tasks, self)
+
+    def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
+        if isinstance(result, Failure):
+            yield f"oppload: {result.message}"
+            return
+        if self._verbosity >= 0:
+            yield from self._rows.lines(task.stem, result)
+        if not result.complete:
+            yield incomplete(task, result)
+        elif result.notes and self._verbosity >= 0:
+            yield f"oppload: {task.name}: {'; '.join(result.notes)}"
+
+    def _report(self) -> None:
+        self._progress.close()
+        try:
+            write_failures(self._failures, self._tally.failures)
+            if self._tally.verdicts:
+                write_alarms(self._alarms, self._tally.verdicts)
+        except OpploadError as error:
+            say(f"oppload: {error}")
+        if self._verbosity >= 0:
+            wall_s = time.monotonic() - self._begun
+            shown = {each.name: each.stem for each in self._plan.inputs}
+            alarms = self._tally.alarms(_LISTED, self._alarms, shown)
+            for line in (*self._tally.table(wall_s), *alarms):
+                say(line)
+        if self._tally.failures and self._failures.exists():
+            say(f"oppload: the failed ones are in {self._failures}; try them again with:")
+            say(f"  {_retry_command(click.get_current_context(), self._failures)}")
+
+
+def _retry_command(context: click.Context, failures: Path) -> str:
+    """Return the command line, with every option given, that does just the failed inputs again."""
+    words = ["oppload", str(context.info_name), "--files-from", str(failures)]
+    for option in context.command.params:
+        name = option.name or ""
+        given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if not given or name in _NAMES_INPUTS or not isinstance(option, click.Option):
+            continue
+        value = context.params[name]
+        flag = max(option.opts, key=len)
+        values = value if option.multiple else [value]
+        words += [flag] if option.is_flag else [w for v in values for w in (flag, str(v))]
+    overwrite = context.params["if_exists"] == "overwrite"
+    words += ["--if-exists", "overwrite" if overwrite else "skip"]
+    return shlex.join(words)
