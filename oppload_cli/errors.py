@@ -1,7 +1,7 @@
 """The exception tree, and the exit codes that the command line gives for it.
 
 Every error that a user can cause is an :class:`OpploadError`; its message is one
-sentence with the fault, its place, and the remedy. Only ``oppload_cli.cli.failure``
+sentence with the fault, its place, and the remedy. Only ``oppload_cli.cli.main``
 prints it.
 """
 

@@ -44,7 +44,7 @@ FURTHEST = 20_000  # columns from the plot that a curve is drawn to
 MOST_TICKS = 6  # numbers on the time axis
 
 
-def paint_of(name: str) -> Paint:
+def _paint_of(name: str) -> Paint:
     """Return the colour of a detector as OpenCV has it."""
     return bgr(detector_named(name).colour)
 
@@ -262,7 +262,7 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
     _grid(plot, layout)
     _ticks(canvas, layout, history)
     for name, points in reversed(history.points.items()):
-        _curve(plot, layout, history, list(points), paint_of(name))
+        _curve(plot, layout, history, list(points), _paint_of(name))
     edge, line = (DARK, 2 * layout.line) if alarming else (DIM, layout.line)
     canvas[layout.header.y : layout.header.y + line] = edge
 
@@ -300,7 +300,7 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
         x -= width_of(more, text) + text // 2
         write(canvas, more, (x, middle), text, DIM)
     for name in reversed(named):
-        label, paint = detector_named(name).label, paint_of(name)
+        label, paint = detector_named(name).label, _paint_of(name)
         x -= width_of(label, text, bold=True) + text
         if name in alarming:
             _sign(canvas, label, (x, middle), text, paint)

@@ -136,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         signals.stop_if_asked()
     except BaseException as error:  # the one place where all errors end
         signals.ignore()  # a second Ctrl-C must not garble the last lines
-        sys.exit(failure(error))
+        sys.exit(_failure(error))
     sys.exit(code or ExitCode.DONE)
 
 
@@ -168,7 +168,7 @@ def _check_memory(command: str) -> None:
         mmap.mmap(-1, ARROW_BYTES if with_arrow else LIBRARY_BYTES).close()
 
 
-def failure(error: BaseException) -> int:
+def _failure(error: BaseException) -> int:
     """Print an error as one sentence and return the exit code for it.
 
     Parameters

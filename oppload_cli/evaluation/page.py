@@ -280,7 +280,7 @@ class _Still(NamedTuple):
     picture: str | None
     label: Box | None
     winner: tuple[float, ...] | None
-    strip: Strip
+    strip: _Strip
     time: str
     response: str
 
@@ -437,7 +437,7 @@ def _jpeg(grey: MatLike) -> bytes:
     return data.tobytes()
 
 
-class Strip(NamedTuple):
+class _Strip(NamedTuple):
     """A detector's responses over a clip, as a drawing of `WIDTH` x `HEIGHT`.
 
     Attributes
@@ -458,7 +458,7 @@ class Strip(NamedTuple):
     now: float
 
 
-def strip(clip: Clip, moment: Moment) -> Strip:
+def strip(clip: Clip, moment: Moment) -> _Strip:
     """Draw the responses over a complete clip, up to three times the threshold."""
     response = np.nan_to_num(clip.outputs[moment.detector].response)
     top = float(response.max()) or 1.0
@@ -471,7 +471,7 @@ def strip(clip: Clip, moment: Moment) -> Strip:
     def height(value: float) -> float:
         return HEIGHT - 2 - (HEIGHT - 6) * min(value / top, 1.0)
 
-    return Strip(
+    return _Strip(
         (start * across, (stop - start) * across) if stop > start else None,
         [((frame + 0.5) * across, height(value)) for frame, value in _thinned(response)],
         None if math.isnan(threshold) else height(threshold),

@@ -60,7 +60,7 @@ def clips_of(
     settings = dict(parsed_setting(text) for text in changes)
     names = [name for name in inputs if not _is_video(name)]
     videos = [Path(name) for name in inputs if _is_video(name)]
-    return labelled(protocols_of(names, settings, backgrounds), videos)
+    return _labelled(protocols_of(names, settings, backgrounds), videos)
 
 
 def _is_video(name: str) -> bool:
@@ -74,7 +74,7 @@ def _manifest_in(inputs: Sequence[str]) -> Path | None:
     if len(inputs) > 1 or path.suffix == ".toml":
         return None
     if os.path.lexists(path):
-        return None if _is_video(inputs[0]) and truth_beside(path).is_file() else path
+        return None if _is_video(inputs[0]) and _truth_beside(path).is_file() else path
     return path if path.suffix == ".csv" else None
 
 
@@ -125,12 +125,12 @@ def _takes_footage(table: Table) -> bool:
     return "background" in scene and "cut_s" not in scene and not moved
 
 
-def truth_beside(video: Path) -> Path:
+def _truth_beside(video: Path) -> Path:
     """Return the file of a video's ground truth."""
     return video.with_name(f"{video.stem}{TRUTH}")
 
 
-def labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
+def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
     """Return stimuli, and videos of stimuli, with the labels that their ground truth gives.
 
     Parameters
@@ -152,7 +152,7 @@ def labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
         name = source.name
         try:
             if isinstance(source, Path):
-                truth = read_ground_truth(truth_beside(source))
+                truth = read_ground_truth(_truth_beside(source))
             else:
                 truth = ground_truth(source)
         except StimulusError as problem:

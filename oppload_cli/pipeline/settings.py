@@ -289,7 +289,7 @@ def _concerned(
     return [name for name in known_names() if name in models] if few else known_names()
 
 
-def parse_height(value: str | int) -> int | None:
+def _parse_height(value: str | int) -> int | None:
     """Read a working height.
 
     Parameters
@@ -401,7 +401,7 @@ def _columns(value: object) -> str:
 
 TOP_READERS: dict[str, Callable[[Any], Any]] = {
     "models": _models,
-    "height": parse_height,
+    "height": _parse_height,
     "fov": parse_fov,
     "measure_rmo": _yes_or_no,
     "columns": _columns,

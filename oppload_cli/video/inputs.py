@@ -78,7 +78,7 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
             continue
         try:
             folder = _under(name, match)
-            yield from (_Found(each, folder=folder) for each in single_inputs(match))
+            yield from (_Found(each, folder=folder) for each in _single_inputs(match))
         except SourceError as error:
             yield _Found(match, error)
 
@@ -147,7 +147,7 @@ def _suffix(name: str) -> str:
     return os.path.splitext(name)[1].lower()  # noqa: PTH122 - many times faster than a Path
 
 
-def single_inputs(name: str) -> list[str]:
+def _single_inputs(name: str) -> list[str]:
     """Return the inputs that a name other than a pattern of the shell stands for.
 
     Parameters

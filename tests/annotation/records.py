@@ -9,8 +9,15 @@ from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box
 from oppload_cli.models.dlgmd import DlgmdResponse
 from oppload_cli.models.opplod import OpplodResponse
+from oppload_cli.models.registry import detector_named
+from oppload_cli.palette import bgr
 from oppload_cli.results.table import FrameRecord
 from oppload_cli.video.frames import InputFacts
+
+
+def paint_of(name: str) -> tuple[int, int, int]:
+    """The colour of a detector as OpenCV has it."""
+    return bgr(detector_named(name).colour)
 
 
 def record(

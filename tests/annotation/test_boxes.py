@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.frame import layout_of, paint_of
+from oppload_cli.annotation.frame import layout_of
 from oppload_cli.annotation.video import draw_detections, label_of
-from tests.annotation.records import detection, facts
+from tests.annotation.records import detection, facts, paint_of
 
 PAINT = paint_of("opplod")
 

@@ -14,11 +14,10 @@ from oppload_cli.annotation.frame import (
     draw_strip,
     layout_of,
     level_row,
-    paint_of,
     tick_step,
 )
 from oppload_cli.models.registry import detectors
-from tests.annotation.records import facts, record
+from tests.annotation.records import facts, paint_of, record
 
 if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord

@@ -10,12 +10,12 @@ import av
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.frame import layout_of, level_row, paint_of
+from oppload_cli.annotation.frame import layout_of, level_row
 from oppload_cli.annotation.video import AnnotatedVideo
 from oppload_cli.errors import OutputError
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.video.source import open_video
-from tests.annotation.records import detection, facts
+from tests.annotation.records import detection, facts, paint_of
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import alarm_floor_of, detectors
-from oppload_cli.pipeline.settings import parse_height, resolve
+from oppload_cli.pipeline.settings import resolve
 
 
 def write(tmp_path: Path, text: str) -> Path:
@@ -90,7 +90,7 @@ def test_a_wrong_assignment(assignment: str, message: str) -> None:
 @pytest.mark.parametrize("text", ["0", "-3", "12.5", "tall", "9000"])
 def test_a_wrong_height(text: str) -> None:
     with pytest.raises(ParameterError, match="height must be"):
-        parse_height(text)
+        resolve(height=text)
 
 
 def test_a_missing_file() -> None:

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from oppload_cli.errors import SourceError
-from oppload_cli.video.inputs import found_inputs, result_stem, single_inputs
+from oppload_cli.video.inputs import found_inputs, result_stem
 
 
 def test_a_folder_of_videos_is_each_of_them(tmp_path: Path) -> None:
     for name in ("b.mp4", "a.avi", "cover.png"):
         (tmp_path / name).touch()
-    assert single_inputs(str(tmp_path)) == [str(tmp_path / "a.avi"), str(tmp_path / "b.mp4")]
+    names = [found.name for found in found_inputs(str(tmp_path))]
+    assert names == [str(tmp_path / "a.avi"), str(tmp_path / "b.mp4")]
 
 
 def test_an_empty_folder(tmp_path: Path) -> None:
-    with pytest.raises(SourceError, match="no video and no image in this folder"):
-        single_inputs(str(tmp_path))
+    (found,) = found_inputs(str(tmp_path))
+    assert "no video and no image in this folder" in str(found.error)
 
 
 def test_a_stem_depends_on_nothing_but_its_input() -> None:
