@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from oppload_cli.benchmark.battery import Table
-    from oppload_cli.benchmark.run import Shown
+    from oppload_cli.benchmark.battery import Shown, Table
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.evaluate import Evaluation
     from oppload_cli.files.tables import Cell

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.benchmark.battery import columns_of
 from oppload_cli.cli import progress_bar
 from oppload_cli.cli.options import complete_models, jobs_option, output_option, quiet_option
 from oppload_cli.errors import ExitCode
@@ -62,6 +61,7 @@ def benchmark(
     settings, and a file per stimulus in stimuli/: a benchmark that was stopped goes on from
     these when the same command is given again.
     """
+    from oppload_cli.benchmark.battery import columns_of
     from oppload_cli.benchmark.output import write_benchmark
     from oppload_cli.evaluation.detectors import chosen_detectors
 
@@ -84,8 +84,8 @@ def _measured(
     jobs: int,
     quiet: bool,
 ) -> Benchmark:
+    from oppload_cli.benchmark.battery import show
     from oppload_cli.benchmark.output import Benchmark
-    from oppload_cli.benchmark.run import show
     from oppload_cli.evaluation.evaluate import evaluate
     from oppload_cli.evaluation.manifest import read_manifest
 

@@ -278,17 +278,15 @@ class _Batch:
         return self._tally.exit_code_unless(self._options.fail_on)
 
     def _run(self, tasks: Iterator[Task]) -> None:
-        from oppload_cli.batch import local  # a single input needs no processes
+        from oppload_cli.batch import tasks as work  # a single input needs no processes
 
-        jobs = local.jobs_for(self._options.jobs, len(self._plan.inputs))
+        jobs = work.jobs_for(self._options.jobs, len(self._plan.inputs))
         if self._options.scheduler:
-            from oppload_cli.batch.cluster import run_on_cluster
-
-            run_on_cluster(tasks, self._options.scheduler, self)
+            work.run_on_cluster(tasks, self._options.scheduler, self)
         elif jobs > 1:
-            local.run_in_processes(tasks, jobs, self)
+            work.run_in_processes(tasks, jobs, self)
         else:
-            local.run_here(tasks, self)
+            work.run_here(tasks, self)
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):

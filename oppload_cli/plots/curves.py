@@ -39,7 +39,7 @@ from oppload_cli.plots.style import (
     norm_of,
     styled_figure,
 )
-from oppload_cli.results.thresholds import find_truth
+from oppload_cli.results.reading import find_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

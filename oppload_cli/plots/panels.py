@@ -18,7 +18,7 @@ from oppload_cli.plots.style import (
     INK,
     LEGEND_WIDTH,
 )
-from oppload_cli.results.thresholds import result_threshold
+from oppload_cli.results.reading import result_threshold
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -12,8 +12,7 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detectors, placing_detector
 from oppload_cli.plots.naming import wrapped
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure
-from oppload_cli.results.reading import check_numbers, find_video
-from oppload_cli.results.thresholds import result_threshold
+from oppload_cli.results.reading import check_numbers, find_video, result_threshold
 from oppload_cli.video.source import open_video
 from oppload_cli.video.span import Position, Span
 

@@ -12,8 +12,7 @@ from oppload_cli.errors import OpploadError, ResultError, printable
 from oppload_cli.files.reading import reading
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
-from oppload_cli.results.reading import check_numbers
-from oppload_cli.results.thresholds import check_schema, find_truth, result_threshold
+from oppload_cli.results.reading import check_numbers, check_schema, find_truth, result_threshold
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:

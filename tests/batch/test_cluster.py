@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from oppload_cli.batch import cluster
+from oppload_cli.batch import tasks
 from tests.cli import inside
 from tests.cli.process import oppload
 from tests.cli.test_batch import FAST, sidecars, tables
@@ -203,4 +203,4 @@ def test_a_scheduler_that_does_not_answer(ten: Path, tmp_path: Path) -> None:
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "none.json: no such file; give tcp://host:port or a scheduler file" in done.stderr
     assert not list(tmp_path.iterdir())
-    assert cluster.ANSWER_WITHIN_S <= 10
+    assert tasks.ANSWER_WITHIN_S <= 10

@@ -8,10 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.benchmark import battery, run
-from oppload_cli.benchmark.battery import BATTERY, CONTROL, LOOMING, TABLES, columns_of
+from oppload_cli.benchmark import battery
+from oppload_cli.benchmark.battery import (
+    BATTERY,
+    CONTROL,
+    LOOMING,
+    TABLES,
+    Measured,
+    Shown,
+    columns_of,
+    show,
+)
 from oppload_cli.benchmark.output import Benchmark
-from oppload_cli.benchmark.run import Measured, Shown, show
 from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
 from tests.cli import inside
@@ -91,7 +99,7 @@ def test_measures_are_kept_and_taken_up_again(
     assert show(columns, detectors, tmp_path, progress=lambda *counts: seen.append(counts)) == first
     assert seen == [(1, 2), (2, 2)]
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == bytes_of
-    monkeypatch.setattr(run, "outputs_of", None)  # nothing is shown any more
+    monkeypatch.setattr(battery, "outputs_of", None)  # nothing is shown any more
     assert show(columns, detectors, tmp_path) == first
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import StimulusError
-from oppload_cli.results.reading import read_result
-from oppload_cli.results.thresholds import alarm_threshold, find_truth
+from oppload_cli.results.reading import alarm_threshold, find_truth, read_result
 from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import write_result
 
