@@ -330,12 +330,16 @@ def test_text_of_the_wrong_kind() -> None:
 
 
 def test_motion_that_history_leaves_out_counts_as_background() -> None:
-    moving = looming(120, 20, 50, 14)
-    frames = [*[moving[0]] * 6, *moving[1:]]
-    params = DEFAULT.replaced(persistence=0, strides=1, adaptation_level=1e-6, adaptation_guard_s=0)
-    models = [Opplod((120, 120), params.replaced(history=history)) for history in (0.125, 0)]
+    """A disk grows from the first frame on, another one from the seventh."""
+    frames = [
+        np.minimum(disk(240, 60, 60, 10 + 2 * t), disk(240, 180, 180, 10 + 3 * max(0, t - 6)))
+        for t in range(14)
+    ]
+    params = DEFAULT.replaced(persistence=0, strides=1, adaptation_guard_s=0)
+    models = [Opplod((240, 240), params.replaced(history=history)) for history in (0.125, 0)]
     gated, plain = (
-        [answer.response for answer in map(model.step, frames) if answer] for model in models
+        [answer.response if answer else 0 for answer in map(model.step, frames)]
+        for model in models
     )
-    assert 0 < gated[4] < plain[4] / 1000
-    assert gated[5:] == plain[5:]
+    assert 0 < gated[7] < plain[7]
+    assert gated[9:] == plain[9:]

@@ -228,6 +228,8 @@ def test_motion_has_a_history_where_something_moved_nearby() -> None:
     one[:] = 0
     one[20, 13] = 1  # seven cells from the nearest cell beside it
     assert not has_history([now, one, two], 0.125)[20, 20]
+    two[:] = 0
+    assert not has_history([now, one, two], 0.125).any()
 
 
 def test_a_pause_before_changes_nothing() -> None:
@@ -244,6 +246,20 @@ def test_a_pause_before_changes_nothing() -> None:
     assert max(without) > 0
     np.testing.assert_allclose(paused, without, atol=1e-4 * max(without))
     assert max(paused[:3]) < 1e-4 * max(without)
+
+
+@pytest.mark.parametrize("pause", [3, 9, 30])
+def test_the_adaptation_begins_alike_after_a_pause(pause: int) -> None:
+    """A disk that grows from the first frame on has its peak where the adaptation begins."""
+    moving = [disk(240, 120, 120, 2 + 48 * t / 30) for t in range(24)]
+    peaks = []
+    for still in (0, pause):
+        bank = DetectorBank((240, 240), [DEFAULT])
+        shown = [moving[0]] * still + moving
+        answers = [bank.step(frame, t / 30)["opplod"] for t, frame in enumerate(shown)]
+        peaks.append(max((each.response, t - still) for t, each in enumerate(answers) if each))
+    assert peaks[1][0] == pytest.approx(peaks[0][0], rel=0.02)
+    assert peaks[1][1] == peaks[0][1]
 
 
 def test_an_object_that_sets_off_sideways_answers_nothing() -> None:
