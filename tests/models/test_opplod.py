@@ -338,8 +338,7 @@ def test_motion_that_history_leaves_out_counts_as_background() -> None:
     params = DEFAULT.replaced(persistence=0, strides=1, adaptation_guard_s=0)
     models = [Opplod((240, 240), params.replaced(history=history)) for history in (0.125, 0)]
     gated, plain = (
-        [answer.response if answer else 0 for answer in map(model.step, frames)]
-        for model in models
+        [answer.response if answer else 0 for answer in map(model.step, frames)] for model in models
     )
     assert 0 < gated[7] < plain[7]
     assert gated[9:] == plain[9:]
