@@ -47,55 +47,6 @@ if TYPE_CHECKING:
     from oppload_cli.video.span import Position, Span
 
 
-_HOME = {
-    "Alarm": "detection.alarm",
-    "AlarmParams": "detection.parameters",
-    "Box": "models.detector",
-    "Column": "models.detector",
-    "Detection": "detection.places",
-    "Detector": "models.detector",
-    "DetectorBank": "models.bank",
-    "Dlgmd": "models.dlgmd",
-    "DlgmdParams": "models.dlgmd",
-    "DlgmdResponse": "models.dlgmd",
-    "FlowDivergence": "models.flow_divergence",
-    "FlowDivergenceParams": "models.flow_divergence",
-    "Frame": "video.frames",
-    "FrameDifference": "models.frame_difference",
-    "FrameDifferenceParams": "models.frame_difference",
-    "FrameRecord": "results.table",
-    "Layers": "models.dpc",
-    "OpploadError": "errors",
-    "Opplod": "models.opplod",
-    "OpplodParams": "models.opplod_parameters",
-    "OpplodResponse": "models.opplod",
-    "PRESETS": "models.presets",
-    "PlaceParams": "detection.parameters",
-    "Position": "video.span",
-    "Response": "models.detector",
-    "Result": "api",
-    "RmoMetrics": "motion.rmo",
-    "RmoParams": "motion.rmo",
-    "Span": "video.span",
-    "Tuning": "results.reading",
-    "UnitMaps": "models.detector",
-    "Video": "video.source",
-    "alarm_params": "detection.parameters",
-    "analyse": "pipeline.analysis",
-    "detectors": "models.registry",
-    "open_source": "pipeline.sources",
-    "open_video": "video.source",
-    "parameters_of": "models.registry",
-    "plot_curves": "plots.curves",
-    "plot_places": "plots.places",
-    "plot_rmo": "plots.rmo",
-    "plot_tuning": "plots.tuning",
-    "read_result": "api",
-    "read_tuning": "results.reading",
-    "register": "models.registry",
-    "run": "api",
-}
-
 __all__ = [
     "PRESETS",
     "Alarm",
@@ -147,6 +98,37 @@ __all__ = [
     "stimulus",
 ]
 
+_MODULES = {
+    "api": ("Result", "read_result", "run"),
+    "detection.alarm": ("Alarm",),
+    "detection.parameters": ("AlarmParams", "PlaceParams", "alarm_params"),
+    "detection.places": ("Detection",),
+    "errors": ("OpploadError",),
+    "models.bank": ("DetectorBank",),
+    "models.detector": ("Box", "Column", "Detector", "Response", "UnitMaps"),
+    "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),
+    "models.dpc": ("Layers",),
+    "models.flow_divergence": ("FlowDivergence", "FlowDivergenceParams"),
+    "models.frame_difference": ("FrameDifference", "FrameDifferenceParams"),
+    "models.opplod": ("Opplod", "OpplodResponse"),
+    "models.opplod_parameters": ("OpplodParams",),
+    "models.presets": ("PRESETS",),
+    "models.registry": ("detectors", "parameters_of", "register"),
+    "motion.rmo": ("RmoMetrics", "RmoParams"),
+    "pipeline.analysis": ("analyse",),
+    "pipeline.sources": ("open_source",),
+    "plots.curves": ("plot_curves",),
+    "plots.places": ("plot_places",),
+    "plots.rmo": ("plot_rmo",),
+    "plots.tuning": ("plot_tuning",),
+    "results.reading": ("Tuning", "read_tuning"),
+    "results.table": ("FrameRecord",),
+    "video.frames": ("Frame",),
+    "video.source": ("Video", "open_video"),
+    "video.span": ("Position", "Span"),
+}
+_HOMES = {name: module for module, names in _MODULES.items() for name in names}
+
 
 def __dir__() -> list[str]:
     return list(__all__)
@@ -155,6 +137,6 @@ def __dir__() -> list[str]:
 def __getattr__(name: str) -> Any:
     if name == "stimulus":
         return import_module("oppload_cli.stimulus")
-    if name not in _HOME:
+    if name not in _HOMES:
         raise AttributeError(f"module 'oppload_cli' has no attribute '{name}'")
-    return getattr(import_module(f"oppload_cli.{_HOME[name]}"), name)
+    return getattr(import_module(f"oppload_cli.{_HOMES[name]}"), name)

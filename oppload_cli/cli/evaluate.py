@@ -98,8 +98,8 @@ def evaluate(
     responses and windows as CSV, and the plots.
     """
     from oppload_cli.evaluation.detectors import evaluated_detectors
+    from oppload_cli.evaluation.manifest import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
-    from oppload_cli.evaluation.staged import clips_of
     from oppload_cli.pipeline.repeats import RepeatParams
 
     handling = RepeatParams(handling=repeats) if repeats else None

@@ -16,8 +16,7 @@ import click
 from click.core import ParameterSource
 
 from oppload_cli import stimulus
-from oppload_cli.batch.plan import Failure, parse_shard, planned, read_list
-from oppload_cli.batch.report import Tally, write_failures
+from oppload_cli.batch.plan import Failure, Tally, parse_shard, planned, read_list, write_failures
 from oppload_cli.cli import say
 from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, incomplete, report
 from oppload_cli.cli.report import write_pages

@@ -6,8 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from oppload_cli.batch.plan import Failure, Listed, parse_shard, planned, read_list
-from oppload_cli.batch.report import Tally, write_failures
+from oppload_cli.batch.plan import (
+    Failure,
+    Listed,
+    Tally,
+    parse_shard,
+    planned,
+    read_list,
+    write_failures,
+)
 from oppload_cli.errors import ParameterError
 from oppload_cli.pipeline.task import Outcome
 

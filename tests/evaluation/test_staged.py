@@ -10,11 +10,11 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
+from oppload_cli.evaluation.manifest import conditions_of, label_of, protocols_of
 from oppload_cli.evaluation.metrics.alarms import Thresholds, at_rate
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.groups import of_conditions, of_objects, overlap
 from oppload_cli.evaluation.metrics.intervals import draws_of
-from oppload_cli.evaluation.staged import conditions_of, label_of, protocols_of
 from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
