@@ -100,10 +100,8 @@ def evaluate(
     from oppload_cli.evaluation.detectors import evaluated_detectors
     from oppload_cli.evaluation.manifest import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
-    from oppload_cli.pipeline.repeats import RepeatParams
 
-    handling = RepeatParams(handling=repeats) if repeats else None
-    detectors = evaluated_detectors((name for text in models for name in text.split(",")), handling)
+    detectors = evaluated_detectors((name for text in models for name in text.split(",")), repeats)
     read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()

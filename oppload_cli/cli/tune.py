@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 import oppload_cli as oppload
+from oppload_cli import stimulus as stimuli
 from oppload_cli.cli import progress_bar
 from oppload_cli.cli.options import (
     change_option,
@@ -101,8 +102,6 @@ def tune(
     settings, and the plot: polar over directions, a line over one parameter, a heat
     map over two. With --figure, NAME is that of the figure.
     """
-    from oppload_cli.stimulus.files import file_stem
-
     values = dict(parsed_setting(text) for text in changes)
     chosen = {
         "preset": preset,
@@ -113,7 +112,7 @@ def tune(
         "usual": STUDY_PRESET,
     }
     for sweep in _sweeps(stimulus, figures, values, over, (chosen, assignments)):
-        table = output / f"{file_stem(sweep.entry.name)}.tuning.csv"
+        table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         kept = [table, table.with_suffix(".json")]
         kept += [table.with_suffix(f".{form}")] if form != "none" else []
         refuse_existing(kept, if_exists)
@@ -153,23 +152,24 @@ def _sweeps(
 ) -> list[_Sweep]:
     """Return what is to be measured; all of it is checked before the first is shown."""
     from oppload_cli.pipeline.settings import resolve
-    from oppload_cli.tuning.classic import entry_of, figures_named
-    from oppload_cli.tuning.run import entry_named, swept
+    from oppload_cli.tuning import classic, run
 
     if (stimulus is None) == (not figures):
         raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
     settings, assignments = chosen
     if stimulus is not None:
-        entry = swept(entry_named(stimulus).with_settings(changes), over)
+        entry = run.swept(run.entry_named(stimulus).with_settings(changes), over)
         return [_Sweep(entry, resolve(**settings, assignments=assignments), 1, {})]
-    named = figures_named(figures)
+    named = classic.figures_named(figures)
     if over and len(named) > 1:
         raise click.UsageError("--over goes with one --figure alone")
     made = []
     for name, each in named.items():
         resolved = resolve(**settings, assignments=[*each.settings, *assignments])
         words = {"name": name, "title": each.title, "kind": each.kind}
-        made.append(_Sweep(entry_of(name, changes, over), resolved, each.presentations, words))
+        made.append(
+            _Sweep(classic.entry_of(name, changes, over), resolved, each.presentations, words)
+        )
     return made
 
 
@@ -201,12 +201,11 @@ def _run(
         paths[1], entry, settings, command=command, indicator_s=indicator_s, figure=figure
     )
     if len(paths) > 2:
-        from oppload_cli.plots.style import save
-        from oppload_cli.plots.tuning import lines_of
+        from oppload_cli.plots import style, tuning
 
-        tuning = oppload.read_tuning(paths[0])
-        save(oppload.plot_tuning(tuning)[0], paths[2])
-        for line in lines_of([tuning]):
+        measured = oppload.read_tuning(paths[0])
+        style.save(oppload.plot_tuning(measured)[0], paths[2])
+        for line in tuning.lines_of([measured]):
             click.echo(line, err=True)
 
 

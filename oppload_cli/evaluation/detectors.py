@@ -72,7 +72,7 @@ class EvaluatedDetector:
 
 
 def evaluated_detectors(
-    names: Iterable[str] = (), repeats: RepeatParams | None = None
+    names: Iterable[str] = (), repeats: str | None = None
 ) -> list[EvaluatedDetector]:
     """Return the detectors to evaluate: those chosen, then the baselines.
 
@@ -82,8 +82,8 @@ def evaluated_detectors(
         ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, or ``all``.
         Where none that presets change is named, they are evaluated under ``default`` and
         ``reference``.
-    repeats : RepeatParams, optional
-        How all of them take repeated pictures.
+    repeats : str, optional
+        How all of them take repeated pictures: ``near``, ``exact`` or ``keep``.
 
     Raises
     ------
@@ -94,7 +94,8 @@ def evaluated_detectors(
     with_presets, others = _by_presets()
     own = [name for name in chosen if name not in others] or _usual(with_presets)
     rest = [name for name in others if detectors()[name].evaluated or name in chosen]
-    return [_evaluated(name, repeats or RepeatParams()) for name in (*own, *rest)]
+    handling = RepeatParams(handling=repeats) if repeats else RepeatParams()
+    return [_evaluated(name, handling) for name in (*own, *rest)]
 
 
 def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:

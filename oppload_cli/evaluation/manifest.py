@@ -1,4 +1,4 @@
-"""The clips to evaluate on, each with its label, from a manifest or from the truth of stimuli."""
+"""The clips to evaluate on, with the labels of a manifest or of the ground truth of stimuli."""
 
 from __future__ import annotations
 

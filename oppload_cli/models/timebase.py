@@ -1,4 +1,4 @@
-"""The time base: how the models measure time (``docs/time.md``).
+"""Time: when each frame is presented, and how the models count it (``docs/time.md``).
 
 The step of the models is a time, the interval, and not a frame: the paper and the authors of
 D-LGMD took it from one frame of 30 per second to the next.

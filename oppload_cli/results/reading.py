@@ -1,4 +1,4 @@
-"""Reading results back: tables, sidecars, and the thresholds, truth and video that go with them."""
+"""Results read back: tables, sidecars, and their thresholds, ground truth and video."""
 
 from __future__ import annotations
 
