@@ -116,22 +116,22 @@ def run_in_processes(tasks: Iterable[Task], jobs: int, observer: Observer) -> No
                 observer.ended(task, content)
             elif kind is Kind.DIED:
                 how = f"the process that analysed it was {ended_from_outside(content)}"
-                observer.ended(task, failed(task, f"{task.name}: {how}"))
+                observer.ended(task, _failed(task, f"{task.name}: {how}"))
             else:
                 raise content
 
 
-def attempt(task: Task, watcher: Watcher | None = None) -> Outcome | Failure:
+def _attempt(task: Task, watcher: Watcher | None = None) -> Outcome | Failure:
     """Do one task; an error of its input is returned, not raised."""
     try:
         return run_task(task, watcher)
     except OpploadError as error:
-        return failed(task, str(error), error.exit_code)
+        return _failed(task, str(error), error.exit_code)
     except Exception as error:  # a bug met in one input spares the others
         short = shortage(error)
         if short:
-            return failed(task, f"{task.name}: {short}", ExitCode.NOTHING_READ)
-        return failed(
+            return _failed(task, f"{task.name}: {short}", ExitCode.NOTHING_READ)
+        return _failed(
             task,
             f"{task.name}: this is a bug ({type(error).__name__}: {error}); please report it "
             f"with the output of 'oppload run' on this input alone",
@@ -139,12 +139,12 @@ def attempt(task: Task, watcher: Watcher | None = None) -> Outcome | Failure:
         )
 
 
-def failed(task: Task, message: str, code: int = ExitCode.USAGE) -> Failure:
+def _failed(task: Task, message: str, code: int = ExitCode.USAGE) -> Failure:
     """Return the failure of a task: one sentence, and the exit code that it has alone."""
     return Failure(task.name, task.stem, code, message)
 
 
-class Counting:
+class _Counting:
     """A watcher of one task that passes on how many frames are analysed.
 
     Parameters
@@ -171,8 +171,8 @@ class Counting:
 
 
 def _counted(task: Task, tell: Callable[[int], object]) -> Outcome | Failure:
-    watcher = Counting(tell)
-    result = attempt(task, watcher)
+    watcher = _Counting(tell)
+    result = _attempt(task, watcher)
     watcher.flush()
     return result
 
@@ -288,7 +288,7 @@ def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
 
     if version != __version__:  # a worker that came later
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"
-        return failed(task, message)
+        return _failed(task, message)
     cv2.setNumThreads(1)  # as dask counts: a task, a core
     worker = distributed.get_worker()
     stop = distributed.Event(topic)
@@ -299,12 +299,12 @@ def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
             raise KeyboardInterrupt
 
     worker.log_event(topic, ("started", task.name))
-    watcher = Counting(tell, TELL_SCHEDULER_EVERY_S)
+    watcher = _Counting(tell, TELL_SCHEDULER_EVERY_S)
     try:
-        result = attempt(replace(task, threads=1), watcher)
+        result = _attempt(replace(task, threads=1), watcher)
         watcher.flush()
     except KeyboardInterrupt:
-        return failed(task, f"{task.name}: was stopped; go on with --if-exists skip")
+        return _failed(task, f"{task.name}: was stopped; go on with --if-exists skip")
     return result
 
 
@@ -358,7 +358,7 @@ class _Run:
         try:
             sent = _for_a_worker(task)
         except OpploadError as error:
-            self._observer.ended(task, failed(task, str(error), error.exit_code))
+            self._observer.ended(task, _failed(task, str(error), error.exit_code))
             return True
         future = self._client.submit(
             _do_on_worker,
@@ -413,12 +413,14 @@ def _result(task: Task, future: Any) -> Outcome | Failure:
         result: Outcome | Failure = Call(future.result).result()
         return result
     if future.status == "cancelled":
-        return failed(task, f"{task.name}: was cancelled on the cluster; try it again")
+        return _failed(task, f"{task.name}: was cancelled on the cluster; try it again")
     error = Call(future.exception).result()
     kind = type(error).__name__
     if kind == "KilledWorker":
-        return failed(
+        return _failed(
             task,
             f"{task.name}: several workers died of it; check their memory, or run it alone",
         )
-    return failed(task, f"{task.name}: the worker failed ({kind}: {reason_of(error)}); see its log")
+    return _failed(
+        task, f"{task.name}: the worker failed ({kind}: {reason_of(error)}); see its log"
+    )
