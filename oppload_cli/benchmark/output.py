@@ -285,7 +285,7 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
     cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]
     values = np.array([[cell.over_loom for cell in row] for row in cells])
     width = min(PAGE, 2.4 + 0.26 * len(labels) + 0.9)
-    with styled_figure(width, 1.2 + 0.17 * len(names) + 0.35) as figure:
+    with styled_figure(width, 1.35 + 0.17 * len(names) + 0.35) as figure:
         axes = figure.subplots()
         shades = axes.imshow(
             np.clip(np.nan_to_num(values, nan=0.0, posinf=MOST), LEAST, MOST),
@@ -309,11 +309,11 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(len(names)), [label_of(name) for name in names])
         axes.set_xlabel(table.axis)
-        axes.set_title(table.title)
+        # Beside a few rows there is no room for a label of the bar.
+        axes.set_title(f"{table.title}\nshades: response over that to the looming disk")
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
-        bar = figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
-        bar.set_label("response over that to the looming disk")
+        figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
     return figure
 
 
