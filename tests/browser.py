@@ -61,6 +61,18 @@ class Browser:
         across = round((share - 0.5) * element.size["width"])
         ActionChains(self.driver).move_to_element_with_offset(element, across, 0).click().perform()
 
+    def drag(self, selector: str, start: float, end: float) -> None:
+        """Drag over an element, from one share of its width to another."""
+        from selenium.webdriver import ActionChains
+        from selenium.webdriver.common.by import By
+
+        element = self.driver.find_element(By.CSS_SELECTOR, selector)
+        self.run("arguments[0].scrollIntoView({block: 'center'})", element)
+        wide = element.size["width"]
+        actions = ActionChains(self.driver)
+        actions.move_to_element_with_offset(element, round((start - 0.5) * wide), 0)
+        actions.click_and_hold().move_by_offset(round((end - start) * wide), 0).release().perform()
+
     def pictures(self) -> int:
         """Count the pictures that are shown, not the small marks."""
         self.wait("document.readyState === 'complete'")

@@ -117,16 +117,36 @@ def test_boxes_and_values_of_the_frame(browser: Browser, page: Path) -> None:
     assert browser.run(drawn) == [0, 0, 0, 0]
 
 
+def playhead(browser: Browser) -> float:
+    """The place of the line of the current frame, as a share of the first panel's width."""
+    place = "document.querySelector('.playhead').getBoundingClientRect()"
+    over = "document.querySelector('.u-over').getBoundingClientRect()"
+    return float(browser.run(f"return ({place}.left + 1 - {over}.left) / {over}.width"))
+
+
 def test_a_click_in_a_curve_goes_there(browser: Browser, page: Path) -> None:
     opened(browser, page)
     start, end = TIMES_MS[FIRST], TIMES_MS[LAST]
     for frame in (6, 13, 16):
         browser.click(".chart:nth-of-type(2) .u-over", (TIMES_MS[frame] - start) / (end - start))
         shows(browser, frame)
-        place = "document.querySelector('.playhead').getBoundingClientRect()"
-        over = "document.querySelector('.u-over').getBoundingClientRect()"
-        share = browser.run(f"return ({place}.left + 1 - {over}.left) / {over}.width")
-        assert share == pytest.approx((TIMES_MS[frame] - start) / (end - start), abs=0.005)
+        assert playhead(browser) == pytest.approx(
+            (TIMES_MS[frame] - start) / (end - start), abs=0.005
+        )
+
+
+def test_a_drag_shows_a_part_of_the_time(browser: Browser, page: Path) -> None:
+    opened(browser, page)
+    start, end = TIMES_MS[FIRST], TIMES_MS[LAST]
+    over = ".chart:nth-of-type(2) .u-over"
+    share = (TIMES_MS[13] - start) / (end - start)
+    browser.click(over, share)
+    browser.drag(over, share - 0.1, share + 0.3)
+    shows(browser, 13)
+    assert playhead(browser) == pytest.approx(0.25, abs=0.01)
+    opened(browser, page)
+    browser.drag(over, 0.4, 0.9)
+    assert browser.run("return document.querySelector('.playhead').hidden")
 
 
 def test_a_click_on_a_name_hides_its_curve(browser: Browser, page: Path) -> None:

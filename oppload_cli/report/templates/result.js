@@ -367,10 +367,11 @@
   }
 
   function placeHeads() {
-    const inside = time[row] >= range[0] && time[row] <= range[1];
-    for (const { u, head } of charts) {
-      head.hidden = !inside;
-      if (inside) head.style.transform = `translateX(${u.valToPos(time[row], "x")}px)`;
+    // Not by uPlot, which moves its scales only after this.
+    const share = (time[row] - range[0]) / (range[1] - range[0]) || 0;
+    for (const { head } of charts) {
+      head.hidden = !(share >= 0 && share <= 1);
+      head.style.left = `${100 * share}%`;
     }
   }
 
@@ -441,7 +442,6 @@
       for (const { u, host, height } of charts) {
         u.setSize({ width: Math.max(200, host.clientWidth), height });
       }
-      placeHeads();
     }).observe(byId("charts"));
     new ResizeObserver(() => present(presented)).observe(stage);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
