@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from oppload_cli.video.source import Video
 
 
-ANSWER_WITHIN_S = 8.0  # with the start of Python, an error is printed within 10 s
-STOP_WITHIN_S = 3.0
+ANSWER_WITHIN_S = 8.0  # a scheduler: with the start of Python, an error is printed within 10 s
+STOP_WITHIN_S = 3.0  # tasks on a cluster
 TELL_SCHEDULER_EVERY_S = 1.0
 # Each has a level of its own by the library's configuration.
 _TALKATIVE = ("distributed", "distributed.client", "tornado.application", "asyncio")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -13,11 +12,6 @@ from oppload_cli.cli.options import complete_models, jobs_option, output_option,
 from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import make_folder
 from oppload_cli.processes import cores
-
-if TYPE_CHECKING:
-    from oppload_cli.benchmark.battery import Column
-    from oppload_cli.benchmark.output import Benchmark
-    from oppload_cli.evaluation.detectors import EvaluatedDetector
 
 TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, background"
 
@@ -61,34 +55,16 @@ def benchmark(
     settings, and a file per stimulus in stimuli/: a benchmark that was stopped goes on from
     these when the same command is given again.
     """
-    from oppload_cli.benchmark.battery import columns_of
-    from oppload_cli.benchmark.output import write_benchmark
+    from oppload_cli.benchmark.battery import columns_of, show
+    from oppload_cli.benchmark.output import Benchmark, write_benchmark
     from oppload_cli.evaluation.detectors import chosen_detectors
+    from oppload_cli.evaluation.evaluate import evaluate
+    from oppload_cli.evaluation.manifest import read_manifest
 
     names = [name for text in models for name in text.split(",")]
     columns = columns_of([name for text in only for name in text.split(",")])
     detectors = chosen_detectors(names)
     make_folder(output)
-    found = _measured(columns, detectors, manifest, output, jobs=jobs, quiet=quiet)
-    for path in write_benchmark(found, output, command=["oppload", *sys.argv[1:]]):
-        click.echo(path)
-    return ExitCode.INCOMPLETE if found.clips and found.clips.faults else ExitCode.DONE
-
-
-def _measured(
-    columns: list[Column],
-    detectors: list[EvaluatedDetector],
-    manifest: Path | None,
-    output: Path,
-    *,
-    jobs: int,
-    quiet: bool,
-) -> Benchmark:
-    from oppload_cli.benchmark.battery import show
-    from oppload_cli.benchmark.output import Benchmark
-    from oppload_cli.evaluation.evaluate import evaluate
-    from oppload_cli.evaluation.manifest import read_manifest
-
     read = read_manifest(manifest) if manifest else None
     with progress_bar(None, "stimulus", quiet=quiet) as bar:
 
@@ -101,6 +77,9 @@ def _measured(
         )
     clips = None
     if read is not None:
-        with progress_bar(len(read.entries), "clip", quiet=quiet) as bar:
-            clips = evaluate(read, detectors, jobs=jobs or cores(), progress=bar.update)
-    return Benchmark(shown, detectors, clips)
+        with progress_bar(len(read.entries), "clip", quiet=quiet) as clip_bar:
+            clips = evaluate(read, detectors, jobs=jobs or cores(), progress=clip_bar.update)
+    found = Benchmark(shown, detectors, clips)
+    for path in write_benchmark(found, output, command=["oppload", *sys.argv[1:]]):
+        click.echo(path)
+    return ExitCode.INCOMPLETE if clips and clips.faults else ExitCode.DONE

@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     Pictures = Mapping[tuple[int, int], bytes]  # JPEG by clip and frame
 
 
-MOST = 4  # of each kind, for each detector
-PICTURE_HEIGHT = 270  # px
-QUALITY = 82
+MOST = 4  # stills of each kind, for each detector
+PICTURE_HEIGHT = 270  # px, of a still
+QUALITY = 82  # of a still as JPEG
 RATE = 1.0  # false alarms per minute, at which a miss is a miss
-WIDTH, HEIGHT = 300, 56  # of a strip, in units of its drawing
+WIDTH, HEIGHT = 300, 56  # of the strip below a still, in units of its drawing
 HIGHEST = 3.0  # times the threshold at the top of a strip
 
 

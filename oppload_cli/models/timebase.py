@@ -21,7 +21,7 @@ REFERENCE_S = Fraction(1, 30)
 SHORTEST_S, LONGEST_S = 1e-4, 10.0
 NEARLY_ONE = 0.03  # times in files are rounded, often to milliseconds
 USUAL_RATE = 30.0  # frames/s, where nothing is known
-MOST_STEPS = 1 << 10  # of which the median is taken
+MOST_STEPS = 1 << 10  # from frame to frame, of which the median is taken
 CONTRADICTION = 0.1  # of the declared rate
 LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
 

@@ -29,8 +29,8 @@ PRESETS = tuple(TITLES)
 # Without a pause before the motion: after one, the first moving frames meet no delayed
 # inhibition yet, and give a transient that is the same for every direction.
 NO_PAUSE = {"timing.before_s": 0}
-DPI = 130
-WIDE = 7.2  # inches
+DPI = 130  # of a figure
+WIDE = 7.2  # inches, of a figure
 
 
 class Verdict(StrEnum):

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Series = NDArray[np.float64]
     Truth = dict[str, Any]
 
 
@@ -399,20 +398,20 @@ def _holds_images(path: Path) -> bool:
     return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))
 
 
-def result_threshold(result: Result, name: str) -> Series:
-    """Return the threshold of a detector's alarm in each frame of a result.
+def result_threshold(result: Result, name: str) -> NDArray[np.float64]:
+    """Return the threshold that a detector's alarm held each response of a result against.
 
     Parameters
     ----------
     result : Result
-        Holds the detector's responses.
+        Holds the detector's responses; its sidecar states the alarm.
     name : str
         Of the detector.
 
     Returns
     -------
     ndarray, shape (n,)
-        As from :func:`alarm_threshold`, by the alarm of the result's sidecar.
+        As ``docs/alarms.md`` defines it; NaN during warm-up.
 
     Raises
     ------
@@ -421,27 +420,7 @@ def result_threshold(result: Result, name: str) -> Series:
     """
     time_s = result.frames["time_s"].to_numpy(float)
     response = result.frames[f"{name}_response"].to_numpy(float)
-    return alarm_threshold(time_s, response, _alarm_params(result), name)
-
-
-def alarm_threshold(time_s: Series, response: Series, params: AlarmParams, name: str) -> Series:
-    """Return the threshold that the alarm of a detector held each response against.
-
-    Parameters
-    ----------
-    time_s, response : ndarray, shape (n,)
-        Times and responses of the detector; NaN during warm-up.
-    params : AlarmParams
-        Of the alarm.
-    name : str
-        Of the detector.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        As ``docs/alarms.md`` defines it; NaN during warm-up.
-    """
-    alarm = Alarm(name, params)
+    alarm = Alarm(name, _alarm_params(result))
     threshold = np.full(time_s.shape, np.nan)
     for frame in np.flatnonzero(np.isfinite(response)):
         alarm.step(float(response[frame]), float(time_s[frame]))

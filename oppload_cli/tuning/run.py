@@ -294,18 +294,18 @@ def swept(entry: Entry, over: Sequence[str]) -> Entry:
     chosen: dict[str, list[Any]] = {}
     for text in over:
         word, equals, values = text.partition("=")
-        key = key_of(entry, word.strip())
+        key = _key_of(entry, word.strip())
         if not equals and key not in entry.sweep:
             raise ParameterError(
                 f"--over {text}: {entry.name} has no values of its own for '{key}'; "
                 f"give some, e.g. --over {text}=10,20,40 or {text}=0:330:30"
             )
-        chosen[key] = values_of(text, values) if equals else entry.sweep[key]
+        chosen[key] = _values_of(text, values) if equals else entry.sweep[key]
     # Settings are checked as the protocols are made; one that names no table fails here.
     return replace(entry.with_settings({key: chosen[key][0] for key in chosen}), sweep=chosen)
 
 
-def key_of(entry: Entry, word: str) -> str:
+def _key_of(entry: Entry, word: str) -> str:
     """Return the dotted key that a word means in a stimulus.
 
     Parameters
@@ -341,7 +341,7 @@ def key_of(entry: Entry, word: str) -> str:
     return keys[0]
 
 
-def values_of(text: str, values: str) -> list[Any]:
+def _values_of(text: str, values: str) -> list[Any]:
     """Read the values of a sweep.
 
     Parameters

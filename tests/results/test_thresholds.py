@@ -1,26 +1,24 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import StimulusError
-from oppload_cli.results.reading import alarm_threshold, find_truth, read_result
+from oppload_cli.results.reading import Result, find_truth, read_result, result_threshold
 from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import write_result
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 def test_before_the_background_is_known_the_threshold_is_the_floor() -> None:
-    times = np.asarray(np.arange(10) * 0.1, np.float64)
     responses = np.r_[np.nan, np.nan, np.full(8, 0.5)]
-    params = alarm_params(guard_s=0.35, factor=4, opplod_floor=0.25)
-    threshold = alarm_threshold(times, responses, params, "opplod")
+    frames = pd.DataFrame({"time_s": np.arange(10) * 0.1, "opplod_response": responses})
+    alarm = {"guard_s": 0.35, "factor": 4, "opplod_floor": 0.25}
+    result = Result(Path("clip.frames.csv"), frames, {"parameters": {"alarm": alarm}})
+    threshold = result_threshold(result, "opplod")
     assert np.isnan(threshold[:2]).all()
     np.testing.assert_allclose(threshold[2:6], 0.25)
     np.testing.assert_allclose(threshold[6:], 2.0)

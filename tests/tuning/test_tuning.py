@@ -16,10 +16,8 @@ from oppload_cli.tuning.present import Measures, Responses, measure, present
 from oppload_cli.tuning.run import (
     entry_named,
     is_symmetric,
-    key_of,
     swept,
     tune,
-    values_of,
     write_tuning,
     write_tuning_sidecar,
 )
@@ -188,20 +186,27 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     ],
 )
 def test_the_key_that_a_word_stands_for(stimulus: str, word: str, key: str) -> None:
-    assert key_of(entry_named(stimulus), word) == key
+    assert list(swept(entry_named(stimulus), [f"{word}=1"]).sweep) == [key]
 
 
-def test_values_are_lists_ranges_or_toml() -> None:
-    assert values_of("x", "10,20,40.5") == [10, 20, 40.5]
-    assert values_of("x", "0:330:30") == list(range(0, 331, 30))
-    assert values_of("x", "1:0:-0.5") == [1, 0.5, 0]
-    assert values_of("x", "[[0, 0], [10, 0]]") == [[0, 0], [10, 0]]
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("10,20,40.5", [10, 20, 40.5]),
+        ("0:330:30", list(range(0, 331, 30))),
+        ("1:0:-0.5", [1, 0.5, 0]),
+        ("[[0, 0], [10, 0]]", [[0, 0], [10, 0]]),
+    ],
+)
+def test_values_are_lists_ranges_or_toml(text: str, values: list[object]) -> None:
+    entry = swept(entry_named("klapoetke2017/loom"), [f"position={text}"])
+    assert entry.sweep == {"disk.centre_deg": values}
 
 
 @pytest.mark.parametrize("values", ["", "a,b", "0:10", "0:10:0", "0:10:-1", "0:1e9:1", "["])
 def test_values_that_cannot_be_read(values: str) -> None:
     with pytest.raises(ParameterError, match="its values cannot be read; write 10,20,40"):
-        values_of("speed", values)
+        swept(entry_named("klapoetke2017/loom-speed"), [f"speed={values}"])
 
 
 @pytest.mark.parametrize(
