@@ -4,6 +4,7 @@
     python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
     python -m benchmarks.places --cost FOLDER    # processor time
 
+The first two take preset `reference`, or that of ``--preset NAME``.
 FOLDER holds ``manifest.csv`` (file, contact_frame, ...) and ``boxes.json`` (file, frame,
 [x, y, width, height] in source pixels).
 """  # fmt: skip
@@ -33,13 +34,13 @@ from oppload_cli.stimulus.truth import frame_truth
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from oppload_cli import FrameRecord
     from oppload_cli.detection.places import Detection
     from oppload_cli.models.detector import Box
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.stimulus.truth import ObjectTruth
     from oppload_cli.video.source import Video
 
-REFERENCE, PLACES = parameters_of("opplod", "reference"), place_params("reference")
 LAST_S = 0.5
 NEAR_CONTACT = 15  # frames
 LOOM = "klapoetke2017/loom-l-over-v"
@@ -92,17 +93,22 @@ class Measured:
         return f"| {' | '.join(cells)} |"
 
 
-def measured(protocol: Protocol) -> Measured:
+def measured(protocol: Protocol, preset: str) -> Measured:
     """Show a stimulus to OppLoD, and compare every detection with the ground truth."""
     result = Measured()
     video = cast("Video", StimulusVideo(protocol, 240))
-    for record in analyse(video, [REFERENCE], places=PLACES, rmo=None):
+    for record in _analysed(video, preset):
         truth = frame_truth(protocol, record.frame)
         result.identities |= {each.identity for each in record.detections}
         for thing in truth.objects:
             if thing.time_to_contact_s and thing.looming:  # until it has its largest size
                 _compare(result, protocol, thing, record.detections)
     return result
+
+
+def _analysed(video: Video, preset: str) -> Iterator[FrameRecord]:
+    params = [parameters_of("opplod", preset)]
+    return analyse(video, params, places=place_params(preset), rmo=None)
 
 
 def _compare(
@@ -138,13 +144,13 @@ def _percent(values: Sequence[float], of: Any, sign: str = "") -> str:
     return f"{100 * of(values):{sign}.0f} %" if values else ""
 
 
-def contact_table() -> Iterator[str]:
+def contact_table(preset: str) -> Iterator[str]:
     """Yield the table of the stimuli, with a last row for all of them."""
     yield "| stimulus | given | median error | largest | focus, px | size | numbers |"
     yield "|---|---|---|---|---|---|---|"
     everything = Measured()
     for name, protocol, settings in CONDITIONS:
-        result = measured(stimulus.load_all(protocol, settings)[0])
+        result = measured(stimulus.load_all(protocol, settings)[0], preset)
         yield result.row(name)
         everything.frames += result.frames
         everything.errors += result.errors
@@ -153,7 +159,7 @@ def contact_table() -> Iterator[str]:
     yield everything.row("**all**")
 
 
-def localisation(folder: Path) -> Iterator[str]:
+def localisation(folder: Path, preset: str) -> Iterator[str]:
     """Yield the table of the clips: winning unit within the labelled box, enlarged by half."""
     boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
     yield "| clip | labelled frames | every frame between | overlap of the box |"
@@ -161,13 +167,14 @@ def localisation(folder: Path) -> Iterator[str]:
     labelled: list[list[bool]] = []
     every: list[list[bool]] = []
     overlaps: list[float] = []
+    left: list[float | None] = []
     for clip in _clips(folder):
         name, contact = clip["file"], clip["contact_frame"]
         if name not in boxes:
             continue
         near = _between({int(frame): box for frame, box in boxes[name].items()}, int(contact))
         with open_video(folder / name, height=240) as video:
-            records = list(analyse(video, [REFERENCE], places=PLACES, rmo=None))
+            records = list(_analysed(video, preset))
         hits = {frame: _hit(records[frame].responses["opplod"], box) for frame, box in near.items()}
         labelled.append([hits[int(frame)] for frame in boxes[name] if int(frame) in hits])
         every.append(list(hits.values()))
@@ -177,10 +184,27 @@ def localisation(folder: Path) -> Iterator[str]:
             if records[frame].detections
         ]
         overlaps += own
+        left += _contacts(records, int(contact))
         yield _clip_row(name, labelled[-1], every[-1], own)
     yield _clip_row("**all**", list(chain(*labelled)), list(chain(*every)), overlaps)
     low, high = _interval(labelled)
     yield f"95 % interval of the labelled frames: {100 * low:.0f} to {100 * high:.0f} %"
+    late = [each for each in left if each is not None]
+    yield f"time to contact given in {len(late)} of {len(left)} frames with a detection"
+    if late:
+        low, high = min(late), max(late)
+        middle = statistics.median(late)
+        yield f"contact later than labelled by {low:.2f} to {high:.2f} s, median {middle:.2f} s"
+
+
+def _contacts(records: Sequence[FrameRecord], contact: int) -> list[float | None]:
+    """Return how much later than labelled the first object of each last frame would touch."""
+    last = records[max(0, contact - NEAR_CONTACT) : contact]
+    found = [
+        (each.time_s, each.detections[0].time_to_contact_s) for each in last if each.detections
+    ]
+    labelled_s = records[contact].time_s
+    return [None if left is None else time_s + left - labelled_s for time_s, left in found]
 
 
 def cost(folder: Path) -> Iterator[str]:
@@ -196,7 +220,7 @@ def cost(folder: Path) -> Iterator[str]:
             for frame in video:
                 if model.step(frame.luma):
                     before = time.thread_time()  # without the decoder's threads
-                    places.step(model.units, frame.time_s)
+                    places.step(model.units, frame.luma, frame.time_s)
                     searched += time.thread_time() - before
                     frames += 1
             every.append((searched, time.process_time() - started, frames))
@@ -267,11 +291,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--clips", type=Path, metavar="FOLDER")
     parser.add_argument("--cost", type=Path, metavar="FOLDER")
+    parser.add_argument("--preset", default="reference", metavar="NAME")
     given = parser.parse_args()
     if given.clips:
-        table = localisation(given.clips)
+        table = localisation(given.clips, given.preset)
     else:
-        table = cost(given.cost) if given.cost else contact_table()
+        table = cost(given.cost) if given.cost else contact_table(given.preset)
     for line in table:
         print(line, flush=True)
 

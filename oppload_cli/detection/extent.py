@@ -31,15 +31,11 @@ class Extent(NamedTuple):
         Half width and half height.
     opponency : float
         Outward minus inward products within its window.
-    limited : bool
-        Whether the object reaches further than the products, which end where the
-        frame does on the nearer side.
     """
 
     x: float
     y: float
     opponency: float
-    limited: bool
 
     @property
     def size(self) -> float:
@@ -94,19 +90,13 @@ class Products:
         """
         found = None
         for _ in range(_ROUNDS):
-            reach_y, reach_x, cut = self._reach(row, column, x, y)
-            moments = self._moments(row, column, reach_y, reach_x)
+            moments = self._moments(row, column, *self._reach(row, column, x, y))
             if moments is None:
                 break
             square_x, square_y, opponency = moments
             before = x, y
             x, y = self._half(square_x * self._cell_x**2), self._half(square_y * self._cell_y**2)
-            # The blurred edge must lie within the products, or its size is cut short.
-            blur = self._maps.spread
-            limited = cut and (
-                x + blur > reach_x * self._cell_x or y + blur > reach_y * self._cell_y
-            )
-            found = Extent(x, y, opponency, limited)
+            found = Extent(x, y, opponency)
             if abs(x - before[0]) < self._cell_x / 4 and abs(y - before[1]) < self._cell_y / 4:
                 break
         return found
@@ -130,19 +120,19 @@ class Products:
         best, found = -math.inf, (row, column)
         for y in range(max(0, row - 1), min(rows, row + 2)):
             for x in range(max(0, column - 1), min(columns, column + 2)):
-                moments = self._moments(y, x, *self._reach(y, x, extent.x, extent.y)[:2])
+                moments = self._moments(y, x, *self._reach(y, x, extent.x, extent.y))
                 if moments is not None and moments[2] > best:
                     best, found = moments[2], (y, x)
         return found
 
-    def _reach(self, row: int, column: int, x: float, y: float) -> tuple[int, int, bool]:
-        """Return the window in cells to each side, and whether the frame cuts it."""
+    def _reach(self, row: int, column: int, x: float, y: float) -> tuple[int, int]:
+        """Return the window in cells to each side: it ends where the frame does."""
         rows, columns = self._maps.responses.shape
         wanted_y = max(_LEAST_WINDOW, math.ceil(_WINDOW * y / self._cell_y))
         wanted_x = max(_LEAST_WINDOW, math.ceil(_WINDOW * x / self._cell_x))
         reach_y = min(wanted_y, row, rows - 1 - row)
         reach_x = min(wanted_x, column, columns - 1 - column)
-        return reach_y, reach_x, reach_y < wanted_y or reach_x < wanted_x
+        return reach_y, reach_x
 
     def _moments(
         self, row: int, column: int, reach_y: int, reach_x: int

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.detection.extent import Extent, Products
+from oppload_cli.detection.growth import Contact, Picture, growth
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.detector import Box
 
@@ -23,102 +23,6 @@ if TYPE_CHECKING:
     from oppload_cli.video.optics import Optics, View
 
     Floats = NDArray[np.float64]
-    from numpy.typing import NDArray
-
-    _Series = NDArray[np.float64]
-
-
-MOST_SAMPLES = 256  # in case times stand still
-TOO_FAR = 2.5  # standard deviations: a size off the line by more is left out once
-
-
-class Contact:
-    """The growth of one object, and when it will touch.
-
-    In a camera's picture the size of what approaches at constant speed is
-    ``s = A / (T - t)``: ``1 / s`` falls on a straight line that meets 0 at the time of
-    contact T. An error e of s is one of ``e / s^2`` in ``1 / s``, so that the least
-    squares weigh by ``s^4``.
-
-    Parameters
-    ----------
-    params : PlaceParams
-        When the estimate is determined.
-    """
-
-    def __init__(self, params: PlaceParams) -> None:
-        self._params = params
-        self._samples: deque[tuple[float, float]] = deque(maxlen=MOST_SAMPLES)
-
-    def add(self, time_s: float, size: float) -> None:
-        """Take the size at a time.
-
-        Parameters
-        ----------
-        time_s : float
-            Seconds.
-        size : float
-            Any measure in pixels, above 0.
-        """
-        self._samples.append((time_s, size))
-        while self._samples[0][0] < time_s - self._params.memory_s:
-            self._samples.popleft()
-
-    def remaining(self, time_s: float) -> float | None:
-        """Return the time to contact.
-
-        Parameters
-        ----------
-        time_s : float
-            Now, in seconds.
-
-        Returns
-        -------
-        float or None
-            Seconds, above 0; None unless it is determined: enough frames, enough
-            growth, and a standard error of the fit below `largest_error` of it.
-        """
-        if len(self._samples) < self._params.least_frames:
-            return None
-        times, sizes = np.array(self._samples).T
-        times -= time_s
-        estimate = self._fitted(times, sizes)
-        if estimate is None:
-            return None
-        contact, error = estimate
-        return contact if contact > 0 and error < self._params.largest_error * contact else None
-
-    def _fitted(self, times: _Series, sizes: _Series) -> tuple[float, float] | None:
-        """Return the time of contact and its standard error; None where nothing grows."""
-        contact, error, residuals = _line(times, sizes)
-        spread = math.sqrt(float(residuals @ residuals) / len(times))
-        kept = np.abs(residuals) <= TOO_FAR * spread
-        if self._params.least_frames <= kept.sum() < len(times):
-            times, sizes = times[kept], sizes[kept]
-            contact, error, _ = _line(times, sizes)
-        if not math.isfinite(contact) or times[0] >= contact:
-            return None
-        grown = (contact - times[0]) / (contact - times[-1]) if contact > times[-1] else math.inf
-        return (contact, error) if grown >= self._params.least_growth else None
-
-
-def _line(times: _Series, sizes: _Series) -> tuple[float, float, _Series]:
-    """Fit 1/s = slope (t - T): return T, its standard error, and the residuals of s."""
-    weights = sizes**4
-    inverse = 1 / sizes
-    total = weights.sum()
-    mean_t, mean_y = weights @ times / total, weights @ inverse / total
-    t, y = times - mean_t, inverse - mean_y
-    about = weights @ t**2
-    slope = weights @ (t * y) / about if about > 0 else 0.0
-    residuals = (y - slope * t) * sizes**2
-    if slope >= 0:
-        return math.inf, math.inf, residuals
-    contact = mean_t - mean_y / slope
-    variance = residuals @ residuals / (len(times) - 2)
-    # T = mean_t - mean_y / slope: errors of the mean and of the slope add.
-    error = math.sqrt(variance * (1 / total + (mean_y / slope) ** 2 / about)) / -slope
-    return float(contact), error, residuals
 
 
 class Detection(NamedTuple):
@@ -172,7 +76,8 @@ class Detection(NamedTuple):
 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _NEAR = 0.25  # receptive fields: a focus that near to an object's is always its own
-_RESOLVED = 1.5  # spreads of the pooling: an object smaller than that has no size yet
+_AROUND = 1.15  # half sizes: the box is up to 10 % too small, and the outline shows most
+_YOUNGEST = 7 / 8  # of an interval: between nearer frames there is too little growth
 _GROWTH = 1.25  # from one frame to the next, shortly before contact
 
 
@@ -319,14 +224,17 @@ class Places:
         self._tracks: list[Track] = []
         self._count = 0
         self._before_s: float | None = None
+        self._pictures: deque[tuple[float, Picture]] = deque()
 
-    def step(self, maps: UnitMaps, time_s: float) -> list[Track]:
+    def step(self, maps: UnitMaps, luma: Map, time_s: float) -> list[Track]:
         """Find the objects of the latest frame.
 
         Parameters
         ----------
         maps : UnitMaps
             The units at that frame.
+        luma : ndarray of float32, shape (height, width)
+            The working frame.
         time_s : float
             The frame's presentation time in seconds.
 
@@ -337,6 +245,8 @@ class Places:
             frame's winning unit.
         """
         self._maps = maps
+        if maps.pathways:
+            self._look(luma, time_s)
         found = peaks(maps, self._params)
         self._products = Products(maps) if found and maps.pathways else None
         oldest = time_s - self._params.gap_s
@@ -354,6 +264,13 @@ class Places:
                 shown.append(track)
         self._before_s = time_s
         return shown
+
+    def _look(self, luma: Map, time_s: float) -> None:
+        """Keep a frame, and the latest one that is an interval older."""
+        old_s = time_s - _YOUNGEST * self._interval_s
+        while len(self._pictures) > 1 and self._pictures[1][0] <= old_s:
+            self._pictures.popleft()
+        self._pictures.append((time_s, Picture(luma)))
 
     def _owner(self, peak: _Peak) -> Track | None:
         """Return the object that a peak belongs to."""
@@ -387,7 +304,7 @@ class Places:
 
     def _measured(self, row: int, column: int, x: float, y: float) -> Extent | None:
         if self._products is None:
-            return Extent(self._maps.field / 2, self._maps.field / 2, 0.0, True)
+            return Extent(self._maps.field / 2, self._maps.field / 2, 0.0)
         return self._products.extent(row, column, x, y)
 
     def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
@@ -409,13 +326,17 @@ class Places:
 
     def _time(self, track: Track, time_s: float) -> None:
         track.time_to_contact_s = None
-        resolved = track.extent.size >= _RESOLVED * self._maps.spread
-        if resolved and not track.extent.limited:
-            # What moves is seen where it was half an interval ago.
-            step_s = 0.0 if self._before_s is None else time_s - self._before_s
-            lag = max(step_s, self._interval_s) / 2 if step_s else 0.0
-            track.contact.add(time_s - lag, track.extent.size)
-            track.time_to_contact_s = track.contact.remaining(time_s)
+        if not self._products:
+            return
+        before_s, before = self._pictures[0]
+        passed_s = time_s - before_s
+        if passed_s > 0 and passed_s >= _YOUNGEST * self._interval_s:
+            region = track.x, track.y, _AROUND * track.extent.x, _AROUND * track.extent.y
+            start = track.contact.expected(time_s, before_s)
+            found = growth(self._pictures[-1][1], before, region, start)
+            if found:
+                track.contact.add(time_s, passed_s, found)
+        track.time_to_contact_s = track.contact.remaining(time_s)
 
 
 class Detections:
@@ -439,7 +360,7 @@ class Detections:
         self._cause: int | None = None
 
     def step(
-        self, maps: UnitMaps, time_s: float, *, alarm: bool, threshold: float
+        self, maps: UnitMaps, luma: Map, time_s: float, *, alarm: bool, threshold: float
     ) -> tuple[Detection, ...]:
         """Find the objects of the latest frame.
 
@@ -447,6 +368,8 @@ class Detections:
         ----------
         maps : UnitMaps
             The units at that frame.
+        luma : ndarray of float32, shape (height, width)
+            The working frame.
         time_s : float
             The frame's presentation time in seconds.
         alarm : bool
@@ -460,7 +383,7 @@ class Detections:
             The largest response first. The alarm is that of the objects above the
             threshold, and of the one that was the largest when it went on.
         """
-        tracks = self._places.step(maps, time_s)
+        tracks = self._places.step(maps, luma, time_s)
         if not alarm:
             self._cause = None
         elif self._cause is None and tracks:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from oppload_cli.detection.parameters import AlarmParams, PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.models.detector import Response
+    from oppload_cli.models.dpc import Map
     from oppload_cli.motion.rmo import RmoParams
     from oppload_cli.pipeline.sources import Source
     from oppload_cli.schema import Parameters
@@ -195,7 +196,14 @@ class _Detectors:
         found = {
             name: ()
             if seen.repeat.kind
-            else self._detections(name, answers[name], time_s, alarms[name], thresholds[name])
+            else self._detections(
+                name,
+                answers[name],
+                seen.frame.luma,
+                time_s,
+                alarm=alarms[name],
+                threshold=thresholds[name],
+            )
             for name in self._places
         }
         record = FrameRecord(
@@ -236,7 +244,14 @@ class _Detectors:
         return bank.at_rest(lasted + NEARLY_ONE)
 
     def _detections(
-        self, name: str, answer: Response | None, time_s: float, alarm: bool, threshold: float
+        self,
+        name: str,
+        answer: Response | None,
+        luma: Map,
+        time_s: float,
+        *,
+        alarm: bool,
+        threshold: float,
     ) -> tuple[Detection, ...]:
         if answer is None:
             return ()
@@ -244,7 +259,7 @@ class _Detectors:
         if units is None:
             found = places.of_box(answer, alarm=alarm)
         else:
-            found = places.step(units, time_s, alarm=alarm, threshold=threshold)
+            found = places.step(units, luma, time_s, alarm=alarm, threshold=threshold)
         return tuple(each.seen_through(self._optics) for each in found) if self._optics else found
 
 

@@ -44,10 +44,11 @@ def shown(
     params: PlaceParams | None = None,
     hidden: Iterable[int] = (),
     rate: float = RATE,
+    interval_s: float = 0.0,
 ) -> list[list[Track]]:
     """Return the objects of every frame; in `hidden` frames no unit answers."""
-    model = Opplod((SIZE, SIZE), REFERENCE)
-    places = Places(params or PLACES)
+    model = Opplod((SIZE, SIZE), REFERENCE, frame_rate=rate if interval_s else None)
+    places = Places(params or PLACES, interval_s)
     found: list[list[Track]] = []
     for t, frame in enumerate(frames):
         answer = model.step(frame)
@@ -56,5 +57,5 @@ def shown(
             continue
         if t in set(hidden):
             model.units.responses[:] = 0
-        found.append([copy(each) for each in places.step(model.units, t / rate)])
+        found.append([copy(each) for each in places.step(model.units, frame, t / rate)])
     return found

@@ -1,20 +1,31 @@
 from __future__ import annotations
 
+import math
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
+from oppload_cli.detection.growth import Contact, Growth
 from oppload_cli.detection.parameters import PlaceParams
-from oppload_cli.detection.places import Contact
-from tests.detection.showing import approaching, remaining, shown
+from tests.detection.showing import LENGTH, SIZE, approaching, remaining, shown
+from tests.media import disk
+
+if TYPE_CHECKING:
+    from oppload_cli.detection.places import Track
 
 RATE = 30
+SURE = 0.002
 
 
-def after(sizes: list[float], params: PlaceParams | None = None) -> float | None:
+def after(
+    sizes: list[float], params: PlaceParams | None = None, error: float = SURE
+) -> float | None:
     """The estimate at the last of these sizes."""
     contact = Contact(params or PlaceParams())
-    for t, size in enumerate(sizes):
-        contact.add(t / RATE, size)
+    for t, (before, now) in enumerate(pairwise(sizes), 1):
+        contact.add(t / RATE, 1 / RATE, Growth(before / now - 1, error))
     return contact.remaining((len(sizes) - 1) / RATE)
 
 
@@ -25,71 +36,141 @@ def growing(frames: int, contact: int, noise: float = 0.0) -> list[float]:
 
 
 @pytest.mark.parametrize("contact", [12, 20, 30])
-def test_the_line_through_the_inverse_sizes_meets_zero_at_contact(contact: int) -> None:
+def test_growth_at_constant_speed_gives_the_contact(contact: int) -> None:
     assert after(growing(9, contact)) == pytest.approx((contact - 8) / RATE, rel=1e-9)
 
 
-def test_one_size_far_off_is_left_out() -> None:
-    sizes = growing(11, 20)
-    sizes[6] *= 1.5
-    assert after(sizes) == pytest.approx(10 / RATE, rel=0.02)
+def test_one_growth_too_small_is_left_out_and_one_too_large_gives_none() -> None:
+    """Too large a growth seems to be the best known one, so that the times disagree."""
+    sizes = growing(15, 24)
+    small, large = ([*sizes[:9], *(by * size for size in sizes[9:])] for by in (0.97, 1.1))
+    assert after(small) == pytest.approx(10 / RATE, rel=1e-6)
+    assert after(large) is None
 
 
-def test_old_sizes_are_forgotten() -> None:
-    """An object that stood still before it came."""
-    assert after([10.0] * 60 + growing(14, 24)) == pytest.approx(11 / RATE, rel=1e-6)
+def test_better_known_growth_counts_more() -> None:
+    """Contact in 10 or 20 frames, with errors of 1 and 2: (10 + 20 / 4) / 1.25 is 12."""
+    contact = Contact(PlaceParams(least_growth=1, largest_error=10))
+    for t in (1, 2):
+        for ahead, error in ((10, 1.0), (20, 2.0)):
+            left = ahead - t
+            contact.add(t / RATE, 1 / RATE, Growth(-1 / (left + 1), error / (left + 1) ** 2))
+    assert contact.remaining(2 / RATE) == pytest.approx((12 - 2) / RATE, rel=1e-9)
+
+
+def test_what_was_known_is_forgotten_where_growth_ends() -> None:
+    """An object that stood still before it came, or stops."""
+    sizes = [*growing(14, 24)]
+    assert after([10.0] * 60 + sizes) == pytest.approx(11 / RATE, rel=1e-6)
+    assert after([*sizes, sizes[-1]]) is None
+    assert after([*sizes, sizes[-1] * (1 + SURE / 2)]) is None
+
+
+def test_what_is_known_lasts_while_nothing_new_is_seen() -> None:
+    contact = Contact(PlaceParams(memory_s=0.3))
+    for t in range(1, 8):
+        contact.add(t / RATE, 1 / RATE, Growth(-1 / (25 - t), SURE))
+    assert contact.remaining(10 / RATE) == pytest.approx(14 / RATE, rel=1e-9)
+    assert contact.remaining(14 / RATE) is None  # fewer than four are 0.3 s old at most
+
+
+def test_the_growth_to_come_is_expected() -> None:
+    contact = Contact(PlaceParams())
+    assert contact.expected(1, 0.9) == 0
+    contact.add(0.5, 0.1, Growth(-1 / 6, SURE))  # contact at 1 s
+    assert contact.expected(0.6, 0.5) == pytest.approx(0.4 / 0.5 - 1)
+    assert contact.expected(1.1, 0.5) == 0
 
 
 @pytest.mark.parametrize(
-    "sizes",
+    ("sizes", "error"),
     [
-        growing(3, 20),  # too few frames
-        growing(5, 90),  # too little growth
-        [20.0] * 12,
-        growing(12, 20)[::-1],
-        growing(12, 40, noise=4.0),  # known too badly
+        (growing(4, 20), SURE),  # too few frames
+        (growing(6, 90), SURE),  # too little growth
+        ([20.0] * 12, SURE),
+        (growing(12, 20)[::-1], SURE),
+        (growing(12, 40, noise=1.0), SURE),  # known too badly
+        (growing(12, 24), 0.03),  # each of them too
     ],
 )
-def test_a_contact_that_is_not_determined_is_none(sizes: list[float]) -> None:
-    assert after(sizes) is None
+def test_a_contact_that_is_not_determined_is_none(sizes: list[float], error: float) -> None:
+    assert after(sizes, error=error) is None
 
 
 def test_the_parameters_say_what_is_determined() -> None:
-    assert after(growing(3, 20), PlaceParams(least_frames=3, least_growth=1)) is not None
-    assert after(growing(5, 90), PlaceParams(least_growth=1)) is not None
-    noisy = growing(12, 40, noise=4.0)
-    assert after(noisy, PlaceParams(largest_error=10, least_growth=1)) is not None
+    assert after(growing(4, 20), PlaceParams(least_frames=3, least_growth=1)) is not None
+    assert after(growing(6, 90), PlaceParams(least_growth=1)) is not None
+    assert after(growing(12, 24), PlaceParams(largest_error=10), error=0.03) is not None
 
 
 def test_times_that_stand_still_give_none() -> None:
-    contact = Contact(PlaceParams())
-    for size in growing(400, 900):
-        contact.add(1.0, size)
-    assert contact.remaining(1.0) is None
+    found = shown(approaching(120, 120, 28, 26), rate=math.inf)
+    assert found[25]
+    assert not any(track.time_to_contact_s for tracks in found for track in tracks)
+
+
+def errors_of(found: list[list[Track]], contact: int) -> dict[int, float]:
+    """The relative error of the first object's time to contact, by frame."""
+    return {
+        t: tracks[0].time_to_contact_s / remaining(t, contact) - 1
+        for t, tracks in enumerate(found)
+        if tracks and tracks[0].time_to_contact_s is not None
+    }
 
 
 @pytest.mark.parametrize("place", [(120, 120), (84, 143)])
 def test_time_to_contact_of_a_disk(place: tuple[int, int]) -> None:
-    found = shown(approaching(*place, 28, 25))
-    errors = [
-        tracks[0].time_to_contact_s / remaining(t, 28) - 1
+    """Until its outline is beyond the frame."""
+    errors = errors_of(shown(approaching(*place, 28, 26)), 28)
+    assert list(errors) == list(range(17, 26))
+    assert np.abs(list(errors.values())).max() < 0.025
+
+
+def test_a_disk_cut_off_by_the_frame_has_a_time_to_contact() -> None:
+    """Its left edge is out of the frame: the rest of the outline tells it."""
+    errors = errors_of(shown(approaching(30, 120, 26, 22)), 26)
+    assert list(errors) == list(range(15, 22))
+    assert np.abs(list(errors.values())).max() < 0.1
+
+
+@pytest.mark.parametrize("rate", [15, 60, 120])
+def test_time_to_contact_at_other_rates(rate: int) -> None:
+    """At 60 and 120 frames/s growth is that of 1/30 s."""
+    contact = 28 * rate // 30
+    frames = [disk(SIZE, 120, 120, LENGTH / (contact - t) * rate) for t in range(contact * 9 // 10)]
+    found = shown(frames, rate=rate, interval_s=1 / 30)
+    errors = {
+        t: tracks[0].time_to_contact_s * rate / (contact - t) - 1
         for t, tracks in enumerate(found)
         if tracks and tracks[0].time_to_contact_s is not None
-    ]
-    assert len(errors) >= 7
-    assert np.median(np.abs(errors)) < 0.05
-    assert np.abs(errors).max() < 0.1
+    }
+    assert len(errors) >= {15: 2, 60: 14, 120: 28}[rate]
+    assert np.abs(list(errors.values())).max() < 0.02
 
 
-def test_a_disk_cut_off_by_the_frame_gives_none() -> None:
-    """Its left edge is out of the frame: the right one is no measure of its size."""
-    found = [tracks[0] for tracks in shown(approaching(30, 120, 26, 22)) if tracks]
-    assert len(found) == 10
-    assert all(track.extent.limited for track in found[:7])
-    assert not any(track.time_to_contact_s for track in found)
+def test_an_object_with_a_pattern_has_a_time_to_contact_until_it_fills_the_frame() -> None:
+    across = np.arange(SIZE) + 0.5 - 120
+    frames = []
+    for t in range(27):
+        radius = LENGTH / remaining(t, 28)
+        x, y = across[None, :] / radius, across[:, None] / radius
+        inside = np.clip((1 - np.hypot(x, y)) * radius + 0.5, 0, 1)
+        pattern = 0.3 + 0.15 * np.sin(9 * x + 1) + 0.15 * np.cos(8 * y)
+        frames.append((1 - inside * (1 - pattern)).astype(np.float32))
+    errors = errors_of(shown(frames), 28)
+    assert list(errors) == list(range(min(errors), 27))
+    assert min(errors) <= 19
+    assert np.abs(list(errors.values())).max() < 0.05
+
+
+def test_an_object_that_stops_has_none() -> None:
+    frames = approaching(120, 120, 24, 18)
+    found = shown([*frames, *frames[-1:] * 6])
+    assert found[17][0].time_to_contact_s is not None
+    assert not any(track.time_to_contact_s for tracks in found[18:] for track in tracks)
 
 
 def test_the_first_frames_of_a_disk_give_none() -> None:
     found = [tracks for tracks in shown(approaching(120, 120, 24, 20)) if tracks]
     assert [tracks[0].time_to_contact_s for tracks in found[:3]] == [None] * 3
-    assert found[4][0].time_to_contact_s is not None
+    assert found[3][0].time_to_contact_s is not None

@@ -39,7 +39,6 @@ def test_the_extent_of_two_points_that_move_apart() -> None:
     assert extent.x == pytest.approx(math.sqrt(2 * 40**2 - 4**2))
     assert extent.y == pytest.approx(math.sqrt(2 * 24**2 - 4**2))
     assert extent.opponency == 1
-    assert not extent.limited
 
 
 def test_what_moves_far_outside_an_object_does_not_count() -> None:
@@ -60,14 +59,6 @@ def test_what_moves_together_counts_against_the_opponency_only() -> None:
     assert extent.x == pytest.approx(math.sqrt(2 * 24**2 - 4**2))
     assert extent.opponency == 4 - 1
     assert Products(blank()).extent(MIDDLE, MIDDLE, 50, 50) is None
-
-
-def test_an_object_at_the_frames_edge_is_limited() -> None:
-    maps = blank()
-    maps.pathways[45][MIDDLE - 3, 6] = maps.pathways[225][MIDDLE + 3, 0] = 1
-    extent = Products(maps).extent(MIDDLE, 3, 50, 50)
-    assert extent is not None
-    assert extent.limited
 
 
 def test_peaks_have_a_receptive_field_to_themselves() -> None:

@@ -93,10 +93,11 @@ def test_the_first_object_is_the_winning_unit(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = Opplod((SIZE, 300), REFERENCE.replaced(history=0))
     for scale in (0.0, 0.0, 0.05, 0.1, 1.0):
-        answer = model.step(rng.random((SIZE, 300), dtype=np.float32) * np.float32(scale))
+        luma = rng.random((SIZE, 300), dtype=np.float32) * np.float32(scale)
+        answer = model.step(luma)
     assert answer is not None
     assert answer.box is not None
-    first, *others = Places(PLACES.replaced(share=0, most=20)).step(model.units, 0)
+    first, *others = Places(PLACES.replaced(share=0, most=20)).step(model.units, luma, 0)
     assert first.response == pytest.approx(answer.response, rel=1e-5)
     field = answer.box.width
     middle = answer.box.x + field / 2, answer.box.y + field / 2
@@ -136,6 +137,6 @@ def test_units_of_the_literal_model_are_objects_with_their_field() -> None:
     model = Opplod((SIZE, SIZE), params)
     for frame in approaching(120, 120, 24, 18):
         model.step(frame)
-    first = Places(PLACES).step(model.units, 0)[0]
+    first = Places(PLACES).step(model.units, frame, 0)[0]
     assert (first.x, first.y, first.extent.x, first.extent.y) == (120, 120, 50, 50)
     assert first.time_to_contact_s is None

@@ -1,0 +1,255 @@
+"""How much an object has grown, and when it will touch (``docs/places.md``)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.detection.parameters import PlaceParams
+    from oppload_cli.models.dpc import Map
+
+    Floats = NDArray[np.float64]
+    Region = tuple[float, float, float, float]
+
+SIDE = 24  # samples across a region
+ROUNDS = 3  # of the registration
+LEAST_SEEN = 0.15  # share of the region that both frames must show
+MOST_GROWTH = 4.0  # between the two frames, and the inverse of the least
+FURTHEST = 1.0  # half sizes that the middle may have moved
+NOISE = 1 / 255  # of a sample: one grey level of 8 bits
+ALIKE = 9  # samples, in a square of 3 x 3, that err alike
+MOST_SAMPLES = 256  # in case of very many frames per second
+TOO_FAR = 2.5  # standard deviations: a time further off the mean is left out once
+_PRIOR = NOISE**2 * np.eye(3)  # what cannot be told changes by 1 at most
+_BEYOND = -1e3  # samples beyond the frame; luminance is at least 0
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+
+
+class Growth(NamedTuple):
+    """The growth of an object between two frames.
+
+    Attributes
+    ----------
+    shrinkage : float
+        Earlier over later size, less 1: below 0 for what grew.
+    error : float
+        Its standard error.
+    """
+
+    shrinkage: float
+    error: float
+
+
+class Picture:
+    """A frame, and at half its size, a quarter and so on where that is asked for.
+
+    Parameters
+    ----------
+    luma : ndarray of float32, shape (height, width)
+        Luminance, 0 to 1; it is copied.
+    """
+
+    def __init__(self, luma: Map) -> None:
+        self._levels = [luma.copy()]
+
+    def samples(self, region: Region, level: int) -> Map:
+        """Sample a region evenly.
+
+        Parameters
+        ----------
+        region : tuple of float
+            Its centre (x, y) and half sizes in pixels of the frame.
+        level : int
+            0 for the frame, 1 for half its size and so on.
+
+        Returns
+        -------
+        ndarray of float32, shape (SIDE, SIDE)
+            Below 0 beyond the frame.
+        """
+        while level >= len(self._levels):
+            self._levels.append(_halved(self._levels[-1]))
+        x, y, half_x, half_y = region
+        scale = 0.5**level
+        step_x, step_y = 2 * half_x / SIDE * scale, 2 * half_y / SIDE * scale
+        # Pixel i covers [i, i + 1), and OpenCV counts from the centre of pixel 0.
+        first_x = (x - half_x) * scale + step_x / 2 - 0.5
+        first_y = (y - half_y) * scale + step_y / 2 - 0.5
+        samples = cv2.warpAffine(
+            self._levels[level],
+            np.array([[step_x, 0.0, first_x], [0.0, step_y, first_y]]),
+            (SIDE, SIDE),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=_BEYOND,
+        )
+        return np.asarray(samples, np.float32)
+
+
+def _halved(image: Map) -> Map:
+    """Average squares of two pixels; a last odd row or column is left out."""
+    height, width = (max(1, side // 2) for side in image.shape)
+    whole = image[: 2 * height, : 2 * width]  # OpenCV is fast where all squares are equal
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) -> Growth | None:
+    """Measure how much what a region shows has grown since an earlier frame.
+
+    What moves by (a, b) and shrinks by k on the way back to that frame is there at
+    ``p + (a, b) + k p``, with p from the middle of the region. Least squares over the
+    region's ellipse give a, b and k; each round moves the earlier picture by them.
+
+    Parameters
+    ----------
+    now, before : Picture
+        The later and the earlier frame.
+    region : tuple of float
+        Centre (x, y) and half sizes in the later one, in its pixels.
+    start : float
+        The shrinkage to begin with, above -1.
+
+    Returns
+    -------
+    Growth or None
+        None where the earlier frame does not show it.
+    """
+    x, y, half_x, half_y = region
+    # The level with as many pixels as samples, or up to twice as many.
+    level = max(0, math.floor(math.log2(2 * math.sqrt(half_x * half_y) / SIDE)))
+    here = now.samples(region, level)
+    seen, steps = _steps(here)
+    exact = steps.astype(np.float64)  # an edge alone tells less than three things
+    _, inverse = cv2.invert(exact @ exact.T + _PRIOR)
+    flat = here.ravel()
+    scale, a, b = 1 + start, 0.0, 0.0
+    for _ in range(ROUNDS):
+        region = (x + a * half_x, y + b * half_y, scale * half_x, scale * half_y)
+        there = before.samples(region, level).ravel()
+        both = seen & (there >= 0)
+        count = int(np.count_nonzero(both))
+        if count < LEAST_SEEN * SIDE**2:
+            return None
+        rest = (there - flat) * both
+        moved_a, moved_b, shrunk = (inverse @ (steps @ rest)).tolist()
+        if shrunk <= -1:
+            return None
+        scale /= 1 + shrunk
+        a, b = a - scale * moved_a, b - scale * moved_b
+        if not 1 / MOST_GROWTH < scale < MOST_GROWTH or max(abs(a), abs(b)) > FURTHEST:
+            return None
+    variance = max(float(rest @ rest) / count, NOISE**2)
+    return Growth(scale - 1, math.sqrt(ALIKE * variance * float(inverse[2, 2])))
+
+
+def _steps(here: Map) -> tuple[NDArray[np.bool_], Map]:
+    """Return which samples count, and how each changes with a, b and k."""
+    across, down, within = _grid()
+    seen = within & (cv2.erode(here, _NEIGHBOURS) >= 0)
+    steps = np.zeros((3, SIDE, SIDE), np.float32)
+    steps[0, :, 1:-1] = here[:, 2:] - here[:, :-2]
+    steps[1, 1:-1] = here[2:] - here[:-2]
+    steps *= seen * np.float32(SIDE / 4)  # per half size, over two samples
+    steps[2] = steps[0] * across + steps[1] * down
+    return seen.ravel(), steps.reshape(3, -1)
+
+
+@cache
+def _grid() -> tuple[Map, Map, NDArray[np.bool_]]:
+    """Return how far each sample is from the middle in half sizes, and which are inside."""
+    along = (2 * np.arange(SIDE) + 1 - SIDE) / SIDE
+    across, down = np.meshgrid(along.astype(np.float32), along.astype(np.float32))
+    inside = np.zeros((SIDE, SIDE), bool)
+    inside[1:-1, 1:-1] = (across**2 + down**2 <= 1)[1:-1, 1:-1]
+    return across, down, inside
+
+
+class Contact:
+    """The growth of one object, and when it will touch.
+
+    In a camera's picture the size of what approaches at constant speed is
+    ``s = A / (T - t)``. So two of its sizes give the time of contact T, and the mean of
+    several such times, weighted by their standard errors, gives it better.
+
+    Parameters
+    ----------
+    params : PlaceParams
+        When the estimate is determined.
+    """
+
+    def __init__(self, params: PlaceParams) -> None:
+        self._params = params
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=MOST_SAMPLES)
+
+    def add(self, time_s: float, passed_s: float, growth: Growth) -> None:
+        """Take the growth up to a time.
+
+        Parameters
+        ----------
+        time_s : float
+            Seconds.
+        passed_s : float
+            How long it grew until then, in seconds, above 0.
+        growth : Growth
+            Within its standard error of none, nothing approaches: what was known is
+            forgotten. One that is uncertain by more than `largest_error` does not count.
+        """
+        shrinkage, error = growth
+        if shrinkage + error >= 0:
+            self._samples.clear()
+        elif error < -shrinkage * self._params.largest_error:
+            contact_s = time_s - passed_s * (1 + 1 / shrinkage)
+            self._samples.append((time_s, contact_s, passed_s * error / shrinkage**2))
+
+    def expected(self, time_s: float, before_s: float) -> float:
+        """Return the shrinkage between two times by the latest growth; 0 without one."""
+        if not self._samples:
+            return 0.0
+        _, contact_s, _ = self._samples[-1]
+        return (before_s - time_s) / (contact_s - before_s) if contact_s > time_s else 0.0
+
+    def remaining(self, time_s: float) -> float | None:
+        """Return the time to contact.
+
+        Parameters
+        ----------
+        time_s : float
+            Now, in seconds.
+
+        Returns
+        -------
+        float or None
+            Seconds, above 0; None unless it is determined: enough frames, enough
+            growth, and a standard error of the mean below `largest_error` of it.
+        """
+        while self._samples and self._samples[0][0] < time_s - self._params.memory_s:
+            self._samples.popleft()
+        if len(self._samples) < self._params.least_frames:
+            return None
+        times, contacts, errors = np.array(self._samples).T
+        contact, error, away = _mean(contacts, errors)
+        kept = np.abs(away) <= TOO_FAR * math.sqrt(float(away @ away) / len(away))
+        if self._params.least_frames <= kept.sum() < len(kept):
+            times = times[kept]
+            contact, error, _ = _mean(contacts[kept], errors[kept])
+        left = contact - time_s
+        grown = (contact - times[0]) / left if left > 0 else 0.0
+        sure = grown >= self._params.least_growth and error < self._params.largest_error * left
+        return left if sure else None
+
+
+def _mean(values: Floats, errors: Floats) -> tuple[float, float, Floats]:
+    """Return the weighted mean, its standard error by the scatter, and how far each is off it."""
+    weights = errors**-2
+    mean = float(weights @ values / weights.sum())
+    away = (values - mean) / errors
+    variance = float(away @ away) / (len(values) - 1) / float(weights.sum())
+    return mean, math.sqrt(variance), away

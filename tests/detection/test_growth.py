@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from oppload_cli.detection.growth import SIDE, Growth, Picture, growth
+from tests.media import disk
+
+if TYPE_CHECKING:
+    from tests.media import Luma
+
+WIDTH, HEIGHT = 320, 240
+REGION = 150.0, 110.0, 60.0, 50.0
+
+
+def patterned(scale: float, x: float = 150, y: float = 110) -> Luma:
+    """A pattern at a scale, about a place that is at (150, 110) of the pattern."""
+    across = (np.arange(WIDTH) + 0.5 - x)[None, :] / scale
+    down = (np.arange(HEIGHT) + 0.5 - y)[:, None] / scale
+    waves = np.sin(across / 6 + 1) + np.cos(down / 8) + np.sin((across + 2 * down) / 15)
+    return np.asarray(0.5 + 0.15 * waves, np.float32)
+
+
+def grown(now: Luma, before: Luma, region: tuple[float, float, float, float] = REGION) -> Growth:
+    found = growth(Picture(now), Picture(before), region)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.02, 1.1, 1.25])
+@pytest.mark.parametrize("moved", [(0, 0), (4, -3)])
+def test_the_growth_of_a_pattern(scale: float, moved: tuple[int, int]) -> None:
+    before = patterned(1, 150 - moved[0], 110 - moved[1])
+    shrinkage, error = grown(patterned(scale), before)
+    assert shrinkage == pytest.approx(1 / scale - 1, rel=0.03)
+    assert abs(shrinkage - (1 / scale - 1)) < 2 * error < 0.05
+
+
+def test_what_only_moves_does_not_grow() -> None:
+    assert grown(patterned(1), patterned(1, 145, 113)).shrinkage == pytest.approx(0, abs=5e-4)
+
+
+def test_a_large_growth_is_found_from_a_start_near_it() -> None:
+    now, before = Picture(patterned(2.5)), Picture(patterned(1))
+    found, lost = (growth(now, before, REGION, start) for start in (-0.55, 0.0))
+    assert found is not None
+    assert found.shrinkage == pytest.approx(1 / 2.5 - 1, rel=0.02)
+    assert lost is None or lost.error > 2 * found.error
+
+
+@pytest.mark.parametrize(("x", "radius"), [(150, 52), (310, 52), (150, 100)])
+def test_an_outline_alone_shows_the_growth(x: float, radius: float) -> None:
+    """Also where the frame cuts it, or it is larger than the frame is high."""
+    now, before = disk(WIDTH, x, 110, radius)[:HEIGHT], disk(WIDTH, x, 110, radius / 1.1)[:HEIGHT]
+    shrinkage, error = grown(now, before, (x, 110, 1.15 * radius, 1.15 * radius))
+    assert shrinkage == pytest.approx(1 / 1.1 - 1, rel=0.03)
+    assert error < 0.2 * -shrinkage
+
+
+@pytest.mark.parametrize("moved", [-6, -3, 3, 6])
+def test_a_noisy_edge_that_moves_is_no_sure_growth(moved: int) -> None:
+    """An edge alone tells growth from motion by its width only."""
+    rng, columns = np.random.default_rng(0), np.arange(WIDTH)
+    frames = []
+    for at in (150, 150 - moved):
+        edge = np.clip((columns - at) / 6, 0, 1) + 0.02 * rng.standard_normal((HEIGHT, WIDTH))
+        frames.append(Picture(np.asarray(edge + 0.1, np.float32)))
+    found = growth(frames[0], frames[1], REGION)
+    assert found is None or found.error > -0.2 * found.shrinkage
+
+
+def test_a_region_without_anything_tells_nothing() -> None:
+    grey = np.full((HEIGHT, WIDTH), 0.5, np.float32)
+    assert grown(grey, grey).shrinkage == 0
+    assert grown(grey, grey).error > 1
+
+
+def test_noise_alone_is_no_growth() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        now, before = (rng.random((HEIGHT, WIDTH), np.float32) for _ in range(2))
+        found = growth(Picture(now), Picture(before), REGION)
+        assert found is None or found.error > 0.2 * -found.shrinkage
+
+
+def test_what_the_frames_do_not_show_has_no_growth() -> None:
+    picture = Picture(patterned(1))
+    assert growth(picture, picture, (-60, 110, 60, 50)) is None
+
+
+def test_samples_are_taken_where_they_are_said_to_be() -> None:
+    """On a slope of luminance, at every level."""
+    across, down = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
+    picture = Picture(np.asarray((across + 2 * down) / 1000, np.float32))
+    along = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1
+    wanted = (150 + 60 * along[None, :] + 2 * (110 + 50 * along[:, None])) / 1000
+    for level in range(4):
+        assert picture.samples(REGION, level) == pytest.approx(wanted, abs=1e-3)
+    assert (picture.samples((0, 110, 60, 50), 1)[:, : SIDE // 2 - 1] < 0).all()
+
+
+def test_frames_of_one_pixel_have_all_levels() -> None:
+    picture = Picture(np.full((1, 1), 0.25, np.float32))
+    assert picture.samples((0.5, 0.5, 0.1, 0.1), 3).shape == (SIDE, SIDE)
