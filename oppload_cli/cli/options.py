@@ -1,6 +1,7 @@
 """Options that commands share, with their completion in the shell.
 
-An option of this module has the same name, default and meaning in every command.
+An option of this module has the same name, default and meaning in every command. `RunOptions`
+holds those of ``oppload run``, whose work is in a module of its own.
 """
 
 from __future__ import annotations
