@@ -204,6 +204,7 @@ class Photoreceptors:
         self.frames = 0
         self.elapsed = self.share = 1.0
         self._now: float | None = None
+        self._rest = 0.0  # when the latest frame without any change was
         self._latest = _Record(0.0)
         self._lumas: deque[tuple[_Record, Map]] = deque()
         self._records: deque[_Record] = deque()
@@ -238,6 +239,17 @@ class Photoreceptors:
     def ready(self) -> bool:
         """Whether P was measured now and one and two intervals ago."""
         return all(each is not None and each.change is not None for each in self._series)
+
+    @property
+    def motion_lasts(self) -> bool:
+        """Whether the luminance kept changing since before the three intervals of `maps`.
+
+        It is not so at the start of a video, nor for as long after the complete scene was at rest.
+        """
+        oldest = self._series[-1]
+        if oldest is None or oldest.before is None:
+            return False
+        return self._rest - oldest.before.at <= TOO_YOUNG * self.stride
 
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
@@ -293,6 +305,8 @@ class Photoreceptors:
                 self._free.append(record.change)
                 raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
             self.share = nearly_one(self.stride / (record.at - record.before.at))
+        if self._now is None or (compared and not record.mean):
+            self._rest = record.at
         self.elapsed = 1.0 if self._now is None else nearly_one(record.at - self._now)
         self._keep(record, luma)
         self._now, self.frames = record.at, self.frames + 1

@@ -188,7 +188,8 @@ class Opplod(Detector):
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing; None for the first three intervals."""
         ready = self._dpc.step(luma)
-        strided_ready = [strided.step(luma) for strided in self._strided]
+        for strided in self._strided:
+            strided.step(luma)
         if not ready:
             return None
         seen = self._dpc.layer.photoreceptors
@@ -197,19 +198,20 @@ class Opplod(Detector):
         elif isinstance(self.judgement, ArmsJudgement):
             judgement = self.judgement.judge(self.pathways, seen, self._dpc.layer.kernels)
         else:
-            judgement = self.judgement.judge(self.pathways, self._further(strided_ready), seen)
+            judgement = self.judgement.judge(self.pathways, self._further(), seen)
         if judgement.response == 0:
             return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
         field = float(self.params.receptive_field or 0)
         box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
 
-    def _further(self, ready: list[bool]) -> list[Map]:
+    def _further(self) -> list[Map]:
         """Return R over several intervals, of each stride that answers (``docs/presets.md``)."""
         found = []
-        for strided, is_ready in zip(self._strided, ready, strict=True):
-            if is_ready and isinstance(self.judgement, PooledJudgement):
-                seen, sums = strided.layer.photoreceptors, strided.layer.sums
+        for strided in self._strided:
+            seen, sums = strided.layer.photoreceptors, strided.layer.sums
+            answers = seen.motion_lasts if self.params.history else seen.ready
+            if answers and isinstance(self.judgement, PooledJudgement):
                 # S is referred to the time of one interval.
                 share = seen.stride ** (-2 * self.params.compression)
                 found.append(self.judgement.opponency(sums.pathways, seen) * share)

@@ -211,8 +211,7 @@ def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
     now, *before = changes
     needed = np.float32(least) * cv2.dilate(now, _BESIDE)
     found = np.minimum(*(cv2.dilate(each, _NEARBY) for each in before))
-    # Cells at which nothing changes now pool a little of what changes further away.
-    return np.asarray((found >= needed) & bool(found.any()))
+    return np.asarray(found >= needed)
 
 
 def enhanced(opponency: Map, gain: float, threshold: float) -> Map:
@@ -394,9 +393,8 @@ class PooledJudgement:
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
         further : sequence of ndarray of float32, shape (2, rows, columns), optional
-            R of frames further apart, which are added. Until all strides answer, and after a
-            rest until motion has a history over each, the mean of those that do stands for the
-            others, so that R has no step where one begins.
+            R of frames further apart, which are added. Until all strides answer, the mean of
+            those that do stands for the others, so that R has no step where one begins.
         seen : Photoreceptors, optional
             As for `opponency`.
 
@@ -408,12 +406,11 @@ class PooledJudgement:
         params = self._params
         both = self.opponency(pathways, seen)
         elapsed = seen.elapsed if seen else 1.0
-        answers = [each for each in further if self._has_begun_before(each)]
-        for each in answers:
+        for each in further:
             both += each
-        both *= np.float32(params.strides / (1 + len(answers)))
-        if not self._has_begun_before(both):
-            both[1] = both[0]
+        both *= np.float32(params.strides / (1 + len(further)))
+        if seen is not None and params.history and not seen.motion_lasts:
+            self._kept[:] = both[:] = 0  # as before the first response
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
             weight = 1 - params.persistence**elapsed
@@ -433,11 +430,6 @@ class PooledJudgement:
             float(self.maps.centres_x[column]),
             float(self.maps.centres_y[row]),
         )
-
-    def _has_begun_before(self, both: Maps) -> bool:
-        """Tell whether the motion in R, counted and of all motion, has not only just begun."""
-        counted, everything = both
-        return bool(counted.max() >= self._params.history * everything.max())
 
     def _adaptation(self, best: float, elapsed: float) -> float:
         """Return what R is multiplied by: 1, or less in a scene full of opponent motion.

@@ -167,11 +167,11 @@ def test_s_over_the_reference_interval_stays_as_it_is() -> None:
 
 
 def responses(rate: float, name: str) -> dict[float, Response]:
-    """A disk that grows by 210 px/s, from 0.2 s on."""
+    """A disk that grows faster and faster, from 0.2 to 7/15 s."""
     bank = DetectorBank((SIZE, SIZE), [REFERENCE, DlgmdParams()])
     answers = {}
-    for t in range(round(0.5 * rate)):
-        radius = 5 + 210 * max(0.0, t / rate - 0.2)
+    for t in range(1 + int(rate * 7 / 15 + 1e-9)):
+        radius = 5 + 500 * max(0.0, t / rate - 0.2) ** 2
         answer = bank.step(disk(SIZE, 60, 60, radius), t / rate)[name]
         if answer is not None:
             answers[t / rate] = answer
@@ -228,8 +228,6 @@ def test_motion_has_a_history_where_something_moved_nearby() -> None:
     one[:] = 0
     one[20, 13] = 1  # seven cells from the nearest cell beside it
     assert not has_history([now, one, two], 0.125)[20, 20]
-    two[:] = 0
-    assert not has_history([now, one, two], 0.125).any()
 
 
 def test_a_pause_before_changes_nothing() -> None:
@@ -248,18 +246,19 @@ def test_a_pause_before_changes_nothing() -> None:
     assert max(paused[:3]) < 1e-4 * max(without)
 
 
-@pytest.mark.parametrize("pause", [3, 9, 30])
-def test_the_adaptation_begins_alike_after_a_pause(pause: int) -> None:
+@pytest.mark.parametrize("rate", [25, 30, 50, 120])
+def test_a_pause_before_changes_nothing_under_the_default(rate: int) -> None:
     """A disk that grows from the first frame on has its peak where the adaptation begins."""
-    moving = [disk(240, 120, 120, 2 + 48 * t / 30) for t in range(24)]
-    peaks = []
-    for still in (0, pause):
+    moving = [disk(240, 120, 120, 2 + 48 * t / rate) for t in range(round(0.8 * rate))]
+    series = []
+    for pause in (0, round(0.4 * rate)):
         bank = DetectorBank((240, 240), [DEFAULT])
-        shown = [moving[0]] * still + moving
-        answers = [bank.step(frame, t / 30)["opplod"] for t, frame in enumerate(shown)]
-        peaks.append(max((each.response, t - still) for t, each in enumerate(answers) if each))
-    assert peaks[1][0] == pytest.approx(peaks[0][0], rel=0.02)
-    assert peaks[1][1] == peaks[0][1]
+        shown = [moving[0]] * pause + moving
+        answers = [bank.step(frame, t / rate)["opplod"] for t, frame in enumerate(shown)]
+        series.append([each.response if each else 0.0 for each in answers[pause:]])
+    without, paused = series
+    assert max(without) > 0.02
+    assert paused == pytest.approx(without, abs=1e-6)
 
 
 def test_an_object_that_sets_off_sideways_answers_nothing() -> None:
