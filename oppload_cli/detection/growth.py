@@ -97,8 +97,8 @@ class Picture:
 def _halved(image: Map) -> Map:
     """Average squares of two pixels; a last odd row or column is left out."""
     height, width = (max(1, side // 2) for side in image.shape)
-    whole = image[: 2 * height, : 2 * width]  # OpenCV is fast where all squares are equal
-    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+    even = image[: 2 * height, : 2 * width]  # OpenCV is fast where all squares are equal
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
 
 def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) -> Growth | None:
@@ -121,6 +121,8 @@ def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) ->
     -------
     Growth or None
         None where the earlier frame does not show it.
+
+    Source: ``docs/places.md``, "Time to contact".
     """
     x, y, half_x, half_y = region
     # The level with as many pixels as samples, or up to twice as many.
@@ -183,6 +185,8 @@ class Contact:
     ----------
     params : PlaceParams
         When the estimate is determined.
+
+    Source: ``docs/places.md``, "Time to contact".
     """
 
     def __init__(self, params: PlaceParams) -> None:

@@ -198,21 +198,20 @@ class Opplod(Detector):
         elif isinstance(self.judgement, ArmsJudgement):
             judgement = self.judgement.judge(self.pathways, seen, self._dpc.layer.kernels)
         else:
-            judgement = self.judgement.judge(self.pathways, self._further(), seen)
+            judgement = self.judgement.judge(self.pathways, self._further(self.judgement), seen)
         if judgement.response == 0:
             return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
         field = float(self.params.receptive_field or 0)
         box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
 
-    def _further(self) -> list[Map]:
+    def _further(self, judgement: PooledJudgement) -> list[Map]:
         """Return R over several intervals, of each stride that answers (``docs/presets.md``)."""
         found = []
         for strided in self._strided:
             seen, sums = strided.layer.photoreceptors, strided.layer.sums
-            answers = seen.motion_lasts if self.params.history else seen.ready
-            if answers and isinstance(self.judgement, PooledJudgement):
+            if judgement.answers_to(seen):
                 # S is referred to the time of one interval.
                 share = seen.stride ** (-2 * self.params.compression)
-                found.append(self.judgement.opponency(sums.pathways, seen) * share)
+                found.append(judgement.opponency(sums.pathways, seen) * share)
         return found

@@ -344,6 +344,14 @@ class PooledJudgement:
             params.adaptation_guard_s * self._per_second + 0.01,
         )
 
+    def answers_to(self, seen: Photoreceptors) -> bool:
+        """Tell whether motion has lasted for long enough to be judged.
+
+        With `history`, a rest of the complete scene is like the start of a video
+        (``docs/time.md``).
+        """
+        return seen.motion_lasts if self._params.history else seen.ready
+
     def opponency(self, pathways: Mapping[int, Map], seen: Photoreceptors | None = None) -> Maps:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
 
@@ -409,7 +417,7 @@ class PooledJudgement:
         for each in further:
             both += each
         both *= np.float32(params.strides / (1 + len(further)))
-        if seen is not None and params.history and not seen.motion_lasts:
+        if seen is not None and not self.answers_to(seen):
             self._kept[:] = both[:] = 0  # as before the first response
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
