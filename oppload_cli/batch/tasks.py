@@ -208,15 +208,21 @@ def run_on_cluster(tasks: Iterable[Task], scheduler: str, observer: Observer) ->
             raise
 
 
-@contextmanager
-def _connected(scheduler: str) -> Iterator[Any]:
-    """Connect to a scheduler; yield a distributed.Client."""
+def _distributed() -> Any:
+    """Return dask.distributed, an optional extra."""
     try:
-        import distributed  # noqa: PLC0415 - an optional extra
+        import distributed  # noqa: PLC0415
     except ImportError as error:
         raise ParameterError(
             "--scheduler needs dask.distributed; pip install 'oppload[distributed]'"
         ) from error
+    return distributed
+
+
+@contextmanager
+def _connected(scheduler: str) -> Iterator[Any]:
+    """Connect to a scheduler; yield a distributed.Client."""
+    distributed = _distributed()
     for name in _TALKATIVE:  # the sentences below say it
         logging.getLogger(name).setLevel(logging.CRITICAL)
     where = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
@@ -284,12 +290,11 @@ def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
     version : str
         Of oppload where the batch was started.
     """
-    import distributed  # noqa: PLC0415 - an optional extra
-
     if version != __version__:  # a worker that came later
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"
         return _failed(task, message)
     cv2.setNumThreads(1)  # as dask counts: a task, a core
+    distributed = _distributed()
     worker = distributed.get_worker()
     stop = distributed.Event(topic)
 
@@ -337,8 +342,7 @@ class _Run:
         Call(self._cancel).wait(STOP_WITHIN_S + 1)  # of which the workers get most
 
     def _cancel(self) -> None:
-        import distributed  # noqa: PLC0415 - an optional extra
-
+        distributed = _distributed()
         with self._client.as_current():
             futures = [future for _, future in self._under_way.values()]
             processing = {key for keys in self._client.processing().values() for key in keys}

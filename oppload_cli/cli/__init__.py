@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import errno
 import importlib
+import mmap
 import os
 import sys
 import threading
 from contextlib import suppress
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Never, NoReturn
 
 import click
+from click.shell_completion import CompletionItem
 
 from oppload_cli.errors import (
     ExitCode,
@@ -28,11 +31,13 @@ from oppload_cli.errors import (
 from oppload_cli.processes import signals
 from oppload_cli.version import __version__
 
+if sys.platform != "win32":
+    import resource
+
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from click.shell_completion import CompletionItem
     from tqdm import tqdm
 
 
@@ -95,8 +100,6 @@ class _LazyGroup(click.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Complete the name of a command without importing any."""
-        from click.shell_completion import CompletionItem
-
         named = [
             CompletionItem(name, help=text)
             for name, text in COMMANDS.items()
@@ -156,14 +159,9 @@ def _check_memory(command: str) -> None:
     OpenBLAS, which NumPy loads, and Arrow, which pandas loads, take memory as they are loaded,
     and end the process if they cannot: no error could be caught.
     """
-    try:
-        import resource
-    except ImportError:  # Windows has no such limits
+    if sys.platform == "win32":  # it has no such limits
         return
     if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
-        import mmap
-        from importlib.util import find_spec
-
         with_arrow = command in READING_TABLES and find_spec("pyarrow")
         mmap.mmap(-1, ARROW_BYTES if with_arrow else LIBRARY_BYTES).close()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from contextlib import ExitStack
 from fractions import Fraction
 from typing import Any
@@ -116,8 +117,6 @@ def _begun(name: str, span: Span, image_rate: Fraction, settings: dict[str, Any]
     try:
         content: dict[str, Any] = {}
         if settings["config"]:
-            import tomllib  # few runs have a file
-
             content = tomllib.loads(text_of(settings["config"]))
         stated = settings["preset"] or preset_in(settings["models"])
         preset = PRESETS[stated or content.get("preset", DEFAULT_PRESET)]

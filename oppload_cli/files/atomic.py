@@ -28,6 +28,9 @@ from oppload_cli.errors import (
     shortage,
 )
 
+if sys.platform != "win32":
+    import fcntl
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
@@ -407,8 +410,6 @@ def _lock(file: int, path: Path) -> bool | None:
     """
     if sys.platform == "win32":
         return True
-    import fcntl  # noqa: PLC0415 - Windows has none
-
     deadline = time.monotonic() + DYING_S
     while True:
         try:

@@ -6,6 +6,7 @@ Later origins win: the preset, then the TOML file, then the command line.
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -409,8 +410,6 @@ TOP_READERS: dict[str, Callable[[Any], Any]] = {
 
 
 def _read(path: Path) -> dict[str, Any]:
-    import tomllib  # noqa: PLC0415 - seldom needed
-
     with reading(path, ParameterError, form="TOML", check="check --config"):
         return tomllib.loads(text_of(path))
 

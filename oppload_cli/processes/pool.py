@@ -19,6 +19,8 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
+import cv2
+
 from oppload_cli.errors import OpploadError, OutputError
 from oppload_cli.processes import signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
@@ -206,8 +208,6 @@ def _ctrl_c_held_back() -> Iterator[None]:
 
 def _serve(connection: Connection, function: Callable[[Any, Tell], object], threads: int) -> None:
     """Do items until the pipe is closed; runs in a process of its own."""
-    import cv2  # noqa: PLC0415 - the process that starts this one may not need it
-
     signals.ignore("SIGINT", "SIGHUP")
     signals.answer("SIGTERM", again=signal.SIG_IGN)  # it is killed if it takes too long to stop
     cv2.setNumThreads(threads)

@@ -218,7 +218,7 @@ def each_once(names: Iterable[str]) -> list[str]:
 
 
 def _with_hash(stem: str, name: str) -> str:
-    import hashlib  # few inputs need it
+    import hashlib  # 3 ms; few inputs need it
 
     plain = re.sub(r"[\x00-\x1f\x7f-\x9f/\\]|(?<=^[A-Za-z]):", "-", stem)
     short = os.fsencode(plain)[:_LONGEST_STEM].decode("utf-8", "ignore")

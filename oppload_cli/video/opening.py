@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 import threading
+import traceback
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +28,9 @@ from oppload_cli.processes.threads import Call
 from oppload_cli.video.frames import DecodeFacts, Picture, working_size
 from oppload_cli.video.inputs import IMAGE_SUFFIXES
 from oppload_cli.video.span import Span
+
+if sys.platform != "win32":
+    import resource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,8 +123,6 @@ def _can_fork() -> bool:
     """
     if sys.platform != "linux" or None in (sys.stdin, sys.stdout, sys.stderr):
         return False
-    import resource  # Windows has none
-
     if resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY:
         return False
     try:
@@ -308,8 +310,6 @@ def _decode(theirs: Connection, ours: Connection, memory: int, order: _Order) ->
     try:
         _send_pictures(theirs, memory, order)
     except BaseException as error:
-        import traceback
-
         story = "".join(traceback.format_exception(error))
         if not isinstance(error, OpploadError):  # some errors cannot be sent
             error = RuntimeError(f"{type(error).__name__}: {error}")
