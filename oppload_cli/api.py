@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord
 
 
-DETECTION_COLUMNS = (
+_DETECTION_COLUMNS = (
     "frame", "time_s", "id", "x", "y", "width", "height", "centre_x", "centre_y", "response",
     "alarm", "time_to_contact_s",
 )  # fmt: skip
@@ -317,7 +317,7 @@ def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.Data
 
 def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     # In degrees too, where the field of view is known.
-    columns = dict.fromkeys([*DETECTION_COLUMNS, *(rows[0] if rows else ())])
+    columns = dict.fromkeys([*_DETECTION_COLUMNS, *(rows[0] if rows else ())])
     return pd.DataFrame.from_records(list(rows), columns=list(columns))
 
 

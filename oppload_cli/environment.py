@@ -11,7 +11,7 @@ from oppload_cli.compute.loops import arithmetic, why_not_wide, why_portable
 from oppload_cli.processes import cores
 from oppload_cli.version import __version__
 
-LIBRARIES = ("numpy", "opencv-python-headless", "av", "click", "pandas", "matplotlib", "tqdm")
+_LIBRARIES = ("numpy", "opencv-python-headless", "av", "click", "pandas", "matplotlib", "tqdm")
 
 
 def environment() -> dict[str, Any]:
@@ -50,7 +50,7 @@ def _versions() -> dict[str, str | None]:
     # OpenCV comes under several names; either serves.
     return {
         name: found.get(name) or found.get(name.removesuffix("-headless")) or _asked(name)
-        for name in LIBRARIES
+        for name in _LIBRARIES
     }
 
 

@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 
 Paint = tuple[int, int, int]  # blue, green, red
 
-DARK, DIM, WHITE = bgr(palette.INK), bgr(palette.FAINT), (255, 255, 255)
-SHORT_SIDE = 400  # px; a smaller picture is enlarged by an integer
-LEAST_WIDTH = 540  # px; the text needs it
-LEAST_TEXT = 16  # px, of a line
-LIGHT, BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
-CAPITAL = 0.7  # height of a capital letter, of the line's
-WINDOW_S = 5.0  # that the strip shows
-LEAST_WINDOW_S = 0.1
-MOST_COPIES = 5  # repeats in a row; more of them are a scene at rest
-MOST_FRAMES = 1 << 16  # that the strip keeps, in case times do not advance
-GRID, SHADE = (215, 215, 215), (236, 236, 236)  # the ground is shaded while an alarm is on
-BELOW, ABOVE = 1.5, 2.5  # decades of the threshold that the plot shows
-LEVELS = {0: "threshold", 1: "10 x", 2: "100 x"}
-FINE = 4  # binary digits of a fraction of a pixel
-FURTHEST = 20_000  # columns from the plot that a curve is drawn to
-MOST_TICKS = 6  # numbers on the time axis
+DARK, _DIM, WHITE = bgr(palette.INK), bgr(palette.FAINT), (255, 255, 255)
+_SHORT_SIDE = 400  # px; a smaller picture is enlarged by an integer
+_LEAST_WIDTH = 540  # px; the text needs it
+_LEAST_TEXT = 16  # px, of a line
+_LIGHT, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
+_CAPITAL = 0.7  # height of a capital letter, of the line's
+_WINDOW_S = 5.0  # that the strip shows
+_LEAST_WINDOW_S = 0.1
+_MOST_COPIES = 5  # repeats in a row; more of them are a scene at rest
+_MOST_FRAMES = 1 << 16  # that the strip keeps, in case times do not advance
+_GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # the ground is shaded while an alarm is on
+_BELOW, _ABOVE = 1.5, 2.5  # decades of the threshold that the plot shows
+_LEVELS = {0: "threshold", 1: "10 x", 2: "100 x"}
+_FINE = 4  # binary digits of a fraction of a pixel
+_FURTHEST = 20_000  # columns from the plot that a curve is drawn to
+_MOST_TICKS = 6  # numbers on the time axis
 
 
 def _paint_of(name: str) -> Paint:
@@ -99,11 +99,11 @@ class Layout:
 def layout_of(facts: InputFacts) -> Layout:
     """Return the layout for an input; the text grows with the picture, from 16 px."""
     width, height = colour_size(facts)
-    times = math.ceil(SHORT_SIDE / min(width, height))
+    times = math.ceil(_SHORT_SIDE / min(width, height))
     times = max(1, min(times, LONGEST_SIDE // max(width, height)))
     width, height = width * times, height * times
-    across = _even(max(width, LEAST_WIDTH))
-    text = max(LEAST_TEXT, round(min(across / 56, height / 32)))
+    across = _even(max(width, _LEAST_WIDTH))
+    text = max(_LEAST_TEXT, round(min(across / 56, height / 32)))
     header, plot, gap = 2 * text, 6 * text, text // 2
     numbers = round(1.4 * text)  # of the time axis
     gutter = round(5.5 * text)  # for the names of the levels
@@ -150,15 +150,15 @@ def write(
     bold : bool
         Whether it is bold.
     """
-    foot = at[1] + round(CAPITAL * size / 2)
+    foot = at[1] + round(_CAPITAL * size / 2)
     cv2.putText(picture, text, (at[0], foot), *_font(size, bold), paint, 1, cv2.LINE_AA)
 
 
 def _font(size: int, bold: bool) -> tuple[int, float]:
     """Return OpenCV's font, and the scale that gives capital letters their height."""
-    font = BOLD if bold else LIGHT
+    font = _BOLD if bold else _LIGHT
     (_, height), _ = cv2.getTextSize("H", font, 1.0, 1)
-    return font, CAPITAL * size / height
+    return font, _CAPITAL * size / height
 
 
 class Point(NamedTuple):
@@ -198,9 +198,9 @@ class History:
 
     def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
         self.points: dict[str, deque[Point]] = {
-            name: deque(maxlen=MOST_FRAMES) for name in detectors
+            name: deque(maxlen=_MOST_FRAMES) for name in detectors
         }
-        self.window_s = max(LEAST_WINDOW_S, min(WINDOW_S, duration_s or WINDOW_S))
+        self.window_s = max(_LEAST_WINDOW_S, min(_WINDOW_S, duration_s or _WINDOW_S))
         self._first_s: float | None = None
         self._now_s = 0.0
         self._copies = 0
@@ -210,7 +210,7 @@ class History:
         self._first_s = record.time_s if self._first_s is None else self._first_s
         self._now_s = record.time_s
         self._copies = self._copies + 1 if record.repeat else 0
-        if not 0 < self._copies <= MOST_COPIES:
+        if not 0 < self._copies <= _MOST_COPIES:
             for name, points in self.points.items():
                 response, threshold = record.responses.get(name), record.thresholds.get(name)
                 ratio = None
@@ -231,10 +231,10 @@ class History:
 def draw_ground(canvas: Bgr, layout: Layout) -> None:
     """Draw the constant part of the strip: its white ground and the names of its levels."""
     canvas[layout.header.y :] = WHITE
-    for level, name in LEVELS.items():
+    for level, name in _LEVELS.items():
         row = layout.plot.y + round(level_row(10.0**level, layout))
         x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
-        write(canvas, name, (x, row), layout.text, DARK if level == 0 else DIM)
+        write(canvas, name, (x, row), layout.text, DARK if level == 0 else _DIM)
 
 
 def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecord) -> None:
@@ -263,15 +263,15 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
     _ticks(canvas, layout, history)
     for name, points in reversed(history.points.items()):
         _curve(plot, layout, history, list(points), _paint_of(name))
-    edge, line = (DARK, 2 * layout.line) if alarming else (DIM, layout.line)
+    edge, line = (DARK, 2 * layout.line) if alarming else (_DIM, layout.line)
     canvas[layout.header.y : layout.header.y + line] = edge
 
 
 def level_row(ratio: float, layout: Layout) -> float:
     """Return the row of the plot for a response over its threshold, cut to its range."""
-    level = max(-BELOW, min(ABOVE, math.log10(ratio))) if ratio > 0 else -BELOW
+    level = max(-_BELOW, min(_ABOVE, math.log10(ratio))) if ratio > 0 else -_BELOW
     margin = 2 * layout.line  # for half of a dot
-    return margin + (layout.plot.height - 1 - 2 * margin) * (ABOVE - level) / (ABOVE + BELOW)
+    return margin + (layout.plot.height - 1 - 2 * margin) * (_ABOVE - level) / (_ABOVE + _BELOW)
 
 
 def column_of(time_s: float, layout: Layout, history: History) -> float:
@@ -298,7 +298,7 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
     if left_out:
         more = f"+{left_out}"
         x -= width_of(more, text) + text // 2
-        write(canvas, more, (x, middle), text, DIM)
+        write(canvas, more, (x, middle), text, _DIM)
     for name in reversed(named):
         label, paint = detector_named(name).label, _paint_of(name)
         x -= width_of(label, text, bold=True) + text
@@ -338,15 +338,15 @@ def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) 
 
 def _grid(plot: Bgr, layout: Layout) -> None:
     """Draw a line per level, and the time axis at the foot."""
-    for level in LEVELS:
+    for level in _LEVELS:
         row, line = round(level_row(10.0**level, layout)), layout.line if level == 0 else 1
-        plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else GRID
-    plot[-1] = DIM
+        plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else _GRID
+    plot[-1] = _DIM
 
 
 def tick_step(window_s: float) -> float:
     """Return the seconds between numbers of a time axis: 1, 2 or 5 times a power of ten."""
-    least = window_s / MOST_TICKS
+    least = window_s / _MOST_TICKS
     power = 10.0 ** math.floor(math.log10(least))
     return next(step * power for step in (1, 2, 5, 10) if step * power >= least * (1 - 1e-9))
 
@@ -359,11 +359,11 @@ def _ticks(canvas: Bgr, layout: Layout, history: History) -> None:
     number = math.ceil(history.start_s / step - 1e-9)
     while (column := round(column_of(number * step, layout, history))) < plot.width:
         x, foot = plot.x + column, plot.y + plot.height
-        canvas[foot - text // 3 : foot, x : x + 1] = DIM
+        canvas[foot - text // 3 : foot, x : x + 1] = _DIM
         label = f"{number * step:.{digits}f} s"
         wide = width_of(label, text)
         at = min(x - wide // 2, layout.width - wide - 1)
-        write(canvas, label, (at, foot + round(0.7 * text)), text, DIM)
+        write(canvas, label, (at, foot + round(0.7 * text)), text, _DIM)
         number += 1
 
 
@@ -372,7 +372,7 @@ def _shade(plot: Bgr, layout: Layout, history: History, points: list[Point]) -> 
         if point.alarm:
             first = math.floor(column_of(point.time_s, layout, history))
             last = math.ceil(column_of(following.time_s, layout, history))
-            plot[:, max(0, first) : max(0, last + 1)] = SHADE
+            plot[:, max(0, first) : max(0, last + 1)] = _SHADE
 
 
 def _curve(plot: Bgr, layout: Layout, history: History, points: list[Point], paint: Paint) -> None:
@@ -386,11 +386,11 @@ def _curve(plot: Bgr, layout: Layout, history: History, points: list[Point], pai
             for each in stretch
         ]
         # Times of a damaged file may jump far beyond the plot.
-        near = np.clip(places, -FURTHEST, FURTHEST)
-        fine = np.rint(near * (1 << FINE)).astype(np.int32)
-        cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, FINE)
+        near = np.clip(places, -_FURTHEST, _FURTHEST)
+        fine = np.rint(near * (1 << _FINE)).astype(np.int32)
+        cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, _FINE)
         thick = [fine[at : at + 2] for at, each in enumerate(stretch[:-1]) if each.alarm]
-        cv2.polylines(plot, thick, False, paint, 2 * layout.line, cv2.LINE_AA, FINE)
+        cv2.polylines(plot, thick, False, paint, 2 * layout.line, cv2.LINE_AA, _FINE)
     if points and points[-1].ratio is not None:
         x, y = fine[-1].tolist()
-        cv2.circle(plot, (x, y), 2 * layout.line << FINE, paint, -1, cv2.LINE_AA, FINE)
+        cv2.circle(plot, (x, y), 2 * layout.line << _FINE, paint, -1, cv2.LINE_AA, _FINE)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.source import Video
 
 
-AHEAD = 4  # frames that wait to be encoded
+_AHEAD = 4  # frames that wait to be encoded
 
 
 class _Frames:
@@ -121,7 +121,7 @@ class AnnotatedVideo:
 
     def write(self, record: FrameRecord) -> None:
         """Take the record of the next frame."""
-        self._await(AHEAD)
+        self._await(_AHEAD)
         picture = self.frames.picture(record.frame)
         if picture is not None:
             self._waiting.append(self._thread.submit(self._encode, picture, record))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from oppload_cli.results.alarms import Verdict
 
 
-STANDARD_INPUT = "-"
+_STANDARD_INPUT = "-"
 FAILURE_COLUMNS = ("input", "stem", "exit_code", "error")  # of failures.csv
 
 
@@ -234,7 +234,7 @@ def _failed_before(source: str, text: str) -> Iterator[Listed | Failure]:
 
 
 def _content(source: str) -> bytes:
-    if source == STANDARD_INPUT:
+    if source == _STANDARD_INPUT:
         if sys.stdin is None:  # as Python has it after "oppload ... <&-"
             raise ParameterError("--files-from -: standard input is closed; pipe a list into it")
         return sys.stdin.buffer.read()

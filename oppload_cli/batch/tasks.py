@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
 
 ANSWER_WITHIN_S = 8.0  # a scheduler: with the start of Python, an error is printed within 10 s
-STOP_WITHIN_S = 3.0  # tasks on a cluster
-TELL_SCHEDULER_EVERY_S = 1.0
+_STOP_WITHIN_S = 3.0  # tasks on a cluster
+_TELL_SCHEDULER_EVERY_S = 1.0
 # Each has a level of its own by the library's configuration.
 _TALKATIVE = ("distributed", "distributed.client", "tornado.application", "asyncio")
-IN_FLIGHT = 1000  # inputs that the scheduler knows of at a time: memory stays flat
+_IN_FLIGHT = 1000  # inputs that the scheduler knows of at a time: memory stays flat
 
 
 class Observer(Protocol):
@@ -243,7 +243,7 @@ def _connected(scheduler: str) -> Iterator[Any]:
         yield client
     finally:
         # One that has gone must not hide the first error, and one that has stopped answers nothing.
-        Call(partial(client.close, timeout=STOP_WITHIN_S)).wait(STOP_WITHIN_S)
+        Call(partial(client.close, timeout=_STOP_WITHIN_S)).wait(_STOP_WITHIN_S)
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
@@ -304,7 +304,7 @@ def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
             raise KeyboardInterrupt
 
     worker.log_event(topic, ("started", task.name))
-    watcher = _Counting(tell, TELL_SCHEDULER_EVERY_S)
+    watcher = _Counting(tell, _TELL_SCHEDULER_EVERY_S)
     try:
         result = _attempt(replace(task, threads=1), watcher)
         watcher.flush()
@@ -328,7 +328,7 @@ class _Run:
         """Keep the scheduler supplied until every task is done."""
         self._client.subscribe_topic(self._topic, self._heard)
         try:
-            while len(self._under_way) < IN_FLIGHT and self._submit():
+            while len(self._under_way) < _IN_FLIGHT and self._submit():
                 pass
             while self._under_way:
                 self._wait()
@@ -339,7 +339,7 @@ class _Run:
     def cancel(self) -> None:
         """Cancel the tasks that wait, stop those that run, and wait a moment for them to end."""
         # The scheduler itself may have failed, or have stopped.
-        Call(self._cancel).wait(STOP_WITHIN_S + 1)  # of which the workers get most
+        Call(self._cancel).wait(_STOP_WITHIN_S + 1)  # of which the workers get most
 
     def _cancel(self) -> None:
         distributed = _distributed()
@@ -349,7 +349,7 @@ class _Run:
             distributed.Event(self._topic).set()
             self._client.cancel([each for each in futures if each.key not in processing])
             running = [each for each in futures if each.key in processing]
-            distributed.wait(running, timeout=STOP_WITHIN_S)
+            distributed.wait(running, timeout=_STOP_WITHIN_S)
             self._client.cancel(running)
 
     def _heard(self, event: tuple[float, tuple[str, Any]]) -> None:

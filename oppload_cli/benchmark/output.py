@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.evaluate import Evaluation
     from oppload_cli.files.tables import Cell
 
-SCHEMA = "oppload.benchmark/1"
-STIMULI: dict[str, type] = {
+_SCHEMA = "oppload.benchmark/1"
+_STIMULI: dict[str, type] = {
     "table": str,
     "column": str,
     "kind": str,
@@ -44,7 +44,7 @@ STIMULI: dict[str, type] = {
     "alarms": int,
     "first_alarm_s": float,
 }
-SUMMARY: dict[str, type] = {
+_SUMMARY: dict[str, type] = {
     "detector": str,
     "auc": float,
     "looming_alarmed": int,
@@ -55,8 +55,8 @@ SUMMARY: dict[str, type] = {
     "largest_control": str,
     "cost_ms": float,
 }
-LEAST, MOST = 1e-3, 10.0  # of the shades: response over that to the looming disk
-FILES = ("stimuli.csv", "summary.csv", "benchmark.json", "benchmark.html")
+_LEAST, _MOST = 1e-3, 10.0  # of the shades: response over that to the looming disk
+_FILES = ("stimuli.csv", "summary.csv", "benchmark.json", "benchmark.html")
 
 
 class _Cells(NamedTuple):
@@ -212,15 +212,15 @@ def write_benchmark(
     OutputError
         If one cannot be written.
     """
-    for name in FILES:
+    for name in _FILES:
         with output_errors(folder / name):
             remove(folder / name)
-    with open_table(folder / "stimuli.csv", STIMULI) as table:
+    with open_table(folder / "stimuli.csv", _STIMULI) as table:
         for row in _rows(benchmark):
             table.write(row)
     yield folder / "stimuli.csv"
     summaries = {name: benchmark.summary(name) for name in benchmark.names}
-    with open_table(folder / "summary.csv", SUMMARY) as table:
+    with open_table(folder / "summary.csv", _SUMMARY) as table:
         for name, summary in summaries.items():
             table.write({"detector": name, **_known(summary._asdict())})
     yield folder / "summary.csv"
@@ -232,7 +232,7 @@ def write_benchmark(
         pictures[each.name] = png_bytes(figure, 160)
         yield path
     sidecar = {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "tool": environment(),
         "command": list(command),
         "detectors": {each.name: each.as_dict() for each in benchmark.detectors},
@@ -288,8 +288,8 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
     with styled_figure(width, 1.35 + 0.17 * len(names) + 0.35) as figure:
         axes = figure.subplots()
         shades = axes.imshow(
-            np.clip(np.nan_to_num(values, nan=0.0, posinf=MOST), LEAST, MOST),
-            norm=LogNorm(LEAST, MOST),
+            np.clip(np.nan_to_num(values, nan=0.0, posinf=_MOST), _LEAST, _MOST),
+            norm=LogNorm(_LEAST, _MOST),
             cmap=SHADES,
             aspect="auto",
         )

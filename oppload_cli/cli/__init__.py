@@ -42,9 +42,18 @@ if TYPE_CHECKING:
 
 
 # Of address space; both are fewer than the commands take in the end.
-LIBRARY_BYTES = 150 << 20
-ARROW_BYTES = 800 << 20  # of commands that read tables, where Arrow is installed
-READING_TABLES = {"collect", "plot", "report", "tune", "evaluate", "benchmark", "reproduce", "demo"}
+_LIBRARY_BYTES = 150 << 20
+_ARROW_BYTES = 800 << 20  # of commands that read tables, where Arrow is installed
+_READING_TABLES = {
+    "collect",
+    "plot",
+    "report",
+    "tune",
+    "evaluate",
+    "benchmark",
+    "reproduce",
+    "demo",
+}
 _WIDEST = 80  # characters of help
 COMMANDS = {
     "run": "run looming detectors on videos",
@@ -162,8 +171,8 @@ def _check_memory(command: str) -> None:
     if sys.platform == "win32":  # it has no such limits
         return
     if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
-        with_arrow = command in READING_TABLES and find_spec("pyarrow")
-        mmap.mmap(-1, ARROW_BYTES if with_arrow else LIBRARY_BYTES).close()
+        with_arrow = command in _READING_TABLES and find_spec("pyarrow")
+        mmap.mmap(-1, _ARROW_BYTES if with_arrow else _LIBRARY_BYTES).close()
 
 
 def _failure(error: BaseException) -> int:

@@ -13,7 +13,7 @@ from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import make_folder
 from oppload_cli.processes import cores
 
-TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, background"
+_TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, background"
 
 
 @click.command(short_help="compare all detectors on one set of stimuli")
@@ -29,7 +29,7 @@ TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, backg
     "--only",
     multiple=True,
     metavar="TABLE[,TABLE...]",
-    help=f"Tables of the battery: {TABLE_NAMES}.  [default: all]",
+    help=f"Tables of the battery: {_TABLE_NAMES}.  [default: all]",
 )
 @click.option(
     "--manifest",

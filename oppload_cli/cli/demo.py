@@ -13,7 +13,7 @@ from oppload_cli.cli.options import if_exists_option, output_option
 if TYPE_CHECKING:
     from pathlib import Path
 
-STIMULUS = "controls/looming-and-translating"
+_STIMULUS = "controls/looming-and-translating"
 
 
 @click.command(short_help="show the detectors at work on a looming disk")
@@ -32,7 +32,7 @@ def demo(output: Path, if_exists: str) -> None:
     from oppload_cli.pipeline.task import Task, exists_already
     from oppload_cli.plots.style import save
 
-    stem, settings = stimulus.file_stem(STIMULUS), resolve()
+    stem, settings = stimulus.file_stem(_STIMULUS), resolve()
     outputs = Outputs.of(output, stem, settings.models)
     task = Task(
         name=str(output / f"{stem}.avi"),
@@ -45,7 +45,7 @@ def demo(output: Path, if_exists: str) -> None:
     if exists_already(task) is not None:
         click.echo(f"{outputs.csv} exists: nothing to do")
         return
-    protocol = stimulus.load(STIMULUS)
+    protocol = stimulus.load(_STIMULUS)
     contact_s = stimulus.ground_truth(protocol)["contact_time_s"]
     video = stimulus.write(protocol, output).video
     click.echo(f"{protocol.description}; contact at {contact_s:.2f} s")

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.detector import Detector
     from oppload_cli.schema import Parameters
 
-MEASURED_SIZE = 240, 427  # height and width in px
-MEASURED_FRAMES, LEAD, ROUNDS = 24, 8, 3
+_MEASURED_SIZE = 240, 427  # height and width in px
+_MEASURED_FRAMES, _LEAD, _ROUNDS = 24, 8, 3
 
 
 def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
@@ -118,22 +118,22 @@ def _measured_cost(detector: type[Detector]) -> float:
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        texture = cv2.GaussianBlur(np.random.default_rng(1).random(MEASURED_SIZE), (0, 0), 2)
+        texture = cv2.GaussianBlur(np.random.default_rng(1).random(_MEASURED_SIZE), (0, 0), 2)
         texture = 0.4 + 0.2 * (texture - texture.min()) / np.ptp(texture)
-        least = min(_median_cost(detector, texture) for _ in range(ROUNDS))
+        least = min(_median_cost(detector, texture) for _ in range(_ROUNDS))
     finally:
         cv2.setNumThreads(threads)
     return least * 1e3
 
 
 def _median_cost(detector: type[Detector], texture: NDArray[np.float64]) -> float:
-    model, spent = detector(MEASURED_SIZE, frame_rate=30), []
-    for t in range(LEAD + MEASURED_FRAMES):
+    model, spent = detector(_MEASURED_SIZE, frame_rate=30), []
+    for t in range(_LEAD + _MEASURED_FRAMES):
         frame = np.roll(texture, (t, 2 * t), (0, 1)).astype(np.float32)
         started = time.process_time()
         model.step(frame)
         spent.append(time.process_time() - started)
-    return float(np.median(spent[LEAD:]))
+    return float(np.median(spent[_LEAD:]))
 
 
 def _facts(detector: type[Detector]) -> Iterator[str]:

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Result
 
 
-CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")
-TUNING_KINDS = ("polar", "line", "heat", *CLASSIC_KINDS)
+_CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")
+_TUNING_KINDS = ("polar", "line", "heat", *_CLASSIC_KINDS)
 
 
 @click.command(short_help="plot results")
@@ -40,7 +40,7 @@ TUNING_KINDS = ("polar", "line", "heat", *CLASSIC_KINDS)
 )
 @click.option(
     "--kind",
-    type=click.Choice(["curves", "rmo", "map", *TUNING_KINDS]),
+    type=click.Choice(["curves", "rmo", "map", *_TUNING_KINDS]),
     help="Responses or RMO over time, places of the winning units; of a table of 'oppload tune': "
     "polar, line, heat, or the classic figures that 'oppload tune --figure' measures.  "
     "[default: the one that suits the file]",
@@ -134,13 +134,13 @@ def plot(
     look: dict[str, Any] = {"title": title, "labels": labels}
     for target, paths in groups:
         tuned = is_tuning(paths[0])
-        if tuned and kind and kind not in TUNING_KINDS:
+        if tuned and kind and kind not in _TUNING_KINDS:
             raise ResultError(
                 f"{paths[0]}: a table of 'oppload tune' has no column 'frame'; "
-                f"draw --kind {', '.join(TUNING_KINDS)}"
+                f"draw --kind {', '.join(_TUNING_KINDS)}"
             )
         lines: list[str] = []
-        if kind in TUNING_KINDS or tuned:
+        if kind in _TUNING_KINDS or tuned:
             tunings = [oppload.read_tuning(path) for path in paths]
             look |= {"models": models, "scale": scale or "peak", "lplc2": lplc2}
             figure, _ = oppload.plot_tuning(tunings, kind, published=published, **look)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.source import Video
 
 
-LINE_EVERY_S = 30.0
+_LINE_EVERY_S = 30.0
 _MOST_IN_A_LINE = 3  # detectors
 _WIDEST_NAME, _CELL = 40, 23  # characters of a table's columns
 
@@ -51,7 +51,7 @@ class Progress:
         self._to_end = to_end
         self._bar: tqdm[Never] | None = None
         self._frames = 0
-        self._next_line = time.monotonic() + LINE_EVERY_S
+        self._next_line = time.monotonic() + _LINE_EVERY_S
 
     def opened(self, video: Video) -> None:
         """Show the sizes, and start the bar."""
@@ -68,7 +68,7 @@ class Progress:
         if self._bar is not None:
             self._bar.update()
         elif self._verbosity >= 0 and time.monotonic() >= self._next_line:
-            self._next_line += LINE_EVERY_S
+            self._next_line += _LINE_EVERY_S
             click.echo(f"{self._name}: {self._frames} frames, {record.time_s:.1f} s", err=True)
 
     def close(self) -> None:
@@ -95,7 +95,7 @@ class BatchProgress:
         self._running: dict[str, None] = {}
         self._done = self._frames = 0
         self._started = time.monotonic()
-        self._next_line = self._started + LINE_EVERY_S
+        self._next_line = self._started + _LINE_EVERY_S
         self._bar: tqdm[Never] | None = None
         if verbosity >= 0 and on_terminal():
             self._bar = progress_bar(total, "input", quiet=False)
@@ -116,7 +116,7 @@ class BatchProgress:
         if self._bar is not None:
             self._bar.set_postfix_str(self._now(), refresh=count > 0)
         elif self._verbosity >= 0 and time.monotonic() >= self._next_line:
-            self._next_line = time.monotonic() + LINE_EVERY_S
+            self._next_line = time.monotonic() + _LINE_EVERY_S
             say(f"{self._done} of {self._total} inputs, {self._now()}")
 
     def ended(self, name: str, lines: Iterable[str]) -> None:

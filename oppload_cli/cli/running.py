@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.span import Span
 
 
-STANDARD_OUTPUT = "-"
+_STANDARD_OUTPUT = "-"
 _LISTED = 10  # inputs with alarms that are printed
 _NAMES_INPUTS = {"recursive", "files_from", "null", "shard", "dry_run", "if_exists"}
 
@@ -86,7 +86,7 @@ def run_inputs(
     _check_loops(quiet=options.quiet)
     if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]
     task = Task("", settings, None, span, image_rate, if_exists, command, boxes=options.boxes)
-    if str(options.output) == STANDARD_OUTPUT:
+    if str(options.output) == _STANDARD_OUTPUT:
         return _run_one(replace(task, name=_only(inputs, options)), options, opening)
     plan = _plan_of(inputs, options)
     if options.report_pages and options.shard:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.catalogue import Entry
     from oppload_cli.tuning.run import Condition
 
-FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hardly sees a stimulus
+_FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hardly sees a stimulus
 
 
 @click.command(short_help="measure responses to a stimulus over directions, speeds, sizes")
@@ -216,7 +216,7 @@ def _warn_of_faint(conditions: Sequence[Condition], settings: Settings) -> None:
     for name in settings.models:
         peak = max(each.measures[name].peak or 0 for each in conditions)
         floor = alarm_floor_of(name, settings.preset)
-        if peak < FAINT * floor:
+        if peak < _FAINT * floor:
             click.echo(
                 f"oppload: {detector_named(name).label} hardly responds to this stimulus under "
                 f"preset {settings.preset}: its largest response is {peak:.2g}, and no alarm is "

@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     Table = dict[str, Any]
 
 
-REQUIRED = ("file", "label", "onset_frame", "contact_frame")
-IGNORED = ("fps", "frames", "width", "height", "source", "licence")
-KNOWN = (*REQUIRED, "motion", *IGNORED)
-LOOMING, NONE = "looming", "none"
-USUAL_BOXES = "boxes.json"
-TRUTH = ".stimulus.json"
-FOOTAGE = {
+_REQUIRED = ("file", "label", "onset_frame", "contact_frame")
+_IGNORED = ("fps", "frames", "width", "height", "source", "licence")
+_KNOWN = (*_REQUIRED, "motion", *_IGNORED)
+_LOOMING, _NONE = "looming", "none"
+_USUAL_BOXES = "boxes.json"
+_TRUTH = ".stimulus.json"
+_FOOTAGE = {
     "scene.background_fit": "cover",
     "scene.background_rate": "own",
     "scene.background_end": "loop",
@@ -115,9 +115,9 @@ def read_manifest(path: Path) -> Manifest:
     _check_header(path, header)
     entries: list[Entry] = []
     faults = [
-        f"{path}: row 1: unknown column '{name}'{suggestion(name, KNOWN)}"
+        f"{path}: row 1: unknown column '{name}'{suggestion(name, _KNOWN)}"
         for name in dict.fromkeys(header)
-        if name not in KNOWN
+        if name not in _KNOWN
     ]
     row_of: dict[str, int] = {}
     filled = {at: row for at, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)}
@@ -130,12 +130,12 @@ def read_manifest(path: Path) -> Manifest:
 
 
 def _check_header(path: Path, header: Sequence[str]) -> None:
-    missing = [name for name in REQUIRED if name not in header]
+    missing = [name for name in _REQUIRED if name not in header]
     if missing:
         raise ManifestError(
-            f"{path}: its first row lacks {', '.join(missing)}; begin it with {','.join(REQUIRED)}"
+            f"{path}: its first row lacks {', '.join(missing)}; begin it with {','.join(_REQUIRED)}"
         )
-    twice = [name for name in KNOWN if header.count(name) > 1]
+    twice = [name for name in _KNOWN if header.count(name) > 1]
     if twice:
         raise ManifestError(f"{path}: its first row has {twice[0]} twice; keep one")
 
@@ -165,15 +165,15 @@ def _entry(
 
 def _label(row: dict[str, str]) -> Label:
     name, label = row["file"], row["label"]
-    if label not in {LOOMING, NONE}:
-        raise RowError(f"{name}: unknown label '{label}'{suggestion(label, (LOOMING, NONE))}")
+    if label not in {_LOOMING, _NONE}:
+        raise RowError(f"{name}: unknown label '{label}'{suggestion(label, (_LOOMING, _NONE))}")
     motion = row.get("motion", "")
-    if label == NONE:
+    if label == _NONE:
         for column in ("onset_frame", "contact_frame"):
             if row[column]:
                 raise RowError(
-                    f"{name}: has the {column} {row[column]}, but is labelled {NONE}; "
-                    f"empty the cell, or label it {LOOMING}"
+                    f"{name}: has the {column} {row[column]}, but is labelled {_NONE}; "
+                    f"empty the cell, or label it {_LOOMING}"
                 )
         return Label(name, motion=motion)
     onset, contact = (_frame(name, row, column) for column in ("onset_frame", "contact_frame"))
@@ -188,7 +188,7 @@ def _label(row: dict[str, str]) -> Label:
 def _frame(name: str, row: dict[str, str], column: str) -> int:
     text = row[column]
     if not text:
-        raise RowError(f"{name}: is labelled {LOOMING} but has no {column}; fill it in")
+        raise RowError(f"{name}: is labelled {_LOOMING} but has no {column}; fill it in")
     if not re.fullmatch(r"[0-9]{1,9}", text):
         raise RowError(f"{name}: {column} must be a whole number from 0, not '{text}'")
     return int(text)
@@ -217,7 +217,7 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
         If the file cannot be read, or is no such JSON.
     """
     if path is None:
-        path = manifest.path.with_name(USUAL_BOXES)
+        path = manifest.path.with_name(_USUAL_BOXES)
         if not is_file(path):
             return manifest
     content = _content(path)
@@ -350,7 +350,7 @@ def protocols_of(
     """
     found = [entry.with_settings(settings) for name in names for entry in stimulus.find(name)]
     if backgrounds:
-        videos = {"scene.background": [str(path) for path in backgrounds], **FOOTAGE}
+        videos = {"scene.background": [str(path) for path in backgrounds], **_FOOTAGE}
         fits = [entry for entry in found if _takes_footage(entry.table)]
         found = [entry.with_settings(videos) for entry in fits]
         if not found:
@@ -370,7 +370,7 @@ def _takes_footage(table: Table) -> bool:
 
 def _truth_beside(video: Path) -> Path:
     """Return the file of a video's ground truth."""
-    return video.with_name(f"{video.stem}{TRUTH}")
+    return video.with_name(f"{video.stem}{_TRUTH}")
 
 
 def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:

@@ -42,9 +42,9 @@ if TYPE_CHECKING:
     from oppload_cli.files.tables import Cell
 
 
-SCHEMA = "oppload.evaluation/1"
+_SCHEMA = "oppload.evaluation/1"
 # The files call a detector a contender: their readers rely on it.
-MEASUREMENTS: dict[str, type] = {
+_MEASUREMENTS: dict[str, type] = {
     "contender": str,
     "measure": str,
     "condition": str,
@@ -53,7 +53,7 @@ MEASUREMENTS: dict[str, type] = {
     "high": float,
     "n": int,
 }
-RESPONSES: dict[str, type] = {
+_RESPONSES: dict[str, type] = {
     "clip": str,
     "frame": int,
     "time_s": float,
@@ -65,7 +65,7 @@ RESPONSES: dict[str, type] = {
     "width": float,
     "height": float,
 }
-WINDOWS: dict[str, type] = {
+_WINDOWS: dict[str, type] = {
     "clip": str,
     "use": str,
     "frames_before_contact": int,
@@ -74,8 +74,8 @@ WINDOWS: dict[str, type] = {
     "contender": str,
     "score": float,
 }
-TABLES = ("evaluation.csv", "responses.csv", "windows.csv")
-FILES = (*TABLES, *PLOTS, "report.json", "evaluation.html")
+_TABLES = ("evaluation.csv", "responses.csv", "windows.csv")
+FILES = (*_TABLES, *PLOTS, "report.json", "evaluation.html")
 
 
 def write_evaluation(
@@ -112,11 +112,11 @@ def write_evaluation(
         with output_errors(folder / name):
             remove(folder / name)
     tables: Iterable[tuple[dict[str, type], Iterator[dict[str, Cell]]]] = (
-        (MEASUREMENTS, map(_row, evaluation.measurements)),
-        (RESPONSES, _responses(evaluation)),
-        (WINDOWS, _windows(evaluation)),
+        (_MEASUREMENTS, map(_row, evaluation.measurements)),
+        (_RESPONSES, _responses(evaluation)),
+        (_WINDOWS, _windows(evaluation)),
     )
-    for name, (columns, rows) in zip(TABLES, tables, strict=True):
+    for name, (columns, rows) in zip(_TABLES, tables, strict=True):
         with open_table(folder / name, columns) as table:
             for row in rows:
                 table.write({key: _known(value) for key, value in row.items()})
@@ -203,7 +203,7 @@ def _interval(one: Measurement | None) -> str:
 
 
 def _row(measurement: Measurement) -> dict[str, Cell]:
-    return dict(zip(MEASUREMENTS, measurement, strict=True))
+    return dict(zip(_MEASUREMENTS, measurement, strict=True))
 
 
 def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
@@ -261,7 +261,7 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
     """Return the report without its timing: every figure, parameter and fault."""
     clips = evaluation.clips
     return {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "tool": environment(),
         "manifest": {
             "path": str(evaluation.manifest.path),

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     Pictures = Mapping[tuple[int, int], bytes]  # JPEG by clip and frame
 
 
-MOST = 4  # stills of each kind, for each detector
-PICTURE_HEIGHT = 270  # px, of a still
-QUALITY = 82  # of a still as JPEG
-RATE = 1.0  # false alarms per minute, at which a miss is a miss
+_MOST = 4  # stills of each kind, for each detector
+_PICTURE_HEIGHT = 270  # px, of a still
+_QUALITY = 82  # of a still as JPEG
+_RATE = 1.0  # false alarms per minute, at which a miss is a miss
 WIDTH, HEIGHT = 300, 56  # of the strip below a still, in units of its drawing
-HIGHEST = 3.0  # times the threshold at the top of a strip
+_HIGHEST = 3.0  # times the threshold at the top of a strip
 
 
 class _Definition(NamedTuple):
@@ -179,7 +179,7 @@ INTERVALS = (
 
 
 NOTHING = "\N{EN DASH}"
-HEADLINE = (
+_HEADLINE = (
     ("detected", "detection_rate", "at 1 per minute"),
     ("lead (s)", "lead_time_s", "at 1 per minute"),
     ("detected, held out", "detection_rate", "held out at 1 per minute"),
@@ -219,8 +219,8 @@ def page_of(
         report=report,
         plots=[(embedded(plots[name]), plot.caption) for name, plot in PLOTS.items()],
         stills=list(_stills(evaluation, moments, pictures)),
-        headline=HEADLINE,
-        allowed=int(RATE * minutes),
+        headline=_HEADLINE,
+        allowed=int(_RATE * minutes),
         quiet=_duration(minutes),
         figures=_by_measure(report["figures"]),
         measured=list(dict.fromkeys(figure["contender"] for figure in report["figures"])),
@@ -376,13 +376,13 @@ def worst(evaluation: Evaluation) -> list[Moment]:
 
 def _worst_of(evaluation: Evaluation, name: str) -> Iterator[Moment]:
     clips, found = evaluation.clips, evaluation.performances[name]
-    condition = condition_of(RATE)
+    condition = condition_of(_RATE)
     threshold = next(
         float(each.thresholds[0]) for each in found.decisions if each.condition == condition
     )
     misses = np.flatnonzero(found.thresholds.detected(threshold) == 0)
     peaks = found.thresholds.peaks
-    for missed in sorted(map(int, misses), key=lambda at: (peaks[at], at))[:MOST]:
+    for missed in sorted(map(int, misses), key=lambda at: (peaks[at], at))[:_MOST]:
         frame, _ = _peak(clips[missed], name, *clips[missed].approach)
         yield Moment(missed, frame, name, threshold, missed=True)
     largest = {
@@ -390,7 +390,7 @@ def _worst_of(evaluation: Evaluation, name: str) -> Iterator[Moment]:
         for index, clip in enumerate(clips)
         if clip.quiet[1] > clip.quiet[0]
     }
-    for index in sorted(largest, key=lambda at: (-largest[at][1], at))[:MOST]:
+    for index in sorted(largest, key=lambda at: (-largest[at][1], at))[:_MOST]:
         frame, response = largest[index]
         if response > 0:
             yield Moment(index, frame, name, threshold, missed=False)
@@ -423,7 +423,7 @@ def _frames(path: Path | Protocol, wanted: set[int]) -> Iterator[tuple[int, byte
         return
     span = Span(start=Position(frame=min(wanted)), end=Position(frame=max(wanted) + 1))
     try:
-        with open_video(path, height=PICTURE_HEIGHT, span=span) as video:
+        with open_video(path, height=_PICTURE_HEIGHT, span=span) as video:
             for frame in video:
                 if frame.index in wanted:
                     grey = cv2.convertScaleAbs(frame.luma, alpha=255.0)
@@ -433,7 +433,7 @@ def _frames(path: Path | Protocol, wanted: set[int]) -> Iterator[tuple[int, byte
 
 
 def _jpeg(grey: MatLike) -> bytes:
-    _, data = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    _, data = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return data.tobytes()
 
 
@@ -464,7 +464,7 @@ def strip(clip: Clip, moment: Moment) -> _Strip:
     top = float(response.max()) or 1.0
     threshold = moment.threshold
     if threshold > 0:
-        top = min(max(top, 1.2 * threshold), HIGHEST * threshold)
+        top = min(max(top, 1.2 * threshold), _HIGHEST * threshold)
     across = WIDTH / len(clip)
     start, stop = clip.approach
 

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     Performances = Mapping[str, Performance]
 
 
-SIZE = 4.8, 3.2  # inches
-DPI = 160
-HIGHEST_RATE = 6.0  # false alarms per minute on the axis
-RATE = 1.0  # false alarms per minute at which leads and kinds are shown
+_SIZE = 4.8, 3.2  # inches
+_DPI = 160
+_HIGHEST_RATE = 6.0  # false alarms per minute on the axis
+_RATE = 1.0  # false alarms per minute at which leads and kinds are shown
 
 
 def _detection(axes: Axes, performances: Performances) -> None:
@@ -37,7 +37,7 @@ def _detection(axes: Axes, performances: Performances) -> None:
     for each, look in _looks(performances):
         rates, detected = detection_curve(each)
         axes.step(rates, detected, where="post", **look)
-    axes.set(xlim=(0, HIGHEST_RATE), ylim=(0, 1.02), title="detection by one fixed threshold")
+    axes.set(xlim=(0, _HIGHEST_RATE), ylim=(0, 1.02), title="detection by one fixed threshold")
     axes.set_xlabel("false alarms per minute of footage without an approach")
     axes.set_ylabel("share of approaches detected")
     _legend(axes, "lower right")
@@ -60,7 +60,9 @@ def detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
     detected = (peaks[:, None] > thresholds.levels).mean(axis=0)
     # Of the thresholds with as many false alarms the lowest counts.
     last = np.append(np.diff(rates) > 0, True)
-    return np.append(rates[last], rates[-1] + HIGHEST_RATE), np.append(detected[last], detected[-1])
+    return np.append(rates[last], rates[-1] + _HIGHEST_RATE), np.append(
+        detected[last], detected[-1]
+    )
 
 
 def _roc(axes: Axes, performances: Performances) -> None:
@@ -106,7 +108,7 @@ def _order(axes: Axes, performances: Performances) -> None:
 def _leads(axes: Axes, performances: Performances) -> None:
     labels = []
     for row, (each, look) in enumerate(_looks(performances)):
-        outcomes = next(d.outcomes for d in each.decisions if d.condition == condition_of(RATE))
+        outcomes = next(d.outcomes for d in each.decisions if d.condition == condition_of(_RATE))
         leads = np.sort(outcomes.lead_s[~np.isnan(outcomes.lead_s)])
         approaches = int((~np.isnan(outcomes.detected)).sum())
         labels.append(f"{look['label']}\n{len(leads)} of {approaches}")
@@ -128,7 +130,7 @@ def _rank_among_equal(values: Numbers) -> Numbers:
 
 
 def _false_alarms(axes: Axes, performances: Performances) -> None:
-    prefix = f"{condition_of(RATE)}, "
+    prefix = f"{condition_of(_RATE)}, "
     kinds: dict[str, float] = {}
     for index, (each, look) in enumerate(_looks(performances)):
         kinds = {
@@ -141,7 +143,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
     axes.set_yticks(range(len(kinds)), list(kinds))
     axes.invert_yaxis()
-    axes.set_xlim(0, max(RATE, axes.get_xlim()[1]))
+    axes.set_xlim(0, max(_RATE, axes.get_xlim()[1]))
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
     axes.set_xlabel("false alarms per minute")
     if not any(bar.get_width() for bars in axes.containers for bar in bars):
@@ -202,11 +204,11 @@ PLOTS = {
 def figure_of(plot: str, performances: Performances) -> Figure:
     """Return one of the `PLOTS`, with the detectors in the order of its legend."""
     with mpl.rc_context(STYLE):
-        figure = new_figure(*SIZE)
+        figure = new_figure(*_SIZE)
         PLOTS[plot].draw(figure.subplots(), performances)
     return figure
 
 
 def drawn(evaluation: Evaluation) -> dict[str, bytes]:
     """Return all `PLOTS` of an evaluation, as PNG by file name."""
-    return {name: png_bytes(figure_of(name, evaluation.performances), DPI) for name in PLOTS}
+    return {name: png_bytes(figure_of(name, evaluation.performances), _DPI) for name in PLOTS}

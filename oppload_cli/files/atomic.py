@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
 
-DYING_S = 0.5  # for so long a run that was killed may still hold its lock
+_DYING_S = 0.5  # for so long a run that was killed may still hold its lock
 # No link is followed, and no pipe waited for. Windows has neither: `_opened` looks first.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
@@ -410,7 +410,7 @@ def _lock(file: int, path: Path) -> bool | None:
     """
     if sys.platform == "win32":
         return True
-    deadline = time.monotonic() + DYING_S
+    deadline = time.monotonic() + _DYING_S
     while True:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -419,7 +419,7 @@ def _lock(file: int, path: Path) -> bool | None:
             # The system releases the files of a killed process a moment after its death.
             if time.monotonic() >= deadline:
                 return False
-            time.sleep(DYING_S / 20)
+            time.sleep(_DYING_S / 20)
         except FileNotFoundError:
             return False
         except OSError:  # a file system without locks

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from oppload_cli.errors import OpploadError
 
 
-MOST_BYTES = 1 << 30  # of a file that is read as a whole
+_MOST_BYTES = 1 << 30  # of a file that is read as a whole
 _SEPARATORS = "/\\" + ('<>:"|?*' if sys.platform == "win32" else "")
 _DRIVE = re.compile(r"[A-Za-z]:")
 # Windows opens a device under these names, whatever the folder and the suffix.
@@ -56,11 +56,11 @@ def content_of(path: Path | str, *, pipes: bool = False) -> bytes:
 
     def read() -> bytes:
         with path.open("rb") as file:
-            return file.read(MOST_BYTES + 1)
+            return file.read(_MOST_BYTES + 1)
 
     content = read() if stat.S_ISREG(there.st_mode) else Call(read).result()
-    if len(content) > MOST_BYTES:
-        raise OSError(errno.EFBIG, f"more than {MOST_BYTES >> 20} MB")
+    if len(content) > _MOST_BYTES:
+        raise OSError(errno.EFBIG, f"more than {_MOST_BYTES >> 20} MB")
     return content
 
 

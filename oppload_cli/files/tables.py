@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 Value = float | int | None
 Cell = str | Value
 
-FLUSH_EVERY_S = 1.0
-ROWS_AT_ONCE = 10_000  # of a Parquet file are in memory
+_FLUSH_EVERY_S = 1.0
+_ROWS_AT_ONCE = 10_000  # of a Parquet file are in memory
 
 
 class Rows(Protocol):
@@ -76,7 +76,7 @@ class Table:
         """Write one row; a column that it lacks is an empty cell."""
         self._writer.writerow(map(self._cell, map(row.get, self._columns)))
         now = time.monotonic()
-        if now - self._flushed >= FLUSH_EVERY_S:
+        if now - self._flushed >= _FLUSH_EVERY_S:
             self._stream.flush()
             self._flushed = now
 
@@ -169,7 +169,7 @@ class _Parquet:
 
     def write(self, row: Mapping[str, Any]) -> None:
         self._rows.append(row)
-        if len(self._rows) >= ROWS_AT_ONCE:
+        if len(self._rows) >= _ROWS_AT_ONCE:
             self._flush()
 
     def close(self) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Map
 
-SPAN = 3  # frames over which growth is measured
+_SPAN = 3  # frames over which growth is measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class AreaGrowth(Detector):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._start: NDArray[np.uint8] | None = None
-        self._sizes: deque[float] = deque(maxlen=SPAN + 1)
+        self._sizes: deque[float] = deque(maxlen=_SPAN + 1)
 
     def step(self, luma: Map) -> AreaGrowthResponse:
         """Take the next frame."""
@@ -105,6 +105,6 @@ class AreaGrowth(Detector):
         self._before = now
         size = math.sqrt(area)
         self._sizes.append(size)
-        dsize = (size - self._sizes[0]) / SPAN if len(self._sizes) > SPAN else 0.0
+        dsize = (size - self._sizes[0]) / _SPAN if len(self._sizes) > _SPAN else 0.0
         growth = dsize / size if size else 0.0
         return AreaGrowthResponse(max(growth, 0.0), None, area, size, dsize, growth, difference)

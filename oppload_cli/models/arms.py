@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.opplod_parameters import OpplodParams
 
 DIRECTIONS = 0, 90, 180, 270  # of the arms, in degrees
-ARM_EDGE = 4.0  # degrees: how gradually the weight of an arm falls at the edge of its cone
+_ARM_EDGE = 4.0  # degrees: how gradually the weight of an arm falls at the edge of its cone
 
 
 # ---- The equations -------------------------------------------------------------------------
@@ -101,7 +101,7 @@ def arm_weights(reach: float, direction: float, cone: float) -> Map:
     y, x = np.mgrid[n : -n - 1 : -1, -n : n + 1].astype(np.float64)
     distance = np.hypot(x, y)
     off = np.degrees(np.angle(np.exp(1j * (np.arctan2(y, x) - math.radians(direction)))))
-    within = 1 / (1 + np.exp((np.abs(off) - cone) / ARM_EDGE))
+    within = 1 / (1 + np.exp((np.abs(off) - cone) / _ARM_EDGE))
     weights = within * np.clip(reach - distance + 0.5, 0, 1) * (distance > 0)
     return np.asarray(weights, np.float32)
 

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     Map = NDArray[np.float32]  # one value per pixel of the working frame
 
 MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
-TOO_YOUNG = 1 / 8  # of an interval that a frame may lack and count as one interval old
-MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
+_TOO_YOUNG = 1 / 8  # of an interval that a frame may lack and count as one interval old
+_MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
 
 
 # ---- The equations -------------------------------------------------------------------------
@@ -249,7 +249,7 @@ class Photoreceptors:
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
             return False
-        return self._rest - oldest.before.at <= TOO_YOUNG * self.stride
+        return self._rest - oldest.before.at <= _TOO_YOUNG * self.stride
 
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
@@ -321,9 +321,9 @@ class Photoreceptors:
             return None
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
         lacking = younger[0].at - wanted
-        if lacking <= TOO_YOUNG * self.stride and lacking < wanted - older[0].at:
+        if lacking <= _TOO_YOUNG * self.stride and lacking < wanted - older[0].at:
             return younger
-        return older if older[0].at <= wanted + TOO_YOUNG * self.stride else None
+        return older if older[0].at <= wanted + _TOO_YOUNG * self.stride else None
 
     def _keep(self, record: _Record, luma: Map) -> None:
         """Keep a frame for later ones, unless it comes shortly after the one kept last."""
@@ -331,7 +331,7 @@ class Photoreceptors:
         if before.change is not None and before is not records[-1]:
             self._free.append(before.change)
         self._latest = record
-        if records and record.at - records[-1].at < self.stride / MOST_KEPT:
+        if records and record.at - records[-1].at < self.stride / _MOST_KEPT:
             return
         kept = self._room()
         np.copyto(kept, luma)

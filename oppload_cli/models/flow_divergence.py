@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Map
 
-SHORTEST_SIDE = 16  # inverse search refuses smaller frames
+_SHORTEST_SIDE = 16  # inverse search refuses smaller frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +114,7 @@ class FlowDivergence(Detector):
         before, self._before = self._before, now
         if before is None:
             return None
-        if min(self.shape) < SHORTEST_SIDE:
+        if min(self.shape) < _SHORTEST_SIDE:
             return Response(0.0)
         flow = np.zeros((*self.shape, 2), np.float32)
         self._search.calc(before, now, flow)

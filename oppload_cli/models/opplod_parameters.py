@@ -9,7 +9,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.models.kernels import DpcParams
 from oppload_cli.schema import parameter
 
-LEAST_SIGMA = 0.01  # cells: below, a cell is pooled with itself alone
+_LEAST_SIGMA = 0.01  # cells: below, a cell is pooled with itself alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,9 +170,9 @@ class OpplodParams(_ArmParams):
                 f"parameter 'units' of opplod must be 'every' or columns x rows such as 5x5, "
                 f"not '{self.units}'"
             )
-        if 0 < self.pool_sigma < LEAST_SIGMA:
+        if 0 < self.pool_sigma < _LEAST_SIGMA:
             raise ParameterError(
-                f"parameter 'pool_sigma' of opplod must be 0 or at least {LEAST_SIGMA:g}, "
+                f"parameter 'pool_sigma' of opplod must be 0 or at least {_LEAST_SIGMA:g}, "
                 f"not {self.pool_sigma:g}"
             )
         if self.judgement == "arms" and self.axes != 0:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 _BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
-POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
+_POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
 
 
 class Judgement(NamedTuple):
@@ -96,7 +96,7 @@ def pooling_weights(length: int, centres: Floats, sigma: float, border: int = 0)
     """
     distance = np.arange(length) + 0.5 - centres[:, None]
     if sigma > 0:
-        reach = math.ceil(POOLED_SIGMAS * sigma)
+        reach = math.ceil(_POOLED_SIGMAS * sigma)
         offsets = np.arange(-reach, reach + 1)
         weights = np.exp(-((distance / sigma) ** 2) / 2)
         weights /= np.exp(-((offsets / sigma) ** 2) / 2).sum()

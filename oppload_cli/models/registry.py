@@ -25,7 +25,7 @@ _TAKEN_NAMES = {
 }
 _COMMON_COLUMNS = {"frame", "time_s", "luma_change"}
 _RMO_COLUMNS = {"flow_vectors", "rom_pairs", "rom_share", "rmo_mean", "rmo_max", "rmo_index"}
-ALL, LITERAL = "all", "literal"  # words for detectors in `names_of`
+ALL, _LITERAL = "all", "literal"  # words for detectors in `names_of`
 _EVERYONES = ("response", "alarm")
 _SIDES = ("x", "y", "width", "height", "unit_x", "unit_y")
 
@@ -182,8 +182,8 @@ def names_of(text: str) -> tuple[str, ...]:
         full = f"{name}_{variant}"
         if full not in variants and variant in PRESETS:
             variant = ""
-        if variant and full not in variants and (variant != LITERAL or not variants):
-            known = [LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
+        if variant and full not in variants and (variant != _LITERAL or not variants):
+            known = [_LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
             has = f"it has {' and '.join(known)}" if variants else "it has none; see --preset"
             raise ParameterError(f"model '{name}' has no variant '{variant}': {has}")
         found.append(full if full in variants else name)

@@ -17,13 +17,13 @@ from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
 from oppload_cli.schema import Parameters, parameter
 
 FRAME = "frame"
-REFERENCE_S = Fraction(1, 30)
-SHORTEST_S, LONGEST_S = 1e-4, 10.0
+_REFERENCE_S = Fraction(1, 30)
+_SHORTEST_S, _LONGEST_S = 1e-4, 10.0
 NEARLY_ONE = 0.03  # times in files are rounded, often to milliseconds
-USUAL_RATE = 30.0  # frames/s, where nothing is known
-MOST_STEPS = 1 << 10  # from frame to frame, of which the median is taken
-CONTRADICTION = 0.1  # of the declared rate
-LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
+_USUAL_RATE = 30.0  # frames/s, where nothing is known
+_MOST_STEPS = 1 << 10  # from frame to frame, of which the median is taken
+_CONTRADICTION = 0.1  # of the declared rate
+_LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class TimeParams(Parameters):
     """The time base (``docs/time.md``)."""
 
     interval: str = parameter(
-        str(REFERENCE_S),
+        str(_REFERENCE_S),
         "step of the models in seconds, such as 1/30 or 0.04; 'frame': from frame to frame",
         unit="s",
     )
@@ -46,10 +46,10 @@ class TimeParams(Parameters):
             seconds = Fraction(self.interval)
         except (ValueError, ZeroDivisionError):
             seconds = Fraction(0)
-        if not SHORTEST_S <= seconds <= LONGEST_S:
+        if not _SHORTEST_S <= seconds <= _LONGEST_S:
             raise ParameterError(
-                f"parameter 'interval' of time must be 'frame', or {SHORTEST_S:g} to "
-                f"{LONGEST_S:g} seconds such as 1/30 or 0.04, not '{self.interval}'"
+                f"parameter 'interval' of time must be 'frame', or {_SHORTEST_S:g} to "
+                f"{_LONGEST_S:g} seconds such as 1/30 or 0.04, not '{self.interval}'"
             )
         return seconds
 
@@ -90,7 +90,7 @@ class Clock:
         per_second = (params or TimeParams()).per_second
         known = frame_rate if frame_rate and math.isfinite(frame_rate) else None
         self._counts = per_second is None
-        self.per_second = per_second or known or float(1 / REFERENCE_S)
+        self.per_second = per_second or known or float(1 / _REFERENCE_S)
         self._step = 1.0 if self._counts or not known else nearly_one(self.per_second / known)
         self.time_s: float | None = None
 
@@ -131,7 +131,7 @@ class FrameTimes:
     def __init__(self, rate: float | None = None) -> None:
         usable = rate is not None and math.isfinite(rate) and rate > 0
         self._declared = rate if usable else None
-        self._step_s = 1 / (self._declared or USUAL_RATE)
+        self._step_s = 1 / (self._declared or _USUAL_RATE)
         self._steps: list[float] = []
         self._first_s: float | None = None
         self._now_s = 0.0
@@ -158,7 +158,7 @@ class FrameTimes:
         elif time_s > self._now_s:
             self._step_s = time_s - self._now_s
             self._longest_s = max(self._longest_s, self._step_s)
-            if len(self._steps) < MOST_STEPS:
+            if len(self._steps) < _MOST_STEPS:
                 self._steps.append(self._step_s)
             self._now_s = time_s
         else:
@@ -195,14 +195,14 @@ class FrameTimes:
         rate = self.rate
         if rate is None:
             return notes
-        if self._declared and abs(rate / self._declared - 1) > CONTRADICTION:
+        if self._declared and abs(rate / self._declared - 1) > _CONTRADICTION:
             notes.append(
                 f"{self._declared:.4g} frames/s are declared, but the times of most frames say "
                 f"{rate:.4g}; the times count"
             )
-        if rate < LEAST_RATE:
+        if rate < _LEAST_RATE:
             notes.append(
                 f"{rate:.3g} frames/s are too few for the models, whose interval is 1/30 s; "
-                f"below {LEAST_RATE:.0f} expect missed approaches"
+                f"below {_LEAST_RATE:.0f} expect missed approaches"
             )
         return notes

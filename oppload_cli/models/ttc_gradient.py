@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
     Numbers = NDArray[np.float64]
 
-MADE_FOR = 150  # px, the height at which the blur is given
-REACH = 4  # sigmas to which the blur goes
-RIDGE = 1e-6
-LEAST_CHANGE = 1e-12  # sum of Et^2 up to which nothing changed
+_MADE_FOR = 150  # px, the height at which the blur is given
+_REACH = 4  # sigmas to which the blur goes
+_RIDGE = 1e-6
+_LEAST_CHANGE = 1e-12  # sum of Et^2 up to which nothing changed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +108,8 @@ class TtcGradient(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         height, width = shape
-        self._sigma = self.params.sigma * height / MADE_FOR
-        self._radius = max(1, round(REACH * self._sigma))
+        self._sigma = self.params.sigma * height / _MADE_FOR
+        self._radius = max(1, round(_REACH * self._sigma))
         self._half = round(self.params.window * height) // 2
         step = max(1, round(height / 30))
         ends = height - 1 - self._half, width - 1 - self._half
@@ -233,9 +233,9 @@ def _fitted(
     rows = [[xx, xy, gx], [xy, yy, gy], [gx, gy, gg]]
     matrix = np.moveaxis(np.array(rows), 2, 0)
     right = -np.stack([xt, yt, gt], axis=1)
-    ridge = RIDGE * pixels * np.diag([1.0, 1.0, half**2])
+    ridge = _RIDGE * pixels * np.diag([1.0, 1.0, half**2])
     motion = np.linalg.solve(matrix + ridge, right[..., None])[..., 0]
     explained = 2 * np.sum(motion * right, 1) - np.einsum("wi,wij,wj->w", motion, matrix, motion)
-    still = tt <= LEAST_CHANGE
+    still = tt <= _LEAST_CHANGE
     r2 = np.where(still, 0, np.maximum(0, explained / np.where(still, 1, tt)))
     return motion[:, 0], motion[:, 1], motion[:, 2], r2

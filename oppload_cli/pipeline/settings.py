@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 Kind = TypeVar("Kind", bound="Parameters")
 
-COMMAND_LINE = "command line"
-USUAL, ALL = "usual", "all"  # columns of a table; `ALL` also stands for all models
-TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
+_COMMAND_LINE = "command line"
+_USUAL, ALL = "usual", "all"  # columns of a table; `ALL` also stands for all models
+_TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Settings:
     measure_rmo: bool
     groups: dict[str, Parameters]
     origins: dict[str, str] = field(default_factory=dict)
-    columns: str = USUAL
+    columns: str = _USUAL
     fov: float | None = None
     angles: dict[str, float] = field(default_factory=dict)
 
@@ -265,8 +265,8 @@ def resolve(
         "time": time_params(chosen.name),
     }
     known = {f"{group}.{name}" for group, params in groups.items() for name in params.names()}
-    origins = dict.fromkeys([*TOP_LEVEL, *sorted(known)], f"preset {chosen.name}")
-    origins["preset"] = COMMAND_LINE if preset else source if "preset" in content else "default"
+    origins = dict.fromkeys([*_TOP_LEVEL, *sorted(known)], f"preset {chosen.name}")
+    origins["preset"] = _COMMAND_LINE if preset else source if "preset" in content else "default"
     settings = Settings(chosen.name, default_names(), chosen.height, True, groups, origins)
     settings = _with_file(settings, content, source)
     given = {
@@ -320,7 +320,7 @@ def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> S
     groups, origins = dict(settings.groups), dict(settings.origins)
     top: dict[str, Any] = {}
     angles: dict[str, float] = {}
-    known = [*TOP_LEVEL, *groups]
+    known = [*_TOP_LEVEL, *groups]
     for key, value in content.items():
         try:
             if key not in known:
@@ -329,7 +329,7 @@ def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> S
                 groups[key] = _with_table(groups[key], key, value, angles)
                 origins.update((f"{key}.{name}", source) for name in value)
             elif key != "preset":
-                top[key] = TOP_READERS[key](value)
+                top[key] = _TOP_READERS[key](value)
                 origins[key] = source
         except ParameterError as error:
             raise ParameterError(f"{source}: {error}") from error
@@ -360,11 +360,11 @@ def _with_command_line(
         else:
             angles.pop(f"{group}.{name}", None)
             changes.setdefault(group, {})[name] = groups[group].parsed(name, text)
-        origins[f"{group}.{name}"] = COMMAND_LINE
+        origins[f"{group}.{name}"] = _COMMAND_LINE
     for group, values in changes.items():
         groups[group] = groups[group].replaced(**values)
-    top = {key: TOP_READERS[key](value) for key, value in given.items() if value is not None}
-    origins.update(dict.fromkeys(top, COMMAND_LINE))
+    top = {key: _TOP_READERS[key](value) for key, value in given.items() if value is not None}
+    origins.update(dict.fromkeys(top, _COMMAND_LINE))
     return replace(settings, groups=groups, origins=origins, angles=angles, **top)
 
 
@@ -395,12 +395,12 @@ def _yes_or_no(value: object) -> bool:
 
 
 def _columns(value: object) -> str:
-    if value not in {USUAL, ALL}:
-        raise ParameterError(f"columns must be '{USUAL}' or '{ALL}', not {value!r}")
+    if value not in {_USUAL, ALL}:
+        raise ParameterError(f"columns must be '{_USUAL}' or '{ALL}', not {value!r}")
     return str(value)
 
 
-TOP_READERS: dict[str, Callable[[Any], Any]] = {
+_TOP_READERS: dict[str, Callable[[Any], Any]] = {
     "models": _models,
     "height": _parse_height,
     "fov": parse_fov,

@@ -55,13 +55,13 @@ if TYPE_CHECKING:
     Truth = dict[str, Any]
 
 
-MOST_CURVES = 6  # in a figure with a legend for each; more are small multiples
-MOST_PANELS = 24  # of small multiples; more results are a heat map
-MOST_BINS = 400  # of time, in a heat map
-MOST_NAMES = 60  # along a heat map
-ALARM = "#D55E00"
-LETTER = 0.02  # of a panel's width, for each letter of a label
-LINE = 0.09  # inches of height for each line of a legend
+_MOST_CURVES = 6  # in a figure with a legend for each; more are small multiples
+_MOST_PANELS = 24  # of small multiples; more results are a heat map
+_MOST_BINS = 400  # of time, in a heat map
+_MOST_NAMES = 60  # along a heat map
+_ALARM = "#D55E00"
+_LETTER = 0.02  # of a panel's width, for each letter of a label
+_LINE = 0.09  # inches of height for each line of a legend
 
 
 def plot_curves(
@@ -143,9 +143,9 @@ def plot_curves(
     truths = [find_truth(result) for result in results]
     panels = panels_of(results, options, truths)
     check_xlim(panels, xlim)
-    if sum(map(len, panels)) <= MOST_CURVES or axes is not None:
+    if sum(map(len, panels)) <= _MOST_CURVES or axes is not None:
         return _draw_few(panels, with_bars(panels, options), truths, axes)
-    if len(results) <= MOST_PANELS:
+    if len(results) <= _MOST_PANELS:
         small = _one_each(panels)
         return _draw_multiples(small, with_bars(small, options))
     return _draw_heat(_one_each(panels), options)
@@ -189,7 +189,7 @@ def _draw_few(
                 panel[0].tick_params(labelbottom=False)
             _mark(panel, curves, options, truth)
         axes[-1].set_xlabel(time_label(options))
-        figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + LINE * lines))
+        figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
         if options.title and len(panels) > 1:
             figure.suptitle(wrapped(options.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
     return figure, axes
@@ -275,7 +275,7 @@ def _mark(
                 continue
             text = label if inside else f"{label} at {time:.3g} s"
             share = min(max((time - first) / (last - first), 0.0), 1.0)
-            wide = LETTER * len(text)
+            wide = _LETTER * len(text)
             # The second label goes to the right, away from the first and from peaks before it.
             right = share < 0.2 or (bool(taken) and share + wide < 1)
             begin, end = (share, share + wide) if right else (share - wide, share)
@@ -418,7 +418,7 @@ def _legend(
         handles=entries, loc="outside upper left", ncols=4,
         title=title or None, title_fontsize=8, alignment="left",
     )  # fmt: skip
-    more = LINE * 1.5 * (-(-len(entries) // 4) - 1)  # lines; the panels keep their height
+    more = _LINE * 1.5 * (-(-len(entries) // 4) - 1)  # lines; the panels keep their height
     figure.set_figheight(min(MOST_HEIGHT, figure.get_figheight() + more))
 
 
@@ -441,7 +441,7 @@ def _draw_heat(
             _draw_rows(panel, [row.get(detector) for row in rows], options, scale)
             panel.set_title(detector_named(detector).label)
             panel.set_xlabel(time_label(options))
-        step = -(-len(names) // MOST_NAMES)
+        step = -(-len(names) // _MOST_NAMES)
         shown = range(0, len(names), step)
         axes[0].set_yticks(shown, [in_two_lines(names[at]) for at in shown])
         axes[0].tick_params(axis="y", labelsize=6, length=0)
@@ -461,13 +461,13 @@ def _draw_rows(
     known = [curve for curve in curves if curve is not None]
     times = [curve.time for curve in known]
     begin, end = options.xlim or (min(t[0] for t in times), max(t[-1] for t in times))
-    bins = min(MOST_BINS, max(len(t) for t in times))
+    bins = min(_MOST_BINS, max(len(t) for t in times))
     values = np.full((len(curves), bins), np.nan)
     for row, curve in enumerate(curves):
         if curve is not None:
             values[row] = _binned(curve.time, curve.scaled(scale), begin, end, bins)
             for start, duration in curve.alarms():
-                axes.plot([start, start + duration], [row + 0.36] * 2, color=ALARM, lw=1.6,
+                axes.plot([start, start + duration], [row + 0.36] * 2, color=_ALARM, lw=1.6,
                           solid_capstyle="butt")  # fmt: skip
     bounds = (FLOOR, 100.0) if scale == "threshold" else None
     norm = norm_of(values, bounds)

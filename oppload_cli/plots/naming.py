@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.reading import Result
 
-PARAMETER_UNITS = {
+_PARAMETER_UNITS = {
     "_deg_s": "deg/s",
     "_deg": "deg",
     "_ms": "ms",
@@ -159,7 +159,7 @@ def described(parameter: str) -> str:
         return "l/v (ms)"
     if leaf == "end_deg":
         return "final size (deg)"
-    for suffix, unit in PARAMETER_UNITS.items():
+    for suffix, unit in _PARAMETER_UNITS.items():
         if leaf.endswith(suffix):
             return f"{leaf.removesuffix(suffix).replace('_', ' ')} ({unit})"
     return f"{owner} {leaf}".replace("_", " ").strip()

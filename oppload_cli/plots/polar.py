@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     Series = NDArray[np.float64]
 
 
-TURN = 2 * np.pi
-MOST_CURVES = 6  # in one plot; more get a small plot each
+_TURN = 2 * np.pi
+_MOST_CURVES = 6  # in one plot; more get a small plot each
 
 
 @dataclass(frozen=True)
@@ -256,7 +256,7 @@ def plot_polar(
     title : str
         Of the figure.
     """
-    if len(curves) > MOST_CURVES:
+    if len(curves) > _MOST_CURVES:
         return _draw_multiples(curves, raw=raw, title=title)
     groups = [[curve] for curve in curves] if raw else [list(curves)]
     columns = 1 if len(groups) <= 2 else 2 if len(groups) <= 4 else 3
@@ -345,7 +345,7 @@ def _free_direction(axes: PolarAxes) -> float:
     def distance(direction: float) -> float:
         at = np.deg2rad(direction)
         values = [
-            np.interp(at, np.asarray(line.get_xdata()), np.asarray(line.get_ydata()), period=TURN)
+            np.interp(at, np.asarray(line.get_xdata()), np.asarray(line.get_ydata()), period=_TURN)
             for line in axes.lines
         ]
         return float(min(abs(tick - value) for tick in ticks for value in values))

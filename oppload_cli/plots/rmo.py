@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
-MOST = 3  # results in one figure
-INDEX, MEAN = CYCLE[3], CYCLE[4]  # as on the pages, and unlike OppLoD and D-LGMD
+_MOST = 3  # results in one figure
+_INDEX, _MEAN = CYCLE[3], CYCLE[4]  # as on the pages, and unlike OppLoD and D-LGMD
 
 
 def plot_rmo(
@@ -64,9 +64,9 @@ def plot_rmo(
     'RMO index'
     """
     results = as_list(results)
-    if len(results) > MOST:
+    if len(results) > _MOST:
         raise ResultError(
-            f"{results[MOST].path}: one figure shows the RMO of at most {MOST} results; "
+            f"{results[_MOST].path}: one figure shows the RMO of at most {_MOST} results; "
             "leave out --output"
         )
     for result in results:
@@ -100,10 +100,10 @@ def _draw(panels: Sequence[Axes], result: Result) -> None:
     )
     index, size, share = panels
     index.axhline(0, color=FAINT, lw=0.6)
-    index.plot(time, values[0], color=INDEX)
+    index.plot(time, values[0], color=_INDEX)
     index.set(ylim=(-1.08, 1.08), yticks=[-1, 0, 1], ylabel="RMO index")
-    size.plot(time, values[1], color=MEAN, linestyle="-", label="mean of ROM pairs")
-    size.plot(time, values[2], color=MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
+    size.plot(time, values[1], color=_MEAN, linestyle="-", label="mean of ROM pairs")
+    size.plot(time, values[2], color=_MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
     size.set(ylim=(-0.04, 1.08), ylabel="RMO")
     size.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderpad=0, borderaxespad=0.1)
     share.plot(time, 100 * values[3], color=INK)

@@ -44,17 +44,17 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Tuning
 
 
-NARROW, WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
-MOST_TICKS = 24  # along a heat map
-TUNING_SCALES = ("peak", "raw")
-CLASSIC = {
+_NARROW, _WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
+_MOST_TICKS = 24  # along a heat map
+_TUNING_SCALES = ("peak", "raw")
+_CLASSIC = {
     "contact": plot_contact,
     "position": plot_position,
     "ends": plot_ends,
     "contrast": plot_contrast,
     "habituation": plot_habituation,
 }
-KINDS = ("polar", "line", "heat", *CLASSIC)
+KINDS = ("polar", "line", "heat", *_CLASSIC)
 
 
 def plot_tuning(
@@ -114,7 +114,7 @@ def plot_tuning(
     'speed (deg/s)'
     """
     tunings = as_list(tunings)
-    if scale not in TUNING_SCALES:
+    if scale not in _TUNING_SCALES:
         raise ParameterError(
             f"a table of peaks is drawn over its largest peak or raw, not --scale {scale}"
         )
@@ -125,9 +125,9 @@ def plot_tuning(
     if kind == "polar":
         curves = direction_tunings(tunings, models, lplc2, labels)
         return plot_polar(curves, raw=raw, title=title)
-    if kind in CLASSIC:
+    if kind in _CLASSIC:
         names = names_of(tunings, labels)
-        return CLASSIC[kind](Request(tunings, models, names, title, published))
+        return _CLASSIC[kind](Request(tunings, models, names, title, published))
     if kind == "line":
         return _plot_line(tunings, models, names_of(tunings, labels), raw=raw, title=title)
     if len(tunings) > 1:
@@ -254,7 +254,7 @@ def _plot_heat(tuning: Tuning, detectors: Sequence[str], title: str) -> tuple[Fi
     if len(names) > FEW:
         return _plot_small_heats(tuning, names, title)
     columns, rows = (tuning.rows[name].nunique() for name in tuning.parameters)
-    width = COLUMN if columns <= NARROW else PAGE
+    width = COLUMN if columns <= _NARROW else PAGE
     height = 0.2 + len(names) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
     with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
         axes = list(figure.subplots(len(names), 1, squeeze=False)[:, 0])
@@ -302,11 +302,11 @@ def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False
     share = values / largest if largest > 0 else values
     norm = norm_of(share, (10.0**-DECADES, 1.0) if small else None)
     image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
-    every = -(-share.shape[1] // (6 if small else MOST_TICKS))
+    every = -(-share.shape[1] // (6 if small else _MOST_TICKS))
     names = [_number(value) for value in cells.columns]
     axes.set_xticks(range(0, share.shape[1], every), names[::every])
     axes.set_yticks(range(share.shape[0]), [_number(value) for value in cells.index])
-    if share.size <= 100 and share.shape[1] <= WIDE and not small:
+    if share.size <= 100 and share.shape[1] <= _WIDE and not small:
         least = norm.vmin or 0.0
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):

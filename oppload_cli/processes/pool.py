@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-STOP_WITHIN_S = 1.5  # for so long a process may clean up after Ctrl-C; then it is killed
+_STOP_WITHIN_S = 1.5  # for so long a process may clean up after Ctrl-C; then it is killed
 TELL_EVERY_S = 0.25
 
 
@@ -139,7 +139,7 @@ class _Workers:
         """Wait for the processes to end; kill those that do not."""
         for connection in self._busy:
             connection.close()
-        deadline = time.monotonic() + STOP_WITHIN_S
+        deadline = time.monotonic() + _STOP_WITHIN_S
         for process in self._processes:
             process.join(max(0.0, deadline - time.monotonic()))
             if process.is_alive():
@@ -176,7 +176,7 @@ class _Workers:
         except (EOFError, OSError):
             del self._busy[connection]
             connection.close()
-            process.join(STOP_WITHIN_S)
+            process.join(_STOP_WITHIN_S)
             self._processes.remove(process)
             yield Event(Kind.DIED, item, ending(process.exitcode))
             yield from self._give(None)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Handler = signal.Handlers  # SIG_DFL or SIG_IGN
 
 
-SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 POLL_S = 0.1  # how long a thread may wait for something else before it asks again
 _received: list[int] = []
 
@@ -72,4 +72,4 @@ def ending(code: int | None) -> str:
 
 
 def _numbers(names: tuple[str, ...]) -> list[signal.Signals]:
-    return [getattr(signal, name) for name in names or SIGNALS if hasattr(signal, name)]
+    return [getattr(signal, name) for name in names or _SIGNALS if hasattr(signal, name)]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
-JOIN_WITHIN_S = 0.5  # so that Ctrl-C ends a run within one second
+_JOIN_WITHIN_S = 0.5  # so that Ctrl-C ends a run within one second
 
 _running: WeakSet[Prefetch[Any]] = WeakSet()
 
@@ -103,7 +103,7 @@ class Prefetch(Generic[Item]):
             return True
         self._stop.set()
         self._free_places.put(None)  # the thread may wait for one
-        self._thread.join(JOIN_WITHIN_S)
+        self._thread.join(_JOIN_WITHIN_S)
         return not self._thread.is_alive()
 
     def _next_made(self) -> Item | _End:

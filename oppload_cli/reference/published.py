@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 
-LPLC2_FILE, THRESHOLDS_FILE = "lplc2_klapoetke2017.csv", "looming_peak_times.csv"
+_LPLC2_FILE, _THRESHOLDS_FILE = "lplc2_klapoetke2017.csv", "looming_peak_times.csv"
 SOURCE = "Klapoetke et al. 2017, digitised from the replot in Zhou et al. 2022; error about 0.01"
 BAR_WIDTHS = (10, 60)
 # Bars that grow at both ends give 0.23 of the loom, at one end 0.05 to 0.08 (error 0.01 each).
@@ -61,7 +61,7 @@ def lplc2_peaks() -> tuple[_Peak, ...]:
             float(row["width_deg"]) if row["width_deg"] else None,
             float(row["peak_relative_to_loom"]),
         )
-        for row in _rows(LPLC2_FILE)
+        for row in _rows(_LPLC2_FILE)
     )
 
 
@@ -135,7 +135,7 @@ def angular_thresholds() -> tuple[AngularThreshold, ...]:
             place=row["place"],
             source=row["source"],
         )
-        for row in _rows(THRESHOLDS_FILE)
+        for row in _rows(_THRESHOLDS_FILE)
     )
 
 

@@ -31,15 +31,15 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import InputFacts, PictureSource
 
 
-LONGEST_SIDE = 960  # px: half a screen, and all of a phone's
+_LONGEST_SIDE = 960  # px: half a screen, and all of a phone's
 MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # px of longer videos, whose pages take time and space
 MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
-STILL_SIDE, QUALITY = 320, 80  # px and JPEG quality of the picture in the index
-AHEAD = 4  # pictures that wait to be encoded
+_STILL_SIDE, _QUALITY = 320, 80  # px and JPEG quality of the picture in the index
+_AHEAD = 4  # pictures that wait to be encoded
 # A key frame at least every half second at 30 frames/s: a step backwards decodes 15 frames at most.
 # Looking ahead, the encoder now and then gives other bytes for the same frames.
 _NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
-CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
+_CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def copy_video(
     size = _even_size(source.facts, len(frames))
     file = PartFile(path)
     try:
-        recording = Recording(file, *size, source.facts.frame_rate, CODEC)
+        recording = Recording(file, *size, source.facts.frame_rate, _CODEC)
         with (
             output_errors(path),
             _abandoned(recording),
@@ -133,7 +133,7 @@ def _ahead(
     """Return frames, times and pictures, which a thread decodes ahead of the caller."""
     colour = Colour(source.facts, size)
     pictures = span.within(source)
-    return Prefetch(((each.index, each.time_s, colour.planes(each)) for each in pictures), AHEAD)
+    return Prefetch(((each.index, each.time_s, colour.planes(each)) for each in pictures), _AHEAD)
 
 
 @contextmanager
@@ -148,7 +148,7 @@ def _abandoned(recording: Recording) -> Iterator[None]:
 
 def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
     """Return the size of the copy; H.264 of these colours has even sides only."""
-    longest = LONGEST_SIDE if frames < MANY_FRAMES else SIDE_OF_MANY
+    longest = _LONGEST_SIDE if frames < MANY_FRAMES else SIDE_OF_MANY
     width, height = colour_size(facts, longest)
     return max(2, width - width % 2), max(2, height - height % 2)
 
@@ -162,9 +162,9 @@ def _image_rate(result: Result) -> Fraction:
 
 def _jpeg(frame: av.VideoFrame) -> bytes:
     colour = frame.to_ndarray(format="bgr24", src_colorspace=BT709)
-    scale = min(1.0, STILL_SIDE / max(colour.shape[:2]))
+    scale = min(1.0, _STILL_SIDE / max(colour.shape[:2]))
     small = cv2.resize(colour, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return data.tobytes()
 
 

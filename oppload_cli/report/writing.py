@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-PAGE, INDEX = ".report.html", "index.html"
-GENERATOR = f"oppload {__version__}"
-SPARK = (240, 48)  # width and height of a small curve, in units of its drawing
-SPARK_LOW, SPARK_HIGH = -2.0, 2.0  # decades of the threshold that it shows
+_PAGE, _INDEX = ".report.html", "index.html"
+_GENERATOR = f"oppload {__version__}"
+_SPARK = (240, 48)  # width and height of a small curve, in units of its drawing
+_SPARK_LOW, _SPARK_HIGH = -2.0, 2.0  # decades of the threshold that it shows
 
 
 class _Entry(NamedTuple):
@@ -151,7 +151,7 @@ def write_report(
         If the index cannot be written, or there is an ``index.html`` that is not one of these.
     """
     make_folder(folder)
-    index = folder / INDEX if len(results) > 1 else None
+    index = folder / _INDEX if len(results) > 1 else None
     if index is not None:
         _refuse_other(index)
     items = [
@@ -188,7 +188,7 @@ def _pages(results: Sequence[Result | Path], folder: Path) -> Iterator[Path]:
             number += 1
             name = f"{stem}-{number}"
         taken.add(name)
-        yield folder / f"{name}{PAGE}"
+        yield folder / f"{name}{_PAGE}"
 
 
 def _refuse_other(index: Path) -> None:
@@ -207,7 +207,7 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
     """Write the page of one result."""
     result = item.result if isinstance(item.result, Result) else read_result(item.result)
     content = content_of(result)
-    beside = item.page.with_name(item.page.name.removesuffix(PAGE) + REPORTED)
+    beside = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
     copy: VideoCopy | None = None
     try:
         name = find_video(result, item.videos)
@@ -253,7 +253,7 @@ def _page(
     return rendered(
         "result.html",
         package=__package__,
-        generator=GENERATOR,
+        generator=_GENERATOR,
         policy=_policy(_script("uPlot"), _script("result")),
         chart=_script("uPlot"),
         script=_script("result"),
@@ -275,14 +275,14 @@ def _index_page(entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> 
     return rendered(
         "index.html",
         package=__package__,
-        generator=GENERATOR,
+        generator=_GENERATOR,
         policy=_policy(_script("index")),
         script=_script("index"),
         entries=ordered,
         alarmed=sum(bool(each.alarms) for each in entries),
         detectors=list(dict.fromkeys(spark[:2] for each in ordered for spark in each.sparks)),
         failures=[printable(str(failure)) for failure in failures],
-        spark_size=SPARK,
+        spark_size=_SPARK,
         threshold_row=_spark_row(1.0),
         embedded=partial(embedded, kind="jpeg"),
         address=lambda path: _address(path.name),
@@ -318,7 +318,7 @@ def _spark(curve: Curve, times: Any) -> str:
     known = np.flatnonzero(np.isfinite(curve.values))
     if not len(known):
         return ""
-    width = SPARK[0]
+    width = _SPARK[0]
     length = float(times[-1] - times[0]) or 1.0
     column = np.minimum(((times[known] - times[0]) / length * width).astype(int), width - 1)
     highest: dict[int, float] = {}
@@ -329,9 +329,9 @@ def _spark(curve: Curve, times: Any) -> str:
 
 
 def _spark_row(value: float) -> float:
-    level = np.log10(value) if value > 0 else SPARK_LOW
-    share = (min(max(level, SPARK_LOW), SPARK_HIGH) - SPARK_LOW) / (SPARK_HIGH - SPARK_LOW)
-    return float(SPARK[1] - 2 - (SPARK[1] - 4) * share)
+    level = np.log10(value) if value > 0 else _SPARK_LOW
+    share = (min(max(level, _SPARK_LOW), _SPARK_HIGH) - _SPARK_LOW) / (_SPARK_HIGH - _SPARK_LOW)
+    return float(_SPARK[1] - 2 - (_SPARK[1] - 4) * share)
 
 
 @cache

@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 
 
 # 60 degrees across, as LPLC2's: 5 px/deg at a height of 360, so 200 px at 240.
-FIELD = ("opplod.receptive_field=200",)
-BAR, LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
-AXES = [0, 15, 45, 75, 90, 105, 135, 165]
-SPEED_DEG_S, START_DEG, FIELD_DEG = 20.0, 5.0, 30.0
-FIELD_NOTE = (
+_FIELD = ("opplod.receptive_field=200",)
+_BAR, _LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
+_AXES = [0, 15, 45, 75, 90, 105, 135, 165]
+_SPEED_DEG_S, _START_DEG, _FIELD_DEG = 20.0, 5.0, 30.0
+_FIELD_NOTE = (
     "Preset reference has its receptive field set to 60 degrees here, that of LPLC2. The stimuli "
     "start without a pause: after one, the first moving frames meet no delayed inhibition yet."
 )
@@ -68,13 +68,13 @@ def bar_figures() -> list[Built]:
 
 
 def _tunings(preset: str) -> _Tunings:
-    settings = settings_of(preset, FIELD, detector="opplod")
+    settings = settings_of(preset, _FIELD, detector="opplod")
     bars = {}
     for width in BAR_WIDTHS:
-        shown = presented(BAR.format(width), settings, {**NO_PAUSE, "bar.axis_deg": AXES})
+        shown = presented(_BAR.format(width), settings, {**NO_PAUSE, "bar.axis_deg": _AXES})
         axes = [int(name.rpartition("-")[2]) for name in shown]
         bars[width] = dict(zip(axes, (each["opplod"] for each in shown.values()), strict=True))
-    loom = presented(LOOM, settings, NO_PAUSE)[LOOM]["opplod"]
+    loom = presented(_LOOM, settings, NO_PAUSE)[_LOOM]["opplod"]
     return _Tunings(bars, peak_of(loom))
 
 
@@ -102,14 +102,14 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
         "Dashed: the edge of a field of 60 degrees.",
         claims,
         png_bytes(_draw_over_time(tunings), DPI),
-        (FIELD_NOTE,),
+        (_FIELD_NOTE,),
     )
 
 
 def _middle(tunings: _Tunings) -> Finding:
     ends = np.array([_reach(each)[each.peak or 0] for each in _responding(tunings)])
     count = sum(len(bars) for bars in tunings.bars.values())
-    good = int(np.sum((ends >= 0.25 * FIELD_DEG) & (ends <= 0.75 * FIELD_DEG)))
+    good = int(np.sum((ends >= 0.25 * _FIELD_DEG) & (ends <= 0.75 * _FIELD_DEG)))
     low, high = (float(np.quantile(ends, q)) if ends.size else np.nan for q in (0.25, 0.75))
     return Finding(
         f"{good} of {count}; half of the peaks come with the ends {low:.0f} to {high:.0f} "
@@ -121,7 +121,7 @@ def _middle(tunings: _Tunings) -> Finding:
 
 def _edge(tunings: _Tunings) -> Finding:
     last = [
-        float(each.response[_reach(each) <= FIELD_DEG][-1] / each.response[each.peak or 0])
+        float(each.response[_reach(each) <= _FIELD_DEG][-1] / each.response[each.peak or 0])
         for each in _responding(tunings)
     ]
     median = float(np.median(last)) if last else float("nan")
@@ -139,7 +139,7 @@ def _responding(tunings: _Tunings) -> list[Responses]:
 
 def _reach(responses: Responses) -> NDArray[np.float64]:
     """Return how far the ends of the bar are out, in degrees."""
-    return START_DEG + SPEED_DEG_S * responses.time_s
+    return _START_DEG + _SPEED_DEG_S * responses.time_s
 
 
 def _polar(tunings: dict[str, _Tunings]) -> Built:
@@ -180,7 +180,7 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
             f"{plain(enhanced)} times the looming disk in preset reference, {plain(enhanced**0.5)} "
             "times before enhancing squares it. A normalising stage and suppression "
             "across axes are missing.",
-            FIELD_NOTE,
+            _FIELD_NOTE,
         ),
     )
 
@@ -248,9 +248,9 @@ def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
                         _reach(responses), responses.response / largest,
                         color=shades(abs(axis % 90 - 45) / 45), lw=0.9,
                     )  # fmt: skip
-                panel.axvline(FIELD_DEG, color=FAINT, lw=0.7, linestyle="--")
+                panel.axvline(_FIELD_DEG, color=FAINT, lw=0.7, linestyle="--")
                 panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {plain(largest)})")
-                panel.set_xlim(START_DEG, 34)
+                panel.set_xlim(_START_DEG, 34)
             row[0].set_ylabel("response / largest")
         for panel in axes[1]:
             panel.set_xlabel("reach of the bar's ends (deg)")

@@ -39,11 +39,11 @@ if TYPE_CHECKING:
     Shown = dict[str, Any]
 
 
-BAR, BLOCK = "opplod2023/expanding-bar-vertical", "opplod2023/approaching-block"
-SHOWN_FRAME = {BAR: 24, BLOCK: 34}
-SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
-VERTICAL = {90: "upward", 270: "downward"}
-DIAGONALS = (45, 135, 225, 315)
+_BAR, _BLOCK = "opplod2023/expanding-bar-vertical", "opplod2023/approaching-block"
+_SHOWN_FRAME = {_BAR: 24, _BLOCK: 34}
+_SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
+_VERTICAL = {90: "upward", 270: "downward"}
+_DIAGONALS = (45, 135, 225, 315)
 
 
 def up_and_down() -> Built:
@@ -51,15 +51,17 @@ def up_and_down() -> Built:
     findings, shown = {}, {}
     for preset in PRESETS:
         settings = _with_axes(settings_of(preset), 0)
-        leaks, shown[preset] = _wrong_sides(load(BAR), settings, tuple(VERTICAL), SHOWN_FRAME[BAR])
-        speed, wrong = _speed(load(BAR), settings), float(leaks.mean(axis=0).max())
+        leaks, shown[preset] = _wrong_sides(
+            load(_BAR), settings, tuple(_VERTICAL), _SHOWN_FRAME[_BAR]
+        )
+        speed, wrong = _speed(load(_BAR), settings), float(leaks.mean(axis=0).max())
         findings[preset] = Finding(
             f"At its working size an end of the bar moves {speed:.2g} px/frame; the pathway of "
             f"the other direction keeps {100 * wrong:.1f} % of the S that the right one passes.",
             at_most(wrong, 0.01, 0.1),
             {"speed_px_frame": speed, "wrong_over_right": wrong},
         )
-    by_speed = {speed: _leak_at(speed) for speed in SPEEDS}
+    by_speed = {speed: _leak_at(speed) for speed in _SPEEDS}
     claim = Claim(
         "One pathway extracts the upward end of the bar, the other the downward one; each "
         "suppresses the opposite motion to zero.",
@@ -75,7 +77,7 @@ def up_and_down() -> Built:
         png_bytes(_draw_up_down(shown, by_speed), DPI),
         (
             "Suppression is complete up to 3 px/frame of the working frame and fades above: at "
-            f"{SPEEDS[-1]} px/frame {100 * by_speed[SPEEDS[-1]]:.0f} % remains. The working size "
+            f"{_SPEEDS[-1]} px/frame {100 * by_speed[_SPEEDS[-1]]:.0f} % remains. The working size "
             "and the frame rate therefore decide whether this statement holds.",
             "The paper's formula for theta = 90 and 270 degrees gives diagonals; here a pathway "
             "is named by the direction that it passes.",
@@ -88,7 +90,9 @@ def diagonals() -> Built:
     findings, shown = {}, {}
     for preset in PRESETS:
         settings = settings_of(preset)
-        leaks, shown[preset] = _wrong_sides(load(BLOCK), settings, DIAGONALS, SHOWN_FRAME[BLOCK])
+        leaks, shown[preset] = _wrong_sides(
+            load(_BLOCK), settings, _DIAGONALS, _SHOWN_FRAME[_BLOCK]
+        )
         shares = 1 / (1 + leaks)
         share, last = float(shares.mean(axis=0).min()), float(shares[-1].min())
         findings[preset] = Finding(
@@ -169,9 +173,9 @@ def _leak_at(speed: int) -> float:
     """Return the share that the wrong direction keeps at a speed in px/frame."""
     display = {"display.width": 300, "display.height": 300}
     timing = {"timing.motion_s": 0.6}
-    protocol = load(BAR, {**display, **timing, "bar.growth.speed_deg_s": 3 * speed})
+    protocol = load(_BAR, {**display, **timing, "bar.growth.speed_deg_s": 3 * speed})
     settings = _with_axes(settings_of("reference", height="native"), 0)
-    return float(_wrong_sides(protocol, settings, tuple(VERTICAL), -1)[0].mean(axis=0).max())
+    return float(_wrong_sides(protocol, settings, tuple(_VERTICAL), -1)[0].mean(axis=0).max())
 
 
 def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure:
@@ -180,10 +184,10 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
     with styled_figure(WIDE, 6.2) as figure:
         axes = figure.subplots(3, 3)
         for row, preset in zip(axes, PRESETS, strict=False):
-            _picture(row[0], shown[preset]["luma"], f"{TITLES[preset]}: frame {SHOWN_FRAME[BAR]}")
-            for panel, (phi, name) in zip(row[1:], VERTICAL.items(), strict=True):
+            _picture(row[0], shown[preset]["luma"], f"{TITLES[preset]}: frame {_SHOWN_FRAME[_BAR]}")
+            for panel, (phi, name) in zip(row[1:], _VERTICAL.items(), strict=True):
                 _map(panel, shown[preset]["maps"][phi], f"S of the {name} pathway")
-        for panel, (phi, name) in zip(axes[2], VERTICAL.items(), strict=False):
+        for panel, (phi, name) in zip(axes[2], _VERTICAL.items(), strict=False):
             kernel = direction_mask(params, phi) * (kernels[0] + kernels[1])
             image = panel.imshow(kernel, cmap=SHADES, extent=(-6.5, 6.5, 6.5, -6.5))
             panel.set(title=f"inhibition kernel, {name} pathway", xlabel="x (px)", ylabel="y (px)")
@@ -201,9 +205,9 @@ def _draw_diagonals(shown: dict[str, Shown]) -> Figure:
     with styled_figure(WIDE, 3.6) as figure:
         axes = figure.subplots(2, 5)
         for row, preset in zip(axes, PRESETS, strict=True):
-            _picture(row[0], shown[preset]["luma"], f"frame {SHOWN_FRAME[BLOCK]}")
+            _picture(row[0], shown[preset]["luma"], f"frame {_SHOWN_FRAME[_BLOCK]}")
             row[0].set_ylabel(TITLES[preset])
-            for panel, phi in zip(row[1:], DIAGONALS, strict=True):
+            for panel, phi in zip(row[1:], _DIAGONALS, strict=True):
                 _map(panel, shown[preset]["maps"][phi], f"S, passes {phi}°")
     return figure
 

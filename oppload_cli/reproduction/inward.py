@@ -32,16 +32,16 @@ if TYPE_CHECKING:
     Shown = dict[str, dict[int, Responses]]
 
 
-STIMULI = {
+_STIMULI = {
     "outward": "opplod2023/bar-10",
     "outward, inward at the periphery": "opplod2023/periphery-inhibition",
     "inward": "opplod2023/inward-motion",
 }
-OUTWARD, BOTH, INWARD = STIMULI
-ANGLES = [0, 45]
+_OUTWARD, _BOTH, _INWARD = _STIMULI
+_ANGLES = [0, 45]
 # 60 degrees across, as LPLC2's: 8 px/deg at a height of 600, so 192 px at 240.
-FIELD = ("opplod.receptive_field=192",)
-FILTERS = {"reference": -1, "paper": 1}  # weight of inward motion
+_FIELD = ("opplod.receptive_field=192",)
+_FILTERS = {"reference": -1, "paper": 1}  # weight of inward motion
 
 
 def inward_motion() -> Built:
@@ -81,19 +81,19 @@ def inward_motion() -> Built:
 
 
 def _shown(preset: str) -> Shown:
-    settings = settings_of(preset, FIELD, detector="opplod")
+    settings = settings_of(preset, _FIELD, detector="opplod")
     made: Shown = {}
-    for label, name in STIMULI.items():
-        key = "bar.axis_deg" if label == OUTWARD else "scene.rotation_deg"
-        members = presented(name, settings, {**NO_PAUSE, key: ANGLES})
-        made[label] = dict(zip(ANGLES, (each["opplod"] for each in members.values()), strict=True))
+    for label, name in _STIMULI.items():
+        key = "bar.axis_deg" if label == _OUTWARD else "scene.rotation_deg"
+        members = presented(name, settings, {**NO_PAUSE, key: _ANGLES})
+        made[label] = dict(zip(_ANGLES, (each["opplod"] for each in members.values()), strict=True))
     return made
 
 
 def _inward(shown: Shown) -> Finding:
     ratios = {
-        angle: peak_of(shown[INWARD][angle]) / max(peak_of(shown[OUTWARD][angle]), 1e-30)
-        for angle in ANGLES
+        angle: peak_of(shown[_INWARD][angle]) / max(peak_of(shown[_OUTWARD][angle]), 1e-30)
+        for angle in _ANGLES
     }
     return Finding(
         f"Inward motion gives {_stated(ratios)}.",
@@ -105,9 +105,9 @@ def _inward(shown: Shown) -> Finding:
 def _suppression(shown: Shown) -> Finding:
     ratios = {
         angle: float(
-            np.nanmean(shown[BOTH][angle].response) / np.nanmean(shown[OUTWARD][angle].response)
+            np.nanmean(shown[_BOTH][angle].response) / np.nanmean(shown[_OUTWARD][angle].response)
         )
-        for angle in ANGLES
+        for angle in _ANGLES
     }
     worse, better = max(ratios.values()), min(ratios.values())
     return Finding(
@@ -125,9 +125,9 @@ def _draw(shown: dict[str, Shown]) -> Figure:
     with styled_figure(WIDE, 4.8) as figure:
         axes = figure.subplots(2, 3, width_ratios=[1, 1, 0.72])
         for row, (preset, each) in zip(axes, shown.items(), strict=True):
-            for panel, angle in zip(row, ANGLES, strict=False):
-                largest = max(peak_of(each[label][angle]) for label in STIMULI) or 1.0
-                for label, colour, dash in zip(STIMULI, CYCLE, ("-", "--", "-."), strict=False):
+            for panel, angle in zip(row, _ANGLES, strict=False):
+                largest = max(peak_of(each[label][angle]) for label in _STIMULI) or 1.0
+                for label, colour, dash in zip(_STIMULI, CYCLE, ("-", "--", "-."), strict=False):
                     responses = each[label][angle]
                     panel.plot(
                         responses.time_s, responses.response / largest, color=colour,
@@ -138,7 +138,7 @@ def _draw(shown: dict[str, Shown]) -> Figure:
             row[0].set_ylabel("response / largest")
         handles, labels = axes[0, 0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3)
-        for panel, (preset, weight) in zip(axes[:, 2], FILTERS.items(), strict=True):
+        for panel, (preset, weight) in zip(axes[:, 2], _FILTERS.items(), strict=True):
             _draw_filter(figure, panel, preset, weight)
     return figure
 

@@ -35,27 +35,28 @@ if TYPE_CHECKING:
     Shown = dict[str, dict[str, Responses]]
 
 
-CENTRE, OFF_CENTRE = "opplod2023/looming-disk-centre", "opplod2023/looming-disk-off-centre"
+_CENTRE, _OFF_CENTRE = "opplod2023/looming-disk-centre", "opplod2023/looming-disk-off-centre"
 # The paper's field of 200 px, at the size at which the disk is drawn.
-FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
-PAPER = {"opplod": 22, "dlgmd": 43}  # frame of the peak in the paper's figure
-EARLY = 0.1  # of the peak
+_FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
+_PAPER = {"opplod": 22, "dlgmd": 43}  # frame of the peak in the paper's figure
+_EARLY = 0.1  # of the peak
 
 
 def looming_centre() -> Built:
     """Show the disk in the middle of the field."""
-    return _figure("looming-centre", "Looming disk in the middle of the field", CENTRE)
+    return _figure("looming-centre", "Looming disk in the middle of the field", _CENTRE)
 
 
 def looming_off_centre() -> Built:
     """Show the disk off the middle."""
-    return _figure("looming-off-centre", "Looming disk off the middle of the field", OFF_CENTRE)
+    return _figure("looming-off-centre", "Looming disk off the middle of the field", _OFF_CENTRE)
 
 
 def _figure(name: str, title: str, stimulus: str) -> Built:
     protocol = load(stimulus)
     shown = {
-        preset: present(protocol, settings_of(preset, FIELD, height="native")) for preset in PRESETS
+        preset: present(protocol, settings_of(preset, _FIELD, height="native"))
+        for preset in PRESETS
     }
     peak = "OppLoD's response peaks near frame 22."
     notes = [
@@ -65,7 +66,7 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
         "entire frame: an earlier peak is a statement about the size of the field. Figure "
         "'thresholds' compares at equal false alarms.",
     ]
-    if stimulus == OFF_CENTRE:
+    if stimulus == _OFF_CENTRE:
         peak = "Off the middle, OppLoD's peak comes as early as in it."
         notes.append("D-LGMD's curve turns where the disk first reaches the frame's border.")
     claims = (
@@ -91,7 +92,7 @@ def _frame_of_peak(responses: Responses) -> int:
 def _peaks_near(shown: Shown, detector: str, statement: str) -> Claim:
     findings = {}
     for preset, each in shown.items():
-        peak, paper = _frame_of_peak(each[detector]), PAPER[detector]
+        peak, paper = _frame_of_peak(each[detector]), _PAPER[detector]
         findings[preset] = Finding(
             f"{detector_named(detector).label} peaks at frame {peak}; "
             f"the paper's figure says {paper}.",
@@ -123,7 +124,7 @@ def _earlier(shown: Shown) -> Claim:
 
 def _onset(responses: Responses) -> int:
     peak = float(responses.response[responses.peak or 0])
-    return int(responses.frame[int(np.argmax(responses.response >= EARLY * peak))])
+    return int(responses.frame[int(np.argmax(responses.response >= _EARLY * peak))])
 
 
 def _found(protocol: Protocol, shown: Shown) -> Claim:
@@ -163,7 +164,7 @@ def _draw(protocol: Protocol, shown: Shown) -> Figure:
                 label = f"{detector_named(name).label}, peak {over:.3g}"
                 curves.plot(responses.frame, responses.response / over, color=colour, label=label)
                 curves.plot(responses.frame[peak], 1, "o", mfc="none", mec=colour, clip_on=False)
-            for name, frame in PAPER.items():
+            for name, frame in _PAPER.items():
                 curves.axvline(frame, color=detector_named(name).colour, lw=0.8, linestyle=":")
             curves.set(title=TITLES[preset], xlabel="frame (dotted: the paper's peaks)")
             curves.set(ylabel="response / peak", ylim=(-0.03, 1.08))

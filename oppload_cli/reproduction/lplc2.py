@@ -36,12 +36,12 @@ if TYPE_CHECKING:
 
     Series = NDArray[np.float64]
 
-PRESET = "lplc2"
+_PRESET = "lplc2"
 # One unit in the middle of the stimulus, as the neuron that an electrode or a dye is in.
-CENTRE = ("opplod.units=1x1",)
-FIELD = ("opplod.receptive_field=200",)  # 60 degrees, as that of preset lplc2
-SETTINGS = {PRESET: CENTRE, "reference": (*CENTRE, *FIELD), "paper": ()}
-MODELS = "mlplc2", "emd_lplc2_gf", "zhou_lrf"
+_CENTRE = ("opplod.units=1x1",)
+_FIELD = ("opplod.receptive_field=200",)  # 60 degrees, as that of preset lplc2
+_SETTINGS = {_PRESET: _CENTRE, "reference": (*_CENTRE, *_FIELD), "paper": ()}
+_MODELS = "mlplc2", "emd_lplc2_gf", "zhou_lrf"
 
 
 class _Family(NamedTuple):
@@ -142,10 +142,10 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
         Peaks of the calcium signal over that for the loom; the time constant is that of
         preset ``lplc2`` for all.
     """
-    detector = "opplod" if name in SETTINGS else name
+    detector = "opplod" if name in _SETTINGS else name
     settings = (
-        resolve(preset=name, models=["opplod"], assignments=SETTINGS[name])
-        if name in SETTINGS
+        resolve(preset=name, models=["opplod"], assignments=_SETTINGS[name])
+        if name in _SETTINGS
         else resolve(models=[name])
     )
     signals = {
@@ -180,7 +180,7 @@ def _signals(
 
 
 def _signal(protocol: Protocol, settings: Settings, detector: str) -> tuple[Series, Series]:
-    params = parameters_of("opplod", PRESET)
+    params = parameters_of("opplod", _PRESET)
     constant = params.calcium_s if isinstance(params, OpplodParams) else 0.0
     found: Responses = present(protocol, settings)[detector]
     return found.time_s, low_passed(found.response, found.time_s, constant)
@@ -203,7 +203,7 @@ def off_centre(
     list of float
         Peaks of the calcium signal over that with the disk in the centre.
     """
-    settings = resolve(preset=PRESET, models=["opplod"], assignments=CENTRE)
+    settings = resolve(preset=_PRESET, models=["opplod"], assignments=_CENTRE)
     peaks = []
     for place in ((0.0, 0.0), *places):
         (protocol,) = load_all(stimulus, {"disk.centre_deg": list(place)})
@@ -293,7 +293,7 @@ def _ratio(one: float, other: float) -> float:
 
 def battery() -> Built:
     """Show the whole battery to three presets and to the other LPLC2 models."""
-    shown = {name: show(name) for name in (*SETTINGS, *MODELS)}
+    shown = {name: show(name) for name in (*_SETTINGS, *_MODELS)}
     claims = (
         Claim(
             "Responses to bars, crosses, edges and gratings over that to the looming disk are "
@@ -362,14 +362,14 @@ def _draw(shown: Mapping[str, _Shown]) -> Figure:
         for column, width in enumerate((10, 60)):
             panel = figure.add_subplot(grid[0, column], projection="polar")
             _polar(cast("PolarAxes", panel), shown, width)
-        _others(figure.add_subplot(grid[1, 0]), shown[PRESET].rows)
-        _courses(figure.add_subplot(grid[1, 1]), shown[PRESET])
+        _others(figure.add_subplot(grid[1, 0]), shown[_PRESET].rows)
+        _courses(figure.add_subplot(grid[1, 1]), shown[_PRESET])
     return figure
 
 
 def _polar(panel: PolarAxes, shown: Mapping[str, _Shown], width: int) -> None:
     curves = []
-    for name, colour, dash in ((PRESET, CYCLE[0], "-"), ("reference", CYCLE[2], "--")):
+    for name, colour, dash in ((_PRESET, CYCLE[0], "-"), ("reference", CYCLE[2], "--")):
         rows = [row for row in shown[name].rows if row.stimulus == f"bar-expand-{width}"]
         peaks_by_axis = {row.axis_deg or 0.0: row.peak_over_loom for row in rows}
         curves.append(_curve(f"preset {name}", peaks_by_axis, colour, dash))

@@ -35,8 +35,8 @@ FIGURES = {
     "lplc2": ("lplc2.battery", 400),
 }
 TABLES = {"lplc2": ("lplc2.csv",)}  # further files of a figure
-SCHEMA = "oppload.reproduction/1"
-PAPER = (
+_SCHEMA = "oppload.reproduction/1"
+_PAPER = (
     "OppLoD: the Opponency based Looming Detector, Model Extension of Looming Sensitivity from "
     "LGMD to LPLC2"
 )
@@ -122,8 +122,8 @@ def report_of(figures: Sequence[Built], wall_s: float) -> dict[str, Any]:
         How long making them took, in seconds.
     """
     return {
-        "schema": SCHEMA,
-        "paper": PAPER,
+        "schema": _SCHEMA,
+        "paper": _PAPER,
         "tool": environment(),
         "wall_s": round(wall_s, 1),
         "figures": [figure.as_dict() for figure in figures],

@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     Index = NDArray[np.float64]
 
 
-PAIRS, SAMPLES, SEED = 300, 20001, 7
+_PAIRS, _SAMPLES, _SEED = 300, 20001, 7
 # Starts and vectors, x right and y down, of the typical patterns.
-PATTERNS = {
+_PATTERNS = {
     "outward, equal": ((-1, 0), (-2, 0), (1, 0), (2, 0)),
     "outward, unequal": ((-1, 0), (-1, 0), (1, 0), (2.5, 0)),
     "outward, 20° apart": ((-1, 0), (-2, 0.35), (1, 0), (2, 0.35)),
@@ -48,15 +48,15 @@ PATTERNS = {
     "rotation": ((-1.2, 0), (0, 2), (1.2, 0), (0, -2)),
     "across": ((-1, 0), (-2, 0), (0, 1), (0, 2)),
 }
-HEIGHT, SLOWEST = 240, 0.5  # px, px/frame
-LOOMING = {
+_HEIGHT, _SLOWEST = 240, 0.5  # px, px/frame
+_LOOMING = {
     "opplod2023/looming-disk-centre": {},
     "opplod2023/looming-disk-off-centre": {},
     "opplod2023/approaching-block": {},
     "klapoetke2017/loom-l-over-v": {"disk.growth.l_over_v_ms": [40, 100]},
     "controls/looming-on-static-texture": {},
 }
-OTHERS = {
+_OTHERS = {
     "controls/translating-disk-speed": {"disk.motion.speed_deg_s": [20, 40]},
     "controls/translating-disk-direction": {"scene.rotation_deg": [45]},
     "controls/receding-disk": {"disk.growth.l_over_v_ms": [40, 100]},
@@ -80,7 +80,7 @@ def definition() -> Built:
             "form sides x min(|v1|, |v2|) / (|v1| + |v2|); holds: at most 0.001, in part: 0.05",
             {
                 NO_PRESET: Finding(
-                    f"Over {PAIRS} random pairs the two differ by at most {largest:.1g}.",
+                    f"Over {_PAIRS} random pairs the two differ by at most {largest:.1g}.",
                     at_most(largest, 1e-3, 0.05),
                     {"largest_difference": largest},
                 )
@@ -145,7 +145,7 @@ def _construct(s1: Point, v1: Point, s2: Point, v2: Point, sides: int = 2) -> _C
     middle = meeting + line * float((s1 + s2) / 2 @ line - meeting @ line)
     # (3) both vectors projected on the line, from there
     ends = [float((point - middle) @ line) for point in (s1, s1 + v1, s2, s2 + v2)]
-    x = np.linspace(-1.01, 1.01, SAMPLES) * max(map(abs, ends))
+    x = np.linspace(-1.01, 1.01, _SAMPLES) * max(map(abs, ends))
     in_first = (x >= min(ends[:2])) & (x <= max(ends[:2]))
     in_second = (-x >= min(ends[2:])) & (-x <= max(ends[2:]))
     symmetric = float(np.sum(in_first & in_second) * (x[1] - x[0]))
@@ -156,9 +156,9 @@ def _construct(s1: Point, v1: Point, s2: Point, v2: Point, sides: int = 2) -> _C
 
 def _differences() -> tuple[float, float]:
     """Return the largest differences from the closed form, two-sided and literal."""
-    random = np.random.default_rng(SEED)
+    random = np.random.default_rng(_SEED)
     worst = {1: 0.0, 2: 0.0}
-    for _ in range(PAIRS):
+    for _ in range(_PAIRS):
         angle, between = random.uniform(0, 2 * np.pi), np.deg2rad(random.uniform(1, 29))
         turned = angle + np.pi + between
         v1 = random.uniform(0.5, 3) * np.array([np.cos(angle), np.sin(angle)])
@@ -175,7 +175,7 @@ def _draw_definition() -> Figure:
         left, right = figure.subfigures(1, 2, width_ratios=[1.1, 1.2], squeeze=False)[0]
         _draw_construction(left.subplots())
         panels = right.subplots(2, 4)
-        for panel, (name, values) in zip(panels.flat, PATTERNS.items(), strict=True):
+        for panel, (name, values) in zip(panels.flat, _PATTERNS.items(), strict=True):
             _draw_pattern(panel, name, np.array(values, float))
     return figure
 
@@ -239,7 +239,7 @@ def _xy(point: Point) -> tuple[float, float]:
 
 def stimuli() -> Built:
     """Measure the RMO index of looming and other stimuli."""
-    looming, others = _indices(LOOMING), _indices(OTHERS)
+    looming, others = _indices(_LOOMING), _indices(_OTHERS)
     least = min(float(index.min()) for index in looming.values())
     worst = max(others, key=lambda name: float(others[name].max()))
     most = float(others[worst].max())
@@ -288,14 +288,14 @@ def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, Index]:
 
 def _index(protocol: Protocol) -> Index:
     """Return the RMO index of the frames in which something moves fast enough."""
-    flow, scale = DenseFlow(), HEIGHT / protocol.display.height
+    flow, scale = DenseFlow(), _HEIGHT / protocol.display.height
     turning = any(each.motion and each.motion.rotation_deg_s for each in protocol.objects)
     values = []
-    for frame in StimulusVideo(protocol, HEIGHT):
+    for frame in StimulusVideo(protocol, _HEIGHT):
         metrics = flow.step(frame.luma)
         moving = [each for each in frame_truth(protocol, frame.index).objects if each.visible]
         speed = max((abs(each.edge_speed_px_frame) for each in moving), default=0.0) * scale
-        if metrics is not None and (speed > SLOWEST or turning):
+        if metrics is not None and (speed > _SLOWEST or turning):
             values.append(metrics.rmo_index)
     return np.array(values)
 

@@ -35,19 +35,19 @@ if TYPE_CHECKING:
     Changes = dict[str, dict[str, list[int]]]
 
 
-TWO = [0, 45]
-CONTROLS = {
+_TWO = [0, 45]
+_CONTROLS = {
     "controls/receding-disk": {"disk.growth.l_over_v_ms": [10, 100]},
     "controls/translating-disk-speed": {"disk.motion.speed_deg_s": [20, 40]},
     "controls/translating-disk-direction": {"scene.rotation_deg": [45]},
-    "controls/texture-pan": {"ground.motion.direction_deg": TWO},
+    "controls/texture-pan": {"ground.motion.direction_deg": _TWO},
     "controls/texture-rotation": {"ground.motion.rotation_deg_s": [45]},
-    "controls/square-grating": {"grating.axis_deg": TWO},
+    "controls/square-grating": {"grating.axis_deg": _TWO},
     "controls/rotating-bar": {"bar.motion.rotation_deg_s": [90]},
     "klapoetke2017/bar-sweep": {"scene.rotation_deg": [0]},
     "klapoetke2017/edge": {"scene.rotation_deg": [0]},
 }
-LOOMING = {
+_LOOMING = {
     "opplod2023/looming-disk-centre": {},
     "opplod2023/looming-disk-off-centre": {},
     "opplod2023/approaching-block": {},
@@ -56,7 +56,7 @@ LOOMING = {
     "klapoetke2017/loom-l-over-v": {"disk.growth.l_over_v_ms": [10, 40, 100]},
 }
 # Shorter than in the catalogue: a slow beginning, a crossing or a full disk adds nothing.
-SHORT = {
+_SHORT = {
     "controls/receding-disk": {"timing.motion_s": 1.0},
     "controls/rotating-bar": {"timing.motion_s": 1.0},
     "klapoetke2017/bar-sweep": {"timing.motion_s": 1.5},
@@ -64,13 +64,13 @@ SHORT = {
     "klapoetke2017/loom-speed": {"timing.motion_s": 1.3},
     "klapoetke2017/loom-l-over-v": {"timing.motion_s": 1.0},
 }
-DETECTORS = ("opplod", "dlgmd")
+_DETECTORS = ("opplod", "dlgmd")
 
 
 def thresholds() -> Built:
     """Set each detector's threshold by the controls, and compare first crossings."""
     controls, looming = (
-        {preset: _shown(preset, stimuli) for preset in PRESETS} for stimuli in (CONTROLS, LOOMING)
+        {preset: _shown(preset, stimuli) for preset in PRESETS} for stimuli in (_CONTROLS, _LOOMING)
     )
     worst = {preset: _worst(controls[preset]) for preset in PRESETS}
     limits = {
@@ -97,7 +97,7 @@ def thresholds() -> Built:
             "Peaks alone flatter OppLoD: they come when the edge leaves its field, which is "
             "smaller than the frame that D-LGMD sees. This figure compares first crossings, on "
             "which an alarm depends.",
-            f"Controls: {_count(CONTROLS)} stimuli of {len(CONTROLS)} kinds (receding, "
+            f"Controls: {_count(_CONTROLS)} stimuli of {len(_CONTROLS)} kinds (receding, "
             "translating, panning, rotating, gratings, edges), none of which looms, at each "
             "preset's own working height and without a pause before the motion.",
             *(
@@ -114,7 +114,7 @@ def _shown(preset: str, stimuli: Changes) -> Shown:
     settings = settings_of(preset)
     made: Shown = {}
     for name, changes in stimuli.items():
-        made.update(presented(name, settings, {**NO_PAUSE, **SHORT.get(name, {}), **changes}))
+        made.update(presented(name, settings, {**NO_PAUSE, **_SHORT.get(name, {}), **changes}))
     return made
 
 
@@ -129,7 +129,7 @@ def _worst(controls: Shown) -> dict[str, tuple[str, float]]:
             ((name, peak_of(each[detector])) for name, each in controls.items()),
             key=lambda pair: pair[1],
         )
-        for detector in DETECTORS
+        for detector in _DETECTORS
     }
 
 
@@ -184,7 +184,7 @@ def _draw(first: dict[str, First]) -> Figure:
 def _draw_crossings(axes: Axes, first: First) -> None:
     times = [time for each in first.values() for time in each.values() if time is not None]
     end = 1.12 * max(times, default=1.0)
-    for name, marker, shift in zip(DETECTORS, "os", (-0.12, 0.12), strict=True):
+    for name, marker, shift in zip(_DETECTORS, "os", (-0.12, 0.12), strict=True):
         crossings = [each[name] for each in first.values()]
         seen = [(time, row) for row, time in enumerate(crossings) if time is not None]
         missed = [row for row, time in enumerate(crossings) if time is None]

@@ -19,7 +19,7 @@ from oppload_cli.stimulus.tables import SURROUNDINGS
 
 _TABLES = ("display", "timing", "scene", "camera", "effects")
 _MOST_MEMBERS = 10_000
-DEEPEST = 20  # dots in a swept key
+_DEEPEST = 20  # dots in a swept key
 
 
 @dataclass(frozen=True)
@@ -346,7 +346,7 @@ def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any
     """Flatten a ``[sweep]`` table to lists of values by dotted key."""
     if not isinstance(table, dict):
         raise StimulusError(f"{where}: sweep must be a table of lists, not {table!r}")
-    if prefix.count(".") > DEEPEST:
+    if prefix.count(".") > _DEEPEST:
         raise StimulusError(f"{where}: sweep is nested too deep; write keys such as bar.axis_deg")
     flat: dict[str, list[Any]] = {}
     for key, value in table.items():

@@ -15,14 +15,14 @@ from oppload_cli.schema import REQUIRED, Table, parameter
 
 Vector = tuple[float, float, float]
 
-COURSES = (
+_COURSES = (
     *("collision", "near-miss", "crossing", "overtaking", "receding", "hovering", "straight"),
 )
 _TOWARDS = ("collision", "near-miss")
 _PASSING = ("near-miss", "crossing", "overtaking")
 _MOVING = (*_TOWARDS, "crossing", "overtaking", "receding")
 _FROM = ("crossing", "receding", "hovering")
-SIDES = {"left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, 1.0, 0.0)}
+_SIDES = {"left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, 1.0, 0.0)}
 HIT_SIZES = 0.5  # an object whose middle passes nearer than half its size hits the camera
 
 
@@ -35,7 +35,7 @@ class Course(Table):
         "collision: straight at the camera; near-miss: past it; crossing: from side to side; "
         "overtaking: past the camera from behind; receding; hovering: stays where it is; "
         "straight: as start_m and velocity_m_s say",
-        choices=COURSES,
+        choices=_COURSES,
     )
     speed_m_s: float | None = parameter(
         None, "speed", unit="m/s", above=0, high=1000, kinds=_MOVING, needed_by=_MOVING
@@ -79,7 +79,7 @@ class Course(Table):
     side: str = parameter(
         "left",
         "side on which it passes (near-miss, overtaking) or from which it comes (crossing)",
-        choices=tuple(SIDES),
+        choices=tuple(_SIDES),
         kinds=_PASSING,
     )
     braking_m_s2: float = parameter(
@@ -190,7 +190,7 @@ def line_of(course: Course, size_m: float, lasts_s: float) -> Line:
     bearing = _direction(course.bearing_deg)
     speed, distance = course.speed_m_s or 0.0, course.distance_m or 0.0
     way = speed * (lasts_s if course.contact_s is None else course.contact_s)
-    side, brake = SIDES[course.side], course.braking_m_s2
+    side, brake = _SIDES[course.side], course.braking_m_s2
     missed = _scaled(side, (course.miss_sizes or 0.0) * size_m)
     back = _scaled(bearing, -1.0)
     if course.kind in _TOWARDS:

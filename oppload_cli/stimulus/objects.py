@@ -11,8 +11,8 @@ from oppload_cli.schema import REQUIRED, Table, parameter
 from oppload_cli.stimulus.courses import Course
 
 GRATINGS = ("square-grating", "sine-grating", "plaid")
-PATTERNS = (*GRATINGS, "texture", "dots")
-FIELDS = ("field", *PATTERNS)
+_PATTERNS = (*GRATINGS, "texture", "dots")
+FIELDS = ("field", *_PATTERNS)
 SIZED = ("disk", "square", "bar", "cross", "ring", "patch")
 PICTURE = "picture"
 KINDS = (*SIZED, "edge", *FIELDS, PICTURE)
@@ -244,7 +244,7 @@ class Object(Table):
         "of the dots over that of the ground, minus 1 (negative: dark dots)",
         low=-1,
         high=10,
-        kinds=(*PATTERNS, "patch"),
+        kinds=(*_PATTERNS, "patch"),
     )
     period_deg: float | None = parameter(
         None,
@@ -338,13 +338,13 @@ class Object(Table):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.luminance is None:
-            shaded = self.kind in PATTERNS or self.kind == "patch"
+            shaded = self.kind in _PATTERNS or self.kind == "patch"
             object.__setattr__(self, "luminance", 0.5 if shaded else 0.0)
         self._check_size()
         self._check_contrast()
         if self.kind == PICTURE:
             self._check_picture()
-        if self.motion is not None and self.motion.zoom_per_s and self.kind not in PATTERNS:
+        if self.motion is not None and self.motion.zoom_per_s and self.kind not in _PATTERNS:
             raise StimulusError(
                 f"motion: zoom_per_s is for patterns, not for kind '{self.kind}'; use growth"
             )

@@ -156,7 +156,7 @@ def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
     return signal
 
 
-ONSET_SHARE = 0.1
+_ONSET_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -212,7 +212,7 @@ def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
     valid = np.isfinite(responses.response)
     values, times = responses.response[valid], responses.time_s[valid]
     peak = float(responses.response[best])
-    onset = int(np.argmax(responses.response >= ONSET_SHARE * peak)) if peak > 0 else None
+    onset = int(np.argmax(responses.response >= _ONSET_SHARE * peak)) if peak > 0 else None
     x, y = responses.centre[best]
     contact = contact_time(protocol) if protocol else None
     return Measures(

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.protocol import Protocol
 
 
-SCHEMA = "oppload.tuning/1"
-PRESENTATION = "presentation"  # column of the number of a presentation in a row
-MEASURES = tuple(field.name for field in fields(Measures))
+_SCHEMA = "oppload.tuning/1"
+_PRESENTATION = "presentation"  # column of the number of a presentation in a row
+_MEASURES = tuple(field.name for field in fields(Measures))
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def tune(
         Condition(name, values, measures)
         if presentations == 1
         else Condition(
-            f"{name}/{PRESENTATION}-{number}", {**values, PRESENTATION: number}, measures
+            f"{name}/{_PRESENTATION}-{number}", {**values, _PRESENTATION: number}, measures
         )
         for (name, values), times in zip(entry.values().items(), shown, strict=True)
         for number, measures in enumerate(times, 1)
@@ -159,11 +159,11 @@ def write_tuning(table: Path | PartFile, conditions: Sequence[Condition]) -> Non
     columns = list(_cells(conditions[0].values))
     text = StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["stimulus", *columns, "model", *MEASURES])
+    writer.writerow(["stimulus", *columns, "model", *_MEASURES])
     for condition in conditions:
         values = list(_cells(condition.values).values())
         for detector, measures in condition.measures.items():
-            numbers = [formatted(getattr(measures, name)) for name in MEASURES]
+            numbers = [formatted(getattr(measures, name)) for name in _MEASURES]
             writer.writerow([condition.stimulus, *values, detector, *numbers])
     write_atomic(table, text.getvalue())
 
@@ -202,7 +202,7 @@ def write_tuning_sidecar(
     first = entry.protocols()[0]
     height = settings.height or first.display.height
     content = {
-        "schema": SCHEMA,
+        "schema": _SCHEMA,
         "tool": environment(),
         "command": list(command),
         "preset": settings.preset,
@@ -239,7 +239,7 @@ def _cells(values: dict[str, Any]) -> dict[str, str]:
 
 
 # Words that stand for a key, and the keys that each may mean, with {id} for an object.
-WORDS = {
+_WORDS = {
     "axis": ("{id}.axis_deg", "scene.rotation_deg"),
     "direction": ("scene.rotation_deg",),
     "speed": ("{id}.growth.speed_deg_s", "{id}.motion.speed_deg_s"),
@@ -248,7 +248,7 @@ WORDS = {
     "l/v": ("{id}.growth.l_over_v_ms",),
     "position": ("{id}.centre_deg", "scene.centre_deg"),
 }
-MOST_VALUES = 1000
+_MOST_VALUES = 1000
 
 
 def entry_named(name: str) -> Entry:
@@ -313,7 +313,7 @@ def _key_of(entry: Entry, word: str) -> str:
     entry : Entry
         The stimulus.
     word : str
-        One of `WORDS`, or a dotted key, which is returned as it is.
+        One of `_WORDS`, or a dotted key, which is returned as it is.
 
     Raises
     ------
@@ -322,11 +322,11 @@ def _key_of(entry: Entry, word: str) -> str:
     """
     if "." in word:
         return word
-    if word not in WORDS:
-        hint = suggestion(word, WORDS)
+    if word not in _WORDS:
+        hint = suggestion(word, _WORDS)
         raise ParameterError(f"--over {word}: no parameter '{word}'{hint}; or a key as ID.size_deg")
     objects = [one for one in entry.table.get("object", []) if isinstance(one, dict)]
-    meant = [pattern.format(id=one.get("id")) for one in objects for pattern in WORDS[word]]
+    meant = [pattern.format(id=one.get("id")) for one in objects for pattern in _WORDS[word]]
     own = [key for key in dict.fromkeys(meant) if key in entry.sweep]
     if len(own) == 1:
         return own[0]
@@ -375,7 +375,7 @@ def _values_of(text: str, values: str) -> list[Any]:
 
 def _range(first: float, last: float, step: float) -> list[Any]:
     count = math.floor((last - first) / step + 1e-9) + 1 if step else 0
-    if not 1 <= count <= MOST_VALUES:
+    if not 1 <= count <= _MOST_VALUES:
         return []
     values = [first + index * step for index in range(count)]
     return [int(value) if value.is_integer() else value for value in values]

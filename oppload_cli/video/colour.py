@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 LONGEST_SIDE = 1920  # px; larger pictures are made smaller
-EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
-BT709, UNSPECIFIED = 1, 2  # AVCOL_SPC_BT709, AVCOL_SPC_UNSPECIFIED
-LIMITED = 1  # AVCOL_RANGE_MPEG
-STANDARD_LINES = 576  # larger pictures that state no colour space use BT.709
+_EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
+BT709, _UNSPECIFIED = 1, 2  # AVCOL_SPC_BT709, AVCOL_SPC_UNSPECIFIED
+_LIMITED = 1  # AVCOL_RANGE_MPEG
+_STANDARD_LINES = 576  # larger pictures that state no colour space use BT.709
 
 
 def colour_size(facts: InputFacts, longest: int = LONGEST_SIDE) -> tuple[int, int]:
@@ -74,11 +74,11 @@ class Colour:
             with suppress(av.error.FFmpegError, ValueError):
                 return self._converter.reformat(
                     original, *self._coded, "yuv420p", self._assumed(original), BT709,
-                    dst_color_range=LIMITED, interpolation=EXACTLY, threads=1,
+                    dst_color_range=_LIMITED, interpolation=_EXACTLY, threads=1,
                 )  # fmt: skip
         return self._converter.reformat(
             av.VideoFrame.from_ndarray(self(picture), "bgr24"), format="yuv420p",
-            dst_colorspace=BT709, dst_color_range=LIMITED, interpolation=EXACTLY, threads=1,
+            dst_colorspace=BT709, dst_color_range=_LIMITED, interpolation=_EXACTLY, threads=1,
         )  # fmt: skip
 
     def _converted(self, picture: Picture) -> Bgr:
@@ -94,14 +94,14 @@ class Colour:
 
     def _from_frame(self, frame: av.VideoFrame) -> Bgr:
         converted = self._converter.reformat(
-            frame, *self._coded, "bgr24", self._assumed(frame), interpolation=EXACTLY, threads=1
+            frame, *self._coded, "bgr24", self._assumed(frame), interpolation=_EXACTLY, threads=1
         )
         return np.asarray(converted.to_ndarray(), np.uint8)
 
     def _assumed(self, frame: av.VideoFrame) -> int | None:
         """Return the colour space of a picture that states none; None for its own."""
-        large = min(frame.width, frame.height) > STANDARD_LINES
-        return BT709 if large and frame.colorspace == UNSPECIFIED else None
+        large = min(frame.width, frame.height) > _STANDARD_LINES
+        return BT709 if large and frame.colorspace == _UNSPECIFIED else None
 
     def _grey(self, picture: Picture) -> Bgr:
         table = np.rint(luminance_table(picture.bits, picture.full_range) * 255).astype(np.uint8)

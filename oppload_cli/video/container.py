@@ -44,31 +44,31 @@ if TYPE_CHECKING:
 
 
 Value = TypeVar("Value")
-OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
-MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
+_OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
+_MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
 # With frame threads VP8 predicts from failed frames without an error; with threads for slices
 # MPEG-2 conceals damage without one.
-SILENT_CODECS = {"vp8", "mpeg1video", "mpeg2video"}
+_SILENT_CODECS = {"vp8", "mpeg1video", "mpeg2video"}
 # Threads that share a frame of these give the same pixels whatever their number. Threads that
 # decode a frame each do not, once a frame before has been lost.
-INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
+_INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
 # One thread decodes these as fast as the detectors follow.
-QUICK_CODECS, QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
-FEW_CORES = 2
-LONGEST_ERROR = 80  # characters
-HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
+_QUICK_CODECS, _QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
+_FEW_CORES = 2
+_LONGEST_ERROR = 80  # characters
+_HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
 # Decoders that log errors of intact files, with the beginnings of those that mean damage: H.264
 # does so of streams of cameras (it marks the frames that it conceals), MJPEG of data of cameras
 # beside the picture.
-TALKATIVE = {"h264": (), "mjpeg": ("overread", "error", "sos", "mjpeg_decode")}
+_TALKATIVE = {"h264": (), "mjpeg": ("overread", "error", "sos", "mjpeg_decode")}
 
 if av.logging.get_level() is None:  # so that errors of decoders are counted, and none is printed
     av.logging.set_level(av.logging.PANIC)
     # Threads of a decoder that is never closed must not wait for an interpreter that ends.
     atexit.register(av.logging.set_level, None)
-COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
+_COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 # These list other files: only the file that the user named is ever opened.
-PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
+_PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
 class ContainerSource:
@@ -103,7 +103,7 @@ class ContainerSource:
         try:
             self._stream = self._video_stream(self._container)
             self._codec = self._stream.codec_context.codec.canonical_name
-            self._careful |= self._codec in SILENT_CODECS | INDEPENDENT_SLICES
+            self._careful |= self._codec in _SILENT_CODECS | _INDEPENDENT_SLICES
             self._prepare()
             self._coming = self._steadily()
             self._first_decoded = self._first_of_all()
@@ -181,7 +181,7 @@ class ContainerSource:
             return av.open(
                 # The prefix keeps a name such as "a:b.mp4" from being taken for an address.
                 self.name if self._remote else f"file:{self.name}",
-                timeout=(OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
+                timeout=(_OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
                 metadata_errors="replace",
                 options={"max_pixels": _decoder_limit()},
             )
@@ -205,13 +205,13 @@ class ContainerSource:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")
 
     def _video_stream(self, container: InputContainer) -> VideoStream:
-        if not self._remote and container.format.name in PLAYLISTS:
+        if not self._remote and container.format.name in _PLAYLISTS:
             raise SourceError(f"{self.name}: only names other files; give these instead")
         # A container holds a cover picture as a video stream.
         streams = [
             stream
             for stream in container.streams.video
-            if not stream.disposition.value & COVER_PICTURE
+            if not stream.disposition.value & _COVER_PICTURE
         ]
         if not streams:
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
@@ -226,7 +226,7 @@ class ContainerSource:
         codec = self._stream.codec_context
         codec.thread_type = "SLICE" if self._careful else "AUTO"
         # The pixels that conceal damage depend on the number of threads.
-        shared = self._remote or self._codec in INDEPENDENT_SLICES
+        shared = self._remote or self._codec in _INDEPENDENT_SLICES
         single = self._careful and not shared
         codec.thread_count = 1 if single else self._threads or self._decoder_threads()
         one_under_way = {"max_frame_delay": "1"} if self._careful else {}  # of dav1d
@@ -245,13 +245,13 @@ class ContainerSource:
     def _decoder_threads(self) -> int:
         """Return how many threads decode; 0 lets the decoder choose."""
         codec = self._stream.codec_context
-        quick = self._codec in QUICK_CODECS and codec.width * codec.height <= QUICK_PIXELS
+        quick = self._codec in _QUICK_CODECS and codec.width * codec.height <= _QUICK_PIXELS
         # On two cores, which flow and detectors keep busy, decoder threads that wait for
         # each other cost an eighth of a run. Where one thread is too slow, four do better
         # than the three that the decoder would choose.
-        if quick and cores() <= FEW_CORES:
+        if quick and cores() <= _FEW_CORES:
             return 1
-        return 4 if cores() == FEW_CORES else 0
+        return 4 if cores() == _FEW_CORES else 0
 
     def _steadily(self) -> Iterator[Decoded]:
         """Yield the frames so that damage has the same effect at every run.
@@ -271,7 +271,7 @@ class ContainerSource:
                 if damaged:
                     break
                 held.append(decoded)
-                if len(held) > HELD_BACK:
+                if len(held) > _HELD_BACK:
                     count += 1
                     yield held.popleft()
             damaged = damaged or self.decode.failures > 0
@@ -352,10 +352,10 @@ class ContainerSource:
         if self._errors == before or last is None:
             return None
         # Threads may give out a frame of H.264 before they mark it: it is decoded again.
-        talkative = self._codec in TALKATIVE and (self._careful or self._codec != "h264")
-        if talkative and not last[2].startswith(TALKATIVE[self._codec]):
+        talkative = self._codec in _TALKATIVE and (self._careful or self._codec != "h264")
+        if talkative and not last[2].startswith(_TALKATIVE[self._codec]):
             return None
-        return f"the decoder reports an error ({reason_of(ValueError(last[2]))[:LONGEST_ERROR]})"
+        return f"the decoder reports an error ({reason_of(ValueError(last[2]))[:_LONGEST_ERROR]})"
 
     def _packets(self) -> Iterator[Packet[Any] | None]:
         """Yield the packets, and None where the decoder is to give the frames that it holds."""
@@ -369,7 +369,7 @@ class ContainerSource:
             except (av.error.FFmpegError, OSError) as error:
                 self.decode.failed(self._interruption(error) if self._remote else reason_of(error))
                 errors += 1
-                if errors > MOST_DEMUX_ERRORS or self._remote:
+                if errors > _MOST_DEMUX_ERRORS or self._remote:
                     yield None
                     return
                 packets = self._container.demux(self._stream)
@@ -466,7 +466,7 @@ def _declared_frames(container: InputContainer, stream: VideoStream) -> int | No
     # The index of a truncated AVI file is gone, or made from the frames read so far.
     if kind == "avi" and len(entries) and entries[-1].timestamp + 2 >= stream.frames:
         return len(entries)
-    if kind == "avi" and stream.frames >= AVI_TO_A_PIPE:
+    if kind == "avi" and stream.frames >= _AVI_TO_A_PIPE:
         return None
     return (stream.frames or None) if kind.startswith(("mov", "avi", "gif", "apng")) else None
 
@@ -478,17 +478,17 @@ def _declared_end(container: InputContainer, stream: VideoStream) -> float | Non
     """
     if not container.format.name.startswith(("matroska", "ivf")):
         return None  # elsewhere it is guessed from the rest of the file
-    tag = DURATION.match(stream.metadata.get("DURATION", ""))
+    tag = _DURATION.match(stream.metadata.get("DURATION", ""))
     if tag:
         hours, minutes, seconds = tag.groups()
         return int(hours) * 3600 + int(minutes) * 60 + float(seconds)
-    if container.format.name == "ivf" and stream.duration == IVF_TO_A_PIPE:
+    if container.format.name == "ivf" and stream.duration == _IVF_TO_A_PIPE:
         return None
     if len(container.streams) == 1 and container.duration is not None:
         return container.duration / av.time_base
     return None
 
 
-DURATION = re.compile(r"([0-9]{1,9}):([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]+)?)(?![0-9])")
+_DURATION = re.compile(r"([0-9]{1,9}):([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]+)?)(?![0-9])")
 # Counts of writers that could not go back to the head of the file.
-AVI_TO_A_PIPE, IVF_TO_A_PIPE = 1 << 30, 0xFFFFFFFF
+_AVI_TO_A_PIPE, _IVF_TO_A_PIPE = 1 << 30, 0xFFFFFFFF

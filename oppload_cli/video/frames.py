@@ -207,8 +207,8 @@ class PictureSource(Protocol):
         """Give back files, decoders and devices; may be called twice."""
 
 
-LEAST_AHEAD, MOST_AHEAD = 2, 16  # frames that wait for the next thread
-WAITING_BYTES = 1 << 23  # of luminance that waits, above the least
+LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that wait for the next thread
+_WAITING_BYTES = 1 << 23  # of luminance that waits, above the least
 
 
 def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
@@ -219,13 +219,13 @@ def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
     """
     if facts.kind in ("camera", "stream"):
         return LEAST_AHEAD
-    fit = WAITING_BYTES // (4 * working.width * working.height)
-    return max(LEAST_AHEAD, min(MOST_AHEAD, fit))
+    fit = _WAITING_BYTES // (4 * working.width * working.height)
+    return max(LEAST_AHEAD, min(_MOST_AHEAD, fit))
 
 
 # The detectors need about 100 bytes for each. Pixels that are made by enlarging a small
 # input show nothing more: its few bytes are no reason to take that much memory.
-MOST_WORKING_PIXELS, MOST_ENLARGED = 1 << 25, 1 << 22
+_MOST_WORKING_PIXELS, _MOST_ENLARGED = 1 << 25, 1 << 22
 
 
 class WorkingSize(NamedTuple):
@@ -277,7 +277,7 @@ def working_size(facts: InputFacts, height: int | None) -> WorkingSize:
         width = max(1, round(facts.width * height / facts.height))
         size = WorkingSize(width, height, facts.width / width, facts.height / height)
     pixels, given = size.width * size.height, facts.width * facts.height
-    if pixels > MOST_WORKING_PIXELS or pixels > max(given, MOST_ENLARGED):
+    if pixels > _MOST_WORKING_PIXELS or pixels > max(given, _MOST_ENLARGED):
         raise ParameterError(
             f"{facts.name}: a working size of {size.width} x {size.height} is too large; "
             f"choose a smaller --height"

@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     Colour = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
 
 
-FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
+_FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
 # An image file may have this many bytes for each of its pixels, and besides them.
-PIXEL_BYTES, OTHER_BYTES = 8, 1 << 24
+_PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
 T = TypeVar("T")
-DEEP_GREY = {
+_DEEP_GREY = {
     "I",
     "I;16",
     "I;16L",
@@ -239,7 +239,7 @@ def _decoded(path: Path, taken: Callable[[Image.Image], T]) -> T:
         if not stat.S_ISREG(status.st_mode):
             raise SourceError("no regular file")
         _check_bytes(path, status.st_size, max_pixels())
-        with _pillow_alone(), Image.open(path, formats=FORMATS) as image:
+        with _pillow_alone(), Image.open(path, formats=_FORMATS) as image:
             check_pixels(path.name, *image.size)
             _check_bytes(path, status.st_size, image.width * image.height)
             return taken(image)
@@ -252,7 +252,7 @@ def _decoded(path: Path, taken: Callable[[Image.Image], T]) -> T:
 
 
 def _check_bytes(path: Path, size: int, pixels: int) -> None:
-    if size > PIXEL_BYTES * pixels + OTHER_BYTES:
+    if size > _PIXEL_BYTES * pixels + _OTHER_BYTES:
         raise SourceError(
             f"{path.name}: has {size} bytes, too many for an image; set {MAX_PIXELS} higher "
             f"if that is right"
@@ -275,7 +275,7 @@ def _colour(image: Image.Image) -> Colour:
     """Decode an image; transparency is left out, of 16 bits 8 are kept."""
     if image.mode == "F" or (image.mode == "I" and image.format == "TIFF"):
         raise SourceError("its samples have 32 bits; convert it to 8 or 16")
-    deep = image.mode in DEEP_GREY
+    deep = image.mode in _DEEP_GREY
     image.load()
     with suppress(Exception):  # damage here does not concern the pixels
         ImageOps.exif_transpose(image, in_place=True)

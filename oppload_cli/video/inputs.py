@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 
-VIDEO_SUFFIXES = {
+_VIDEO_SUFFIXES = {
     *(".avi", ".flv", ".gif", ".h264", ".hevc", ".ivf", ".m2ts", ".m4v", ".mjpeg", ".mkv"),
     *(".mov", ".mp4", ".mpeg", ".mpg", ".mts", ".mxf", ".nut", ".ogv", ".ts", ".webm"),
     *(".wmv", ".y4m"),
@@ -140,7 +140,7 @@ def _cannot_read(name: str, error: OSError) -> SourceError:
 
 
 def _is_video(name: str) -> bool:
-    return _suffix(name) in VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
+    return _suffix(name) in _VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
 
 
 def _suffix(name: str) -> str:

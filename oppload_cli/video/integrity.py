@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 CUT = "the file ends too early"
 WRONG = "a checksum of the file is wrong"
 BROKEN = "the structure of the file is damaged"
-PIECE = 1 << 20  # bytes that are read at a time
+_PIECE = 1 << 20  # bytes that are read at a time
 MOST_PARTS = 2_000_000  # that are looked at: some seconds. Hours of video have fewer.
 
 
@@ -97,8 +97,8 @@ def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) ->
     return None
 
 
-EBML, SEGMENT, CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
-CHECKSUM = b"\xbf\x84"  # of EBML: the first element of one that has a checksum
+_EBML, _SEGMENT, _CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
+_CHECKSUM = b"\xbf\x84"  # of EBML: the first element of one that has a checksum
 
 
 def _matroska(reading: _Reading) -> str | None:
@@ -120,16 +120,16 @@ def _matroska(reading: _Reading) -> str | None:
         known = content != most
         if known and position + content > reading.size:
             return CUT
-        if name == SEGMENT or not known:
+        if name == _SEGMENT or not known:
             continue
-        if name != EBML and _wrong_checksum(reading, position, content):
+        if name != _EBML and _wrong_checksum(reading, position, content):
             return WRONG
         position += content
     return CUT if position > reading.size else None
 
 
 def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
-    if length < 6 or reading.at(position, 2) != CHECKSUM:
+    if length < 6 or reading.at(position, 2) != _CHECKSUM:
         return False
     declared = int.from_bytes(reading.file.read(4), "little")
     return declared != _checksum(reading, position + 6, length - 6)
@@ -138,14 +138,14 @@ def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
 def _checksum(reading: _Reading, position: int, length: int) -> int:
     value = 0
     reading.file.seek(position)
-    while length > 0 and (piece := reading.file.read(min(PIECE, length))):
+    while length > 0 and (piece := reading.file.read(min(_PIECE, length))):
         value = zlib.crc32(piece, value)
         length -= len(piece)
     return value
 
 
 def _only_zeros(reading: _Reading, position: int) -> bool:
-    return not any(reading.at(position, PIECE))
+    return not any(reading.at(position, _PIECE))
 
 
 def _boxes(reading: _Reading) -> str | None:
@@ -218,14 +218,14 @@ def _y4m(reading: _Reading) -> str | None:
     return CUT if 0 < reading.read_to < reading.size else None
 
 
-IVF_HEAD = 12  # bytes before each frame, which the demuxer does not count
+_IVF_HEAD = 12  # bytes before each frame, which the demuxer does not count
 
 
 def _ivf(reading: _Reading) -> str | None:
-    return CUT if 0 < reading.read_to < reading.size - IVF_HEAD else None
+    return CUT if 0 < reading.read_to < reading.size - _IVF_HEAD else None
 
 
-NUT_INDEX = b"NX\xdd\x67\x2f\x23\xe6\x4e"
+_NUT_INDEX = b"NX\xdd\x67\x2f\x23\xe6\x4e"
 
 
 def _nut(reading: _Reading) -> str | None:
@@ -234,7 +234,7 @@ def _nut(reading: _Reading) -> str | None:
     return None if not rest or not reading.read_to or rest.startswith(b"N") else CUT
 
 
-LAST_PAGE = 4
+_LAST_PAGE = 4
 
 
 def _ogg(reading: _Reading) -> str | None:
@@ -246,10 +246,10 @@ def _ogg(reading: _Reading) -> str | None:
         lengths = reading.file.read(head[26])
         position += 27 + len(lengths) + sum(lengths)
         flags = head[5]
-    return None if position == reading.size and flags & LAST_PAGE else CUT
+    return None if position == reading.size and flags & _LAST_PAGE else CUT
 
 
-DELIMITER = 2  # the kind of the unit before each picture
+_DELIMITER = 2  # the kind of the unit before each picture
 
 
 def _av1(reading: _Reading) -> str | None:
@@ -270,7 +270,7 @@ def _av1(reading: _Reading) -> str | None:
             return CUT
         position += start + length
         kind = head[0] >> 3
-    return CUT if position > reading.size or kind == DELIMITER else None
+    return CUT if position > reading.size or kind == _DELIMITER else None
 
 
 def _mxf(reading: _Reading) -> str | None:
@@ -281,25 +281,25 @@ def _mxf(reading: _Reading) -> str | None:
     return CUT if last >= reading.size else None
 
 
-ASF_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
+_ASF_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 
 
 def _asf(reading: _Reading) -> str | None:
     """Compare with the size that the head declares; a broadcast declares none."""
-    head = reading.at(0, PIECE)
-    place = head.find(ASF_PROPERTIES)
+    head = reading.at(0, _PIECE)
+    place = head.find(_ASF_PROPERTIES)
     if place < 0:
         return None
     (declared,) = struct.unpack_from("<Q", head, place + 40)
     return CUT if declared > reading.size else None
 
 
-TS_PACKETS = {188: 0, 204: 0, 192: 4}  # plain, with error correction, with time codes: the mark
-TS_MARK, TS_BYTES, PIECE_PACKETS = 0x47, 188, 8192
-ADAPTED, PAYLOAD, BEGINS, FAULTY = 0x20, 0x10, 0x40, 0x80  # flags of a packet
+_TS_PACKETS = {188: 0, 204: 0, 192: 4}  # plain, with error correction, with time codes: the mark
+_TS_MARK, _TS_BYTES, _PIECE_PACKETS = 0x47, 188, 8192
+_ADAPTED, _PAYLOAD, _BEGINS, _FAULTY = 0x20, 0x10, 0x40, 0x80  # flags of a packet
 # Flags of its adaptation field: a jump of the count that is meant, and a key frame. Parts of a
 # broadcast that were put together begin with one.
-NEW_COUNT = 0xC0
+_NEW_COUNT = 0xC0
 
 
 def _transport_stream(reading: _Reading) -> str | None:
@@ -313,13 +313,13 @@ def _transport_stream(reading: _Reading) -> str | None:
     last: int | None = None
     for packets in _pieces(reading, start, mark, step):
         head = packets[:, :6].astype(np.int64)
-        if (head[:, 0] != TS_MARK).any() or (head[:, 1] & FAULTY).any():
+        if (head[:, 0] != _TS_MARK).any() or (head[:, 1] & _FAULTY).any():
             return BROKEN
         video = ((head[:, 1] & 0x1F) << 8 | head[:, 2]) == reading.stream
         head = head[video]
         if _without_prefix(packets[video], head):
             return BROKEN
-        counted = head[(head[:, 3] & PAYLOAD) != 0]
+        counted = head[(head[:, 3] & _PAYLOAD) != 0]
         if len(counted):
             if _packets_missing(counted, last):
                 return BROKEN
@@ -329,8 +329,8 @@ def _transport_stream(reading: _Reading) -> str | None:
 
 def _without_prefix(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool:
     """Tell whether a picture begins without the three bytes with which it has to."""
-    first = np.where(head[:, 3] & ADAPTED, 5 + head[:, 4], 4)
-    begins = np.flatnonzero(((head[:, 1] & BEGINS) != 0) & (first <= TS_BYTES - 3))
+    first = np.where(head[:, 3] & _ADAPTED, 5 + head[:, 4], 4)
+    begins = np.flatnonzero(((head[:, 1] & _BEGINS) != 0) & (first <= _TS_BYTES - 3))
     prefix = packets[begins[:, None], first[begins, None] + np.arange(3)]
     return bool((prefix != (0, 0, 1)).any())
 
@@ -339,17 +339,17 @@ def _packets_missing(head: NDArray[np.int64], last: int | None) -> bool:
     """Tell whether the count of packets jumps; one may be sent twice."""
     count = head[:, 3] & 15
     steps = np.diff(count, prepend=count[0] - 1 if last is None else last) % 16
-    meant = ((head[:, 3] & ADAPTED) != 0) & (head[:, 4] > 0) & ((head[:, 5] & NEW_COUNT) != 0)
+    meant = ((head[:, 3] & _ADAPTED) != 0) & (head[:, 4] > 0) & ((head[:, 5] & _NEW_COUNT) != 0)
     return bool(((steps > 1) & ~meant).any())
 
 
 def _layout(reading: _Reading) -> tuple[int, int, int] | None:
     """Return where the first packet begins, its mark within it, and the distance to the next."""
-    head = reading.at(0, 5 * max(TS_PACKETS))
-    for step, mark in TS_PACKETS.items():
+    head = reading.at(0, 5 * max(_TS_PACKETS))
+    for step, mark in _TS_PACKETS.items():
         for start in range(step):
             marks = head[start + mark :: step]
-            if len(marks) >= 4 and set(marks) == {TS_MARK}:
+            if len(marks) >= 4 and set(marks) == {_TS_MARK}:
                 return start, mark, step
     return None
 
@@ -357,9 +357,9 @@ def _layout(reading: _Reading) -> tuple[int, int, int] | None:
 def _pieces(reading: _Reading, start: int, mark: int, step: int) -> Iterator[NDArray[np.uint8]]:
     """Yield packets as rows of bytes, from their marks on."""
     reading.file.seek(start)
-    while piece := reading.file.read(step * PIECE_PACKETS):
+    while piece := reading.file.read(step * _PIECE_PACKETS):
         rows = np.frombuffer(piece, np.uint8, len(piece) // step * step).reshape(-1, step)
-        yield rows[:, mark : mark + TS_BYTES]
+        yield rows[:, mark : mark + _TS_BYTES]
 
 
 _CHECKS: dict[str, Callable[[_Reading], str | None]] = {

@@ -41,11 +41,11 @@ if TYPE_CHECKING:
     from oppload_cli.video.source import Video
 
 
-CRASHES = {"SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV"}
-WIDEST_SAMPLE = 2  # bytes
+_CRASHES = {"SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV"}
+_WIDEST_SAMPLE = 2  # bytes
 # While the other process loads the detectors the decoder runs far ahead.
-MOST_SLOTS, LEAST_SLOTS = 64, 3
-SHARED_BYTES = 1 << 24  # more only for the fewest slots
+MOST_SLOTS, _LEAST_SLOTS = 64, 3
+_SHARED_BYTES = 1 << 24  # more only for the fewest slots
 
 
 class Opening:
@@ -240,7 +240,7 @@ class _DecodingProcess:
         except EOFError:
             how = self._ending()
             stop_if_asked()  # SIGTERM may go to all processes of a group
-            if how not in CRASHES:
+            if how not in _CRASHES:
                 raise SourceError(
                     f"{self._name}: its decoder was ended ({how}) after frame {decoded - 1}; "
                     f"check the memory, and run it again"
@@ -291,8 +291,8 @@ class _Slots:
 
     def __init__(self, memory: int, working: WorkingSize) -> None:
         page = mmap.ALLOCATIONGRANULARITY
-        self._size = -(-WIDEST_SAMPLE * working.width * working.height // page) * page
-        self.count = max(LEAST_SLOTS, min(MOST_SLOTS, SHARED_BYTES // self._size))
+        self._size = -(-_WIDEST_SAMPLE * working.width * working.height // page) * page
+        self.count = max(_LEAST_SLOTS, min(MOST_SLOTS, _SHARED_BYTES // self._size))
         os.ftruncate(memory, self.count * self._size)
         self._memory = memoryview(mmap.mmap(memory, self.count * self._size))
 

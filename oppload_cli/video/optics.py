@@ -11,9 +11,9 @@ from oppload_cli.errors import ParameterError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-PINHOLE, FLAT = "pinhole", "flat"
+_PINHOLE, _FLAT = "pinhole", "flat"
 FOV = "--fov"  # origin of a field of view that the user knows
-WIDEST_DEG = 180.0
+_WIDEST_DEG = 180.0
 
 
 class View(NamedTuple):
@@ -63,7 +63,7 @@ class Optics:
     width: int
     height: int
     per_radian: float
-    projection: str = PINHOLE
+    projection: str = _PINHOLE
     origin: str = FOV
 
     @classmethod
@@ -90,30 +90,30 @@ class Optics:
         scale = float(display["pixels_per_degree"]) * width / float(display["width"])
         if not 0 < scale < math.inf:
             raise ValueError(f"{scale} pixels per degree")
-        projection = PINHOLE if display["projection"] == "perspective" else FLAT
+        projection = _PINHOLE if display["projection"] == "perspective" else _FLAT
         return cls(width, height, math.degrees(scale), projection, "stimulus")
 
     def degrees(self, pixels: float) -> float:
         """Return the angle that a length spans, half of it on each side of the middle."""
         half = pixels / 2 / self.per_radian
-        return 2 * math.degrees(half if self.projection == FLAT else math.atan(half))
+        return 2 * math.degrees(half if self.projection == _FLAT else math.atan(half))
 
     def pixels(self, degrees: float) -> float:
         """Return the length that spans an angle below 180 degrees; the inverse of `degrees`."""
         half = math.radians(degrees / 2)
-        return 2 * self.per_radian * (half if self.projection == FLAT else math.tan(half))
+        return 2 * self.per_radian * (half if self.projection == _FLAT else math.tan(half))
 
     def direction(self, x: float, y: float) -> tuple[float, float]:
         """Return azimuth and elevation in degrees of a point in source pixels."""
         right = (x - self.width / 2) / self.per_radian
         up = (self.height / 2 - y) / self.per_radian
-        if self.projection == FLAT:
+        if self.projection == _FLAT:
             return math.degrees(right), math.degrees(up)
         return math.degrees(math.atan(right)), math.degrees(math.atan(up / math.hypot(1, right)))
 
     def between(self, one: tuple[float, float], other: tuple[float, float]) -> float:
         """Return the angle in degrees between two points in source pixels."""
-        if self.projection == FLAT:
+        if self.projection == _FLAT:
             return math.degrees(math.dist(one, other) / self.per_radian)
         a, b = ((x - self.width / 2, y - self.height / 2, self.per_radian) for x, y in (one, other))
         across = math.hypot(
@@ -179,7 +179,7 @@ def parse_fov(value: str | float) -> float:
         degrees = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         degrees = math.nan
-    if not 0 < degrees < WIDEST_DEG:
+    if not 0 < degrees < _WIDEST_DEG:
         raise ParameterError(
             f"fov must be above 0 and below 180 degrees, the horizontal field of view of the "
             f"camera, not '{value}'"

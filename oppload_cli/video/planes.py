@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     Plane = NDArray[Any]  # of uint8 or uint16
 
 
-WELL_ABOVE = 1.5  # for at least this factor swscale's averages are as good as OpenCV's
-AREA_EXACTLY = 0x20 | 0x40000 | 0x80000  # SWS_AREA, SWS_ACCURATE_RND, SWS_BITEXACT
+_WELL_ABOVE = 1.5  # for at least this factor swscale's averages are as good as OpenCV's
+_AREA_EXACTLY = 0x20 | 0x40000 | 0x80000  # SWS_AREA, SWS_ACCURATE_RND, SWS_BITEXACT
 
 
 class Resizing:
@@ -52,7 +52,7 @@ class Resizing:
         width, height = self._coded
         if (columns, rows) == (width, height):
             return plane
-        if columns >= WELL_ABOVE * width and rows >= WELL_ABOVE * height:
+        if columns >= _WELL_ABOVE * width and rows >= _WELL_ABOVE * height:
             return self._averaged(plane)
         import cv2
 
@@ -65,7 +65,7 @@ class Resizing:
         kind = "gray" if plane.dtype == np.uint8 else "gray16le"
         frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(plane), kind)
         small = self._scaler.reformat(
-            frame, *self._coded, kind, interpolation=AREA_EXACTLY, threads=1
+            frame, *self._coded, kind, interpolation=_AREA_EXACTLY, threads=1
         )
         samples = small.planes[0].line_size // plane.itemsize
         rows = np.frombuffer(memoryview(small.planes[0]), plane.dtype).reshape(-1, samples)
@@ -73,12 +73,12 @@ class Resizing:
         return view
 
 
-LIMITED, FULL = 1, 2  # AVCOL_RANGE_MPEG, AVCOL_RANGE_JPEG
+_LIMITED, _FULL = 1, 2  # AVCOL_RANGE_MPEG, AVCOL_RANGE_JPEG
 # Grey without a stated range is limited if a video codec coded it, else full.
-LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
-WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
-PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
-PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
+_LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
+_WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
+_PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
+_PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
 
 
 def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
@@ -103,11 +103,11 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
         If it cannot be converted, as where damage gives an impossible colour space.
     """
     name = frame.format.name
-    if name in PACKED_RGB:
-        return _grey(frame.to_ndarray(), PACKED_RGB[name]), 8
-    if name in PACKED_YUV:
+    if name in _PACKED_RGB:
+        return _grey(frame.to_ndarray(), _PACKED_RGB[name]), 8
+    if name in _PACKED_YUV:
         frame, name = frame.reformat(format="yuv422p"), "yuv422p"
-    if not name.startswith(WITH_LUMA_PLANE) or name.startswith("grayf"):
+    if not name.startswith(_WITH_LUMA_PLANE) or name.startswith("grayf"):
         return _grey(frame.to_ndarray(format="bgr24"), "BGR"), 8
     # P010 and similar formats hold their bits at the top of 16.
     bits = 16 if name.startswith("p") else frame.format.components[0].bits
@@ -125,11 +125,11 @@ def is_full_range(frame: VideoFrame, codec: str) -> bool:
         Name of its decoder, which decides for grey frames that state no range.
     """
     name = frame.format.name
-    if name.startswith("yuvj") or not name.startswith(WITH_LUMA_PLANE):
-        return name not in PACKED_YUV or frame.color_range == FULL
-    if name.startswith("gray") and frame.color_range != LIMITED:
-        return frame.color_range == FULL or codec not in LIMITED_GREY
-    return bool(frame.color_range == FULL)
+    if name.startswith("yuvj") or not name.startswith(_WITH_LUMA_PLANE):
+        return name not in _PACKED_YUV or frame.color_range == _FULL
+    if name.startswith("gray") and frame.color_range != _LIMITED:
+        return frame.color_range == _FULL or codec not in _LIMITED_GREY
+    return bool(frame.color_range == _FULL)
 
 
 def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:

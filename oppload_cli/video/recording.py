@@ -74,20 +74,20 @@ class Sink:
             raise self._problem
 
 
-TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
-MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
-CLOCK_BACK_S, CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
-USUAL_RATE = Fraction(30)  # frames/s where the source states none
-BT709, LIMITED = 1, 1  # AVCOL_*_BT709, AVCOL_RANGE_MPEG
+_TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
+_MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
+_CLOCK_BACK_S, _CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
+_USUAL_RATE = Fraction(30)  # frames/s where the source states none
+BT709, _LIMITED = 1, 1  # AVCOL_*_BT709, AVCOL_RANGE_MPEG
 # By itself x264 chooses algorithms by the processor, some of which only approximate.
 ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
-EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
+_EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
 # Two threads on every machine: another number gives other bytes.
-THREADS = 2
+_THREADS = 2
 # No frame is predicted from a later one: then decoding order is that of the times.
-CODEC = {"preset": "superfast", "crf": "22", "bf": "0", **ON_ANY_PROCESSOR}
+_CODEC = {"preset": "superfast", "crf": "22", "bf": "0", **ON_ANY_PROCESSOR}
 # No dates and no random identifiers; the index first, so that it plays while it loads.
-CONTAINER = {"fflags": "+bitexact", "movflags": "+faststart"}
+_CONTAINER = {"fflags": "+bitexact", "movflags": "+faststart"}
 
 
 def _ticks_hz(rate: Fraction | None) -> int:
@@ -96,8 +96,8 @@ def _ticks_hz(rate: Fraction | None) -> int:
     It is a multiple of 90000 that holds the times of its frame rate exactly, if one up
     to 10^6 exists, else 90000.
     """
-    exact = math.lcm(TICKS_HZ, rate.numerator) if rate else TICKS_HZ
-    return exact if exact <= MOST_TICKS_HZ else TICKS_HZ
+    exact = math.lcm(_TICKS_HZ, rate.numerator) if rate else _TICKS_HZ
+    return exact if exact <= _MOST_TICKS_HZ else _TICKS_HZ
 
 
 class Recording:
@@ -128,19 +128,19 @@ class Recording:
         width: int,
         height: int,
         rate: Fraction | None,
-        codec: Mapping[str, str] = CODEC,
+        codec: Mapping[str, str] = _CODEC,
     ) -> None:
         self._hz = _ticks_hz(rate)
         self._tick = Fraction(1, self._hz)
-        self._frame_s = float(1 / (rate or USUAL_RATE))
+        self._frame_s = float(1 / (rate or _USUAL_RATE))
         self.frames = 0
         self._origin_s = 0.0
         self._last = -1
         self._converter = VideoReformatter()
         self._sink = Sink(part.raw)
         try:
-            self._container: Any = av.open(self._sink, "w", format="mp4", options=CONTAINER)
-            self._stream = self._added(width, height, rate or USUAL_RATE, codec)
+            self._container: Any = av.open(self._sink, "w", format="mp4", options=_CONTAINER)
+            self._stream = self._added(width, height, rate or _USUAL_RATE, codec)
         except BaseException as error:
             self._sink.fail(OSError("abandoned"))
             if isinstance(error, av.codec.codec.UnknownCodecError):
@@ -194,8 +194,8 @@ class Recording:
             av.VideoFrame.from_ndarray(picture, "bgr24"),
             format="yuv420p",
             dst_colorspace=BT709,
-            dst_color_range=LIMITED,
-            interpolation=EXACTLY,
+            dst_color_range=_LIMITED,
+            interpolation=_EXACTLY,
             threads=1,
         )
 
@@ -213,7 +213,7 @@ class Recording:
         last_s = self._last / self._hz
         if self.frames == 0:
             self._origin_s = time_s
-        elif not -CLOCK_BACK_S < time_s - self._origin_s - last_s < CLOCK_ON_S:
+        elif not -_CLOCK_BACK_S < time_s - self._origin_s - last_s < _CLOCK_ON_S:
             self._origin_s = time_s - last_s - self._frame_s
         self._last = max(self._last + 1, round((time_s - self._origin_s) * self._hz))
         return self._last
@@ -223,8 +223,8 @@ class Recording:
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         context = stream.codec_context
         stream.time_base = context.time_base = self._tick
-        context.thread_count = THREADS
+        context.thread_count = _THREADS
         context.bit_rate = 0
-        context.color_range = LIMITED
+        context.color_range = _LIMITED
         context.colorspace = context.color_primaries = context.color_trc = BT709
         return stream

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import DecodeFacts, InputFacts, PictureSource
 
 
-DEFAULT_HEIGHT = 240
+_DEFAULT_HEIGHT = 240
 DEFAULT_IMAGE_RATE = Fraction(30)
 
 
@@ -133,7 +133,7 @@ class Video:
 def open_video(
     name: str | Path,
     *,
-    height: int | None = DEFAULT_HEIGHT,
+    height: int | None = _DEFAULT_HEIGHT,
     span: Span | None = None,
     image_rate: Fraction = DEFAULT_IMAGE_RATE,
     threads: int = 0,

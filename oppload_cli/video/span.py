@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import Picture, PictureSource
 
 
-CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
+_CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def parse_position(text: str) -> Position:
     """
     if re.fullmatch(r"f[0-9]{1,18}", text):
         return Position(frame=int(text[1:]))
-    clock = CLOCK.fullmatch(text)
+    clock = _CLOCK.fullmatch(text)
     if clock:
         hours, minutes, seconds = clock.groups(default="0")
         return Position(seconds=int(hours) * 3600 + int(minutes) * 60 + float(seconds))

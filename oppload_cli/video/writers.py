@@ -233,7 +233,7 @@ FORMATS = {
 
 
 # Limited range, as players expect of H.264: (Y - 16) / 219 is the luminance.
-LIMITED = np.rint(16 + np.arange(256) * (219 / 255)).astype(np.uint8)
+_LIMITED = np.rint(16 + np.arange(256) * (219 / 255)).astype(np.uint8)
 # container, codec, pixel format and options by suffix
 _FFV1 = {"level": "3", "coder": "1", "context": "0", "g": "1", "slices": "4", "slicecrc": "1"}
 _X264 = {"crf": "1", "preset": "medium", "tune": "psnr", **ON_ANY_PROCESSOR}
@@ -272,7 +272,7 @@ class _VideoWriter(_Writer[PartFile]):
     def _write(self, grey: Grey) -> None:
         if self._limited:
             colourless = np.full((self.height // 2, self.width), 128, dtype=np.uint8)
-            planes = np.concatenate([LIMITED[grey], colourless])
+            planes = np.concatenate([_LIMITED[grey], colourless])
             frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
         else:
             frame = av.VideoFrame.from_ndarray(grey, format="gray")

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 SILENCE_S = 1.0
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
-HIGHEST_RATE = 10.0  # false alarms per minute up to which they are counted
+_HIGHEST_RATE = 10.0  # false alarms per minute up to which they are counted
 RULE_OF_THREE = 3.0  # events that 95 % of all series would show, where this one shows none
 SHIPPED = "alarm as shipped"
 
@@ -101,7 +101,7 @@ class Thresholds:
         calm = [response[part] for response, part in zip(responses, quiet, strict=True)]
         self.levels = np.unique(np.concatenate([_maxima(each) for each in calm]))[::-1]
         # A clip with more is over every rate, however often it is drawn.
-        most = int(HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
+        most = int(_HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
         self.counts = np.array(
             [
                 _counts(each, clip.time_s[part], self.levels, most)

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
 
 
-UNSTATED = "not stated"
-BEFORE = "before an approach"
+_UNSTATED = "not stated"
+_BEFORE = "before an approach"
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Label:
     @property
     def kind(self) -> str:
         """The kind of motion of the clip's footage without an approach."""
-        return BEFORE if self.looming else self.motion or UNSTATED
+        return _BEFORE if self.looming else self.motion or _UNSTATED
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.intervals import Weights
 
 KIND = "kind"
-BEFORE_CONTACT = 5  # frames
-LAST_S, WITHIN = 0.5, 0.2
+_BEFORE_CONTACT = 5  # frames
+_LAST_S, _WITHIN = 0.5, 0.2
 
 
 def of_conditions(
@@ -86,12 +86,12 @@ def of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator
     overlaps = np.array([_overlap_of(clip, detector) for clip in clips])
     errors = np.array([_contact_error(clip, detector) for clip in clips])
     looming = np.array([clip.label.looming for clip in clips])
-    where = f"{BEFORE_CONTACT} frames before contact"
+    where = f"{_BEFORE_CONTACT} frames before contact"
     known = int((~np.isnan(overlaps)).sum())
     found = _estimated(weighted_median, overlaps, draws)
     yield Measurement(detector, "box_overlap", where, *found, known)
-    within = np.where(looming, np.nan_to_num(errors, nan=np.inf) <= WITHIN, np.nan)
-    where = f"last {LAST_S:g} s"
+    within = np.where(looming, np.nan_to_num(errors, nan=np.inf) <= _WITHIN, np.nan)
+    where = f"last {_LAST_S:g} s"
     found = _estimated(weighted_mean, within, draws)
     yield Measurement(detector, "contact_within", where, *found, int(looming.sum()))
     given = int((~np.isnan(errors)).sum())
@@ -107,7 +107,7 @@ def _overlap_of(clip: Clip, detector: str) -> float:
     box, contact = clip.outputs[detector].box, clip.label.contact
     if contact is None or box is None:
         return float("nan")
-    frame = contact - BEFORE_CONTACT
+    frame = contact - _BEFORE_CONTACT
     true = clip.label.boxes.get(frame)
     if true is None or frame < clip.first:
         return float("nan")
@@ -137,6 +137,6 @@ def _contact_error(clip: Clip, detector: str) -> float:
     errors = [
         abs(float(times[frame]) / left - 1)
         for frame, left in clip.label.contacts.items()
-        if 0 < left <= LAST_S and frame < len(clip) and not np.isnan(times[frame])
+        if 0 < left <= _LAST_S and frame < len(clip) and not np.isnan(times[frame])
     ]
     return float(np.median(errors)) if errors else float("nan")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 WINDOW_S = 1.0
 LEAST_S = 0.5  # the remainder of a clip counts as a window from this length
-EPSILON_S = 1e-6  # times are fractions of a second that were rounded
+_EPSILON_S = 1e-6  # times are fractions of a second that were rounded
 AHEAD = (0, 4, 8, 12)  # frames before contact
 
 
@@ -36,9 +36,9 @@ def window_to(clip: Clip, stop: int, least: int) -> Window | None:
     """
     if not least < stop <= len(clip):
         return None
-    since = clip.time_s[stop - 1] - WINDOW_S + EPSILON_S
+    since = clip.time_s[stop - 1] - WINDOW_S + _EPSILON_S
     start = max(least, int(np.searchsorted(clip.time_s, since, side="right")))
-    if clip.seconds(start, stop) < LEAST_S - EPSILON_S:
+    if clip.seconds(start, stop) < LEAST_S - _EPSILON_S:
         return None
     return Window(start, stop)
 

@@ -16,17 +16,17 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
-LOW_PASS = 1 / 6  # share of the input in each low-passed value
-HIGH_PASS = 25 / 26
-OFF_LEVEL = 0.05  # a resting pixel has this OFF signal: only differences of it matter
+_LOW_PASS = 1 / 6  # share of the input in each low-passed value
+_HIGH_PASS = 25 / 26
+_OFF_LEVEL = 0.05  # a resting pixel has this OFF signal: only differences of it matter
 
-AUTHORS_PIXELS = 200 * 150
-SATURATING_UNITS = 2500  # active units of the authors' array that make an input of 1
-VELOCITY_SCALE = 57.6  # (2116 - 676) / 2500 / 0.01 s
-STEP_S = 0.01  # the authors' frames
+_AUTHORS_PIXELS = 200 * 150
+_SATURATING_UNITS = 2500  # active units of the authors' array that make an input of 1
+_VELOCITY_SCALE = 57.6  # (2116 - 676) / 2500 / 0.01 s
+_STEP_S = 0.01  # the authors' frames
 
-REST_MV, SPIKE_MV, RESET_MV, LOWEST_MV = -60.0, -50.0, -70.0, -80.0
-MEMBRANE_STEPS, MEMBRANE_STEP_S, MEMBRANE_TAU_S = 20, 0.0005, 0.3
+_REST_MV, _SPIKE_MV, _RESET_MV, _LOWEST_MV = -60.0, -50.0, -70.0, -80.0
+_MEMBRANE_STEPS, _MEMBRANE_STEP_S, _MEMBRANE_TAU_S = 20, 0.0005, 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +59,7 @@ class EmdLplc2GfResponse(Response):
     motion_abs: float = 0.0
     current: float = 0.0
     spikes: int = 0
-    v_end: float = REST_MV
+    v_end: float = _REST_MV
     collision: int = 0
 
 
@@ -130,15 +130,15 @@ def _membrane(voltage: float, current: float) -> tuple[float, int]:
     spike, above -50 mV, sets the voltage to -70 mV; it never falls below -80 mV.
     """
     # The equation is linear: a step of fourth order multiplies the distance to its fixed point.
-    ratio = MEMBRANE_STEP_S / MEMBRANE_TAU_S
+    ratio = _MEMBRANE_STEP_S / _MEMBRANE_TAU_S
     kept = 1 - ratio + ratio**2 / 2 - ratio**3 / 6 + ratio**4 / 24
-    goal = REST_MV + 10 * current
+    goal = _REST_MV + 10 * current
     spikes = 0
-    for _ in range(MEMBRANE_STEPS):
-        voltage = LOWEST_MV if voltage <= LOWEST_MV else goal + (voltage - goal) * kept
-        if voltage > SPIKE_MV:
+    for _ in range(_MEMBRANE_STEPS):
+        voltage = _LOWEST_MV if voltage <= _LOWEST_MV else goal + (voltage - goal) * kept
+        if voltage > _SPIKE_MV:
             spikes += 1
-            voltage = RESET_MV
+            voltage = _RESET_MV
     return voltage, spikes
 
 
@@ -195,7 +195,7 @@ class EmdLplc2Gf(ChangeDetector):
         size, inner = (self._rows, self._columns), (self._rows - 1, self._columns - 1)
         self._filtered, self._on, self._off, self._now = np.zeros((4, *size))
         self._motions, self._room = np.zeros((2, *inner)), np.zeros(inner)
-        self._voltage, self._input, self._active, self._collision = REST_MV, 0.0, 0, 0
+        self._voltage, self._input, self._active, self._collision = _REST_MV, 0.0, 0, 0
 
     def at_rest(self) -> EmdLplc2GfResponse:
         """Return the answer to a frame in which nothing changed: no response."""
@@ -214,22 +214,22 @@ class EmdLplc2Gf(ChangeDetector):
         """Return the motion of both signals to the right and downwards."""
         filtered, now = self._filtered, self._now
         filtered += change
-        filtered *= HIGH_PASS
+        filtered *= _HIGH_PASS
         self._motions[:] = 0
-        for low_passed, level in ((self._on, None), (self._off, OFF_LEVEL)):
+        for low_passed, level in ((self._on, None), (self._off, _OFF_LEVEL)):
             if level is None:
                 np.maximum(filtered, 0, out=now)
             else:
                 np.maximum(np.subtract(level, filtered, out=now), 0, out=now)
-            cv2.addWeighted(now, LOW_PASS, low_passed, 1 - LOW_PASS, 0, dst=low_passed)
+            cv2.addWeighted(now, _LOW_PASS, low_passed, 1 - _LOW_PASS, 0, dst=low_passed)
             _add_elementary_motion(now, low_passed, self._motions, self._room)
         return self._motions
 
     def _fibre(self, units: Plane, motion: float) -> EmdLplc2GfResponse:
         height, width = units.shape
         active = int(np.count_nonzero(units > 0))
-        drive = active / SATURATING_UNITS * AUTHORS_PIXELS / (self._rows * self._columns)
-        velocity = (drive - self._input) / STEP_S / VELOCITY_SCALE
+        drive = active / _SATURATING_UNITS * _AUTHORS_PIXELS / (self._rows * self._columns)
+        velocity = (drive - self._input) / _STEP_S / _VELOCITY_SCALE
         current = self.params.current_gain * drive * velocity if self._active else 0.0
         self._input, self._active = drive, active
         self._voltage, spikes = _membrane(self._voltage, current)

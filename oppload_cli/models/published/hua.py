@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Map
 
-LOW_PASS_MS = 30.0
-QUADRANTS = "right_down", "left_down", "left_up", "right_up"
-EXPONENTS = 0.9, 0.5  # of T4 (ON) and T5 (OFF)
-RIGHT, LEFT, DOWN, UP = range(4)
-FIRST_FRAME = 2  # the authors' code passes over the difference of the first two frames
-SMALLEST = np.float32(1e-22)
-LEAST = np.float32(1e-30)
+_LOW_PASS_MS = 30.0
+_QUADRANTS = "right_down", "left_down", "left_up", "right_up"
+_EXPONENTS = 0.9, 0.5  # of T4 (ON) and T5 (OFF)
+_RIGHT, _LEFT, _DOWN, _UP = range(4)
+_FIRST_FRAME = 2  # the authors' code passes over the difference of the first two frames
+_SMALLEST = np.float32(1e-22)
+_LEAST = np.float32(1e-30)
 
 
 # ---- The motion, which both variants share ---------------------------------------------------
@@ -95,13 +95,13 @@ class _Pathway:
         # T of a pixel and its neighbour is that of the neighbour and the pixel with the other
         # sign; beyond the frame the edge is repeated, so that T is 0 there.
         bias, motion = self._bias, self._motion
-        np.multiply(bias, self._across, out=motion[RIGHT])
-        np.multiply(bias[:, 1:], self._across[:, :-1], out=motion[LEFT][:, 1:])
-        np.multiply(bias, self._down, out=motion[DOWN])
-        np.multiply(bias[1:], self._down[:-1], out=motion[UP][1:])
-        motion[LEFT][:, 0], motion[UP][0] = 0, 0
+        np.multiply(bias, self._across, out=motion[_RIGHT])
+        np.multiply(bias[:, 1:], self._across[:, :-1], out=motion[_LEFT][:, 1:])
+        np.multiply(bias, self._down, out=motion[_DOWN])
+        np.multiply(bias[1:], self._down[:-1], out=motion[_UP][1:])
+        motion[_LEFT][:, 0], motion[_UP][0] = 0, 0
         for way, each in enumerate(motion):
-            if way in {LEFT, UP}:
+            if way in {_LEFT, _UP}:
                 np.add(each, rise, out=each)
                 np.negative(each, out=each)
             else:
@@ -130,13 +130,13 @@ class _Pathway:
         np.multiply(new, np.float32(self._share), out=new)
         np.multiply(t, np.float32(1 - self._share), out=t)
         np.add(t, new, out=t)
-        np.add(t, SMALLEST, out=t)  # as `_flush`, for both signs
-        np.subtract(t, SMALLEST, out=t)
+        np.add(t, _SMALLEST, out=t)  # as `_flush`, for both signs
+        np.subtract(t, _SMALLEST, out=t)
 
 
 def _to_power(values: Map, exponent: float) -> None:
     """Raise the values above 0 to a power in place; the others become next to nothing."""
-    np.maximum(values, LEAST, out=values)
+    np.maximum(values, _LEAST, out=values)
     if exponent == 0.5:
         np.sqrt(values, out=values)
         return
@@ -193,12 +193,12 @@ class _Motion:
         self.frames = 0
         self.sums = np.zeros((2, 2, 2, 2))
         self._before: NDArray[np.uint8] | None = None
-        self._pathways = [_Pathway(self.shape, each, self._share) for each in EXPONENTS]
+        self._pathways = [_Pathway(self.shape, each, self._share) for each in _EXPONENTS]
 
     @property
     def ready(self) -> bool:
         """Whether there was a change to answer to."""
-        return self.frames > FIRST_FRAME
+        return self.frames > _FIRST_FRAME
 
     def step(self, luma: Map) -> bool:
         """Take the next frame; return `ready`."""
@@ -214,7 +214,7 @@ class _Motion:
         band = np.subtract(_blurred(p, fine, self._band), self._net, out=self._band)
         on = self._pathways[0].step(band)
         off = self._pathways[1].step(np.negative(band, out=band))
-        for axis, (way, back) in enumerate(((RIGHT, LEFT), (DOWN, UP))):
+        for axis, (way, back) in enumerate(((_RIGHT, _LEFT), (_DOWN, _UP))):
             net = np.subtract(on[way], on[back], out=self._net)
             net += off[way]
             net -= off[back]
@@ -251,7 +251,7 @@ class _Motion:
 class HuaFixedParams(Parameters):
     """Parameters of the network after Hua et al."""
 
-    low_pass_ms: float = parameter(LOW_PASS_MS, "time constant of the delay", unit="ms", low=0)
+    low_pass_ms: float = parameter(_LOW_PASS_MS, "time constant of the delay", unit="ms", low=0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,7 +286,7 @@ class HuaFixed(Detector):
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), corrected"
     response_column = "", "geometric mean of the four quadrants, each at least 0"
     details = (
-        *(Column(f"q_{each}", "", f"quadrant {each.replace('_', ' ')}") for each in QUADRANTS),
+        *(Column(f"q_{each}", "", f"quadrant {each.replace('_', ' ')}") for each in _QUADRANTS),
         Column("product", "", "product of the four quadrants, each at least 0"),
     )
     year: ClassVar[int | None] = 2022
@@ -299,7 +299,7 @@ class HuaFixed(Detector):
     answers = HuaResponse
     parameters: ClassVar[type[Parameters]] = HuaFixedParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 7000.0}
-    warm_up = FIRST_FRAME
+    warm_up = _FIRST_FRAME
 
     params: HuaFixedParams
 
@@ -325,11 +325,13 @@ class HuaFixed(Detector):
             return None
         self._sums = self._quadrants()
         product = float(np.prod(np.maximum(self._sums, 0)))
-        named = {f"q_{name}": float(each) for name, each in zip(QUADRANTS, self._sums, strict=True)}
+        named = {
+            f"q_{name}": float(each) for name, each in zip(_QUADRANTS, self._sums, strict=True)
+        }
         return HuaResponse(product**0.25, None, product=product, **named)
 
     def _quadrants(self) -> Any:
-        """Return the sums of the outward motion over the quadrants of `QUADRANTS`."""
+        """Return the sums of the outward motion over the quadrants of `_QUADRANTS`."""
         across, down = self._motion.layer.sums
         below, above = self.way_below, 1 - self.way_below
         return np.array(

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
 # p1 and p2. The first pair makes Q an integral; the published 1 / (1 + e^i) forget.
-PERSISTENCE = {"literal": (0.5, 0.5), "paper": (1 / (1 + np.e), 1 / (1 + np.e**2))}
-MEANING = (
+_PERSISTENCE = {"literal": (0.5, 0.5), "paper": (1 / (1 + np.e), 1 / (1 + np.e**2))}
+_MEANING = (
     "weights of earlier Q: 'literal', as coded, keeps them; 'paper', 1 / (1 + e^i), lets them decay"
 )
 
@@ -34,7 +34,7 @@ MEANING = (
 class Lgmd1GroupParams(Parameters):
     """Parameters of lgmd1_group."""
 
-    persistence: str = parameter("literal", MEANING, choices=tuple(PERSISTENCE))
+    persistence: str = parameter("literal", _MEANING, choices=tuple(_PERSISTENCE))
     inhibition: float = parameter(0.3, "weight of inhibition", low=0, high=100)
     grouping: float = parameter(4.0, "divisor of the largest Ce in w, C_w", above=0, high=1000)
     decay: float = parameter(0.15, "share of G that is compared, C_de", above=0, high=1)
@@ -50,7 +50,7 @@ class Lgmd1GroupParams(Parameters):
 class Lgmd1GroupPaperParams(Lgmd1GroupParams):
     """Parameters of lgmd1_group_paper."""
 
-    persistence: str = parameter("paper", MEANING, choices=tuple(PERSISTENCE))
+    persistence: str = parameter("paper", _MEANING, choices=tuple(_PERSISTENCE))
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Lgmd1Group(ChangeDetector):
         if self._t == 1:
             return Lgmd1GroupResponse(0.0)
         before, earlier = self._q
-        p1, p2 = PERSISTENCE[self.params.persistence]
+        p1, p2 = _PERSISTENCE[self.params.persistence]
         q = p + np.asarray(cv2.addWeighted(before, p1, earlier, p2, 0))
         self._q = [q, before]
         i = self._thresholded(spread(self._thresholded(before), k3(0, 1 / 4, 1 / 8), ZERO))

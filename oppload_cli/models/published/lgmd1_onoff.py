@@ -25,7 +25,7 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
-TAUS = 30.0, 60.0, 90.0  # ms: nearest neighbours, diagonals, feed-forward inhibition
+_TAUS = 30.0, 60.0, 90.0  # ms: nearest neighbours, diagonals, feed-forward inhibition
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class Lgmd1Onoff(ChangeDetector):
     def forget(self) -> None:
         """Forget all changes."""
         self._slots = [(self.zeros(), self.zeros()) for _ in range(2)]
-        self._spread = DelayedSpread((0, 1 / 4, 1 / 8), (0, *TAUS[:2]), self.ti)
+        self._spread = DelayedSpread((0, 1 / 4, 1 / 8), (0, *_TAUS[:2]), self.ti)
         self._adaptation = Adaptation(800, self.ti)
         self._ffi, self._t = 0.0, 0
         self._nsp = self._collision = 0
@@ -115,7 +115,7 @@ class Lgmd1Onoff(ChangeDetector):
     def answer(self, p: Plane) -> Lgmd1OnoffResponse:
         """Answer to the change of a frame."""
         self._t += 1
-        share = low_pass_share(self.ti, TAUS[2])
+        share = low_pass_share(self.ti, _TAUS[2])
         mean = mean_change(p)
         self._ffi = share * mean + (1 - share) * self._ffi
         if self._ffi >= self.params.gate:

@@ -22,15 +22,15 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
-VARIANTS = "literal", "paper"
-MEANING = "'literal' as coded: brightening only; 'paper': of absolute changes"
+_VARIANTS = "literal", "paper"
+_MEANING = "'literal' as coded: brightening only; 'paper': of absolute changes"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lgmd1SingleParams(Parameters):
     """Parameters of lgmd1_single."""
 
-    variant: str = parameter("literal", MEANING, choices=VARIANTS)
+    variant: str = parameter("literal", _MEANING, choices=_VARIANTS)
     inhibition: float = parameter(0.6, "weight of inhibition, W_i", low=0, high=100)
     threshold: float = parameter(
         30.0, "excitation that counts, T_s", unit="grey levels", above=0, high=1e6
@@ -49,7 +49,7 @@ class Lgmd1SingleParams(Parameters):
 class Lgmd1SinglePaperParams(Lgmd1SingleParams):
     """Parameters of lgmd1_single_paper."""
 
-    variant: str = parameter("paper", MEANING, choices=VARIANTS)
+    variant: str = parameter("paper", _MEANING, choices=_VARIANTS)
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
 # Constants of the best agent that the authors' genetic algorithm found.
-LEAST_BIAS, FIELD_SPREAD = 0.6190473, 0.5307723
-GATE = 12.0  # grey levels
-LAST_FRAMES = 10  # over which the rate of spikes is counted
+_LEAST_BIAS, _FIELD_SPREAD = 0.6190473, 0.5307723
+_GATE = 12.0  # grey levels
+_LAST_FRAMES = 10  # over which the rate of spikes is counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +62,7 @@ class LgmdPlusResponse(Response):
     ffi: float = 0.0
     spike: int = 0
     spike_rate: float = 0.0
-    bias: float = LEAST_BIAS
+    bias: float = _LEAST_BIAS
     tau_g: float = 10.0
     collision: int = 0
 
@@ -115,7 +115,7 @@ class LgmdPlus(ChangeDetector):
         self._spread = DelayedSpread((1, 1 / 4, 1 / 8), (10, 20, 30), self.ti)
         self._adaptation = Adaptation(783, self.ti)
         self._local = _local_weights(self.shape)
-        self._counts: deque[int] = deque([0] * LAST_FRAMES, maxlen=LAST_FRAMES)
+        self._counts: deque[int] = deque([0] * _LAST_FRAMES, maxlen=_LAST_FRAMES)
         self._ffi, self._collision = 0.0, 0
 
     def at_rest(self) -> LgmdPlusResponse:
@@ -127,9 +127,9 @@ class LgmdPlus(ChangeDetector):
         share = low_pass_share(self.ti, 10)
         mean = mean_change(p)
         self._ffi = share * mean + (1 - share) * self._ffi
-        rest = 1 - self._ffi / GATE
+        rest = 1 - self._ffi / _GATE
         tau_g = 10 * (rest if rest >= 0 else 0.5)
-        bias = max(self._ffi / GATE, LEAST_BIAS)
+        bias = max(self._ffi / _GATE, _LEAST_BIAS)
         v, _ = grouped(self._sums(p, bias), 4, 0.5, EDGE)
         v *= 0.5 * v >= self.params.threshold
         share = low_pass_share(self.ti, tau_g)
@@ -139,7 +139,7 @@ class LgmdPlus(ChangeDetector):
         sfa = self._adaptation.step(smp)
         spike = spikes(sfa, 10, self.params.spike)
         self._counts.append(spike)
-        rate = 1000 * sum(self._counts) / (LAST_FRAMES * self.ti)
+        rate = 1000 * sum(self._counts) / (_LAST_FRAMES * self.ti)
         self._collision |= int(rate >= self.params.rate)
         inner = mp, smp, sfa, self._ffi, spike, rate, bias, tau_g, self._collision
         return LgmdPlusResponse(mp / self.pixels, None, *inner)
@@ -170,6 +170,6 @@ def _local_weights(shape: tuple[int, int]) -> Plane:
     """
     height, width = shape
     y, x = (np.arange(side) / max(side // 2, 1) - (side >= 2) for side in shape)
-    scale = 2 * math.pi * FIELD_SPREAD * (height / width) * FIELD_SPREAD
+    scale = 2 * math.pi * _FIELD_SPREAD * (height / width) * _FIELD_SPREAD
     g = np.exp(-4.5 * (y[:, None] ** 2 + x**2)) / scale
     return np.asarray(np.maximum(1 - g, 0.1), dtype=np.float32)

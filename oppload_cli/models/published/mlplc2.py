@@ -25,18 +25,23 @@ if TYPE_CHECKING:
     Places = NDArray[np.intp]  # numbers of pixels, in the order of rows
 
 # Gaussians: the size of each, the part of it that is used, its sigma.
-EXCITATION, INHIBITION, COMPRESSION = (7, 3, 10.0), (11, 5, 20.0), (5, 5, 20.0)
-INHIBITION_WEIGHT, HALF_COMPRESSED, NEARLY = 1.2, 0.2, 1 - 1e-15
-GAIN, EXPONENTS = 10.0, (0.9, 0.5)  # of T4 (ON) and T5 (OFF)
-LEAST_MOTION, LOST_MOTION = 2.0, 1e-20
-KEPT_ABOVE, COLLISION = 10_000.0, 1000.0  # of the latest outputs of a field; of its output
-QUADRANTS = ("ru", "upper right"), ("lu", "upper left"), ("lb", "lower left"), ("rb", "lower right")
-BAND = 5  # px at the frame's edge without motion
-DELAYS_MS = 80.0, 70.0, 60.0, 50.0, 40.0  # at distances of 1 to 5 px
-NULL_WEIGHT, MOTION_MS = 1.5, 30.0  # of motion the other way; low-pass of motion
-NEIGHBOURS = (0, 1), (0, -1), (1, 0), (-1, 0)  # to the right, left, below, above: rows, columns
-HALF_FIELD, SUMMED_FRAMES = 75, 5  # px, frames
-FAINTEST_MOTION = 1e-12  # of which a power is taken
+_EXCITATION, _INHIBITION, _COMPRESSION = (7, 3, 10.0), (11, 5, 20.0), (5, 5, 20.0)
+_INHIBITION_WEIGHT, _HALF_COMPRESSED, _NEARLY = 1.2, 0.2, 1 - 1e-15
+_GAIN, _EXPONENTS = 10.0, (0.9, 0.5)  # of T4 (ON) and T5 (OFF)
+_LEAST_MOTION, _LOST_MOTION = 2.0, 1e-20
+_KEPT_ABOVE, _COLLISION = 10_000.0, 1000.0  # of the latest outputs of a field; of its output
+_QUADRANTS = (
+    ("ru", "upper right"),
+    ("lu", "upper left"),
+    ("lb", "lower left"),
+    ("rb", "lower right"),
+)
+_BAND = 5  # px at the frame's edge without motion
+_DELAYS_MS = 80.0, 70.0, 60.0, 50.0, 40.0  # at distances of 1 to 5 px
+_NULL_WEIGHT, _MOTION_MS = 1.5, 30.0  # of motion the other way; low-pass of motion
+_NEIGHBOURS = (0, 1), (0, -1), (1, 0), (-1, 0)  # to the right, left, below, above: rows, columns
+_HALF_FIELD, _SUMMED_FRAMES = 75, 5  # px, frames
+_FAINTEST_MOTION = 1e-12  # of which a power is taken
 
 
 # ---- Fields cut at the edge, correlators of neighbours, and fields of attention --------------
@@ -57,11 +62,11 @@ def _cut(p: Plane, line: Plane) -> Plane:
     """
     reach = len(line) // 2
     inner, last_row = p.copy(), np.zeros((len(line), len(line)))
-    inner[:BAND], inner[:, :BAND], last_row[-1] = 0, 0, line[-1] * line
+    inner[:_BAND], inner[:, :_BAND], last_row[-1] = 0, 0, line[-1] * line
     out = np.asarray(cv2.sepFilter2D(inner, -1, line, line, borderType=ZERO))
-    side = BAND + reach
+    side = _BAND + reach
     out[:, :side] = spread(inner[:, : side + reach], last_row, ZERO)[:, :side]
-    out[: BAND - reach], out[-side:], out[:, : BAND - reach], out[:, -side:] = 0, 0, 0, 0
+    out[: _BAND - reach], out[-side:], out[:, : _BAND - reach], out[:, -side:] = 0, 0, 0, 0
     return np.asarray(out, np.float64)
 
 
@@ -83,17 +88,17 @@ def _correlate(
     interval_ms : float
         Between two frames.
     """
-    share = low_pass_share(interval_ms, MOTION_MS)
+    share = low_pass_share(interval_ms, _MOTION_MS)
     now, before = signals
     now_here, before_here = now[here], before[here]
-    for distance, tau in enumerate(DELAYS_MS, 1):
+    for distance, tau in enumerate(_DELAYS_MS, 1):
         late = low_pass_share(interval_ms, tau)
         d_here = late * now_here + (1 - late) * before_here
-        for own, (dy, dx) in zip(motion, NEIGHBOURS, strict=True):
+        for own, (dy, dx) in zip(motion, _NEIGHBOURS, strict=True):
             there = here + distance * (dy * width + dx)
             now_there = now[there]
             d_there = late * now_there + (1 - late) * before[there]
-            e = d_here * d_there * (now_there - NULL_WEIGHT * now_here)
+            e = d_here * d_there * (now_there - _NULL_WEIGHT * now_here)
             e[(e < 0) | (e > 1)] = 0
             own[here] += share * e
 
@@ -102,7 +107,7 @@ def _powered(motion: Plane, exponent: float) -> Plane:
     """Return a power of the motion, 0 where it has all but decayed."""
     if exponent == 0.5:
         return np.sqrt(motion)
-    return np.where(motion > FAINTEST_MOTION, np.maximum(motion, FAINTEST_MOTION) ** exponent, 0)
+    return np.where(motion > _FAINTEST_MOTION, np.maximum(motion, _FAINTEST_MOTION) ** exponent, 0)
 
 
 @dataclass
@@ -114,8 +119,8 @@ class _Attention:
     x: int
     birth: int = 0
     quadrants: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    sums: deque[float] = field(default_factory=lambda: deque(maxlen=SUMMED_FRAMES))
-    outputs: deque[float] = field(default_factory=lambda: deque([0.0], SUMMED_FRAMES))
+    sums: deque[float] = field(default_factory=lambda: deque(maxlen=_SUMMED_FRAMES))
+    outputs: deque[float] = field(default_factory=lambda: deque([0.0], _SUMMED_FRAMES))
 
     def take(self, y: Places, x: Places, net: Plane) -> None:
         """Sum the outward part of the motion in each quadrant.
@@ -128,8 +133,8 @@ class _Attention:
             Their net motion to the right and downwards.
         """
         dy, dx = y - self.y, x - self.x
-        inside = np.abs(2 * dy + 1) < 2 * HALF_FIELD
-        inside &= np.abs(2 * dx + 1) < 2 * HALF_FIELD
+        inside = np.abs(2 * dy + 1) < 2 * _HALF_FIELD
+        inside &= np.abs(2 * dx + 1) < 2 * _HALF_FIELD
         dy, dx, (across, downward) = dy[inside], dx[inside], net[:, inside]
         right, left = np.maximum(across, 0), np.maximum(-across, 0)
         down, up = np.maximum(downward, 0), np.maximum(-downward, 0)
@@ -197,7 +202,7 @@ class Mlplc2(ChangeDetector):
         Column("field_y", "px", "row of the same, working size"),
         *(
             Column(f"q_{key}", "", f"outward motion of the oldest field, {words}")
-            for key, words in QUADRANTS
+            for key, words in _QUADRANTS
         ),
         Column("field_out", "", "output of the oldest field"),
         Column("best_out", "", "largest output of a field"),
@@ -220,20 +225,20 @@ class Mlplc2(ChangeDetector):
     def forget(self) -> None:
         """Forget all changes."""
         self._interval_ms = 1000 / (self.frame_rate or parts.USUAL_RATE)
-        line = _corner_line(*COMPRESSION)
+        line = _corner_line(*_COMPRESSION)
         reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
         self._reach = reach
         # Compression passes the threshold where the signal is above this.
-        least = np.arctanh(min(self.params.compression_threshold, NEARLY))
+        least = np.arctanh(min(self.params.compression_threshold, _NEARLY))
         with np.errstate(divide="ignore"):
-            limit = HALF_COMPRESSED * least / np.maximum(1 - least * reach, 0)
+            limit = _HALF_COMPRESSED * least / np.maximum(1 - least * reach, 0)
         self._limit = np.asarray(limit, np.float64)
         self._slots = [self.zeros(), self.zeros()]
         self._signal, self._now, self._former = np.zeros((3, 2, self.pixels))
         self._motion = np.zeros((2, 4, self.pixels))
         self._moves = np.zeros(self.pixels, bool)
         edge = np.zeros(self.shape, bool)
-        edge[BAND:-BAND, BAND:-BAND] = True
+        edge[_BAND:-_BAND, _BAND:-_BAND] = True
         self._inner = edge.ravel()
         self._active: list[Places] = [np.empty(0, np.intp)] * 2
         self._earlier = list(self._active)
@@ -251,21 +256,21 @@ class Mlplc2(ChangeDetector):
         for now, earlier in zip(self._active, self._earlier, strict=True):
             self._moves[now] = self._moves[earlier] = True
         moving = np.flatnonzero(self._moves & self._inner)
-        self._motion[:, :, moving] *= 1 - low_pass_share(self._interval_ms, MOTION_MS)
+        self._motion[:, :, moving] *= 1 - low_pass_share(self._interval_ms, _MOTION_MS)
         for motion, pair, now, before in zip(
             self._motion, self._pairs(), self._now, self._former, strict=True
         ):
             _correlate(motion, pair, (now, before), self.shape[1], self._interval_ms)
         own = self._motion[:, :, moving]
-        self._moves[moving] = (own > LOST_MOTION).any(axis=(0, 1))
-        t4, t5 = (_powered(*each) for each in zip(own, EXPONENTS, strict=True))
-        return self._attend(moving, GAIN * (t4 + t5))
+        self._moves[moving] = (own > _LOST_MOTION).any(axis=(0, 1))
+        t4, t5 = (_powered(*each) for each in zip(own, _EXPONENTS, strict=True))
+        return self._attend(moving, _GAIN * (t4 + t5))
 
     def _drive(self, inhibiting: Plane, exciting: Plane) -> None:
         """Let excitation and inhibition drive the ON and the OFF signal, which decay."""
-        excitation = _cut(exciting, _corner_line(*EXCITATION))
-        s = _cut(inhibiting, _corner_line(*INHIBITION))
-        np.multiply(s, -INHIBITION_WEIGHT, out=s)
+        excitation = _cut(exciting, _corner_line(*_EXCITATION))
+        s = _cut(inhibiting, _corner_line(*_INHIBITION))
+        np.multiply(s, -_INHIBITION_WEIGHT, out=s)
         np.add(s, excitation, out=s)
         bright = excitation >= 0
         # ON where both are above 0, OFF where both are below.
@@ -285,7 +290,7 @@ class Mlplc2(ChangeDetector):
         ):
             now[former] = 0
             own = signal[at]
-            now[at] = np.tanh(own / (HALF_COMPRESSED + own * self._reach[at]))
+            now[at] = np.tanh(own / (_HALF_COMPRESSED + own * self._reach[at]))
 
     def _pairs(self) -> Iterator[Places]:
         """Yield the pixels that correlate: those with a signal now or in the frame before."""
@@ -299,12 +304,12 @@ class Mlplc2(ChangeDetector):
         y, x = np.divmod(at, self.shape[1])
         magnitude = np.hypot(right + left, down + up)
         net = np.stack([right - left, down - up])
-        net[np.abs(net) < LEAST_MOTION] = 0
+        net[np.abs(net) < _LEAST_MOTION] = 0
         self._open(y, x, magnitude)
         for attention in list(self._fields):
             attention.take(y, x, net)
-            old = self._frames > attention.birth + SUMMED_FRAMES
-            if old and sum(attention.outputs) < KEPT_ABOVE and len(self._fields) > 1:
+            old = self._frames > attention.birth + _SUMMED_FRAMES
+            if old and sum(attention.outputs) < _KEPT_ABOVE and len(self._fields) > 1:
                 self._fields.remove(attention)
         moved = 0.0, 0, 0
         if magnitude.size and magnitude.max() > 0:
@@ -312,11 +317,11 @@ class Mlplc2(ChangeDetector):
             moved = float(magnitude[best]), int(x[best]), int(y[best])
         fields = self._fields or [_Attention(0, -1, -1)]
         oldest, largest = fields[0], max(fields, key=lambda each: each.outputs[-1])
-        output, side = largest.outputs[-1], 2.0 * HALF_FIELD
-        left_top = largest.x - HALF_FIELD, largest.y - HALF_FIELD
+        output, side = largest.outputs[-1], 2.0 * _HALF_FIELD
+        left_top = largest.x - _HALF_FIELD, largest.y - _HALF_FIELD
         box = Box(*left_top, side, side) if output > 0 else None
         place, last = (oldest.number, oldest.x, oldest.y), (oldest.outputs[-1], output)
-        count, hit = len(self._fields), int(output >= COLLISION)
+        count, hit = len(self._fields), int(output >= _COLLISION)
         values = *moved, float(np.abs(net).sum()), count, *place, *oldest.quadrants, *last, hit
         return Mlplc2Response(output, box, *values)
 
@@ -327,9 +332,9 @@ class Mlplc2(ChangeDetector):
         y, x = y[records], x[records]
         beyond = np.ones(len(records), bool)
         for each in self._fields:
-            above, left = y - each.y + HALF_FIELD, x - each.x + HALF_FIELD
+            above, left = y - each.y + _HALF_FIELD, x - each.x + _HALF_FIELD
             beyond &= (
-                (above < 0) | (above >= 2 * HALF_FIELD) | (left < 0) | (left >= 2 * HALF_FIELD)
+                (above < 0) | (above >= 2 * _HALF_FIELD) | (left < 0) | (left >= 2 * _HALF_FIELD)
             )
         if beyond.any():
             last = np.flatnonzero(beyond)[-1]  # records grow

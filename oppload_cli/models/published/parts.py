@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Plane = NDArray[np.floating[Any]]  # one value per pixel
 
 EDGE, ZERO, MIRROR = cv2.BORDER_REPLICATE, cv2.BORDER_CONSTANT, cv2.BORDER_REFLECT_101
-MOST_EXACT = 2**24  # the whole numbers of single precision
+_MOST_EXACT = 2**24  # the whole numbers of single precision
 USUAL_RATE = 30.0  # frames per second, where the rate is not known
 DECAY = 0.1  # share of ON and OFF that stays to the next frame
 
@@ -107,7 +107,7 @@ def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
 def mean_change(p: Plane) -> float:
     """Return the mean of the absolute change over the frame, in grey levels."""
     total = float(cv2.norm(p, cv2.NORM_L1))
-    if total >= MOST_EXACT:
+    if total >= _MOST_EXACT:
         # The authors add up in single precision, which loses digits from here on.
         total = float(np.cumsum(np.abs(p), dtype=np.float32)[-1])
     return total / p.size

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-TAPS = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
-INHIBITION, DECAY, THRESHOLD = 0.3, 0.15, 15.0
-RESOLUTION = 1 << 16  # of a probability
+_TAPS = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
+_INHIBITION, _DECAY, _THRESHOLD = 0.3, 0.15, 15.0
+_RESOLUTION = 1 << 16  # of a probability
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,16 +124,16 @@ class Plgmd(ChangeDetector):
     def _sum_of_g(self, q: Plane, before: Plane) -> float:
         """Return the sum of G of one run."""
         if self.params.p == 1:
-            s = q - INHIBITION * spread(before, k3(0, 1 / 4, 1 / 8), ZERO)
+            s = q - _INHIBITION * spread(before, k3(0, 1 / 4, 1 / 8), ZERO)
             g, _ = grouped(s, 4, 0.01, ZERO)
-            return float(g[DECAY * g >= THRESHOLD].sum())
+            return float(g[_DECAY * g >= _THRESHOLD].sum())
         masks = self._masks()
         s = np.asarray(q, np.float32) * masks[0]
         inhibition = self._inhibition(before, masks[3:])
-        cv2.scaleAdd(inhibition, -INHIBITION, s, dst=inhibition)
+        cv2.scaleAdd(inhibition, -_INHIBITION, s, dst=inhibition)
         np.copyto(s, inhibition, where=masks[1])
         g, _ = grouped(s, 4, 0.01, ZERO)
-        return float(g[(DECAY * g >= THRESHOLD) & masks[2]].sum(dtype=np.float64))
+        return float(g[(_DECAY * g >= _THRESHOLD) & masks[2]].sum(dtype=np.float64))
 
     def _inhibition(self, q: Plane, masks: Mask) -> Plane:
         """Return the sum of the 8 taps on Q(t-1), each with a mask of its own."""
@@ -141,7 +141,7 @@ class Plgmd(ChangeDetector):
         nearest = np.pad(np.asarray(q, np.float32) / 4, 1)
         diagonal = nearest / 2
         out = np.zeros(self.shape, np.float32)
-        for (y, x), mask in zip(TAPS, masks.view(np.uint8), strict=True):
+        for (y, x), mask in zip(_TAPS, masks.view(np.uint8), strict=True):
             padded = nearest if 1 in {y, x} else diagonal
             tap = padded[y : y + height, x : x + width]
             cv2.add(out, tap, dst=out, mask=mask)
@@ -152,10 +152,10 @@ class Plgmd(ChangeDetector):
 
         The first is set with probability p^2 at each pixel, the others with p.
         """
-        p, count = self.params.p, 3 + len(TAPS)
+        p, count = self.params.p, 3 + len(_TAPS)
         words = -(-2 * count * self.pixels // 8)
         numbers = self._random.random_raw(words).view(np.uint16)[: count * self.pixels]
         parts = numbers.reshape(count, *self.shape)
-        limits = np.array([p**2, *[p] * (count - 1)]) * RESOLUTION
-        highest = np.minimum(np.rint(limits), RESOLUTION - 1).astype(np.uint16)
+        limits = np.array([p**2, *[p] * (count - 1)]) * _RESOLUTION
+        highest = np.minimum(np.rint(limits), _RESOLUTION - 1).astype(np.uint16)
         return np.asarray(parts < highest[:, None, None])

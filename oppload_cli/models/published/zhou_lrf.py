@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.published.parts import Plane
 
-FIELD = 12  # elements across the field of a unit, 60 degrees
-WEIGHTS_FILE = "zhou_lrf.csv"
-UNIT_BIAS, HIT_BIAS = -0.966204, -1.944388  # b_e and b of the same training
-DELAY_KEPT = np.exp(-1 / 3)  # share of the delayed signal that it keeps from frame to frame
-AT_REST = sigmoid(HIT_BIAS)  # probability of a hit where nothing moves
-BLOCK_STEP = FIELD // 2  # elements between the units whose sum gives the probability of a hit
+_FIELD = 12  # elements across the field of a unit, 60 degrees
+_WEIGHTS_FILE = "zhou_lrf.csv"
+_UNIT_BIAS, HIT_BIAS = -0.966204, -1.944388  # b_e and b of the same training
+_DELAY_KEPT = np.exp(-1 / 3)  # share of the delayed signal that it keeps from frame to frame
+_AT_REST = sigmoid(HIT_BIAS)  # probability of a hit where nothing moves
+_BLOCK_STEP = _FIELD // 2  # elements between the units whose sum gives the probability of a hit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ class ZhouLrfResponse(Response):
     x: int = 0
     y: int = 0
     r_sum: float = 0.0
-    p_hit: float = AT_REST
+    p_hit: float = _AT_REST
     motion_abs: float = 0.0
 
 
@@ -69,15 +69,15 @@ def weights() -> Plane:
     OpploadError
         If the file of the weights is missing from the installation, or is damaged.
     """
-    path = files(__package__) / WEIGHTS_FILE
+    path = files(__package__) / _WEIGHTS_FILE
     try:
         lines = path.read_text("ascii").split()
         values = np.array([line.split(",") for line in lines], np.float64)
     except (OSError, ValueError) as error:
         values, reason = np.empty(0), str(error)
     else:
-        reason = f"it holds {values.shape}, not ({FIELD}, {FIELD}) numbers"
-    if values.shape != (FIELD, FIELD):
+        reason = f"it holds {values.shape}, not ({_FIELD}, {_FIELD}) numbers"
+    if values.shape != (_FIELD, _FIELD):
         raise OpploadError(
             f"{path}: the weights of zhou_lrf cannot be read ({reason}); install anew"
         )
@@ -185,7 +185,7 @@ class ZhouLrf(Detector):
         height, width = shape
         self._element = self.params.element or max(2, 2 * (height // 60))
         self._grid = height // self._element, width // self._element
-        self.need_size(shape, (FIELD * self._element,) * 2)
+        self.need_size(shape, (_FIELD * self._element,) * 2)
         self._blur = Blur(self._element)
         right = weights()
         # Four directions by turns of 90 degrees; anchored at the block's top left element.
@@ -204,7 +204,7 @@ class ZhouLrf(Detector):
             self._delayed = samples  # a settled start
             return None
         self._delayed = [
-            DELAY_KEPT * old + (1 - DELAY_KEPT) * new
+            _DELAY_KEPT * old + (1 - _DELAY_KEPT) * new
             for old, new in zip(before, samples, strict=True)
         ]
         return self._answer(samples, self._delayed)
@@ -223,20 +223,20 @@ class ZhouLrf(Detector):
         across = right * late_left - late_right * left
         up = upper * late_lower - late_upper * lower
         channels = [np.maximum(each, 0) for each in (across, -across, up, -up)]
-        rows, columns = (size - FIELD + 1 for size in self._grid)
+        rows, columns = (size - _FIELD + 1 for size in self._grid)
         drive = sum(
             cv2.filter2D(channel, -1, each, anchor=(0, 0))[:rows, :columns]
             for channel, each in zip(channels, self._weights, strict=True)
         )
-        units = np.maximum(0, UNIT_BIAS + drive)
+        units = np.maximum(0, _UNIT_BIAS + drive)
         row, column = divmod(int(units.argmax()), columns)
         largest = float(units[row, column])
-        hit = HIT_BIAS + float(units[::BLOCK_STEP, ::BLOCK_STEP].sum())
+        hit = HIT_BIAS + float(units[::_BLOCK_STEP, ::_BLOCK_STEP].sum())
         return ZhouLrfResponse(
             largest,
             r_max=largest,
-            x=(column + BLOCK_STEP) * self._element,
-            y=(row + BLOCK_STEP) * self._element,
+            x=(column + _BLOCK_STEP) * self._element,
+            y=(row + _BLOCK_STEP) * self._element,
             r_sum=float(units.sum()),
             p_hit=sigmoid(hit),
             motion_abs=float(np.abs(across).sum() + np.abs(up).sum()),
