@@ -15,9 +15,8 @@ from oppload_cli.evaluation.metrics.alarms import (
     SILENCE_S,
     condition_of,
 )
-from oppload_cli.evaluation.metrics.groups import KIND
 from oppload_cli.evaluation.metrics.intervals import LEVEL, SEED
-from oppload_cli.evaluation.metrics.measures import GROWN, NEAR_CONTACT
+from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
 from oppload_cli.evaluation.metrics.windows import (
     AHEAD,
     LEAST_S,

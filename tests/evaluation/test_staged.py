@@ -11,10 +11,9 @@ import pytest
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
 from oppload_cli.evaluation.manifest import conditions_of, label_of, protocols_of
-from oppload_cli.evaluation.metrics.alarms import Thresholds, at_rate
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
-from oppload_cli.evaluation.metrics.groups import of_conditions, of_objects, overlap
 from oppload_cli.evaluation.metrics.intervals import draws_of
+from oppload_cli.evaluation.metrics.measures import measured
 from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
@@ -92,7 +91,9 @@ def truthful(
     """A clip of 20 frames at 10 per second; the true box is that of 10 x 10 px at 0."""
     frames = len(response)
     found = np.tile([np.nan] * 4 if box is None else box, (frames, 1))
-    output = Output(np.array(response), None, found, found, np.full(frames, estimate))
+    output = Output(
+        np.array(response), np.array(response) > 1, found, found, np.full(frames, estimate)
+    )
     onset = None if contact is None else 5
     label = Label(str(conditions), onset, contact, "", {}, {}, conditions)
     if contact is not None:
@@ -111,11 +112,8 @@ def test_outcomes_by_condition() -> None:
         truthful(calm, {"kind": "pan"}),
     ]
     draws = draws_of([clip.label.looming for clip in clips], 100)
-    decision = at_rate(Thresholds(clips, "d"), 10.0, draws)
-    found = {
-        (one.measure, one.condition): one for one in of_conditions(clips, "d", decision, draws)
-    }
-    at = "at 10 per minute"
+    found = {(one.measure, one.condition): one for one in measured(clips, "d", draws).measurements}
+    at = "alarm as shipped"
     assert found["detection_rate", f"{at}, speed 3 m/s"][3] == 1
     assert found["detection_rate", f"{at}, speed 12 m/s"][3] == 0
     assert found["detection_rate", f"{at}, kind collision"][3:] == (0.5, 0.0, 1.0, 2)
@@ -128,14 +126,13 @@ def test_outcomes_by_condition() -> None:
 
 
 def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:
-    assert overlap((0, 0, 10, 10), (5, 0, 10, 10)) == pytest.approx(1 / 3)
-    assert overlap((0, 0, 10, 10), (10, 0, 5, 5)) == 0
     clips = [
         truthful([1.0] * 20, {"kind": "a"}, 15, (0, 0, 10, 20), 0.44),
         truthful([1.0] * 20, {"kind": "a"}, 15, (0, 0, 10, 10), 0.2),
         truthful([1.0] * 20, {"kind": "a"}, 15),
     ]
-    found = {one.measure: one for one in of_objects(clips, "d", draws_of([True] * 3, 100))}
+    draws = draws_of([True] * 3, 100)
+    found = {one.measure: one for one in measured(clips, "d", draws).measurements}
     assert found["box_overlap"].value == pytest.approx(0.5)
     assert found["contact_within"].value == pytest.approx(1 / 3)
     assert found["contact_error"].value == pytest.approx(0.3)
@@ -144,6 +141,18 @@ def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:
         3,
         2,
     )
+
+
+@pytest.mark.parametrize(
+    ("box", "overlap"),
+    [((0, 0, 10, 20), 1 / 2), ((5, 0, 10, 10), 1 / 3), ((10, 0, 5, 5), 0), ((0, 0, 10, 10), 1)],
+)
+def test_the_overlap_of_a_box_with_that_of_the_truth(
+    box: tuple[float, ...], overlap: float
+) -> None:
+    clips = [truthful([1.0] * 20, {"kind": "a"}, 15, box)]
+    found = {one.measure: one for one in measured(clips, "d", draws_of([True], 100)).measurements}
+    assert found["box_overlap"].value == pytest.approx(overlap)
 
 
 @pytest.mark.slow

@@ -29,7 +29,7 @@ class Window(NamedTuple):
         return float(response[self.start : self.stop].max())
 
 
-def window_to(clip: Clip, stop: int, least: int) -> Window | None:
+def _window_to(clip: Clip, stop: int, least: int) -> Window | None:
     """Return the window of one second that ends before the frame `stop`.
 
     It holds no frame before `least`; None if it would be shorter than half a second.
@@ -49,7 +49,7 @@ def tiled(clip: Clip, start: int, stop: int) -> list[Window]:
     The earliest may be shorter than a second, but has half a second.
     """
     made = []
-    while (window := window_to(clip, stop, start)) is not None:
+    while (window := _window_to(clip, stop, start)) is not None:
         made.append(window)
         stop = window.start
     return made
@@ -62,7 +62,7 @@ def before_contact(clip: Clip, frames: int = 0) -> Window | None:
     """
     if clip.label.contact is None:
         return None
-    return window_to(clip, clip.label.contact + 1 - frames, clip.first)
+    return _window_to(clip, clip.label.contact + 1 - frames, clip.first)
 
 
 def without_approach(clip: Clip) -> list[Window]:

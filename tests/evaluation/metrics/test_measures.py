@@ -1,9 +1,10 @@
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
-from oppload_cli.evaluation.metrics.alarms import Thresholds
 from oppload_cli.evaluation.metrics.intervals import (
     draws_of,
     estimate,
@@ -13,12 +14,14 @@ from oppload_cli.evaluation.metrics.intervals import (
 )
 from oppload_cli.evaluation.metrics.measures import (
     FRAME_CENTRE,
-    distinct_ratios,
     measured,
     of_places,
     places,
 )
 from tests.evaluation.make import NAME, clip, peaks
+
+if TYPE_CHECKING:
+    from oppload_cli.evaluation.metrics.clips import Clip
 
 
 def test_draws_keep_the_number_of_clips_of_each_kind() -> None:
@@ -48,19 +51,20 @@ def test_the_median_of_weighted_values() -> None:
     assert np.isnan(weighted_median(values, np.array([0, 0, 1, 0])))
 
 
-def test_distinct_ratios() -> None:
-    clips = [
-        clip(peaks(60, {10: 2.0, 45: 8.0}), 40, 50),  # 4 times what was before
-        clip(peaks(60, {45: 8.0}), 40, 50),  # nothing before
-        clip([0.0] * 60, 40, 50),  # nothing at all
-        clip(peaks(60, {8: 9.0}), 6, 50),  # 0.3 s before: against the clips without
-        clip(peaks(60, {20: 1.0})),
-        clip(peaks(60, {20: 3.0})),
-        clip(peaks(60, {20: 30.0})),
-    ]
-    ratios = distinct_ratios(Thresholds(clips, NAME))
-    assert ratios[:4].tolist() == [4, np.inf, 1, 3]
-    assert np.isnan(ratios[4:]).all()
+@pytest.mark.parametrize(
+    ("approach", "ratio"),
+    [
+        (clip(peaks(60, {10: 2.0, 45: 8.0}), 40, 50), 4),  # 4 times what was before
+        (clip(peaks(60, {45: 8.0}), 40, 50), np.inf),  # nothing before
+        (clip([0.0] * 60, 40, 50), 1),  # nothing at all
+        (clip(peaks(60, {8: 9.0}), 6, 50), 3),  # 0.3 s before: against the clips without
+    ],
+)
+def test_how_far_an_approach_stands_out(approach: Clip, ratio: float) -> None:
+    calm = [clip(peaks(60, {20: peak})) for peak in (1.0, 3.0, 30.0)]
+    draws = draws_of([True, False, False, False], 100)
+    found = {each.measure: each for each in measured([approach, *calm], NAME, draws).measurements}
+    assert (found["distinct_ratio"].value, found["distinct_ratio"].n) == (ratio, 1)
 
 
 def test_places_of_the_winning_unit() -> None:

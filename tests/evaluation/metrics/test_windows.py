@@ -8,7 +8,6 @@ from oppload_cli.evaluation.metrics.windows import (
     curve,
     ordered_pairs,
     tiled,
-    window_to,
     without_approach,
 )
 from tests.evaluation.make import NAME, clip, peaks
@@ -17,8 +16,7 @@ from tests.evaluation.make import NAME, clip, peaks
 @pytest.mark.parametrize("rate", [10, 12.5, 16.667, 25, 29.97, 30, 60])
 def test_a_window_holds_one_second_of_frames(rate: float) -> None:
     seen = clip([0.0] * 200, rate=rate)
-    window = window_to(seen, 150, 3)
-    assert window is not None
+    window = tiled(seen, 3, 150)[0]
     assert window.stop == 150
     assert abs(len(range(*window)) - rate) <= 0.5
 
