@@ -61,49 +61,51 @@ class Observer(Protocol):
         """Take note that an input is done, or has failed."""
 
 
-def jobs_for(wanted: int, inputs: int) -> int:
-    """Return how many processes to start, from 1 to the number of inputs.
-
-    Parameters
-    ----------
-    wanted : int
-        The user's choice; 0 means the cores that the affinity mask allows.
-    inputs : int
-        How many inputs the batch has.
-    """
-    return max(1, min(wanted or cores(), inputs))
-
-
-def run_here(tasks: Iterable[Task], observer: Observer) -> None:
-    """Do one task after the other in this process.
-
-    Raises
-    ------
-    Interrupted
-        If the user stops it.
-    """
-    for task in tasks:
-        observer.started(task.name)
-        observer.ended(task, _counted(task, observer.frames))
-
-
-def run_in_processes(tasks: Iterable[Task], jobs: int, observer: Observer) -> None:
-    """Do several tasks at a time, each in a process.
+def run_tasks(
+    tasks: Iterable[Task],
+    observer: Observer,
+    *,
+    inputs: int,
+    jobs: int = 0,
+    scheduler: str | None = None,
+) -> None:
+    """Do the tasks of a batch.
 
     Parameters
     ----------
     tasks : iterable of Task
         Taken as they are needed.
-    jobs : int
-        How many at a time, at least 1.
     observer : Observer
         Told of everything.
+    inputs : int
+        How many tasks there are.
+    jobs : int
+        How many are done at a time, each in a process; 0 means the cores that the affinity mask
+        allows. A single one is done in this process.
+    scheduler : str, optional
+        The cluster to do them on: the scheduler's address such as ``tcp://host:8786``, or its
+        scheduler file.
 
     Raises
     ------
     KeyboardInterrupt
-        If the user stops it; the processes are ended and joined first.
+        If the user stops it; processes are ended and joined first, and tasks on workers stopped.
+    ParameterError
+        If dask.distributed is missing here, the scheduler does not answer, has no worker, or a
+        worker has no oppload or another version of it; no task is begun then.
     """
+    jobs = min(jobs or cores(), inputs)
+    if scheduler:
+        _run_on_cluster(tasks, scheduler, observer)
+    elif jobs > 1:
+        _run_in_processes(tasks, jobs, observer)
+    else:
+        for task in tasks:
+            observer.started(task.name)
+            observer.ended(task, _counted(task, observer.frames))
+
+
+def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: Observer) -> None:
     threads = max(1, cores() // jobs)
     limited = (replace(task, threads=threads) for task in tasks)
     with closing(events(_counted, limited, jobs, threads=threads)) as happening:
@@ -177,27 +179,7 @@ def _counted(task: Task, tell: Callable[[int], object]) -> Outcome | Failure:
     return result
 
 
-def run_on_cluster(tasks: Iterable[Task], scheduler: str, observer: Observer) -> None:
-    """Do tasks on a cluster.
-
-    Parameters
-    ----------
-    tasks : iterable of Task
-        Taken as they are needed.
-    scheduler : str
-        The scheduler's address such as ``tcp://host:8786``, or its scheduler file.
-    observer : Observer
-        Told of everything.
-
-    Raises
-    ------
-    ParameterError
-        If dask.distributed is missing here, the scheduler does not answer, has no
-        worker, or a worker has no oppload or another version of it; no task is
-        begun then.
-    KeyboardInterrupt
-        If the user stops it; the tasks that run on workers are stopped first.
-    """
+def _run_on_cluster(tasks: Iterable[Task], scheduler: str, observer: Observer) -> None:
     with _connected(scheduler) as client:
         _check_workers(client, scheduler)
         run = _Run(client, iter(tasks), observer)

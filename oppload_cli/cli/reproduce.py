@@ -54,20 +54,14 @@ def reproduce(
 
 
 def _make(names: list[str], output: Path, claim: PartFile, *, jobs: int, quiet: bool) -> None:
-    from oppload_cli.reproduction.report import build, page_of, report_json, report_of, verdicts
+    from oppload_cli.reproduction.report import build, files_of
 
     started = time.perf_counter()
     with progress_bar(len(names), "figure", quiet=quiet) as bar:
         figures = build(names, jobs=jobs or cores(), progress=bar.update)
-    report = report_of(figures, time.perf_counter() - started)
-    pictures = {figure.name: figure.png for figure in figures}
-    made: dict[str, str | bytes] = {f"{name}.png": png for name, png in pictures.items()}
-    for figure in figures:
-        made.update(figure.tables)
-    made["report.json"] = report_json(report)
-    made["index.html"] = page_of(report, pictures)
+    made, verdicts = files_of(figures, time.perf_counter() - started)
     for name, content in made.items():
         write_atomic(claim if name == "report.json" else output / name, content)
     # Only now: the reader of the names may have gone.
     click.echo("\n".join(str(output / name) for name in made))
-    click.echo(f"verdicts on the statements of the paper: {verdicts(report)}", err=True)
+    click.echo(f"verdicts on the statements of the paper: {verdicts}", err=True)

@@ -258,8 +258,11 @@ class _Batch:
 
         A bad input never stops the others.
         """
+        from oppload_cli.batch.tasks import run_tasks  # a single input needs no processes
+
+        options, inputs = self._options, len(self._plan.inputs)
         try:
-            self._run(tasks)
+            run_tasks(tasks, self, inputs=inputs, jobs=options.jobs, scheduler=options.scheduler)
         except KeyboardInterrupt as error:
             self._report()
             finished = self._tally.inputs.total()
@@ -275,17 +278,6 @@ class _Batch:
             raise
         self._report()
         return self._tally.exit_code_unless(self._options.fail_on)
-
-    def _run(self, tasks: Iterator[Task]) -> None:
-        from oppload_cli.batch import tasks as work  # a single input needs no processes
-
-        jobs = work.jobs_for(self._options.jobs, len(self._plan.inputs))
-        if self._options.scheduler:
-            work.run_on_cluster(tasks, self._options.scheduler, self)
-        elif jobs > 1:
-            work.run_in_processes(tasks, jobs, self)
-        else:
-            work.run_here(tasks, self)
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):

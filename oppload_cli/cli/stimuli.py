@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os.path
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,14 +17,12 @@ from oppload_cli.cli.options import (
     jobs_option,
     quiet_option,
 )
-from oppload_cli.errors import ExitCode, OpploadError, OutputError
+from oppload_cli.errors import ExitCode, OpploadError
 from oppload_cli.stimulus.catalogue import Entry, entries, find, parsed_setting
-from oppload_cli.stimulus.protocol import Protocol, json_schema
+from oppload_cli.stimulus.protocol import json_schema
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from oppload_cli.stimulus.files import Written
 
 
 # the keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help
@@ -118,14 +115,23 @@ def generate(
     FILE your own .toml, GLOB a pattern such as 'klapoetke2017/*'. The paths of the
     videos are printed.
     """
-    protocols, problems = _protocols(names, _settings(changes), form)
-    wanted = _not_existing(protocols, directory, form, preview, if_exists)
+    from oppload_cli.stimulus.files import named, not_made_yet, write_all
+
+    protocols, problems = named(names, _settings(changes), form)
+    wanted = not_made_yet(protocols, directory, form, preview=preview, if_exists=if_exists)
     if form == "mp4":
         click.echo("note: mp4 (H.264) is lossy; use ffv1 for exact luminance", err=True)
-    new = if_exists == "error"
-    results = _written(
-        wanted, directory, form, preview=preview, new=new, jobs=jobs or None, quiet=quiet
-    )
+    total = sum(protocol.frame_count for protocol in wanted)
+    with progress_bar(total, " frames", quiet=quiet) as bar:
+        results = write_all(
+            wanted,
+            directory,
+            form=form,
+            preview=preview,
+            new=if_exists == "error",
+            jobs=jobs,
+            progress=bar.update,
+        )
     for one in results:
         if isinstance(one, OpploadError):
             problems.append(one)
@@ -149,74 +155,6 @@ def schema() -> None:
 
 def _settings(texts: Sequence[str]) -> dict[str, Any]:
     return dict(parsed_setting(text) for text in texts)
-
-
-def _protocols(
-    names: Sequence[str], settings: dict[str, Any], form: str
-) -> tuple[list[Protocol], list[OpploadError]]:
-    """Resolve all names; a name that fails does not stop the others."""
-    from oppload_cli.stimulus.files import check_fits
-
-    found: dict[str, Protocol] = {}
-    problems: list[OpploadError] = []
-    for name in names:
-        try:
-            for entry in find(name):
-                for protocol in entry.with_settings(settings).protocols():
-                    check_fits(protocol, form, str(entry.path))
-                    same = found.setdefault(protocol.name, protocol)
-                    if same != protocol:
-                        raise OutputError(
-                            f"{entry.path}: two different stimuli are named '{protocol.name}'; "
-                            "rename a file or generate them one by one"
-                        )
-        except OpploadError as problem:
-            problems.append(problem)
-    return list(found.values()), problems
-
-
-def _not_existing(
-    protocols: list[Protocol], directory: Path, form: str, preview: bool, if_exists: str
-) -> list[Protocol]:
-    """Leave out stimuli whose files exist, or refuse them before the first one is drawn."""
-    from oppload_cli.stimulus.files import targets
-
-    wanted = []
-    for protocol in protocols:
-        made = targets(protocol, directory, form, preview=preview)
-        old = [path for path in (made.video, made.truth) if os.path.lexists(path)]
-        if old and if_exists == "error":
-            raise OutputError(
-                f"{old[0]} exists already; use --if-exists skip or overwrite, or another folder"
-            )
-        if len(old) < 2 or if_exists == "overwrite":
-            wanted.append(protocol)
-    return wanted
-
-
-def _written(
-    protocols: list[Protocol],
-    directory: Path,
-    form: str,
-    *,
-    preview: bool,
-    new: bool,
-    jobs: int | None,
-    quiet: bool,
-) -> list[Written | OpploadError]:
-    from oppload_cli.stimulus.files import write_all
-
-    total = sum(protocol.frame_count for protocol in protocols)
-    with progress_bar(total, " frames", quiet=quiet) as bar:
-        return write_all(
-            protocols,
-            directory,
-            form=form,
-            preview=preview,
-            new=new,
-            jobs=jobs,
-            progress=bar.update,
-        )
 
 
 def _report(problems: list[OpploadError]) -> None:

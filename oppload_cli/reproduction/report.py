@@ -111,8 +111,8 @@ def _made_by(maker: str) -> str:
     return " and ".join(name for name, (each, _) in FIGURES.items() if each == maker)
 
 
-def report_of(figures: Sequence[Built], wall_s: float) -> dict[str, Any]:
-    """Gather the report, ready for JSON.
+def files_of(figures: Sequence[Built], wall_s: float) -> tuple[dict[str, str | bytes], str]:
+    """Return the files of a reproduction.
 
     Parameters
     ----------
@@ -120,32 +120,27 @@ def report_of(figures: Sequence[Built], wall_s: float) -> dict[str, Any]:
         In the order of the page.
     wall_s : float
         How long making them took, in seconds.
+
+    Returns
+    -------
+    files : dict of str to str or bytes
+        By name: pictures, tables, ``report.json`` and ``index.html``.
+    verdicts : str
+        How often each verdict was given.
     """
-    return {
+    report = {
         "schema": _SCHEMA,
         "paper": _PAPER,
         "tool": environment(),
         "wall_s": round(wall_s, 1),
         "figures": [figure.as_dict() for figure in figures],
     }
-
-
-def report_json(report: Mapping[str, Any]) -> str:
-    """Return the report as JSON text."""
-    return json.dumps(report, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def page_of(report: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
-    """Return ``index.html``, the report as one page that needs no other file.
-
-    Parameters
-    ----------
-    report : mapping
-        From :func:`report_of`.
-    pictures : mapping of str to bytes
-        PNG by the figure's name.
-    """
-    return rendered(
+    pictures = {figure.name: figure.png for figure in figures}
+    files: dict[str, str | bytes] = {f"{name}.png": png for name, png in pictures.items()}
+    for figure in figures:
+        files.update(figure.tables)
+    files["report.json"] = json.dumps(report, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    files["index.html"] = rendered(
         "reproduction.html",
         report=report,
         pictures=pictures,
@@ -155,6 +150,7 @@ def page_of(report: Mapping[str, Any], pictures: Mapping[str, bytes]) -> str:
         tally=tally,
         embedded=embedded,
     )
+    return files, _verdicts(report)
 
 
 def presets_of(report: Mapping[str, Any]) -> list[str]:
@@ -170,12 +166,12 @@ def introduction(report: Mapping[str, Any]) -> str:
         "the paper, in our words, is followed by our measurement; the verdict follows from the "
         "measurement by the rule that is printed with it. Preset 'paper' is the paper to the "
         "letter, preset 'reference' the same model made to work. Verdicts: "
-        f"{verdicts(report)}. The table gives each figure's verdict, and how many of its "
+        f"{_verdicts(report)}. The table gives each figure's verdict, and how many of its "
         "statements hold."
     )
 
 
-def verdicts(report: Mapping[str, Any]) -> str:
+def _verdicts(report: Mapping[str, Any]) -> str:
     """Return how often each verdict was given, over all statements and presets."""
     counts = dict.fromkeys(map(str, Verdict), 0)
     for figure in report["figures"]:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
+import os.path
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from operator import attrgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from oppload_cli.errors import StimulusError, suggestion
+from oppload_cli.errors import OpploadError, OutputError, StimulusError, suggestion
 from oppload_cli.files.atomic import remove, write_atomic
 from oppload_cli.processes import cores
 from oppload_cli.processes.pool import Seldom, outcomes
+from oppload_cli.stimulus.catalogue import find
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import ground_truth_text
 from oppload_cli.video.writers import FORMATS, open_writer, png_bytes, target_of
@@ -25,7 +27,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.errors import OpploadError
     from oppload_cli.stimulus.protocol import Protocol
 
     Grey = NDArray[np.uint8]
@@ -108,22 +109,10 @@ def file_stem(name: str) -> str:
     return name.replace("/", "_")
 
 
-def check_fits(protocol: Protocol, form: str, where: str) -> None:
-    """Check that a format can hold a stimulus.
+def _check_fits(protocol: Protocol, form: str, where: str) -> None:
+    """Raise StimulusError if a format cannot hold a stimulus; it names the key to change.
 
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    form : str
-        A key of :data:`oppload_cli.video.writers.FORMATS`.
-    where : str
-        The name or the file of the stimulus, for the message.
-
-    Raises
-    ------
-    StimulusError
-        If the format cannot hold it; the message names the key to change.
+    `where` is the name or the file of the stimulus, for the message.
     """
     if form not in FORMATS:
         raise StimulusError(f"no video format '{form}'{suggestion(form, FORMATS)}")
@@ -142,15 +131,9 @@ def check_fits(protocol: Protocol, form: str, where: str) -> None:
         )
 
 
-def targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = False) -> Written:
-    """Return the files that :func:`write`, called with the same arguments, makes.
-
-    Raises
-    ------
-    StimulusError
-        If the format cannot hold the stimulus.
-    """
-    check_fits(protocol, form, protocol.name)
+def _targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = False) -> Written:
+    """Return the files that :func:`write`, called with the same arguments, makes."""
+    _check_fits(protocol, form, protocol.name)
     stem = file_stem(protocol.name)
     return Written(
         target_of(directory, stem, form),
@@ -158,6 +141,68 @@ def targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = F
         directory / f"{stem}.preview.png" if preview else None,
         protocol.frame_count,
     )
+
+
+def named(
+    names: Sequence[str], settings: dict[str, Any], form: str
+) -> tuple[list[Protocol], list[OpploadError]]:
+    """Return the stimuli of names, and the errors of names that are wrong.
+
+    Parameters
+    ----------
+    names : sequence of str
+        As :func:`oppload_cli.stimulus.find` takes them.
+    settings : dict
+        Other values by dotted key.
+    form : str
+        The format that is to hold them.
+    """
+    found: dict[str, Protocol] = {}
+    problems: list[OpploadError] = []
+    for name in names:
+        try:
+            for entry in find(name):
+                for protocol in entry.with_settings(settings).protocols():
+                    _check_fits(protocol, form, str(entry.path))
+                    same = found.setdefault(protocol.name, protocol)
+                    if same != protocol:
+                        raise OutputError(
+                            f"{entry.path}: two different stimuli are named '{protocol.name}'; "
+                            "rename a file or generate them one by one"
+                        )
+        except OpploadError as problem:
+            problems.append(problem)
+    return list(found.values()), problems
+
+
+def not_made_yet(
+    protocols: Sequence[Protocol], directory: Path, form: str, *, preview: bool, if_exists: str
+) -> list[Protocol]:
+    """Leave out stimuli whose files exist, or refuse them before the first one is drawn.
+
+    Parameters
+    ----------
+    protocols, directory, form, preview
+        As for :func:`write_all`.
+    if_exists : str
+        ``error``, ``skip`` or ``overwrite``.
+
+    Raises
+    ------
+    OutputError
+        If a file exists and `if_exists` is ``error``.
+    """
+    wanted = []
+    for protocol in protocols:
+        made = _targets(protocol, directory, form, preview=preview)
+        old = [path for path in (made.video, made.truth) if os.path.lexists(path)]
+        if old and if_exists == "error":
+            raise OutputError(
+                f"{old[0]} exists already; use --if-exists skip or overwrite, or another folder"
+            )
+        if len(old) < 2 or if_exists == "overwrite":
+            wanted.append(protocol)
+    return wanted
 
 
 def write(
@@ -193,7 +238,7 @@ def write(
     OutputError
         If a file cannot be written; then no file of this stimulus remains.
     """
-    made = targets(protocol, directory, form, preview=preview)
+    made = _targets(protocol, directory, form, preview=preview)
     display, renderer = protocol.display, Renderer(protocol)
     shown = set(sheet_frames(protocol.frame_count)) if preview else set()
     kept = []
@@ -232,7 +277,7 @@ def write_all(
     form: str = "ffv1",
     preview: bool = False,
     new: bool = False,
-    jobs: int | None = None,
+    jobs: int = 0,
     progress: Callable[[int], object] | None = None,
 ) -> list[Written | OpploadError]:
     """Write stimuli; one that fails does not stop the others.
@@ -249,8 +294,8 @@ def write_all(
         Whether to write contact sheets too.
     new : bool
         Whether a video that exists is an error.
-    jobs : int, optional
-        Stimuli written at a time, each by a process; default: one per core.
+    jobs : int
+        Stimuli written at a time, each by a process; 0: one per core.
     progress : callable or None
         Called with the number of frames done since the last call.
 
