@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.parameters import alarm_params, place_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.models.timebase import FRAME, TimeParams
 from oppload_cli.pipeline.analysis import analyse
@@ -118,7 +118,7 @@ def shown(
     found = [
         (record.responses[model], record.time_s, record.alarms[model])
         for record in analyse(
-            video, [params], alarm=alarm_params(preset), places=None, rmo=None,
+            video, [params], alarm=alarm_params(preset), places=place_params(preset), rmo=None,
             time=TimeParams(interval=interval),
         )
     ]  # fmt: skip
@@ -212,7 +212,7 @@ def controls() -> Iterator[str]:
                     records = list(
                         analyse(
                             video, [parameters_of("opplod", preset)], alarm=alarm_params(preset),
-                            places=None, rmo=None,
+                            places=place_params(preset), rmo=None,
                         )
                     )  # fmt: skip
                     answers = [record.responses["opplod"] for record in records]

@@ -1,4 +1,4 @@
-"""A causal alarm: a response far above what the video has shown so far."""
+"""A causal alarm: a response far above what the video has shown so far, or a near contact."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ class Alarm:
     It uses only frames that have passed, so that it says the same on a robot as on a file. A
     frame counts when its response is above the threshold: `factor` times the median response of
     the background, which is the last `background_s` seconds without the latest `guard_s`, and at
-    least the detector's floor.
+    least the detector's floor. Where the time to contact is below `contact_s`, `contact_share`
+    of the threshold is enough.
 
     Parameters
     ----------
@@ -33,8 +34,9 @@ class Alarm:
     Attributes
     ----------
     threshold : float
-        The response above which the latest frame sets the alarm off; above `release` times
-        this it keeps the alarm on. Infinite where `params` has no alarm.
+        The response above which the latest frame sets the alarm off. A smaller response, above
+        `release` times this, keeps it on, and one above `contact_share` times this sets it off
+        shortly before contact. Infinite where `params` has no alarm.
 
     Raises
     ------
@@ -48,7 +50,7 @@ class Alarm:
     >>> import oppload_cli as oppload
     >>> alarm = oppload.Alarm("opplod", oppload.alarm_params("default"))
     >>> alarm.step(0.0, time_s=0.0), alarm.step(0.5, time_s=0.1), alarm.threshold
-    (False, True, 0.03)
+    (False, True, 0.05)
     """
 
     def __init__(self, name: str, params: AlarmParams | None = None) -> None:
@@ -61,7 +63,9 @@ class Alarm:
         self._on = False
         self.threshold = self._floor
 
-    def step(self, response: float, time_s: float, *, blind: bool = False) -> bool:
+    def step(
+        self, response: float, time_s: float, *, contact_s: float | None = None, blind: bool = False
+    ) -> bool:
         """Take the response to the next frame.
 
         Parameters
@@ -70,6 +74,9 @@ class Alarm:
             The detector's response, at least 0.
         time_s : float
             The frame's presentation time in seconds.
+        contact_s : float, optional
+            Time to contact in seconds of the object with the largest response, above 0; None
+            where it is not known.
         blind : bool
             Whether the frame does not count (see :class:`Cuts`).
 
@@ -81,6 +88,8 @@ class Alarm:
         background = self._background.step(response, time_s)
         self.threshold = max(self._floor, self.params.factor * background)
         share = self.params.release if self._on else 1.0
+        if contact_s is not None and contact_s < self.params.contact_s:
+            share = min(share, self.params.contact_share)
         above = response > share * self.threshold and not blind
         if self._long_enough(above, time_s) and (self._on or time_s >= self._ready_s):
             self._until_s = time_s + self.params.hold_s

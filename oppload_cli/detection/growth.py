@@ -191,7 +191,7 @@ class Contact:
 
     def __init__(self, params: PlaceParams) -> None:
         self._params = params
-        self._samples: deque[tuple[float, float, float]] = deque(maxlen=MOST_SAMPLES)
+        self._samples: deque[tuple[float, float, float, float]] = deque(maxlen=MOST_SAMPLES)
 
     def add(self, time_s: float, passed_s: float, growth: Growth) -> None:
         """Take the growth up to a time.
@@ -211,13 +211,14 @@ class Contact:
             self._samples.clear()
         elif error < -shrinkage * self._params.largest_error:
             contact_s = time_s - passed_s * (1 + 1 / shrinkage)
-            self._samples.append((time_s, contact_s, passed_s * error / shrinkage**2))
+            contact_error = passed_s * error / shrinkage**2
+            self._samples.append((time_s, contact_s, contact_error, passed_s))
 
     def expected(self, time_s: float, before_s: float) -> float:
         """Return the shrinkage between two times by the latest growth; 0 without one."""
         if not self._samples:
             return 0.0
-        _, contact_s, _ = self._samples[-1]
+        contact_s = self._samples[-1][1]
         return (before_s - time_s) / (contact_s - before_s) if contact_s > time_s else 0.0
 
     def remaining(self, time_s: float) -> float | None:
@@ -231,14 +232,17 @@ class Contact:
         Returns
         -------
         float or None
-            Seconds, above 0; None unless it is determined: enough frames, enough
-            growth, and a standard error of the mean below `largest_error` of it.
+            Seconds, above 0; None unless it is determined: enough frames over a long enough
+            time, enough growth, and a standard error of the mean below `largest_error` of it.
         """
         while self._samples and self._samples[0][0] < time_s - self._params.memory_s:
             self._samples.popleft()
         if len(self._samples) < self._params.least_frames:
             return None
-        times, contacts, errors = np.array(self._samples).T
+        times, contacts, errors, passed = np.array(self._samples).T
+        span = times[-1] - times[0]
+        if span < self._params.least_s:
+            return None
         contact, error, away = _mean(contacts, errors)
         kept = np.abs(away) <= TOO_FAR * math.sqrt(float(away @ away) / len(away))
         if self._params.least_frames <= kept.sum() < len(kept):
@@ -246,6 +250,8 @@ class Contact:
             contact, error, _ = _mean(contacts[kept], errors[kept])
         left = contact - time_s
         grown = (contact - times[0]) / left if left > 0 else 0.0
+        # Growths over times that overlap tell less than as many that do not.
+        error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
         sure = grown >= self._params.least_growth and error < self._params.largest_error * left
         return left if sure else None
 

@@ -69,6 +69,17 @@ class AlarmParams(Parameters):
         low=0,
         high=1,
     )
+    contact_s: float = parameter(
+        1.0,
+        "an object that touches within this time needs less of a response for an alarm; 0: none "
+        "does",
+        unit="s",
+        low=0,
+        high=60,
+    )
+    contact_share: float = parameter(
+        0.1, "share of the threshold above which the response to it must be", low=0, high=1
+    )
     hold_s: float = parameter(
         0.5,
         "time for which an alarm continues after its last frame above that share",
@@ -120,9 +131,11 @@ class AlarmParams(Parameters):
 
 
 # Presets whose responses ask for another alarm than those of the default one.
+_TWO_OF_THREE = {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09, "contact_s": 0.0}
 _ALARMS: dict[str, dict[str, float]] = {
-    "reference": {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09},
-    "paper": {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09},
+    "reference": _TWO_OF_THREE,
+    "paper": _TWO_OF_THREE,
+    "lplc2": {"contact_s": 0.0},
 }
 
 
@@ -214,6 +227,9 @@ class PlaceParams(Parameters):
     )
     least_frames: int = parameter(
         4, "number of frames that a time to contact needs", unit="frames", low=3, high=1000
+    )
+    least_s: float = parameter(
+        0.09, "time that these frames span at least", unit="s", low=0, high=60
     )
     least_growth: float = parameter(
         1.15,

@@ -13,8 +13,11 @@ from oppload_cli.detection.extent import Extent, Products
 from oppload_cli.detection.growth import Contact, Picture, growth
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.detector import Box
+from oppload_cli.models.timebase import NEARLY_ONE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from oppload_cli.models.detector import Response, UnitMaps
@@ -77,7 +80,7 @@ class Detection(NamedTuple):
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 _NEAR = 0.25  # receptive fields: a focus that near to an object's is always its own
 _AROUND = 1.15  # half sizes: the box is up to 10 % too small, and the outline shows most
-_YOUNGEST = 7 / 8  # of an interval: between nearer frames there is too little growth
+_YOUNGEST = 1 - NEARLY_ONE  # of an interval: between nearer frames there is too little growth
 _GROWTH = 1.25  # from one frame to the next, shortly before contact
 
 
@@ -359,9 +362,7 @@ class Detections:
         self._working = working
         self._cause: int | None = None
 
-    def step(
-        self, maps: UnitMaps, luma: Map, time_s: float, *, alarm: bool, threshold: float
-    ) -> tuple[Detection, ...]:
+    def step(self, maps: UnitMaps, luma: Map, time_s: float) -> tuple[Detection, ...]:
         """Find the objects of the latest frame.
 
         Parameters
@@ -372,6 +373,23 @@ class Detections:
             The working frame.
         time_s : float
             The frame's presentation time in seconds.
+
+        Returns
+        -------
+        tuple of Detection
+            The largest response first, without an alarm.
+        """
+        return tuple(self._detection(track) for track in self._places.step(maps, luma, time_s))
+
+    def with_alarm(
+        self, found: Sequence[Detection], *, alarm: bool, threshold: float
+    ) -> tuple[Detection, ...]:
+        """Say of each object whether the detector's alarm is on because of it.
+
+        Parameters
+        ----------
+        found : sequence of Detection
+            Of the latest frame, the largest response first.
         alarm : bool
             Whether the detector's alarm is on.
         threshold : float
@@ -380,42 +398,38 @@ class Detections:
         Returns
         -------
         tuple of Detection
-            The largest response first. The alarm is that of the objects above the
-            threshold, and of the one that was the largest when it went on.
+            The alarm is that of the objects above the threshold, and of the one that had the
+            largest response when it went on.
         """
-        tracks = self._places.step(maps, luma, time_s)
         if not alarm:
             self._cause = None
-        elif self._cause is None and tracks:
-            self._cause = tracks[0].identity
+        elif self._cause is None and found:
+            self._cause = found[0].identity
         return tuple(
-            self._detection(
-                track,
-                alarm and (track.identity == self._cause or track.response > threshold),
+            each._replace(
+                alarm=alarm and (each.identity == self._cause or each.response > threshold)
             )
-            for track in tracks
+            for each in found
         )
 
-    def of_box(self, answer: Response, *, alarm: bool) -> tuple[Detection, ...]:
+    def of_box(self, answer: Response) -> tuple[Detection, ...]:
         """Return the one object of a detector without units: where its response comes from.
 
         Parameters
         ----------
         answer : Response
             With a box in working pixels, or without one.
-        alarm : bool
-            Whether the detector's alarm is on.
         """
         if answer.box is None:
             return ()
         box = answer.box
         source, centre = self._in_source(*box.centre, box.width / 2, box.height / 2)
-        return (Detection(1, source, *centre, answer.response, alarm, None),)
+        return (Detection(1, source, *centre, answer.response, False, None),)
 
-    def _detection(self, track: Track, alarm: bool) -> Detection:
+    def _detection(self, track: Track) -> Detection:
         box, centre = self._in_source(track.x, track.y, track.extent.x, track.extent.y)
         return Detection(
-            track.identity, box, *centre, track.response, alarm, track.time_to_contact_s
+            track.identity, box, *centre, track.response, False, track.time_to_contact_s
         )
 
     def _in_source(

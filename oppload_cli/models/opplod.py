@@ -127,7 +127,7 @@ class Opplod(Detector):
         ),
         "lplc2": _LPLC2,
     }
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.03, "reference": 8e-4}
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.05, "reference": 8e-4}
     by_default = True
     warm_up = MEMORY
     columns: ClassVar = (

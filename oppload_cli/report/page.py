@@ -79,6 +79,8 @@ class _AlarmSpan(NamedTuple):
         Times of these rows.
     peak : float
         The largest value of the curve within.
+    contact_s : float or None
+        Time to contact from its beginning, by the first estimate within; None without one.
     """
 
     curve: Curve
@@ -88,6 +90,7 @@ class _AlarmSpan(NamedTuple):
     start_s: float
     end_s: float
     peak: float
+    contact_s: float | None
 
 
 @dataclass(frozen=True)
@@ -206,16 +209,20 @@ def content_of(result: Result) -> Content:
     """
     check_schema(result)
     curves = [_curve(result, name) for name in result.models]
-    alarms = [span for curve in curves for span in _alarms(result, curve)]
-    alarms.sort(key=lambda span: span.first)
     placing = placing_detector(result.models)
+    boxes = _boxes(result, placing.name) if placing else {}
+    alarms = [
+        span
+        for curve in curves
+        for span in _alarms(result, curve, boxes if placing and curve.name == placing.name else {})
+    ]
+    alarms.sort(key=lambda span: span.first)
     notes = list(_notes(result, curves))
     try:
         truth = _truth(result)
     except (OpploadError, KeyError, TypeError, ValueError) as error:
         truth = None
         notes.append(f"the ground truth of its stimulus cannot be read ({error})")
-    boxes = _boxes(result, placing.name) if placing else {}
     return Content(result, curves, alarms, boxes, placing.colour if placing else "", truth, notes)
 
 
@@ -230,7 +237,7 @@ def _curve(result: Result, name: str) -> Curve:
     return Curve(name, detector.label, detector.colour, response / over, thresholded)
 
 
-def _alarms(result: Result, curve: Curve) -> list[_AlarmSpan]:
+def _alarms(result: Result, curve: Curve, boxes: dict[int, list[list[Any]]]) -> list[_AlarmSpan]:
     column = f"{curve.name}_alarm"
     if column not in result.frames.columns:
         return []
@@ -247,9 +254,19 @@ def _alarms(result: Result, curve: Curve) -> list[_AlarmSpan]:
             float(times[first]),
             float(times[stop - 1]),
             float(np.nanmax(curve.values[first:stop], initial=0.0)),
+            _contact_s(times, range(int(first), int(stop)), boxes),
         )
         for first, stop in edges.reshape(-1, 2)
     ]
+
+
+def _contact_s(times: Series, rows: range, boxes: dict[int, list[list[Any]]]) -> float | None:
+    """Return the time from the first of some rows to the contact that they tell first."""
+    for row in rows:
+        left_s = boxes[row][0][-1] if row in boxes else None
+        if left_s is not None:
+            return float(times[row] - times[rows[0]] + left_s)
+    return None
 
 
 def _boxes(result: Result, name: str) -> dict[int, list[list[Any]]]:

@@ -92,8 +92,12 @@ class Verdict(NamedTuple):
             return f"no alarm{_silence(self.peak or 0.0)}"
         first, count = self.alarms[0], len(self.alarms)
         many = f", {count} alarms" if count > 1 else ""
+        contact_s = first.time_to_contact_s
+        contact = "" if contact_s is None else f", about {contact_s:.1f} s before contact"
         strongest = f", strongest {times(self.strongest)} times the threshold"
-        return f"alarm at {first.start_s:.2f} s (frame {first.start_frame}){many}{strongest}"
+        return (
+            f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{strongest}"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return it ready for JSON."""

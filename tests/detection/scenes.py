@@ -122,5 +122,5 @@ def looming_over(ground: list[Luma]) -> list[Luma]:
 def alarms(video: FrameSource, preset: str, **changes: float) -> list[int]:
     """Return the frames in which OppLoD's alarm is on under a preset."""
     params = alarm_params(preset, **changes)
-    found = analyse(video, [parameters_of("opplod", preset)], alarm=params, places=None, rmo=None)
+    found = analyse(video, [parameters_of("opplod", preset)], alarm=params, rmo=None)
     return [each.frame for each in found if each.alarms.get("opplod")]

@@ -109,6 +109,25 @@ def test_blind_frames_do_not_count() -> None:
     assert alarms([2, 2, 2, 2, 2, 2], held, blind=(1, 2, 3, 4)) == [0, 1, 2, 5]
 
 
+def test_less_of_a_response_is_enough_shortly_before_contact() -> None:
+    params = BARE.replaced(contact_s=1, contact_share=0.25)
+    for contact_s, response, expected in [
+        *((None, 0.9, False), (1.0, 0.9, False), (0.99, 0.9, True)),
+        *((0.1, 0.25, False), (0.1, 0.251, True), (None, 1.1, True)),
+    ]:
+        alarm = Alarm("opplod", params)
+        assert alarm.step(response, 0, contact_s=contact_s) is expected, (contact_s, response)
+        assert alarm.threshold == 1
+        assert not Alarm("opplod", params).step(response, 0, contact_s=contact_s, blind=True)
+    assert not Alarm("opplod", params.replaced(contact_s=0)).step(0.9, 0, contact_s=0.1)
+    # An alarm that is on takes the smaller of both shares.
+    for release, expected in ((0.2, True), (0.5, True), (0.9, False)):
+        alarm = Alarm("opplod", params.replaced(release=release))
+        assert alarm.step(2, 0)
+        assert alarm.step(0.6, 0.1) is expected
+        assert alarm.step(0.3, 0.2, contact_s=0.5)
+
+
 def test_the_alarm_knows_only_the_past() -> None:
     responses = list(np.random.default_rng(8).gamma(0.3, 0.1, 400))
     params = alarm_params(opplod_floor=0.01, factor=3, hold_s=0.1, refractory_s=0.1, guard_s=0.1)
@@ -136,7 +155,8 @@ def test_presets_calibrate_the_alarm() -> None:
     default, reference = alarm_params(), alarm_params("reference")
     assert (default.factor, default.enough_s, default.window_s) == (8, 0, 0)
     assert (reference.factor, reference.enough_s, reference.window_s) == (30, 0.03, 0.09)
-    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (0.03, 8e-4)
+    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (0.05, 8e-4)
+    assert (default.contact_s, reference.contact_s, alarm_params("lplc2").contact_s) == (1, 0, 0)
     assert default.floor_of("dlgmd") == reference.floor_of("dlgmd") == 0.01
     assert (default.on, reference.on, alarm_params("paper").on) == (True, True, False)
 

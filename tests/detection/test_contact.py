@@ -50,7 +50,7 @@ def test_one_growth_too_small_is_left_out_and_one_too_large_gives_none() -> None
 
 def test_better_known_growth_counts_more() -> None:
     """Contact in 10 or 20 frames, with errors of 1 and 2: (10 + 20 / 4) / 1.25 is 12."""
-    contact = Contact(PlaceParams(least_growth=1, largest_error=10))
+    contact = Contact(PlaceParams(least_s=0, least_growth=1, largest_error=10))
     for t in (1, 2):
         for ahead, error in ((10, 1.0), (20, 2.0)):
             left = ahead - t
@@ -98,9 +98,36 @@ def test_a_contact_that_is_not_determined_is_none(sizes: list[float], error: flo
 
 
 def test_the_parameters_say_what_is_determined() -> None:
-    assert after(growing(4, 20), PlaceParams(least_frames=3, least_growth=1)) is not None
+    assert after(growing(4, 20), PlaceParams(least_frames=3, least_s=0, least_growth=1))
+    assert after(growing(4, 20), PlaceParams(least_frames=3, least_growth=1)) is None
+    assert after(growing(5, 20), PlaceParams(least_frames=3, least_growth=1)) is not None
     assert after(growing(6, 90), PlaceParams(least_growth=1)) is not None
     assert after(growing(12, 24), PlaceParams(largest_error=10), error=0.03) is not None
+
+
+def determined(rate: int, scatter: float) -> list[float]:
+    """When the contact after 1 s is determined, from growth over 1/30 s at some frame rate.
+
+    The scatter is that of each interval: more frames within it tell nothing new.
+    """
+    contact, found = Contact(PlaceParams()), []
+    for t in range(rate * 2 // 3, rate):
+        time_s = t / rate
+        left = 1 + scatter * (-1) ** int(time_s * 30 + 1e-6) - time_s
+        contact.add(time_s, 1 / 30, Growth(-1 / (30 * left + 1), SURE / 5))
+        if contact.remaining(time_s) is not None:
+            found.append(time_s)
+    return found
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.02, 0.06, 0.1])
+def test_a_contact_is_determined_at_the_same_time_at_any_frame_rate(scatter: float) -> None:
+    usual = determined(30, scatter)
+    assert usual[0] < 0.9
+    for rate in (60, 90, 120, 240):
+        found = determined(rate, scatter)
+        assert found[0] == pytest.approx(usual[0], abs=1 / 60), rate
+        assert len(found) / rate == pytest.approx(len(usual) / 30, abs=1.3 / 30), rate
 
 
 def test_times_that_stand_still_give_none() -> None:

@@ -36,11 +36,10 @@ def detected(
     *before, last = frames
     for t, frame in enumerate(before):
         if model.step(frame):
-            detections.step(model.units, frame, t / RATE, alarm=False, threshold=math.inf)
+            detections.step(model.units, frame, t / RATE)
     model.step(last)
-    return list(
-        detections.step(model.units, last, len(before) / RATE, alarm=alarm, threshold=threshold)
-    )
+    found = detections.step(model.units, last, len(before) / RATE)
+    return list(detections.with_alarm(found, alarm=alarm, threshold=threshold))
 
 
 def test_detections_are_in_source_pixels() -> None:

@@ -46,7 +46,10 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     assert math.isclose(first.time_to_contact_s or 0, 0.4 - 0.2 + 0.6)
     assert (second.start_frame, second.end_s, second.peak_over_threshold) == (7, 0.7, 2)
     assert second.time_to_contact_s is None
-    assert str(found) == "alarm at 0.20 s (frame 2), 2 alarms, strongest 4 times the threshold"
+    assert str(found) == (
+        "alarm at 0.20 s (frame 2, about 0.8 s before contact), 2 alarms, strongest 4 times the "
+        "threshold"
+    )
 
 
 def test_no_alarm_tells_how_near_it_came() -> None:
