@@ -152,7 +152,7 @@ def analyse_clips(
     """
     threads = 1 if min(jobs, len(entries)) > 1 else 0
     return results(
-        partial(analyse_clip, detectors=detectors, threads=threads),
+        partial(_analyse_clip, detectors=detectors, threads=threads),
         entries,
         jobs,
         named=lambda entry: entry.label.name,
@@ -160,7 +160,7 @@ def analyse_clips(
     )
 
 
-def analyse_clip(
+def _analyse_clip(
     entry: Entry, detectors: Sequence[EvaluatedDetector], threads: int = 0
 ) -> _Analysed:
     """Run detectors over one clip, which is decoded once for each working height.

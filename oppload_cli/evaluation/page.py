@@ -195,7 +195,7 @@ def page_of(
     evaluation: Evaluation,
     report: Mapping[str, Any],
     plots: Mapping[str, bytes],
-    moments: Sequence[Moment],
+    moments: Sequence[_Moment],
     pictures: Pictures,
 ) -> str:
     """Return the page as HTML, with every picture in it.
@@ -208,7 +208,7 @@ def page_of(
         From :func:`oppload_cli.evaluation.output.report_of`.
     plots : mapping of str to bytes
         PNG by file name.
-    moments : sequence of Moment
+    moments : sequence of _Moment
         The worst ones.
     pictures : mapping
         JPEG by clip and frame.
@@ -286,7 +286,7 @@ class _Still(NamedTuple):
 
 
 def _stills(
-    evaluation: Evaluation, moments: Sequence[Moment], pictures: Pictures
+    evaluation: Evaluation, moments: Sequence[_Moment], pictures: Pictures
 ) -> Iterator[tuple[str, list[_Still]]]:
     """Yield the stills by title."""
     titles = {True: "Worst misses", False: "Largest responses without an approach"}
@@ -301,7 +301,7 @@ def _stills(
                 yield f"{title}: {label_of(detector)}", stills
 
 
-def _still(clip: Clip, moment: Moment, picture: bytes | None) -> _Still:
+def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
     response = float(clip.outputs[moment.detector].response[moment.frame])
     over = response / moment.threshold if moment.threshold > 0 else math.nan
     lead = f"{number(clip.lead(moment.frame))} s before contact"
@@ -310,8 +310,8 @@ def _still(clip: Clip, moment: Moment, picture: bytes | None) -> _Still:
         moment.frame,
         None if picture is None else embedded(picture, "jpeg"),
         clip.label.boxes.get(moment.frame),
-        winner_of(clip, moment),
-        strip(clip, moment),
+        _winner_of(clip, moment),
+        _strip(clip, moment),
         lead if moment.missed else clip.label.kind,
         number(response) if math.isnan(over) else f"{number(over)} times the threshold",
     )
@@ -335,7 +335,7 @@ def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Moment:
+class _Moment:
     """A frame worth a picture.
 
     Attributes
@@ -359,7 +359,7 @@ class Moment:
     missed: bool
 
 
-def worst(evaluation: Evaluation) -> list[Moment]:
+def worst(evaluation: Evaluation) -> list[_Moment]:
     """Return the worst moments of every detector with units, misses first.
 
     A miss is shown at its largest response from onset to contact, the smallest of them
@@ -374,7 +374,7 @@ def worst(evaluation: Evaluation) -> list[Moment]:
     ]
 
 
-def _worst_of(evaluation: Evaluation, name: str) -> Iterator[Moment]:
+def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
     clips, found = evaluation.clips, evaluation.performances[name]
     condition = condition_of(_RATE)
     threshold = next(
@@ -384,7 +384,7 @@ def _worst_of(evaluation: Evaluation, name: str) -> Iterator[Moment]:
     peaks = found.thresholds.peaks
     for missed in sorted(map(int, misses), key=lambda at: (peaks[at], at))[:_MOST]:
         frame, _ = _peak(clips[missed], name, *clips[missed].approach)
-        yield Moment(missed, frame, name, threshold, missed=True)
+        yield _Moment(missed, frame, name, threshold, missed=True)
     largest = {
         index: _peak(clip, name, *clip.quiet)
         for index, clip in enumerate(clips)
@@ -393,7 +393,7 @@ def _worst_of(evaluation: Evaluation, name: str) -> Iterator[Moment]:
     for index in sorted(largest, key=lambda at: (-largest[at][1], at))[:_MOST]:
         frame, response = largest[index]
         if response > 0:
-            yield Moment(index, frame, name, threshold, missed=False)
+            yield _Moment(index, frame, name, threshold, missed=False)
 
 
 def _peak(clip: Clip, name: str, start: int, stop: int) -> tuple[int, float]:
@@ -402,7 +402,7 @@ def _peak(clip: Clip, name: str, start: int, stop: int) -> tuple[int, float]:
     return frame, float(response[frame])
 
 
-def pictures(evaluation: Evaluation, moments: Sequence[Moment]) -> dict[tuple[int, int], bytes]:
+def pictures(evaluation: Evaluation, moments: Sequence[_Moment]) -> dict[tuple[int, int], bytes]:
     """Return the frames of moments as JPEG in grey, by clip and frame.
 
     A frame that cannot be decoded again is left out.
@@ -458,7 +458,7 @@ class _Strip(NamedTuple):
     now: float
 
 
-def strip(clip: Clip, moment: Moment) -> _Strip:
+def _strip(clip: Clip, moment: _Moment) -> _Strip:
     """Draw the responses over a complete clip, up to three times the threshold."""
     response = np.nan_to_num(clip.outputs[moment.detector].response)
     top = float(response.max()) or 1.0
@@ -487,7 +487,7 @@ def _thinned(response: Numbers) -> list[tuple[int, float]]:
     return [(frame, float(response[frame])) for frame in at]
 
 
-def winner_of(clip: Clip, moment: Moment) -> tuple[float, ...] | None:
+def _winner_of(clip: Clip, moment: _Moment) -> tuple[float, ...] | None:
     """Return left, top, width and height of the winning unit's field in source pixels."""
     winner = clip.outputs[moment.detector].winner
     if winner is None or not np.isfinite(winner[moment.frame]).all():

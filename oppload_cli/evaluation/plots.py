@@ -35,7 +35,7 @@ def _detection(axes: Axes, performances: Performances) -> None:
     for rate in RATES:
         axes.axvline(rate, color=FAINT, lw=0.7, linestyle=":")
     for each, look in _looks(performances):
-        rates, detected = detection_curve(each)
+        rates, detected = _detection_curve(each)
         axes.step(rates, detected, where="post", **look)
     axes.set(xlim=(0, _HIGHEST_RATE), ylim=(0, 1.02), title="detection by one fixed threshold")
     axes.set_xlabel("false alarms per minute of footage without an approach")
@@ -43,7 +43,7 @@ def _detection(axes: Axes, performances: Performances) -> None:
     _legend(axes, "lower right")
 
 
-def detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
+def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
     """Return the detection rate for each number of false alarms per minute.
 
     Returns

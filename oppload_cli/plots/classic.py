@@ -188,7 +188,7 @@ def plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> float | None:
+def _half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> float | None:
     """Return the mean distance from its peak at which a map has fallen to half.
 
     Along each of the directions right, up, left and down the first crossing of half is taken,
@@ -224,7 +224,7 @@ def half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> float | N
 def _half(x: Series, y: Series, share: NDArray[np.float64]) -> str:
     if not share.max() > 0:
         return "no response"
-    distance = half_distance(x, y, share)
+    distance = _half_distance(x, y, share)
     return "not half on all sides" if distance is None else f"half at {distance:.0f} deg"
 
 
@@ -252,7 +252,7 @@ def plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
             largest = max(*both.values(), *one.values())
             panel.set_title(
                 f"{detector_named(name).label}, peak {largest:.2g}\n"
-                f"both / one {_range(both_over_one(both, one))}",
+                f"both / one {_range(_both_over_one(both, one))}",
                 fontsize=7,
             )
             panel.set_xlabel(described(axis))
@@ -280,7 +280,7 @@ def _draw_ends(
     axes.set_xticks(range(0, 361, 90))
 
 
-def both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> list[float]:
+def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> list[float]:
     """Return the peak for both ends over that for the better single end, for each axis.
 
     Parameters

@@ -119,7 +119,7 @@ def plot_tuning(
             f"a table of peaks is drawn over its largest peak or raw, not --scale {scale}"
         )
     first, raw = tunings[0], scale == "raw"
-    kind = kind or kind_of(first)
+    kind = kind or _kind_of(first)
     if title is None:
         title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
     if kind == "polar":
@@ -135,7 +135,7 @@ def plot_tuning(
     return _plot_heat(first, models, title)
 
 
-def kind_of(tuning: Tuning) -> str:
+def _kind_of(tuning: Tuning) -> str:
     """Return the kind of plot that suits a table.
 
     It is that of the classic figure for which it was made, else ``heat``, ``polar`` or ``line``.
@@ -166,7 +166,7 @@ def lines_of(
     list of str
         The directional selectivity of ``polar``, the fits of ``contact``; else none.
     """
-    kind = kind or kind_of(tunings[0])
+    kind = kind or _kind_of(tunings[0])
     if kind == "polar":
         return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
     if kind == "contact":

@@ -53,7 +53,7 @@ def at_least(value: float, holds: float, in_part: float) -> Verdict:
     return at_most(-value, -holds, -in_part)
 
 
-def overall(verdicts: Iterable[Verdict]) -> Verdict:
+def _overall(verdicts: Iterable[Verdict]) -> Verdict:
     """Sum up at least one verdict: all hold, none does, or in part."""
     different = set(verdicts)
     return different.pop() if len(different) == 1 else Verdict.IN_PART
@@ -147,7 +147,7 @@ class Built:
             "shows": self.shows,
             "file": f"{self.name}.png",
             "command": f"oppload reproduce --only {self.name}",
-            "verdicts": {preset: str(overall(verdicts)) for preset, verdicts in found.items()},
+            "verdicts": {preset: str(_overall(verdicts)) for preset, verdicts in found.items()},
             "claims": [
                 {
                     "statement": claim.statement,

@@ -67,7 +67,7 @@ class ImageSource:
         self.decode = DecodeFacts()
         self.stopping = False
         self._rate = frame_rate
-        self._paths = image_paths(name)
+        self._paths = _image_paths(name)
         height, width = self._first_readable().shape[:2]
         self.facts = InputFacts(
             name=name,
@@ -128,7 +128,7 @@ class ImageSource:
         return colour
 
 
-def image_paths(name: str) -> list[Path]:
+def _image_paths(name: str) -> list[Path]:
     """Return the images of a folder or a pattern, in the order of their numbers.
 
     Parameters

@@ -9,7 +9,7 @@ import pytest
 from oppload_cli import DlgmdParams, OpplodResponse, analyse, open_video
 from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detectors
-from oppload_cli.evaluation.evaluate import analyse_clip
+from oppload_cli.evaluation.evaluate import analyse_clips
 from oppload_cli.evaluation.manifest import Entry
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.models.flow_divergence import FlowDivergence
@@ -31,7 +31,8 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     )
     small = EvaluatedDetector("opplod:small", "", 60, REFERENCE, alarm_params())
     usual = [replace(each, height=120) for each in evaluated_detectors(["opplod:reference"])]
-    analysed = analyse_clip(Entry(2, path, Label("beside.avi", 45, 89)), [wide, small, *usual])
+    entry = Entry(2, path, Label("beside.avi", 45, 89))
+    (analysed,) = analyse_clips([entry], [wide, small, *usual])
     clip = analysed.clip
     assert clip is not None
     assert analysed.faults == []
@@ -66,7 +67,7 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
 def test_the_flow_skips_repeats(tmp_path: Path) -> None:
     frames = [frame for frame in grey_frames(8, 128, 96) for _ in range(2)]
     path = write_video(tmp_path / "twice.mkv", frames)
-    analysed = analyse_clip(Entry(2, path, Label("twice.mkv")), SMALL)
+    (analysed,) = analyse_clips([Entry(2, path, Label("twice.mkv"))], SMALL)
     assert analysed.clip is not None
     found = analysed.clip.outputs["flow_divergence"].response
     assert found[1:4:2].tolist() == [0.0] * 2
@@ -87,18 +88,18 @@ def test_the_flow_skips_repeats(tmp_path: Path) -> None:
     ],
 )
 def test_a_contact_without_any_response(labelled: Path, label: Label, reason: str) -> None:
-    analysed = analyse_clip(Entry(2, labelled / "centre.avi", label), SMALL)
+    (analysed,) = analyse_clips([Entry(2, labelled / "centre.avi", label)], SMALL)
     assert analysed.clip is None
     assert reason in analysed.faults[0]
 
 
 def test_a_clip_that_cannot_be_decoded_or_is_too_short_is_a_fault(tmp_path: Path) -> None:
     (tmp_path / "text.avi").write_text("no video")
-    analysed = analyse_clip(Entry(2, tmp_path / "text.avi", Label("text.avi")), SMALL)
+    (analysed,) = analyse_clips([Entry(2, tmp_path / "text.avi", Label("text.avi"))], SMALL)
     assert analysed.clip is None
     assert "text.avi" in analysed.faults[0]
     short = write_video(tmp_path / "short.mkv", grey_frames(3))
-    analysed = analyse_clip(Entry(2, short, Label("short.mkv")), SMALL)
+    (analysed,) = analyse_clips([Entry(2, short, Label("short.mkv"))], SMALL)
     assert analysed.faults == ["short.mkv: has 3 frames, too few for any response; leave it out"]
 
 
@@ -106,7 +107,8 @@ def test_a_cut_clip_is_used_and_reported(tmp_path: Path) -> None:
     whole = write_video(tmp_path / "whole.mkv", grey_frames(60, 320, 240)).read_bytes()
     (tmp_path / "cut.mkv").write_bytes(whole[: len(whole) * 2 // 3])
     boxes = {50: (0.0, 0.0, 1.0, 1.0)}
-    analysed = analyse_clip(Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes)), SMALL)
+    entry = Entry(2, tmp_path / "cut.mkv", Label("cut.mkv", boxes=boxes))
+    (analysed,) = analyse_clips([entry], SMALL)
     assert analysed.clip is not None
     assert 30 < len(analysed.clip) < 50
     assert analysed.faults[0] == "cut.mkv: is damaged or cut; what could be decoded is used"

@@ -15,7 +15,7 @@ from oppload_cli.evaluation.manifest import Entry, Manifest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.output import report_json, report_of
-from oppload_cli.evaluation.page import HEIGHT, WIDTH, number, page_of, strip, winner_of, worst
+from oppload_cli.evaluation.page import HEIGHT, WIDTH, number, page_of, worst
 from oppload_cli.evaluation.plots import PLOTS
 from tests.evaluation.make import NAME, clip, peaks
 from tests.presets import REFERENCE
@@ -86,34 +86,30 @@ def test_the_page_has_the_figures_and_escapes_names(evaluation: Evaluation) -> N
     assert '<span class="yes">0.5 s</span>' in page
 
 
-def test_a_strip_shows_the_approach_the_threshold_and_the_frame(evaluation: Evaluation) -> None:
-    missed, false, _ = worst(evaluation)
-    drawn = strip(CLIPS[1], missed)
-    assert drawn.approach == pytest.approx((80 * WIDTH / 100, 11 * WIDTH / 100))
-    assert len(drawn.points) == 100
-    top = HEIGHT - 2 - (HEIGHT - 6) / 1.2
-    assert drawn.points[84] == pytest.approx((84.5 * WIDTH / 100, top))
-    assert drawn.threshold == pytest.approx(top)
-    assert drawn.now == pytest.approx(84.5 * WIDTH / 100)
-    # Above three times the threshold it is cut.
-    cut = strip(CLIPS[2], false)
-    assert min(y for _, y in cut.points) == 4
-    assert cut.approach is None
+def points_of(page: str) -> list[tuple[float, float]]:
+    """The points of the first curve of responses."""
+    line = page[page.index("<polyline") :].split("/>", 1)[0]
+    return [(float(x), float(y)) for x, y in re.findall(r"([\d.]+),([\d.]+)", line)]
 
 
 def test_boxes_and_strips_are_drawn_on_the_page(evaluation: Evaluation) -> None:
     missed, false, _ = worst(evaluation)
-    assert winner_of(CLIPS[1], missed) == (50, 60, 100, 80)
-    assert winner_of(CLIPS[2], false) is None
     page = page_of(evaluation, report_of(evaluation), dict.fromkeys(PLOTS, b"png"), [missed], {})
     assert 'viewBox="0 0 400 200"' in page
     assert 'class="label" x="1.0" y="2.0" width="3.0" height="4.0"' in page
     assert 'class="winner" x="50.0" y="60.0" width="100.0" height="80.0"' in page
-    points = re.findall(r"([\d.]+),([\d.]+)", page[page.index("<polyline") :])
-    assert points[84] == (f"{84.5 * WIDTH / 100:.1f}", f"{HEIGHT - 2 - (HEIGHT - 6) / 1.2:.1f}")
+    # The approach, the threshold and the frame shown, and a point for each frame.
+    top, now = HEIGHT - 2 - (HEIGHT - 6) / 1.2, 84.5 * WIDTH / 100
+    assert points_of(page)[84] == pytest.approx((now, top), abs=0.06)
+    assert len(points_of(page)) == 100
+    at, wide = 80 * WIDTH / 100, 11 * WIDTH / 100
+    assert f'class="approach" x="{at:.1f}" y="0.0" width="{wide:.1f}"' in page
+    assert f'class="threshold" x1="0.0" x2="{WIDTH:.1f}" y1="{top:.1f}" y2="{top:.1f}"' in page
+    assert f'class="now" x1="{now:.1f}" x2="{now:.1f}" y1="0.0"' in page
     drawn = page_of(evaluation, report_of(evaluation), dict.fromkeys(PLOTS, b"png"), [false], {})
     assert 'class="approach"' not in drawn
     assert 'class="winner"' not in drawn
+    assert min(y for _, y in points_of(drawn)) == 4  # cut above three times the threshold
 
 
 def test_nan_and_infinity_are_null_in_the_report(evaluation: Evaluation) -> None:

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ResultError
-from oppload_cli.plots.classic import both_over_one, half_distance
 from oppload_cli.plots.contact import PeakTimes
-from oppload_cli.plots.tuning import kind_of, lines_of, plot_tuning
+from oppload_cli.plots.tuning import lines_of, plot_tuning
 from oppload_cli.reference.published import angular_thresholds
 from oppload_cli.results.reading import read_tuning
 from tests.results.make import write_tuning
@@ -186,7 +185,6 @@ def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     cone: NDArray[np.float64] = np.maximum(0.0, 1 - np.hypot(right, up) / 20)
     peaks = {"opplod": (7 * cone).ravel().tolist(), "dlgmd": [1.0] * 81}
     tuning = made(tmp_path / "a.tuning.csv", grid(cone, 5), peaks, figure={"kind": "position"})
-    assert kind_of(tuning) == "position"
     _, (panel, whole) = plot_tuning(tuning)
     image = panel.images[0]
     shown = np.asarray(image.get_array(), float)
@@ -196,14 +194,11 @@ def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     assert bottom + (row + 0.5) * (top - bottom) / 9 == pytest.approx(0)
     assert panel.get_title(loc="left") == "OppLoD\nhalf at 10 deg"
     assert whole.get_title(loc="left") == "D-LGMD\nnot half on all sides"
-    assert half_distance(side, side, cone) == pytest.approx(10)
 
 
 def test_both_ends_over_one(tmp_path: Path) -> None:
     axes = [0.0, 90, 180, 270]
     both, one = dict.fromkeys(axes, 6.0), dict(zip(axes, [2.0, 1, 1, 0], strict=True))
-    assert both_over_one(both, one) == [3, 6, 3, 6]
-    assert both_over_one({0: 0.0, 90: 2.0}, {0: 0.0, 90: 0.0}) == [math.inf]
     values: dict[str, list[Any]] = {
         "bar.axis_deg": axes * 2,
         "bar.growth.sides": ["both"] * 4 + ["forward"] * 4,
@@ -215,6 +210,17 @@ def test_both_ends_over_one(tmp_path: Path) -> None:
     np.testing.assert_allclose(total, np.array([3, 1, 3, 1]) / 6)
     assert panel.get_title(loc="left") == "OppLoD, peak 6\nboth / one 3 to 6"
     assert "LPLC2 neurons: 2.9 to 4.6" in figure.legends[0].get_title().get_text()
+
+
+def test_a_response_to_both_ends_alone_is_over_any_number(tmp_path: Path) -> None:
+    axes = [0.0, 90.0]  # nothing answers to the first
+    values: dict[str, list[Any]] = {
+        "bar.axis_deg": axes * 2,
+        "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
+    }
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [0.0, 2, 0, 0]})
+    _, (panel,) = plot_tuning(tuning, "ends")
+    assert panel.get_title(loc="left") == "OppLoD, peak 2\nboth / one over 1000"
 
 
 def test_contrast_is_a_share_of_the_ground(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from oppload_cli.reproduction.claims import (
     Verdict,
     at_least,
     at_most,
-    overall,
 )
 
 HOLDS, IN_PART, DOES_NOT = Verdict.HOLDS, Verdict.IN_PART, Verdict.DOES_NOT
@@ -39,11 +38,18 @@ def test_a_value_that_should_be_large(value: float, verdict: Verdict) -> None:
     assert at_least(value, 0.9, 0.5) is verdict
 
 
-def test_verdicts_sum_up() -> None:
-    assert overall([HOLDS, HOLDS]) is HOLDS
-    assert overall([DOES_NOT]) is DOES_NOT
-    assert overall([HOLDS, DOES_NOT]) is IN_PART
-    assert overall([HOLDS, IN_PART]) is IN_PART
+@pytest.mark.parametrize(
+    ("verdicts", "sum_"),
+    [
+        ((HOLDS, HOLDS), HOLDS),
+        ((DOES_NOT,), DOES_NOT),
+        ((HOLDS, DOES_NOT), IN_PART),
+        ((HOLDS, IN_PART), IN_PART),
+    ],
+)
+def test_verdicts_sum_up(verdicts: tuple[Verdict, ...], sum_: Verdict) -> None:
+    claims = tuple(Claim("s", "r", {"paper": Finding("x", each)}) for each in verdicts)
+    assert Built("name", "title", "shows", claims, b"").as_dict()["verdicts"] == {"paper": sum_}
 
 
 def test_a_figure_is_judged_per_preset() -> None:
