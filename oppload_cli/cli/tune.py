@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
 import oppload_cli as oppload
 from oppload_cli import stimulus as stimuli
-from oppload_cli.cli import progress_bar
+from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     change_option,
     complete_stimuli,
@@ -29,11 +29,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.files.atomic import PartFile
-    from oppload_cli.pipeline.settings import Settings
-    from oppload_cli.stimulus.catalogue import Entry
-    from oppload_cli.tuning.run import Condition
-
-_FAINT = 0.1  # of an alarm's floor: the largest response of a detector that hardly sees a stimulus
+    from oppload_cli.tuning.sweeps import Sweep
 
 
 @click.command(short_help="measure responses to a stimulus over directions, speeds, sizes")
@@ -102,6 +98,10 @@ def tune(
     settings, and the plot: polar over directions, a line over one parameter, a heat
     map over two. With --figure, NAME is that of the figure.
     """
+    from oppload_cli.tuning.sweeps import sweeps
+
+    if (stimulus is None) == (not figures):
+        raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
     values = dict(parsed_setting(text) for text in changes)
     chosen = {
         "preset": preset,
@@ -110,8 +110,9 @@ def tune(
         "height": height,
         "repeats": repeats,
         "usual": STUDY_PRESET,
+        "assignments": assignments,
     }
-    for sweep in _sweeps(stimulus, figures, values, over, (chosen, assignments)):
+    for sweep in sweeps(stimulus, figures, values, over, chosen):
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         kept = [table, table.with_suffix(".json")]
         kept += [table.with_suffix(f".{form}")] if form != "none" else []
@@ -122,59 +123,8 @@ def tune(
             click.echo(path)
 
 
-class _Sweep(NamedTuple):
-    """A stimulus with its sweep, the settings of the detectors, and the figure that it is for.
-
-    Attributes
-    ----------
-    entry : Entry
-        The stimulus.
-    settings : Settings
-        Of the detectors.
-    presentations : int
-        How often each stimulus is shown in a row.
-    figure : dict of str to str
-        Name, title and kind of the figure; empty without one.
-    """
-
-    entry: Entry
-    settings: Settings
-    presentations: int
-    figure: dict[str, str]
-
-
-def _sweeps(
-    stimulus: str | None,
-    figures: Sequence[str],
-    changes: dict[str, Any],
-    over: Sequence[str],
-    chosen: tuple[dict[str, Any], Sequence[str]],
-) -> list[_Sweep]:
-    """Return what is to be measured; all of it is checked before the first is shown."""
-    from oppload_cli.pipeline.settings import resolve
-    from oppload_cli.tuning import classic, run
-
-    if (stimulus is None) == (not figures):
-        raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
-    settings, assignments = chosen
-    if stimulus is not None:
-        entry = run.swept(run.entry_named(stimulus).with_settings(changes), over)
-        return [_Sweep(entry, resolve(**settings, assignments=assignments), 1, {})]
-    named = classic.figures_named(figures)
-    if over and len(named) > 1:
-        raise click.UsageError("--over goes with one --figure alone")
-    made = []
-    for name, each in named.items():
-        resolved = resolve(**settings, assignments=[*each.settings, *assignments])
-        words = {"name": name, "title": each.title, "kind": each.kind}
-        made.append(
-            _Sweep(classic.entry_of(name, changes, over), resolved, each.presentations, words)
-        )
-    return made
-
-
 def _run(
-    sweep: _Sweep,
+    sweep: Sweep,
     indicator_s: float,
     table: PartFile,
     paths: Sequence[Path],
@@ -182,7 +132,7 @@ def _run(
     jobs: int,
     quiet: bool,
 ) -> None:
-    from oppload_cli.tuning.run import tune, write_tuning, write_tuning_sidecar
+    from oppload_cli.tuning.run import faint, tune, write_tuning, write_tuning_sidecar
 
     entry, settings, presentations, figure = sweep
     with progress_bar(len(entry.values()), "condition", quiet=quiet) as bar:
@@ -194,7 +144,8 @@ def _run(
             jobs=jobs or cores(),
             progress=bar.update,
         )
-    _warn_of_faint(conditions, settings)
+    for line in faint(conditions, settings):
+        say(f"oppload: {line}")
     write_tuning(table, conditions)
     command = ["oppload", *sys.argv[1:]]
     write_tuning_sidecar(
@@ -207,19 +158,3 @@ def _run(
         style.save(oppload.plot_tuning(measured)[0], paths[2])
         for line in tuning.lines_of([measured]):
             click.echo(line, err=True)
-
-
-def _warn_of_faint(conditions: Sequence[Condition], settings: Settings) -> None:
-    """Say which detectors hardly respond: the shape of such a curve tells little."""
-    from oppload_cli.models.registry import alarm_floor_of, detector_named
-
-    for name in settings.models:
-        peak = max(each.measures[name].peak or 0 for each in conditions)
-        floor = alarm_floor_of(name, settings.preset)
-        if peak < _FAINT * floor:
-            click.echo(
-                f"oppload: {detector_named(name).label} hardly responds to this stimulus under "
-                f"preset {settings.preset}: its largest response is {peak:.2g}, and no alarm is "
-                f"given below {floor:g}; 'oppload models' lists the presets",
-                err=True,
-            )

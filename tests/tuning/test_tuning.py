@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,16 +12,10 @@ from oppload_cli.errors import OpploadError, ParameterError, StimulusError
 from oppload_cli.models.opplod import OpplodResponse
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
-from oppload_cli.stimulus.catalogue import read_entry
+from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.tuning.present import Measures, Responses, measure, present
-from oppload_cli.tuning.run import (
-    entry_named,
-    is_symmetric,
-    swept,
-    tune,
-    write_tuning,
-    write_tuning_sidecar,
-)
+from oppload_cli.tuning.run import tune, write_tuning, write_tuning_sidecar
+from oppload_cli.tuning.sweeps import sweeps
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,6 +48,11 @@ def disk(tmp_path: Path, before: float = 0) -> Entry:
     path = tmp_path / "disk.toml"
     path.write_text(DISK.format(before=before))
     return read_entry(path)
+
+
+def swept(stimulus: str, over: list[str]) -> Entry:
+    (one,) = sweeps(stimulus, (), {}, over, {})
+    return one.entry
 
 
 ASSIGNED = ["opplod.receptive_field=24", "opplod.cell=2", "repeats.longest_s=0.04"]
@@ -98,7 +98,7 @@ def test_measures_of_known_responses() -> None:
 
 def test_contact_and_size_at_the_peak() -> None:
     (protocol,) = (
-        entry_named("loom-l-over-v").with_settings({"disk.growth.l_over_v_ms": 100}).protocols()[:1]
+        find("loom-l-over-v")[0].with_settings({"disk.growth.l_over_v_ms": 100}).protocols()[:1]
     )
     frames = np.arange(float(protocol.frame_count))
     response = np.where(frames == 51, 1.0, 0.5)
@@ -147,7 +147,7 @@ def test_processes_change_no_byte(tmp_path: Path) -> None:
 
 
 def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
-    entry = swept(disk(tmp_path), ["position=[[0, 0], [4, -2]]"])
+    entry = swept(str(disk(tmp_path).path), ["position=[[0, 0], [4, -2]]"])
     settings = resolve(preset="reference", height="native", models=["opplod"])
     write_tuning(tmp_path / "a.csv", tune(entry, settings))
     rows = list(csv.DictReader((tmp_path / "a.csv").read_text().splitlines()))
@@ -158,8 +158,6 @@ def test_a_position_becomes_two_columns(tmp_path: Path) -> None:
 
 
 def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
-    import json
-
     settings = resolve(preset="reference", height="native", assignments=["opplod.gain=3"])
     path = tmp_path / "a.tuning.json"
     write_tuning_sidecar(path, disk(tmp_path), settings, command=["oppload"])
@@ -186,7 +184,7 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     ],
 )
 def test_the_key_that_a_word_stands_for(stimulus: str, word: str, key: str) -> None:
-    assert list(swept(entry_named(stimulus), [f"{word}=1"]).sweep) == [key]
+    assert list(swept(stimulus, [f"{word}=1"]).sweep) == [key]
 
 
 @pytest.mark.parametrize(
@@ -199,14 +197,14 @@ def test_the_key_that_a_word_stands_for(stimulus: str, word: str, key: str) -> N
     ],
 )
 def test_values_are_lists_ranges_or_toml(text: str, values: list[object]) -> None:
-    entry = swept(entry_named("klapoetke2017/loom"), [f"position={text}"])
+    entry = swept("klapoetke2017/loom", [f"position={text}"])
     assert entry.sweep == {"disk.centre_deg": values}
 
 
 @pytest.mark.parametrize("values", ["", "a,b", "0:10", "0:10:0", "0:10:-1", "0:1e9:1", "["])
 def test_values_that_cannot_be_read(values: str) -> None:
     with pytest.raises(ParameterError, match="its values cannot be read; write 10,20,40"):
-        swept(entry_named("klapoetke2017/loom-speed"), [f"speed={values}"])
+        swept("klapoetke2017/loom-speed", [f"speed={values}"])
 
 
 @pytest.mark.parametrize(
@@ -223,11 +221,11 @@ def test_values_that_cannot_be_read(values: str) -> None:
 )
 def test_a_wrong_sweep(stimulus: str, over: list[str], message: str) -> None:
     with pytest.raises(OpploadError, match=message.replace("*", r"\*")):
-        swept(entry_named(stimulus), over)
+        swept(stimulus, over)
 
 
 def test_an_error_of_a_swept_value_names_the_stimulus(tmp_path: Path) -> None:
-    entry = swept(disk(tmp_path), ["disk.size_deg=2,-5"])
+    entry = swept(str(disk(tmp_path).path), ["disk.size_deg=2,-5"])
     with pytest.raises(StimulusError, match="size_deg"):
         tune(entry, resolve())
 
@@ -242,5 +240,9 @@ def test_an_error_of_a_swept_value_names_the_stimulus(tmp_path: Path) -> None:
         ("klapoetke2017/loom-speed", False),
     ],
 )
-def test_two_frames_decide_whether_a_stimulus_is_symmetric(stimulus: str, symmetric: bool) -> None:
-    assert is_symmetric(entry_named(stimulus)) is symmetric
+def test_two_frames_decide_whether_a_stimulus_is_symmetric(
+    stimulus: str, symmetric: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.tuning.json"
+    write_tuning_sidecar(path, swept(stimulus, []), resolve(), command=[])
+    assert json.loads(path.read_text())["stimulus"]["symmetric"] is symmetric

@@ -17,16 +17,17 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.tuning import KINDS
 from oppload_cli.schema import Parameters, parameter
-from oppload_cli.tuning.classic import FIGURES, entry_of, figures_named
 from oppload_cli.tuning.present import Responses, low_passed, present
-from oppload_cli.tuning.run import swept, tune, write_tuning
-from tests.tuning.test_tuning import disk
+from oppload_cli.tuning.run import tune, write_tuning
+from oppload_cli.tuning.sweeps import FIGURES, sweeps
+from tests.tuning.test_tuning import disk, swept
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from oppload_cli.models.dpc import Map
+    from oppload_cli.stimulus.catalogue import Entry
     from oppload_cli.tuning.run import Condition
 
 FIELD_DEG = 72  # of the displays
@@ -101,6 +102,11 @@ def _registered() -> Iterator[None]:
 def times(conditions: list[Condition], model: str) -> np.ndarray:
     found = [each.measures[model].peak_before_contact_s for each in conditions]
     return np.array(found, float)
+
+
+def entry_of(name: str, changes: dict[str, float], over: Sequence[str] = ()) -> Entry:
+    (one,) = sweeps(None, [name], dict(changes), over, {})
+    return one.entry
 
 
 L_OVER_V = [20, 40, 60, 80]
@@ -184,15 +190,16 @@ def test_wrong_values_of_a_figure(
 
 def test_a_wrong_figure() -> None:
     with pytest.raises(ParameterError, match=r"no such figure; did you mean 'contrast'\?$"):
-        figures_named(["contrst"])
+        sweeps(None, ["contrst"], {}, [], {})
     with pytest.raises(ParameterError, match=r"no such figure; choose all, .*size-speed$"):
-        figures_named(["xyz"])
-    assert next(iter(figures_named(["contrast", "all", "contrast"]))) == "contrast"
-    assert set(figures_named(["all"])) == set(FIGURES)
+        sweeps(None, ["xyz"], {}, [], {})
+    found = sweeps(None, ["contrast", "all", "contrast"], {}, [], {})
+    names = [each.figure["name"] for each in found]
+    assert names == ["contrast", *(name for name in FIGURES if name != "contrast")]
 
 
 def test_without_adaptation_every_presentation_is_the_first(tmp_path: Path) -> None:
-    entry = swept(disk(tmp_path, 0.4), ["speed=25"])
+    entry = swept(str(disk(tmp_path, 0.4).path), ["speed=25"])
     settings = resolve(
         models=["opplod", "tired"], height="native", usual="reference",
         assignments=["opplod.receptive_field=24"],

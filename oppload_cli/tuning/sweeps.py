@@ -1,0 +1,335 @@
+"""The sweeps of ``oppload tune``: those that a user asks for, and those of classic figures.
+
+A classic figure of looming neuroscience is a sweep of a stimulus of the catalogue.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import tomllib
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from oppload_cli.errors import ParameterError, StimulusError, suggestion
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.stimulus.catalogue import find
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from oppload_cli.pipeline.settings import Settings
+    from oppload_cli.stimulus.catalogue import Entry
+
+_EVERY = "all"
+
+
+@dataclass(frozen=True)
+class _Classic:
+    """One figure.
+
+    Attributes
+    ----------
+    title : str
+        What it shows.
+    kind : str
+        The plot, as ``oppload plot --kind`` names it.
+    stimulus : str
+        In the catalogue.
+    sweep : dict
+        Lists of values by dotted key.
+    changes : dict
+        Other values of the stimulus by dotted key.
+    settings : tuple of str
+        Parameters of detectors; those of the user come later and win.
+    presentations : int
+        How often each stimulus is shown in a row.
+    """
+
+    title: str
+    kind: str
+    stimulus: str
+    sweep: Mapping[str, list[Any]] = field(default_factory=dict)
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    settings: tuple[str, ...] = ()
+    presentations: int = 1
+
+
+_PLACES = [-24, -18, -12, -6, 0, 6, 12, 18, 24]
+
+FIGURES: dict[str, _Classic] = {
+    "peak-time": _Classic(
+        "Time and angular size at the peak",
+        "contact",
+        "klapoetke2017/loom-l-over-v",
+        {"disk.growth.l_over_v_ms": [10, 20, 30, 40, 50, 60, 70, 80, 90, 100]},
+        # A disk that stops growing has its largest edges just before: at 60 degrees, all
+        # detectors whose response grows with the object would seem to have this threshold.
+        # A frame is the smallest difference in time that can be seen.
+        {"disk.growth.most_deg": 180, "display.frame_rate": 120},
+    ),
+    "size-speed": _Classic(
+        "Response over final size and edge speed",
+        "heat",
+        "klapoetke2017/loom-speed",
+        {
+            "disk.growth.speed_deg_s": [10, 20, 40, 80, 160],
+            "disk.growth.end_deg": [15, 20, 30, 40, 50, 60, 70],
+        },
+        {"timing.motion_s": 3.0},
+    ),
+    "position": _Classic(
+        "Response over the position of a growing disk",
+        "position",
+        "klapoetke2017/loom-position",
+        {"disk.centre_deg": [[right, up] for up, right in itertools.product(_PLACES, repeat=2)]},
+        {"disk.growth.end_deg": 24, "disk.growth.speed_deg_s": 40, "timing.motion_s": 0.5},
+        # OppLoD has a unit everywhere: the field of one is mapped.
+        ("opplod.units=1x1",),
+    ),
+    "bar-ends": _Classic(
+        "A bar that grows at one end and at both",
+        "ends",
+        "klapoetke2017/bar-expand-10",
+        {
+            "bar.growth.sides": ["both", "forward"],
+            "bar.axis_deg": list(range(0, 360, 30)),
+        },
+    ),
+    "contrast": _Classic(
+        "Response over contrast of an approaching disk",
+        "contrast",
+        "controls/looming-contrast",
+        {"disk.luminance": [0.0, 0.1, 0.2, 0.3, 0.4, 0.45, 0.55, 0.6, 0.7, 0.8, 0.9, 1.0]},
+    ),
+    "habituation": _Classic(
+        "Response to approaches that come every 2 s",
+        "habituation",
+        "klapoetke2017/loom-l-over-v",
+        changes={
+            "disk.growth.l_over_v_ms": [40],
+            "timing.before_s": 0.6,
+            "timing.motion_s": 1.0,
+            "timing.after_s": 0.4,
+        },
+        presentations=10,
+    ),
+}
+
+
+class Sweep(NamedTuple):
+    """A stimulus with its sweep, the settings of the detectors, and the figure that it is for.
+
+    Attributes
+    ----------
+    entry : Entry
+        The stimulus.
+    settings : Settings
+        Of the detectors.
+    presentations : int
+        How often each stimulus is shown in a row.
+    figure : dict of str to str
+        Name, title and kind of the figure; empty without one.
+    """
+
+    entry: Entry
+    settings: Settings
+    presentations: int
+    figure: dict[str, str]
+
+
+def sweeps(
+    stimulus: str | None,
+    figures: Sequence[str],
+    changes: dict[str, Any],
+    over: Sequence[str],
+    settings: Mapping[str, Any],
+) -> list[Sweep]:
+    """Return the sweeps that a user asks for; all of it is checked before the first is shown.
+
+    Parameters
+    ----------
+    stimulus : str or None
+        A name of the catalogue or a TOML file; None for `figures`.
+    figures : sequence of str
+        Names of classic figures, ``all`` for every one.
+    changes : dict
+        Other values of the stimulus by dotted key.
+    over : sequence of str
+        ``PARAMETER`` of the stimulus's own sweep, or ``PARAMETER=VALUES``; nothing keeps its own
+        sweep. A parameter is a key such as ``bar.axis_deg`` or a word such as ``axis``.
+    settings : mapping
+        As for :func:`oppload_cli.pipeline.settings.resolve`.
+
+    Raises
+    ------
+    ParameterError
+        If a figure, a parameter, a setting or values cannot be understood.
+    StimulusError
+        If there is no such stimulus, or if nothing is swept.
+    """
+    if stimulus is not None:
+        entry = _swept(_entry_named(stimulus).with_settings(changes), over)
+        return [Sweep(entry, resolve(**settings), 1, {})]
+    named = _figures_named(figures)
+    if over and len(named) > 1:
+        raise ParameterError("--over goes with one --figure alone")
+    made = []
+    for name, each in named.items():
+        assignments = [*each.settings, *settings.get("assignments", ())]
+        resolved = resolve(**{**settings, "assignments": assignments})
+        words = {"name": name, "title": each.title, "kind": each.kind}
+        entry = _figure_entry(name, changes, over)
+        made.append(Sweep(entry, resolved, each.presentations, words))
+    return made
+
+
+def _figures_named(names: Sequence[str]) -> dict[str, _Classic]:
+    """Return the figures of some names, ``all`` for every one."""
+    chosen = [one for name in names for one in (FIGURES if name == _EVERY else [name])]
+    for name in chosen:
+        if name not in FIGURES:
+            hint = suggestion(name, (*FIGURES, _EVERY))
+            raise ParameterError(f"--figure {name}: no such figure{hint}")
+    return {name: FIGURES[name] for name in dict.fromkeys(chosen)}
+
+
+def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str] = ()) -> Entry:
+    """Return the stimuli of a figure; `over` gives other values of what the figure sweeps."""
+    figure = FIGURES[name]
+    entry = _entry_named(figure.stimulus).with_settings(dict(figure.changes))
+    for key in changes:
+        if key in figure.sweep:
+            raise ParameterError(f"--change {key}: figure {name} sweeps it; give --over {key}=...")
+    # What is swept once is no sweep: its value would be a column, and its name in every title.
+    settled = {key: values[0] for key, values in entry.sweep.items() if key not in figure.sweep}
+    entry = replace(entry, sweep={}).with_settings({**settled, **changes})
+    entry = replace(entry, sweep={key: list(values) for key, values in figure.sweep.items()})
+    if over:
+        chosen = _swept(entry, over).sweep
+        other = [key for key in chosen if key not in figure.sweep]
+        if other:
+            swept_keys = " and ".join(figure.sweep) or "nothing"
+            raise ParameterError(
+                f"--over {over[list(chosen).index(other[0])]}: figure {name} sweeps {swept_keys}"
+            )
+        entry = replace(entry, sweep=entry.sweep | chosen)
+    return replace(entry, name=name)
+
+
+# Words that stand for a key, and the keys that each may mean, with {id} for an object.
+_WORDS = {
+    "axis": ("{id}.axis_deg", "scene.rotation_deg"),
+    "direction": ("scene.rotation_deg",),
+    "speed": ("{id}.growth.speed_deg_s", "{id}.motion.speed_deg_s"),
+    "width": ("{id}.width_deg",),
+    "size": ("{id}.size_deg",),
+    "l/v": ("{id}.growth.l_over_v_ms",),
+    "position": ("{id}.centre_deg", "scene.centre_deg"),
+}
+_MOST_VALUES = 1000
+
+
+def _entry_named(name: str) -> Entry:
+    """Return the one stimulus of a name in the catalogue, or in a TOML file."""
+    found = find(name)
+    if len(found) > 1:
+        raise StimulusError(
+            f"'{name}' stands for {len(found)} stimuli; name one, such as '{found[0].name}'"
+        )
+    return found[0]
+
+
+def _swept(entry: Entry, over: Sequence[str]) -> Entry:
+    """Return a stimulus with the sweep that the user asks for."""
+    if not over:
+        if not entry.sweep:
+            raise StimulusError(
+                f"{entry.name}: has no sweep of its own; name one, e.g. --over speed=10,20,40"
+            )
+        return entry
+    chosen: dict[str, list[Any]] = {}
+    for text in over:
+        word, equals, values = text.partition("=")
+        key = _key_of(entry, word.strip())
+        if not equals and key not in entry.sweep:
+            raise ParameterError(
+                f"--over {text}: {entry.name} has no values of its own for '{key}'; "
+                f"give some, e.g. --over {text}=10,20,40 or {text}=0:330:30"
+            )
+        chosen[key] = _values_of(text, values) if equals else entry.sweep[key]
+    # Settings are checked as the protocols are made; one that names no table fails here.
+    return replace(entry.with_settings({key: chosen[key][0] for key in chosen}), sweep=chosen)
+
+
+def _key_of(entry: Entry, word: str) -> str:
+    """Return the dotted key that a word of `_WORDS`, or a key itself, means in a stimulus."""
+    if "." in word:
+        return word
+    if word not in _WORDS:
+        hint = suggestion(word, _WORDS)
+        raise ParameterError(f"--over {word}: no parameter '{word}'{hint}; or a key as ID.size_deg")
+    objects = [one for one in entry.table.get("object", []) if isinstance(one, dict)]
+    meant = [pattern.format(id=one.get("id")) for one in objects for pattern in _WORDS[word]]
+    own = [key for key in dict.fromkeys(meant) if key in entry.sweep]
+    if len(own) == 1:
+        return own[0]
+    if word in {"axis", "direction"}:
+        return "scene.rotation_deg"
+    if len(objects) > 1 and word == "position":
+        return "scene.centre_deg"
+    keys = list(dict.fromkeys(key for key in meant if _stated(objects, key)))
+    if len(keys) != 1:
+        found = f"is {' or '.join(keys)}" if keys else "is not among its keys"
+        raise ParameterError(f"--over {word}: in {entry.name} that {found}; write a key in full")
+    return keys[0]
+
+
+def _values_of(text: str, values: str) -> list[Any]:
+    """Read the values of a sweep.
+
+    Parameters
+    ----------
+    text : str
+        The complete option, for the message.
+    values : str
+        ``10,20,40``, ``0:330:30`` (from, to, step; both ends included), or a list as
+        in TOML, such as ``[[0,0],[10,0]]``.
+
+    Raises
+    ------
+    ParameterError
+        If they cannot be read.
+    """
+    try:
+        if values.count(":") == 2:
+            listed = _range(*(float(end) for end in values.split(":")))
+        else:
+            stated = values if values.strip().startswith("[") else f"[{values}]"
+            listed = tomllib.loads(f"values = {stated}")["values"]
+    except ValueError:
+        listed = []
+    if not listed:
+        raise ParameterError(
+            f"--over {text}: its values cannot be read; "
+            f"write 10,20,40 or 0:330:30 (from, to, step) or [[0,0],[10,0]]"
+        )
+    return listed
+
+
+def _range(first: float, last: float, step: float) -> list[Any]:
+    count = math.floor((last - first) / step + 1e-9) + 1 if step else 0
+    if not 1 <= count <= _MOST_VALUES:
+        return []
+    values = [first + index * step for index in range(count)]
+    return [int(value) if value.is_integer() else value for value in values]
+
+
+def _stated(objects: Sequence[dict[str, Any]], key: str) -> bool:
+    """Tell whether the file gives a value for a key of one of its objects."""
+    first, *rest = key.split(".")
+    value: Any = next((one for one in objects if one.get("id") == first), None)
+    for word in rest:
+        value = value.get(word) if isinstance(value, dict) else None
+    # An object without a position is in the middle.
+    return value is not None or (rest == ["centre_deg"] and first != "scene")
