@@ -100,11 +100,6 @@ class BatchProgress:
         if verbosity >= 0 and on_terminal():
             self._bar = progress_bar(total, "input", quiet=False)
 
-    @property
-    def on_terminal(self) -> bool:
-        """Whether a bar is shown."""
-        return self._bar is not None
-
     def started(self, name: str) -> None:
         """Name an input among those that are running."""
         self._running[name] = None

@@ -303,7 +303,7 @@ def clips_of(
     settings = dict(parsed_setting(text) for text in changes)
     names = [name for name in inputs if not _is_video(name)]
     videos = [Path(name) for name in inputs if _is_video(name)]
-    return _labelled(protocols_of(names, settings, backgrounds), videos)
+    return _labelled(_protocols_of(names, settings, backgrounds), videos)
 
 
 def _is_video(name: str) -> bool:
@@ -328,25 +328,13 @@ def _check_options(manifest: Path | None, boxes: Path | None, of_stimuli: Sequen
         raise ParameterError("--background and --change go with stimuli, not with a manifest")
 
 
-def protocols_of(
+def _protocols_of(
     names: Sequence[str], settings: Table, backgrounds: Sequence[str] = ()
 ) -> list[Protocol]:
     """Return the stimuli to evaluate.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names and patterns of the catalogue, and protocol files.
-    settings : dict
-        Values to change, by dotted key.
-    backgrounds : sequence of str
-        Videos to put behind them. Stimuli whose camera moves are then left out, and so are
-        those without a background, and cuts.
-
-    Raises
-    ------
-    StimulusError
-        If there is no such stimulus, or one is not valid; or if none is left.
+    With videos to put behind them, stimuli whose camera moves are left out, and so are those
+    without a background, and cuts.
     """
     found = [entry.with_settings(settings) for name in names for entry in stimulus.find(name)]
     if backgrounds:
@@ -401,11 +389,11 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
         except StimulusError as problem:
             faults.append(f"{name}: {problem}")
             continue
-        entries.append(Entry(len(entries) + 1, source, label_of(name, truth)))
+        entries.append(Entry(len(entries) + 1, source, _label_of(name, truth)))
     return Manifest(Path("stimuli"), entries, faults, len(protocols) + len(videos))
 
 
-def label_of(name: str, truth: Table) -> Label:
+def _label_of(name: str, truth: Table) -> Label:
     """Return the label of a clip: an approach lasts while an object looms.
 
     Parameters
@@ -425,7 +413,7 @@ def label_of(name: str, truth: Table) -> Label:
             if one["looming"] and box is not None:
                 boxes[frame["frame"]] = box
                 contacts[frame["frame"]] = one["time_to_contact_s"]
-    conditions = conditions_of(truth["protocol"])
+    conditions = _conditions_of(truth["protocol"])
     motion = "" if looming else conditions["kind"]
     onset, contact = (looming[0], looming[-1]) if looming else (None, None)
     return Label(name, onset, contact, motion, boxes, contacts, conditions)
@@ -440,7 +428,7 @@ def _within(box: Sequence[float] | None, wide: int, high: int) -> Box | None:
     return (left, top, width, height) if min(width, height) >= 1 else None
 
 
-def conditions_of(protocol: Table) -> dict[str, str]:
+def _conditions_of(protocol: Table) -> dict[str, str]:
     """Return the conditions by which a clip is grouped, by name.
 
     Parameters

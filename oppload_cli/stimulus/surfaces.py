@@ -145,7 +145,7 @@ class Surface:
     corner: tuple[float, float] = (0.0, 0.0)
     extent: Rectangle | None = None
 
-    def matrix(self, view: View) -> Floats:
+    def _matrix(self, view: View) -> Floats:
         """Return the matrix from ``(x, y, 1)`` in pixels to ``(u, v, 1) / depth``."""
         offset = np.subtract(self.origin, view.place)
         on_surface = np.stack([self.right, self.up, offset], axis=1)
@@ -166,7 +166,7 @@ class Surface:
             return Window(0, height, 0, width)
         u0, v0, u1, v1 = self.extent
         corners = np.array([(u, v, 1.0) for u in (u0, u1) for v in (v0, v1)])
-        x, y, over = np.linalg.solve(self.matrix(view), corners.T)
+        x, y, over = np.linalg.solve(self._matrix(view), corners.T)
         if over.max() <= 0:
             return Window(0, 0, 0, 0)
         if over.min() <= 0:  # a corner beside or behind the camera
@@ -177,7 +177,7 @@ class Surface:
         return Window.around(low, high, height, width)
 
     def _placed(self, view: View, window: Window) -> Placed:
-        m = self.matrix(view)
+        m = self._matrix(view)
         x = np.arange(window.left, window.right)[None, :] + 0.5
         y = np.arange(window.top, window.bottom)[:, None] + 0.5
         over = m[2, 0] * x + m[2, 1] * y + m[2, 2]
@@ -251,7 +251,7 @@ class Surface:
 
     def to_px(self, view: View, u: Floats, v: Floats) -> tuple[Floats, Floats]:
         """Return the pixel positions x and y of places on the surface; NaN behind the camera."""
-        back = np.linalg.inv(self.matrix(view))
+        back = np.linalg.inv(self._matrix(view))
         over = back[2, 0] * u + back[2, 1] * v + back[2, 2]
         over = np.where(over > 0, over, np.nan)
         x, y = ((back[i, 0] * u + back[i, 1] * v + back[i, 2]) / over for i in (0, 1))

@@ -10,7 +10,7 @@ import pytest
 
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
-from oppload_cli.evaluation.manifest import conditions_of, label_of, protocols_of
+from oppload_cli.evaluation.manifest import clips_of
 from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 SMALL: dict[str, Any] = {"display.width": 64, "display.height": 48, "timing.motion_s": 1.0}
 HIT = "staged/collision-shape/background-street_drawing-box_size-m-1.6"
+CHANGES = [f"{key}={value}" for key, value in SMALL.items()]
 MISS = "staged/near-miss/background-street_miss-sizes-2_side-left_speed-m-8"
 
 
@@ -34,9 +35,12 @@ def test_the_benchmark_has_300_clips_in_two_parts() -> None:
         assert 70 < sum(looming) < len(part)
 
 
+def label_of(name: str, *changes: str) -> Label:
+    return clips_of([name], None, [], changes).entries[0].label
+
+
 def test_a_label_follows_from_the_truth() -> None:
-    truth = stimulus.ground_truth(stimulus.load(HIT, {**SMALL, "camera.looming_within_s": 0.5}))
-    label = label_of("a.mp4", truth)
+    label = label_of(HIT, *CHANGES, "camera.looming_within_s=0.5")
     assert [label.onset, label.contact, label.motion] == [15, 29, ""]
     assert label.contacts[15] == pytest.approx(0.5)
     assert list(label.boxes[29]) == [0, 0, 64, 48]
@@ -46,7 +50,7 @@ def test_a_label_follows_from_the_truth() -> None:
     assert (left + width / 2, top + height / 2) == pytest.approx((32, 24))
     assert label.conditions["speed"] == "8 m/s"
     assert label.conditions["camera"] == "at rest"
-    missed = label_of("b.mp4", stimulus.ground_truth(stimulus.load(MISS, SMALL)))
+    missed = label_of(MISS, *CHANGES)
     assert not missed.looming
     assert missed.motion == "near miss at 2 sizes"
     assert missed.boxes == {}
@@ -66,19 +70,19 @@ def test_a_label_follows_from_the_truth() -> None:
     ],
 )
 def test_kinds_of_clips(name: str, kind: str) -> None:
-    table = stimulus.load_all(name)[0].as_table()
-    assert conditions_of(table)["kind"].startswith(kind)
+    assert label_of(name, *CHANGES[:2]).conditions["kind"].startswith(kind)
 
 
 def test_the_users_own_videos_take_the_place_of_the_backgrounds() -> None:
-    made = protocols_of(["staged/*"], {}, ["a.mp4", "b.mp4"])
+    entries = clips_of(["staged/*"], None, ["a.mp4", "b.mp4"], CHANGES[:2]).entries
+    made = [each.path for each in entries if isinstance(each.path, stimulus.Protocol)]
     assert {protocol.scene.background for protocol in made} == {"a.mp4", "b.mp4"}
     assert {protocol.scene.background_fit for protocol in made} == {"cover"}
     assert not any(protocol.camera and protocol.camera.moves for protocol in made)
     assert not any(protocol.scene.cut_s for protocol in made)
     assert len(made) == 2 * 68
     with pytest.raises(StimulusError, match="--background: none of staged/pan has a background"):
-        protocols_of(["staged/pan"], {}, ["a.mp4"])
+        clips_of(["staged/pan"], None, ["a.mp4"], [])
 
 
 def truthful(
@@ -173,8 +177,8 @@ def test_a_lossless_video_of_a_stimulus_gives_what_the_stimulus_gives(tmp_path: 
     changes = [f"--change={key}={value}" for key, value in SMALL.items()]
     wanted = ["-j", "1", "--draws", "100", "--model", "opplod:default"]
     assert oppload("evaluate", HIT, MISS, *changes, *wanted, "-o", tmp_path / "out").returncode == 0
-    for protocol in protocols_of([HIT, MISS], SMALL):
-        stimulus.write(protocol, tmp_path)
+    for name in (HIT, MISS):
+        stimulus.write(stimulus.load(name, SMALL), tmp_path)
     done = oppload("evaluate", *sorted(tmp_path.glob("*.avi")), *wanted, "-o", tmp_path / "b")
     assert done.returncode == 0
     figures = [(tmp_path / name / "evaluation.csv").read_bytes() for name in ("out", "b")]
