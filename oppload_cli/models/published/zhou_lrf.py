@@ -61,7 +61,7 @@ class ZhouLrfResponse(Response):
     motion_abs: float = 0.0
 
 
-def weights() -> Plane:
+def _weights() -> Plane:
     """Return the weights for motion to the right, shape (12, 12), row 0 on top.
 
     Raises
@@ -84,7 +84,7 @@ def weights() -> Plane:
     return values
 
 
-def blur_kernel(element: int) -> Plane:
+def _blur_kernel(element: int) -> Plane:
     """Return the Gaussian about a pixel corner, sigma half an element, cut at two elements.
 
     Parameters
@@ -99,7 +99,7 @@ def blur_kernel(element: int) -> Plane:
     return np.asarray(kernel / kernel.sum(), np.float64)
 
 
-class Blur:
+class _Blur:
     """The blur at the corners of half elements: the only places at which it is needed.
 
     Parameters
@@ -112,7 +112,7 @@ class Blur:
         self._step, self._reach = element // 2, 2 * element
         # Bands of the kernel, half an element high: for each row of a band a matrix.
         self._bands = (
-            blur_kernel(element).reshape(-1, self._step, 2 * self._reach).transpose(1, 2, 0)
+            _blur_kernel(element).reshape(-1, self._step, 2 * self._reach).transpose(1, 2, 0)
         )
 
     def __call__(self, image: Plane, rows: int, columns: int) -> Plane:
@@ -186,8 +186,8 @@ class ZhouLrf(Detector):
         self._element = self.params.element or max(2, 2 * (height // 60))
         self._grid = height // self._element, width // self._element
         self.need_size(shape, (_FIELD * self._element,) * 2)
-        self._blur = Blur(self._element)
-        right = weights()
+        self._blur = _Blur(self._element)
+        right = _weights()
         # Four directions by turns of 90 degrees; anchored at the block's top left element.
         self._weights = [np.rot90(right, turn) for turn in (0, 2, 1, 3)]
         self.reset()
