@@ -54,8 +54,8 @@ def labels_of(results: Sequence[Result], given: Sequence[str] = ()) -> list[str]
                 f"result{'s' * (len(results) > 1)}; "
                 "give one for each, or none"
             )
-        return [plain(label) for label in given]
-    return [plain(name) for name in _told_apart(results)]
+        return [_plain(label) for label in given]
+    return [_plain(name) for name in _told_apart(results)]
 
 
 def _told_apart(results: Sequence[Result]) -> list[str]:
@@ -130,7 +130,7 @@ def in_number_order(labels: Sequence[str]) -> list[int]:
 def wrapped(text: str, width: int) -> str:
     """Return a text in lines of at most so many characters; nothing of it is cut."""
     lines = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
-    return plain("\n".join(each for line in lines for each in line))
+    return _plain("\n".join(each for line in lines for each in line))
 
 
 def in_two_lines(name: str) -> str:
@@ -138,7 +138,7 @@ def in_two_lines(name: str) -> str:
     return wrapped(name, max(36, len(name) // 2 + 8))
 
 
-def plain(text: str) -> str:
+def _plain(text: str) -> str:
     """Return a text that a figure shows as it is: no formula, and every character can be drawn."""
     lines = (printable(line) for line in text.split("\n"))
     return re.sub(r"(?<!\\)\$", r"\\$", "\n".join(lines))

@@ -17,7 +17,7 @@ from PIL import Image
 from oppload_cli.errors import ParameterError, ResultError, ShortageError, shortage
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
-from oppload_cli.plots.naming import plain
+from oppload_cli.plots.naming import wrapped
 from oppload_cli.results import reading
 from oppload_cli.results.reading import read_result
 from oppload_cli.schema import parsed_fraction
@@ -136,7 +136,8 @@ def test_any_name_can_be_drawn(
     words = ("plot", path, twin, "--model", "opplod", "--title", name, "-o", out)
     done = run(capsys, *words)
     assert done.returncode == 0, done.stderr
-    assert plain(plain(name)) == plain(name)
+    shown = wrapped(name, 1000)
+    assert wrapped(shown, 1000) == shown
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no pipes with names")
