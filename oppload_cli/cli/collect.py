@@ -3,22 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from oppload_cli.cli import say
 from oppload_cli.cli.options import if_exists_option
-from oppload_cli.errors import ExitCode, ResultError
-from oppload_cli.files.atomic import refuse_existing
-from oppload_cli.files.tables import open_table
-from oppload_cli.processes.signals import stop_if_asked
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from oppload_cli.files.tables import Rows
-    from oppload_cli.results.collecting import Row
+from oppload_cli.errors import ExitCode
 
 
 @click.command(short_help="join many results into one table")
@@ -46,37 +36,15 @@ def collect(
     """
     from oppload_cli.results import collecting
 
-    refuse_existing([output], if_exists)
-    results = [path for folder in folders for path in collecting.found_results(folder)]
-    columns = collecting.frame_columns(results) if of_frames else collecting.SUMMARY_COLUMNS
-    rows_of = collecting.frame_rows if of_frames else collecting.summary_rows
-    with open_table(output, columns, new=if_exists == "error") as table:
-        good, bad, rows = _collected(results, rows_of, table)
-        if not good:
-            where = ", ".join(map(str, folders))
-            reason = "no result could be read" if bad else "no result of 'oppload run' in there"
-            raise ResultError(f"{where}: {reason}; check the folder")
+    found = collecting.collect(
+        folders,
+        output,
+        of_frames=of_frames,
+        if_exists=if_exists,
+        told=lambda error: say(f"oppload: {error}"),
+    )
     if not quiet:
-        say(f"{good} results, {rows} rows -> {output}")
-    if bad:
-        say(f"oppload: {bad} results could not be collected; the others are in {output}")
-    return ExitCode.INCOMPLETE if bad else ExitCode.DONE
-
-
-def _collected(
-    results: Iterable[Path], rows_of: Callable[[Path], Iterator[Row]], table: Rows
-) -> tuple[int, int, int]:
-    """Collect every result; return how many were good and bad, and the rows."""
-    good = bad = rows = 0
-    for path in results:
-        stop_if_asked()
-        try:
-            for row in rows_of(path):
-                table.write(row)
-                rows += 1
-        except ResultError as error:
-            say(f"oppload: {error}")
-            bad += 1
-        else:
-            good += 1
-    return good, bad, rows
+        say(f"{found.good} results, {found.rows} rows -> {output}")
+    if found.bad:
+        say(f"oppload: {found.bad} results could not be collected; the others are in {output}")
+    return ExitCode.INCOMPLETE if found.bad else ExitCode.DONE

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 
 from oppload_cli.evaluation.detectors import colour_of, label_of
 from oppload_cli.evaluation.metrics.alarms import RATES, condition_of
 from oppload_cli.evaluation.metrics.windows import AHEAD
-from oppload_cli.plots.style import DASHES, FAINT, INK, STYLE, new_figure, png_bytes
+from oppload_cli.plots.style import DASHES, FAINT, INK, png_bytes, styled_figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -203,8 +202,7 @@ PLOTS = {
 
 def figure_of(plot: str, performances: Performances) -> Figure:
     """Return one of the `PLOTS`, with the detectors in the order of its legend."""
-    with mpl.rc_context(STYLE):
-        figure = new_figure(*_SIZE)
+    with styled_figure(*_SIZE) as figure:
         PLOTS[plot].draw(figure.subplots(), performances)
     return figure
 

@@ -156,7 +156,7 @@ def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> No
 # ---- Position -------------------------------------------------------------------------------
 
 
-def plot_position(request: Request) -> tuple[Figure, list[Axes]]:
+def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw a map of the peak over the object's position, with the line of half the largest."""
     tuning, models = _one(request, "a map of positions")
     wanted = "a position; run 'oppload tune --figure position'"
@@ -231,7 +231,7 @@ def _half(x: Series, y: Series, share: NDArray[np.float64]) -> str:
 # ---- One end and both -----------------------------------------------------------------------
 
 
-def plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
+def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak for a bar that grows at both ends, at one, and the sum of two single ends."""
     tuning, models = _one(request, "one end and both")
     wanted = "the sides and the axis of a bar; run 'oppload tune --figure bar-ends'"
@@ -319,7 +319,7 @@ def _range(values: Sequence[float]) -> str:
 # ---- Contrast and habituation ---------------------------------------------------------------
 
 
-def plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
+def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak over the contrast of an object against the ground, as a share of the ground."""
     advice = "a luminance; run 'oppload tune --figure contrast'"
     points = []
@@ -355,7 +355,7 @@ def _background(tuning: Tuning) -> float:
     return ground
 
 
-def plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
+def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak of each presentation over that of the first."""
     advice = "presentations in a row; run 'oppload tune --figure habituation'"
     curves = [(column_of(each[0], "presentation", advice), *each) for each in request.curves()]
@@ -378,3 +378,12 @@ def plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
         panel.set_xlabel("presentation (number)")
         panel.set_ylabel("peak / peak of the first")
     return figure, [panel]
+
+
+# By kind: the figures that are drawn here.
+FIGURES = {
+    "position": _plot_position,
+    "ends": _plot_ends,
+    "contrast": _plot_contrast,
+    "habituation": _plot_habituation,
+}

@@ -35,7 +35,7 @@ PAGE = 17.8 / 2.54  # inches: two columns
 MOST_HEIGHT = 23 / 2.54  # inches: that of a page
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
 DECADES = 4  # of a logarithmic heat map
-STYLE: Any = {  # Any: the stubs list every key that matplotlib has
+_STYLE: Any = {  # Any: the stubs list every key that matplotlib has
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
     "axes.spines.top": False,
@@ -64,11 +64,6 @@ METADATA: dict[str, dict[str, Any]] = {
 }
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of a size in inches; it needs no display."""
-    return Figure(figsize=(width, height), layout="constrained")
-
-
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """Open an empty figure to draw on, with the style in effect.
@@ -83,8 +78,8 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
     matplotlib.figure.Figure
         It needs no display.
     """
-    with mpl.rc_context(STYLE):
-        yield new_figure(width, height)
+    with mpl.rc_context(_STYLE):
+        yield Figure(figsize=(width, height), layout="constrained")
 
 
 def as_list(results: T | Sequence[T]) -> list[T]:
@@ -141,7 +136,7 @@ def png_bytes(figure: Figure, dpi: int) -> bytes:
 
 def _image(figure: Figure, suffix: str, **options: Any) -> bytes:
     image = io.BytesIO()
-    with mpl.rc_context(STYLE), warnings.catch_warnings():
+    with mpl.rc_context(_STYLE), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from")  # a box is drawn for it
         figure.savefig(image, format=suffix[1:], metadata=METADATA[suffix], **options)
     return image.getvalue()

@@ -8,14 +8,7 @@ import numpy as np
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.classic import (
-    FEW,
-    Request,
-    plot_contrast,
-    plot_ends,
-    plot_habituation,
-    plot_position,
-)
+from oppload_cli.plots.classic import FEW, FIGURES, Request
 from oppload_cli.plots.contact import contact_lines, plot_contact
 from oppload_cli.plots.naming import described, wrapped
 from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
@@ -47,13 +40,7 @@ if TYPE_CHECKING:
 _NARROW, _WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
 _MOST_TICKS = 24  # along a heat map
 _TUNING_SCALES = ("peak", "raw")
-_CLASSIC = {
-    "contact": plot_contact,
-    "position": plot_position,
-    "ends": plot_ends,
-    "contrast": plot_contrast,
-    "habituation": plot_habituation,
-}
+_CLASSIC = {"contact": plot_contact, **FIGURES}
 KINDS = ("polar", "line", "heat", *_CLASSIC)
 
 

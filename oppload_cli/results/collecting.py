@@ -8,18 +8,20 @@ import json
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ResultError, reason_of
+from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
-from oppload_cli.files.tables import typed
+from oppload_cli.files.tables import open_table, typed
 from oppload_cli.models.registry import default_names, known_names
+from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.writing import SCHEMA
 from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from oppload_cli.files.tables import Cell
 
@@ -58,18 +60,75 @@ _OF_MODEL: dict[str, type] = {
     name: float if name == "peak" or name.endswith("_s") else int
     for name in ModelSummary.__dataclass_fields__
 }
-SUMMARY_COLUMNS = {**_ABOUT_INPUT, **_OF_MODEL}
+_SUMMARY_COLUMNS = {**_ABOUT_INPUT, **_OF_MODEL}
 _COUNTS = ("frame", "flow_vectors", "rom_pairs")
 
 
-def frame_columns(results: Iterable[Path]) -> dict[str, type]:
-    """Return the columns of the frames of some results, with the type of their values.
+class Collected(NamedTuple):
+    """How many results were collected, how many could not be, and the rows."""
+
+    good: int
+    bad: int
+    rows: int
+
+
+def collect(
+    folders: Sequence[Path],
+    output: Path,
+    *,
+    of_frames: bool,
+    if_exists: str,
+    told: Callable[[ResultError], object],
+) -> Collected:
+    """Write one table of the results in folders.
 
     Parameters
     ----------
-    results : iterable of Path
-        From :func:`found_results`. The columns of the detectors that run by default are always
-        among the columns.
+    folders : sequence of Path
+        Searched to any depth.
+    output : Path
+        The table, CSV or Parquet.
+    of_frames : bool
+        Whether it has a row per frame; else a row per input and detector.
+    if_exists : str
+        ``error`` or ``overwrite``.
+    told : callable
+        Called with the error of each result that cannot be collected; the others are.
+
+    Raises
+    ------
+    ResultError
+        If no result can be collected, or a folder cannot be read.
+    OutputError
+        If the table exists already, or cannot be written.
+    """
+    refuse_existing([output], if_exists)
+    results = [path for folder in folders for path in _found_results(folder)]
+    columns = _frame_columns(results) if of_frames else _SUMMARY_COLUMNS
+    good = bad = rows = 0
+    with open_table(output, columns, new=if_exists == "error") as table:
+        for path in results:
+            stop_if_asked()
+            try:
+                for row in (_frame_rows if of_frames else _summary_rows)(path):
+                    table.write(row)
+                    rows += 1
+            except ResultError as error:
+                told(error)
+                bad += 1
+            else:
+                good += 1
+        if not good:
+            where = ", ".join(map(str, folders))
+            reason = "no result could be read" if bad else "no result of 'oppload run' in there"
+            raise ResultError(f"{where}: {reason}; check the folder")
+    return Collected(good, bad, rows)
+
+
+def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
+    """Return the columns of the frames of some results, with the type of their values.
+
+    Those of the detectors that run by default are always among them.
     """
     used, presets, details, degrees = set(default_names()), set(), False, False
     for path in results:
@@ -90,15 +149,10 @@ def frame_columns(results: Iterable[Path]) -> dict[str, type]:
     return {"result": str, "input": str, **kinds}
 
 
-def found_results(folder: Path) -> Iterator[Path]:
+def _found_results(folder: Path) -> Iterator[Path]:
     """Yield the sidecars in a folder, and the tables that have none, to any depth.
 
     They come in the order of their names, folder by folder.
-
-    Raises
-    ------
-    ResultError
-        If a folder cannot be read.
     """
 
     def refuse(error: OSError) -> None:
@@ -124,32 +178,21 @@ def tables_in(path: Path) -> Iterator[Path]:
     if not is_folder(path):
         yield path
         return
-    found = [_table_of(each) for each in found_results(path)]
+    found = [_table_of(each) for each in _found_results(path)]
     if not found:
         raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")
     yield from found
 
 
 def _table_of(path: Path) -> Path:
-    """Return the table of a sidecar or table that :func:`found_results` has yielded."""
+    """Return the table of a sidecar or table that `_found_results` has yielded."""
     if path.name.endswith(_TABLE):
         return path
     return path.with_name(path.name.removesuffix(_SIDECAR) + _TABLE)
 
 
-def summary_rows(path: Path) -> Iterator[Row]:
-    """Yield a row per detector from a sidecar, by the names of ``SUMMARY_COLUMNS``.
-
-    Parameters
-    ----------
-    path : Path
-        From :func:`found_results`.
-
-    Raises
-    ------
-    ResultError
-        If it is no sidecar of ``oppload run``.
-    """
+def _summary_rows(path: Path) -> Iterator[Row]:
+    """Yield a row per detector from a sidecar; raise ResultError if it is none."""
     content = _sidecar(path)
     try:
         yield from list(_summaries(path, content))
@@ -160,24 +203,16 @@ def summary_rows(path: Path) -> Iterator[Row]:
         ) from error
 
 
-def frame_rows(path: Path) -> Iterator[Row]:
-    """Yield the frames of the table beside a sidecar, as text, by :func:`frame_columns`.
+def _frame_rows(path: Path) -> Iterator[Row]:
+    """Yield the frames of the table beside a sidecar, as text.
 
-    Parameters
-    ----------
-    path : Path
-        From :func:`found_results`.
-
-    Raises
-    ------
-    ResultError
-        If that table does not exist, or is none of ``oppload run``.
+    Raise ResultError if that table does not exist, or is none of ``oppload run``.
     """
     facts = _sidecar(path).get("input")
     name = str(facts.get("name", "")) if isinstance(facts, dict) else ""
     table = _table_of(path)
     stem = table.name.removesuffix(_TABLE)
-    kinds = frame_columns([path])
+    kinds = _frame_columns([path])
     try:
         if not is_file(table):  # a pipe would make it wait
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
@@ -230,7 +265,7 @@ def _summaries(path: Path, content: dict[str, Any]) -> Iterator[Row]:
     for model in content["models"]:
         summary = content["summary"][model]
         row = {**about, "model": model, **{name: summary[name] for name in _OF_MODEL}}
-        for name, kind in SUMMARY_COLUMNS.items():
+        for name, kind in _SUMMARY_COLUMNS.items():
             # A wrong kind is found here, not in the middle of a file, and so is a byte of a name
             # that is no text.
             value = typed(row[name], kind)
