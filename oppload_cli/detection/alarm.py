@@ -19,10 +19,10 @@ class Alarm:
     """The alarm of one detector over one video.
 
     It uses only frames that have passed, so that it says the same on a robot as on a file. A
-    frame counts when its response is above the threshold: `factor` times the median response of
-    the background, which is the last `background_s` seconds without the latest `guard_s`, and at
-    least the detector's floor. Where the time to contact is below `contact_s`, `contact_share`
-    of the threshold is enough.
+    frame counts when its evidence, which is the response or within a time of contact a multiple
+    of it, is above the threshold: `factor` times the median response of the background, which is
+    the last `background_s` seconds without the latest `guard_s`, and at least the detector's
+    floor.
 
     Parameters
     ----------
@@ -34,9 +34,8 @@ class Alarm:
     Attributes
     ----------
     threshold : float
-        The response above which the latest frame sets the alarm off. A smaller response, above
-        `release` times this, keeps it on, and one above `contact_share` times this sets it off
-        shortly before contact. Infinite where `params` has no alarm.
+        The evidence above which the latest frame sets the alarm off; above `release` times
+        this it keeps the alarm on. Infinite where `params` has no alarm.
 
     Raises
     ------
@@ -88,9 +87,8 @@ class Alarm:
         background = self._background.step(response, time_s)
         self.threshold = max(self._floor, self.params.factor * background)
         share = self.params.release if self._on else 1.0
-        if contact_s is not None and contact_s < self.params.contact_s:
-            share = min(share, self.params.contact_share)
-        above = response > share * self.threshold and not blind
+        evidence = self.params.evidence(response, contact_s)
+        above = evidence > share * self.threshold and not blind
         if self._long_enough(above, time_s) and (self._on or time_s >= self._ready_s):
             self._until_s = time_s + self.params.hold_s
         was_on, self._on = self._on, time_s <= self._until_s

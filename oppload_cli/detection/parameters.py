@@ -78,7 +78,7 @@ class AlarmParams(Parameters):
         high=60,
     )
     contact_share: float = parameter(
-        0.1, "share of the threshold above which the response to it must be", low=0, high=1
+        0.1, "share of the threshold above which the response to it must be", low=1e-3, high=1
     )
     hold_s: float = parameter(
         0.5,
@@ -123,6 +123,34 @@ class AlarmParams(Parameters):
         """Return the response at or below which a detector never alarms."""
         floor: float | None = getattr(self, f"{name}_floor", None)
         return alarm_floor_of(name) if floor is None else floor
+
+    def evidence(self, response: float, contact_s: float | None) -> float:
+        """Return what an alarm holds against its threshold.
+
+        Parameters
+        ----------
+        response : float
+            The detector's response, at least 0.
+        contact_s : float or None
+            Time to contact in seconds of the object with the largest response; None or NaN
+            where it is not known.
+
+        Returns
+        -------
+        float
+            The response; within `contact_s` of contact, the response over `contact_share`.
+
+        Source: ``docs/alarms.md``.
+
+        Examples
+        --------
+        >>> import oppload_cli as oppload
+        >>> params = oppload.alarm_params("default")
+        >>> params.evidence(0.02, None), params.evidence(0.02, 1.2), params.evidence(0.02, 0.8)
+        (0.02, 0.02, 0.2)
+        """
+        near = contact_s is not None and contact_s < self.contact_s
+        return response / self.contact_share if near else response
 
     def __reduce__(self) -> tuple[object, ...]:
         # The class with the floors is made at run time: another process makes it again.

@@ -300,7 +300,8 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
     objects = [record.objects.get(detector.detector) for record in records]
     seen = [[np.nan] * 4 if one is None else list(one.box) for one in objects]
     left = _numbers(None if one is None else one.time_to_contact_s for one in objects)
-    return Output(response, alarm, np.array(winner, float), np.array(seen, float), left)
+    evidence = _numbers(map(detector.alarm.evidence, response, left))
+    return Output(response, alarm, np.array(winner, float), np.array(seen, float), left, evidence)
 
 
 def _numbers(values: Iterable[float | None]) -> Numbers:

@@ -63,6 +63,7 @@ _RESPONSES: dict[str, type] = {
     "y": float,
     "width": float,
     "height": float,
+    "evidence": float,
 }
 _WINDOWS: dict[str, type] = {
     "clip": str,
@@ -216,6 +217,7 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
                     "time_s": float(clip.time_s[frame]),
                     "contender": name,
                     "response": float(response),
+                    "evidence": float(output.alarming[frame]),
                 }
                 if output.alarm is not None and not math.isnan(response):
                     row["alarm"] = bool(output.alarm[frame])

@@ -59,10 +59,11 @@ class _Definition(NamedTuple):
 
 
 CONDITIONS = {
-    "at 0.5, 1, 2 per minute": "The alarm is one fixed threshold on the response: the lowest that, "
-    "like every higher one, gives no more false alarms per minute than that over all footage "
-    "without an approach. It is chosen on the same clips, so it flatters; in each draw of the "
-    "bootstrap it is chosen again.",
+    "at 0.5, 1, 2 per minute": "The alarm is one fixed threshold on its evidence (the response; "
+    "within `contact_s` of contact the response over `contact_share`): the lowest that, like every "
+    "higher one, gives no more false alarms per minute than that over all footage without an "
+    "approach. It is chosen on the same clips, so it flatters; in each draw of the bootstrap it is "
+    "chosen again.",
     "held out at 0.5, 1, 2 per minute": "The threshold for each clip is chosen on all "
     "other clips (leave one out): the figures to expect on a new clip.",
     "alarm as shipped": "The detector's own causal alarm, as `oppload run` has it; nothing is "
@@ -72,7 +73,7 @@ MEASURES = {
     "detection_rate": _Definition(
         "detection rate",
         "",
-        "Share of the approaches with a response above the threshold, or the alarm on, at some "
+        "Share of the approaches with evidence above the threshold, or the alarm on, at some "
         "frame from onset to contact, both included. n: approaches.",
     ),
     "lead_time_s": _Definition(
@@ -93,7 +94,7 @@ MEASURES = {
     "threshold": _Definition(
         "threshold",
         "response",
-        "A response above it is an alarm; in the detector's own unit. n: clips with footage "
+        "Evidence above it is an alarm; in the detector's own unit. n: clips with footage "
         "without an approach.",
     ),
     "roc_auc": _Definition(

@@ -13,6 +13,7 @@ from oppload_cli.evaluation.evaluate import analyse_clips
 from oppload_cli.evaluation.manifest import Entry
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.models.flow_divergence import FlowDivergence
+from oppload_cli.stimulus import load
 from tests.media import grey_frames, write_video
 from tests.presets import REFERENCE
 
@@ -62,6 +63,19 @@ def test_detectors_respond_as_they_do_alone(labelled: Path) -> None:
     assert np.array_equal(
         clip.outputs["frame_difference"].response[1:], np.array(changes[1:], float), equal_nan=True
     )
+
+
+def test_within_a_second_of_contact_the_evidence_is_ten_times_the_response() -> None:
+    default, *_ = evaluated_detectors(["opplod:default"])
+    entry = Entry(2, load("controls/looming-patch"), Label("patch", 10, 66))
+    ((clip, _),) = analyse_clips([entry], [default])
+    assert clip is not None
+    found = clip.outputs["opplod:default"]
+    assert found.contact_s is not None
+    near = found.contact_s < 1
+    assert 5 < near.sum() < len(near) / 2
+    assert np.array_equal(found.alarming[near], found.response[near] / 0.1)
+    assert np.array_equal(found.alarming[~near], found.response[~near], equal_nan=True)
 
 
 def test_the_flow_skips_repeats(tmp_path: Path) -> None:

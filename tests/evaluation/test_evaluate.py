@@ -136,7 +136,7 @@ def test_responses_and_windows_give_the_figures_again(evaluated: Path) -> None:
     first = next(
         int(row["frame"])
         for row in own
-        if int(row["frame"]) >= ONSET and float(row["response"] or 0) > threshold
+        if int(row["frame"]) >= ONSET and float(row["evidence"] or 0) > threshold
     )
     report: dict[str, Any] = json.loads((evaluated / "report.json").read_text())
     outcome = report["clips"][0]["outcomes"]["opplod:reference"]["at 1 per minute"]

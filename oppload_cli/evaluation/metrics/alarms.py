@@ -71,7 +71,7 @@ class _Outcomes:
 
 
 class Thresholds:
-    """The alarms that each fixed threshold on a detector's response gives.
+    """The alarms that each fixed threshold on a detector's evidence gives.
 
     Parameters
     ----------
@@ -83,22 +83,22 @@ class Thresholds:
     Attributes
     ----------
     levels : ndarray, shape (m,)
-        Every local maximum of the footage without an approach, the largest first: a
-        response must be above a level to alarm.
+        Every local maximum of the evidence in the footage without an approach, the largest
+        first: evidence must be above a level to alarm.
     counts : ndarray of int, shape (clips, m)
         False alarms of each clip at each level.
     minutes : ndarray, shape (clips,)
         Footage of each clip without an approach.
     peaks : ndarray, shape (clips,)
-        Largest response from onset to contact; NaN without an approach.
+        Largest evidence from onset to contact; NaN without an approach.
     """
 
     def __init__(self, clips: Sequence[Clip], detector: str) -> None:
         self.clips, self.detector = clips, detector
         self.minutes = np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
         quiet = [slice(*clip.quiet) for clip in clips]
-        responses = [clip.outputs[detector].response for clip in clips]
-        calm = [response[part] for response, part in zip(responses, quiet, strict=True)]
+        evidence = [clip.outputs[detector].alarming for clip in clips]
+        calm = [each[part] for each, part in zip(evidence, quiet, strict=True)]
         self.levels = np.unique(np.concatenate([_maxima(each) for each in calm]))[::-1]
         # A clip with more is over every rate, however often it is drawn.
         most = int(_HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
@@ -109,8 +109,8 @@ class Thresholds:
             ]
         ).reshape(len(clips), len(self.levels))
         self._largest = [
-            np.maximum.accumulate(response[slice(*clip.approach)])
-            for response, clip in zip(responses, clips, strict=True)
+            np.maximum.accumulate(each[slice(*clip.approach)])
+            for each, clip in zip(evidence, clips, strict=True)
         ]
         self.peaks = np.array([each[-1] if len(each) else np.nan for each in self._largest])
 
@@ -162,7 +162,7 @@ class Thresholds:
         return np.asarray(self.counts[:, at], np.float64)
 
     def detected(self, threshold: float) -> Numbers:
-        """Return 1 for each approach with a response above a threshold, and 0 for the others.
+        """Return 1 for each approach with evidence above a threshold, and 0 for the others.
 
         NaN for a clip without an approach, and for all at the threshold NaN.
         """
@@ -187,26 +187,26 @@ class Thresholds:
         return _Outcomes(self.detected(level), self.leads(level), self.false_alarms(level))
 
 
-def _maxima(response: Numbers) -> Numbers:
+def _maxima(evidence: Numbers) -> Numbers:
     """Return the local maxima, those at the ends included."""
-    padded = np.concatenate([[-np.inf], response, [-np.inf]])
-    return np.asarray(response[(response >= padded[:-2]) & (response >= padded[2:])], np.float64)
+    padded = np.concatenate([[-np.inf], evidence, [-np.inf]])
+    return np.asarray(evidence[(evidence >= padded[:-2]) & (evidence >= padded[2:])], np.float64)
 
 
-def _counts(response: Numbers, time_s: Numbers, levels: Numbers, most: int) -> NDArray[np.int64]:
+def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers, most: int) -> NDArray[np.int64]:
     """Return the number of alarms at each of the falling levels.
 
-    It changes only at the clip's own responses.
+    It changes only at the clip's own values.
     """
-    own = np.unique(response)[::-1]
+    own = np.unique(evidence)[::-1]
     found: list[int] = []
     for value in own:
-        found.append(len(events(response > value, time_s)))
+        found.append(len(events(evidence > value, time_s)))
         if found[-1] > most:
             break
     if not found:
         return np.zeros(len(levels), np.int64)
-    # The first own response at or below each level; below all of them one alarm lasts.
+    # The first own value at or below each level; below all of them one alarm lasts.
     at = np.searchsorted(-own[: len(found)], -levels)
     everywhere = 1 if len(found) == len(own) else found[-1]
     return np.append(found, everywhere)[at]
@@ -262,7 +262,7 @@ def held_out(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
     clips, detector = thresholds.clips, thresholds.detector
     chosen = thresholds.held_out(rate)
     above = [
-        None if np.isnan(threshold) else clip.outputs[detector].response > threshold
+        None if np.isnan(threshold) else clip.outputs[detector].alarming > threshold
         for clip, threshold in zip(clips, chosen, strict=True)
     ]
     outcomes, condition = _outcomes(clips, above), f"held out {condition_of(rate)}"

@@ -76,6 +76,8 @@ class Output:
         The same of the strongest looming object that it sees.
     contact_s : ndarray, shape (n,), or None
         Its time to contact; NaN where it is not determined.
+    evidence : ndarray, shape (n,), or None
+        What its alarm holds against a threshold; None where that is the response.
     """
 
     response: Numbers
@@ -83,6 +85,12 @@ class Output:
     winner: Numbers | None = None
     box: Numbers | None = None
     contact_s: Numbers | None = None
+    evidence: Numbers | None = None
+
+    @property
+    def alarming(self) -> Numbers:
+        """What an alarm holds against a threshold, per frame."""
+        return self.response if self.evidence is None else self.evidence
 
 
 @dataclass(frozen=True)

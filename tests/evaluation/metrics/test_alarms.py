@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,6 +76,19 @@ def test_detection_and_lead_at_a_threshold() -> None:
     assert thresholds.leads(3.5)[2] == pytest.approx(0.5)  # it must be above
     assert thresholds.detected(9)[2:].tolist() == [0, 0]
     assert np.isnan(thresholds.leads(9)).all()
+
+
+def test_evidence_is_what_a_threshold_is_held_against() -> None:
+    response, evidence = peaks(401, {50: 2.5, 398: 1.5}), peaks(401, {50: 2.5, 397: 15.0})
+    weak = clip(response, 303, 400)
+    output = replace(weak.outputs[NAME], evidence=np.array(evidence))
+    known = replace(weak, outputs={NAME: output})
+    for seen, expected in ((weak, 0), (known, 1)):
+        assert Thresholds([seen, CALM], NAME).detected(3)[0] == expected
+        [outcome, _] = held_out(Thresholds([seen, CALM], NAME), 1.0, DRAWS[:, :2]).outcomes.detected
+        assert outcome == expected
+    assert Thresholds([known], NAME).leads(3).tolist() == pytest.approx([0.3])
+    assert Thresholds([known], NAME).levels.tolist() == [2.5, 0]
 
 
 def test_contact_and_onset_are_part_of_the_approach() -> None:
