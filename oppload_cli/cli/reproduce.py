@@ -15,8 +15,6 @@ from oppload_cli.processes import cores
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from oppload_cli.files.atomic import PartFile
-
 
 @click.command(short_help="reproduce the synthetic figures of the OppLoD paper")
 @output_option("reproduction")
@@ -39,29 +37,23 @@ def reproduce(
     the verdict, and index.html, one page with all of it; figure lplc2 also gives lplc2.csv with
     all its peaks.
     """
-    from oppload_cli.reproduction.report import FIGURES, TABLES, chosen
+    from oppload_cli.reproduction.report import FIGURES, TABLES, build, chosen, files_of
 
     if listed:
         click.echo("\n".join(FIGURES))
         return
     names = chosen(only)
-    targets = [output / f"{name}.png" for name in names]
-    targets += [output / table for name in names for table in TABLES.get(name, ())]
-    targets += [output / "report.json", output / "index.html"]
-    refuse_existing(targets, if_exists)
-    with claimed(output / "report.json", if_exists) as claim:
-        _make(names, output, claim, jobs=jobs, quiet=quiet)
-
-
-def _make(names: list[str], output: Path, claim: PartFile, *, jobs: int, quiet: bool) -> None:
-    from oppload_cli.reproduction.report import build, files_of
-
+    targets = [f"{name}.png" for name in names]
+    targets += [table for name in names for table in TABLES.get(name, ())]
+    targets += ["report.json", "index.html"]
+    refuse_existing((output / name for name in targets), if_exists)
     started = time.perf_counter()
-    with progress_bar(len(names), "figure", quiet=quiet) as bar:
-        figures = build(names, jobs=jobs or cores(), progress=bar.update)
-    made, verdicts = files_of(figures, time.perf_counter() - started)
-    for name, content in made.items():
-        write_atomic(claim if name == "report.json" else output / name, content)
-    # Only now: the reader of the names may have gone.
-    click.echo("\n".join(str(output / name) for name in made))
-    click.echo(f"verdicts on the statements of the paper: {verdicts}", err=True)
+    with claimed(output / "report.json", if_exists) as claim:
+        with progress_bar(len(names), "figure", quiet=quiet) as bar:
+            figures = build(names, jobs=jobs or cores(), progress=bar.update)
+        made, verdicts = files_of(figures, time.perf_counter() - started)
+        for name, content in made.items():
+            write_atomic(claim if name == "report.json" else output / name, content)
+        # Only now: the reader of the names may have gone.
+        click.echo("\n".join(str(output / name) for name in made))
+        click.echo(f"verdicts on the statements of the paper: {verdicts}", err=True)
