@@ -210,11 +210,9 @@ def content_of(result: Result) -> Content:
     check_schema(result)
     curves = [_curve(result, name) for name in result.models]
     placing = placing_detector(result.models)
-    boxes = _boxes(result, placing.name) if placing else {}
+    boxes = {placing.name: _boxes(result, placing.name)} if placing else {}
     alarms = [
-        span
-        for curve in curves
-        for span in _alarms(result, curve, boxes if placing and curve.name == placing.name else {})
+        span for curve in curves for span in _alarms(result, curve, boxes.get(curve.name, {}))
     ]
     alarms.sort(key=lambda span: span.first)
     notes = list(_notes(result, curves))
@@ -223,7 +221,8 @@ def content_of(result: Result) -> Content:
     except (OpploadError, KeyError, TypeError, ValueError) as error:
         truth = None
         notes.append(f"the ground truth of its stimulus cannot be read ({error})")
-    return Content(result, curves, alarms, boxes, placing.colour if placing else "", truth, notes)
+    found, colour = (boxes[placing.name], placing.colour) if placing else ({}, "")
+    return Content(result, curves, alarms, found, colour, truth, notes)
 
 
 def _curve(result: Result, name: str) -> Curve:
