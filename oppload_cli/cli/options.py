@@ -28,7 +28,7 @@ _FILE_SUFFIXES = frozenset(
 )
 
 
-class ResultsFolder(click.Path):
+class _ResultsFolder(click.Path):
     """A folder of results, which need not exist yet; the name of a file is refused."""
 
     name = "directory"
@@ -64,7 +64,7 @@ def output_option(
     return click.option(
         "-o",
         "--output",
-        type=ResultsFolder(),
+        type=_ResultsFolder(),
         default=default,
         show_default=default not in {None, "."},
         metavar="DIR",

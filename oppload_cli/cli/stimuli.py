@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from oppload_cli.cli import progress_bar
 from oppload_cli.cli.options import (
-    ResultsFolder,
     change_option,
     complete_stimuli,
     if_exists_option,
     jobs_option,
+    output_option,
     quiet_option,
 )
 from oppload_cli.errors import ExitCode, OpploadError
@@ -23,6 +22,7 @@ from oppload_cli.stimulus.protocol import json_schema
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
 
 # the keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help
@@ -75,14 +75,7 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
 @click.argument(
     "names", nargs=-1, required=True, metavar="NAME|FILE|GLOB...", shell_complete=complete_stimuli
 )
-@click.option(
-    "-o",
-    "--output",
-    "directory",
-    type=ResultsFolder(),
-    default=Path(),
-    help="Folder for the files; default: the current one.",
-)
+@output_option(".", "Folder of the files.  [default: this folder]")
 @click.option(
     "--format",
     "form",
@@ -100,7 +93,7 @@ def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
 def generate(
     context: click.Context,
     names: tuple[str, ...],
-    directory: Path,
+    output: Path,
     form: str,
     changes: tuple[str, ...],
     preview: bool,
@@ -118,14 +111,14 @@ def generate(
     from oppload_cli.stimulus.files import named, not_made_yet, write_all
 
     protocols, problems = named(names, _settings(changes), form)
-    wanted = not_made_yet(protocols, directory, form, preview=preview, if_exists=if_exists)
+    wanted = not_made_yet(protocols, output, form, preview=preview, if_exists=if_exists)
     if form == "mp4":
         click.echo("note: mp4 (H.264) is lossy; use ffv1 for exact luminance", err=True)
     total = sum(protocol.frame_count for protocol in wanted)
     with progress_bar(total, " frames", quiet=quiet) as bar:
         results = write_all(
             wanted,
-            directory,
+            output,
             form=form,
             preview=preview,
             new=if_exists == "error",
