@@ -25,8 +25,8 @@ PICTURES = 3  # whose median is the usual change
 ENOUGH, PROOF_S = 2, 2.0  # drops and rises within so many seconds that make a cadence
 BACK = 0.4  # share of the usual change to which the change rises after a repeat
 LENIENT = 2.0  # in a cadence one of its two changes may be so many times larger
-SPAN = 10  # pictures over which their mean interval is taken
-PULL = 0.1  # share of its lag behind the presentation times that an even clock makes up
+SPAN = 20  # pictures over which their mean interval is taken
+PULL = 0.1  # share of what it lacks by which an even time is drawn towards its frame
 WORTH_TELLING = 0.05  # share of repeats among all frames
 
 
@@ -141,8 +141,9 @@ class Repeats:
         self._run, self._worst, self._since_s = 0, _NONE, 0.0
         self._proofs: deque[tuple[float, int]] = deque()  # times and lengths of proved runs
         self._before_s = 0.0
-        self._shown_s: deque[float] = deque(maxlen=SPAN + 1)  # of the pictures of the cadence
-        self._even_s = 0.0  # the latest one, evenly spaced
+        self._lasted_s: deque[float] = deque(maxlen=SPAN)  # how long pictures of a cadence did
+        self._picture_s = self._even_s = 0.0  # when the latest one was shown, and was taken
+        self._told_s = 0.0  # when the latest frame that the detectors saw was taken
         self._passed_over = False
         self.exact = self.near = 0
         self._frames = 0
@@ -181,8 +182,12 @@ class Repeats:
         self.near += repeat.kind == NEAR
         if not repeat.passed_over:
             self._shown = luma
-            self._even_s = self._evenly(time_s)
-            repeat = repeat._replace(shift_s=self._even_s - time_s)
+            # A frame at rest is no picture, and outside a cadence a drop may be a repeat.
+            if not repeat.kind and (self._is_cadence or not self._run):
+                self._even_s = self._evenly(time_s)
+                repeat = repeat._replace(shift_s=self._even_s - time_s)
+                self._picture_s = time_s
+            self._told_s = time_s + repeat.shift_s
         self._frames += 1
         self._passed_over = repeat.passed_over
         self._before_s = time_s
@@ -192,18 +197,24 @@ class Repeats:
         """Return when a picture was taken.
 
         A file of 30 frames/s shows each of 12 pictures/s for two or three frames: they begin
-        unevenly, but were taken at even intervals.
+        unevenly, but were taken at even intervals, each less than a frame before it is shown.
+        Where one converter followed another it may be up to a frame more on either side.
         """
-        before = self._shown_s
-        if not self._is_cadence or not (
-            before and 0 < time_s - before[-1] <= self._params.longest_s
-        ):
-            before.clear()
-        before.append(time_s)
-        if len(before) == 1:
+        lasted_s = time_s - self._picture_s
+        if not self._proofs:
+            self._lasted_s.clear()
+        # Before the cadence only the picture of a proved run is known to be complete.
+        known = self._is_cadence or (bool(self._proofs) and self._proofs[-1][0] == time_s)
+        if not known or not 0 < lasted_s <= self._params.longest_s:
             return time_s
-        even = self._even_s + (time_s - before[0]) / (len(before) - 1)
-        return even + PULL * (time_s - even)
+        self._lasted_s.append(lasted_s)
+        if not self._is_cadence:
+            return time_s
+        even_s = self._even_s + sum(self._lasted_s) / len(self._lasted_s)
+        frame_s, late_s = time_s - self._before_s, time_s - even_s
+        even_s += PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
+        earliest_s = max(time_s - 2 * frame_s, self._told_s + frame_s / 2)
+        return min(max(even_s, earliest_s), time_s + frame_s)
 
     def _recognised(self, luma: Luma, time_s: float) -> Repeat:
         if self._shown is None:
@@ -235,8 +246,12 @@ class Repeats:
 
     @property
     def _longest(self) -> int:
-        """The longest run in the cadence: every frame after as many repeats is a picture."""
-        return sorted(run for _, run in self._proofs)[-ENOUGH]
+        """The longest run in the cadence: every frame after as many repeats is a picture.
+
+        Pictures at even intervals are repeated equally often, or once more.
+        """
+        *_, second, longest = sorted(run for _, run in self._proofs)
+        return min(longest, second + 1)
 
     def _is_drop(self, change: _Change) -> bool:
         usual = self._usual_change()
