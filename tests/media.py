@@ -71,7 +71,8 @@ def write_video(
         stream: Any = container.add_stream(codec, rate=Fraction(rate), options=options or {})
         stream.height, stream.width = pictures[0].height, pictures[0].width
         stream.pix_fmt = pixel_format
-        if codec.startswith("libvpx"):  # its threads wait for each other in a loop
+        if codec.startswith(("libvpx", "libx264")):
+            # libvpx's threads wait for each other in a loop; libx264's number changes the bytes.
             stream.codec_context.thread_count = 1
         if full_range:
             stream.codec_context.color_range = 2

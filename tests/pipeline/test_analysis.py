@@ -55,11 +55,11 @@ def test_content_that_is_slower_than_its_file_answers_as_it_would_at_its_own_rat
             assert (record.luma_change, record.rmo) == (0, picture.rmo)
 
 
-@pytest.mark.parametrize("crf", [23, 35])
+@pytest.mark.parametrize(("crf", "most"), [(23, 0.08), (35, 0.3)])
 def test_pictures_that_are_coded_anew_answer_as_they_would_at_their_own_rate(
-    tmp_path: Path, crf: int
+    tmp_path: Path, crf: int, most: float
 ) -> None:
-    """The repeats differ from their picture, but the detectors do not see them."""
+    """The detectors do not see the repeats; what is left is how the pictures were coded."""
     frames = eight_bits([frame * 0.8 + 0.1 for frame in looming(240, 120, 120, 16)])
     twice = [frame for frame in frames for _ in range(2)]
     own, shown = (
@@ -82,7 +82,7 @@ def test_pictures_that_are_coded_anew_answer_as_they_would_at_their_own_rate(
         [answer.response for each in found if (answer := each.responses["opplod"])]
         for found in (own[6:], shown[12::2], shown[13::2])
     ]
-    assert values[1] == pytest.approx(values[0], rel=0.15)
+    assert values[1] == pytest.approx(values[0], rel=most)
     assert values[2] == values[1]
 
 

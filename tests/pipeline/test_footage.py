@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
 import pytest
 
-from benchmarks.footage import LOSSLESS, answers, coded, compared, planes, repeated, sizes
+from benchmarks.footage import (
+    LOSSLESS,
+    answers,
+    coded,
+    compared,
+    generated,
+    planes,
+    repeated,
+    sizes,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -24,58 +32,83 @@ pytestmark = pytest.mark.slow
 DEFAULT = (("opplod", "default"),)
 
 
-def footage(height: int, frames: int, noise: float = 0.0) -> Iterator[Plane]:
-    """A textured disk that approaches over a texture; in contact after the last."""
-    random = np.random.default_rng(7)
-    width, scale = height * 4 // 3, height / 240
-    ground, skin = (random.random((48, 96), np.float32) for _ in range(2))
-    size = (width, height)
-    ground, skin = (
-        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_CUBIC), np.float32)
-        for each in (ground, skin)
-    )
-    y, x = np.mgrid[:height, :width].astype(np.float32)
-    for t in range(frames):
-        radius = 400 * scale / (frames - t)
-        distance = np.hypot(x - 0.55 * width, y - 0.45 * height)
-        inside = np.clip((radius - distance) / scale + 0.5, 0, 1)
-        behind = 0.45 + 0.4 * ground
-        shown = behind + inside * (0.1 + 0.15 * skin - behind)
-        grain = random.standard_normal(shown.shape, np.float32) * np.float32(noise)
-        yield np.clip(np.rint(255 * (shown + grain)), 0, 255).astype(np.uint8)
+class Case(NamedTuple):
+    """How far the peak of `default` may be from 1.
+
+    `told`: over the same file where the repeats are told, which is what the recognition adds.
+    `plain`: over the file that shows every picture once, to which the encoder adds its share.
+    """
+
+    how: str
+    told: float
+    plain: float
 
 
-def check(shown: list[Plane], folder: Path, most: dict[str, float]) -> None:
-    """Preset `default` alarms as with every picture once; so does its peak, to such a share."""
-    codings = 0
-    for how, here, there in repeated(shown, Fraction(30), folder):
-        for coding in (each for each in most if how.endswith(each)):
-            [plain], [answer] = (answers(path, DEFAULT)[0].values() for path in (there, here))
-            ratio, apart = compared(answer, plain)
-            assert abs(ratio - 1) <= most[coding], how
-            assert np.isnan(apart) or abs(apart) <= 1 / 12, how
-            codings += 1
-    assert codings == 2 * len(most)
+GENERATED = (
+    Case("twice, exactly", 0.005, 0.005),
+    Case("12 in 30, exactly", 0.005, 0.005),
+    Case("twice, CRF 23", 0.005, 0.02),
+    Case("12 in 30, CRF 23", 0.005, 0.015),
+    Case("twice, CRF 28", 0.005, 0.03),
+    # 27 of 45 repeats are missed while the disk is small: the clock begins 10 pictures before.
+    Case("12 in 30, CRF 28", 0.02, 0.02),
+)
+# The encoder codes the pictures themselves otherwise where they are repeated.
+TC22 = (
+    Case("twice, exactly", 0.005, 0.005),
+    Case("12 in 30, exactly", 0.005, 0.005),
+    Case("twice, CRF 23", 0.005, 0.07),
+    Case("12 in 30, CRF 23", 0.005, 0.08),
+    Case("twice, CRF 28", 0.005, 0.05),
+    Case("12 in 30, CRF 28", 0.005, 0.16),
+)
+# Peaks are about a quarter of the alarm's floor; `compared` takes lower ones for equal.
+C38 = (
+    Case("twice, exactly", 0.005, 0.005),
+    Case("12 in 30, exactly", 0.005, 0.005),
+    Case("twice, CRF 23", 0.005, 0.03),
+    Case("12 in 30, CRF 23", 0.005, 0.005),
+    # The four repeats that are missed before 0.75 s stay in the adaptation for four seconds.
+    Case("twice, CRF 28", 0.15, 0.1),
+    Case("12 in 30, CRF 28", 0.005, 0.005),
+)
+
+
+def check(shown: list[Plane], folder: Path, cases: tuple[Case, ...]) -> None:
+    """Preset `default` alarms within a picture of the file with every picture once."""
+    limits, seen = {case.how: case for case in cases}, 0
+    for pair in repeated(shown, Fraction(30), folder):
+        if pair.how not in limits:
+            continue
+        [plain] = answers(pair.there, DEFAULT)[0].values()
+        [told] = answers(pair.here, DEFAULT, pair)[0].values()
+        [answer] = answers(pair.here, DEFAULT)[0].values()
+        ratio, apart = compared(answer, plain)
+        share = compared(answer, told)[0]
+        assert abs(share - 1) <= limits[pair.how].told, (pair.how, share)
+        assert abs(ratio - 1) <= limits[pair.how].plain, (pair.how, ratio)
+        assert np.isnan(apart) or abs(apart) <= 1.01 / pair.per_s, pair.how
+        seen += 1
+    assert seen == len(cases)
 
 
 def test_repeats_of_generated_footage_change_no_alarm(tmp_path: Path) -> None:
-    """At CRF 28 and above the encoder codes the pictures themselves otherwise."""
-    shown = list(footage(240, 60, 0.004))
-    check(shown, tmp_path, {"exactly": 0.03, "CRF 23": 0.05, "CRF 28": 0.35})
+    check(list(generated(240, 60, 0.004)), tmp_path, GENERATED)
 
 
-@pytest.mark.parametrize(("name", "count"), [("tc22.mp4", 70), ("c38.mp4", 105)])
+@pytest.mark.parametrize(
+    ("name", "count", "cases"), [("tc22.mp4", 70, TC22), ("c38.mp4", 105, C38)]
+)
 def test_repeats_of_a_clip_change_no_alarm(
-    name: str, count: int, shared: Path, tmp_path: Path
+    name: str, count: int, cases: tuple[Case, ...], shared: Path, tmp_path: Path
 ) -> None:
-    shown = list(planes(shared / "clips" / name, count))
-    check(shown, tmp_path, {"exactly": 0.05, "CRF 23": 0.16, "CRF 28": 0.35})
+    check(list(planes(shared / "clips" / name, count)), tmp_path, cases)
 
 
 def test_the_size_of_a_video_changes_little(tmp_path: Path) -> None:
     """What the encoder loses of a small picture changes D-LGMD's mean most."""
-    path = coded(tmp_path / "a.mp4", footage(2160, 30), Fraction(30), LOSSLESS)
-    for how, here, there in sizes(path, 30, tmp_path):
+    path = coded(tmp_path / "a.mp4", generated(2160, 30), Fraction(30), LOSSLESS)
+    for how, here, there, *_ in sizes(path, 30, tmp_path):
         plain = answers(there)[0]
         for detector, answer in answers(here)[0].items():
             ratio, apart = compared(answer, plain[detector])
