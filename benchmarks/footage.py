@@ -25,7 +25,7 @@ import av
 import cv2
 import numpy as np
 
-from oppload_cli.detection.parameters import alarm_params
+from oppload_cli.detection.parameters import alarm_params, place_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import NEAR, Repeat, RepeatParams, Repeats
@@ -171,7 +171,8 @@ def answers(
             records = list(
                 analyse(
                     video, [parameters_of(name, preset) for name in names],
-                    alarm=alarm_params(preset), places=None, rmo=None, repeats=repeats,
+                    alarm=alarm_params(preset), places=place_params(preset), rmo=None,
+                    repeats=repeats,
                 )
             )  # fmt: skip
         for name in names:

@@ -251,7 +251,10 @@ class _Detectors:
         if units is None:
             found = places.of_box(answer)
         else:
-            found = places.step(units, seen.frame.luma, time_s)
+            # An object grows from picture to picture; its contact counts from the frame on.
+            shift_s = seen.repeat.shift_s
+            shown = places.step(units, seen.frame.luma, time_s + shift_s)
+            found = tuple(each.after(-shift_s) for each in shown) if shift_s else shown
         return tuple(each.seen_through(self._optics) for each in found) if self._optics else found
 
 
@@ -270,6 +273,7 @@ def _held(record: FrameRecord, seen: _Seen) -> FrameRecord:
         luma_change=0.0,
         repeat=seen.repeat.kind,
         detections=tuple(each.after(passed_s) for each in record.detections),
+        objects={name: each and each.after(passed_s) for name, each in record.objects.items()},
     )
 
 

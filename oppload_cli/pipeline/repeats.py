@@ -21,7 +21,8 @@ KEEP, EXACT, NEAR = "keep", "exact", "near"
 
 SOME_ROWS = 16  # every so many
 CELLS = 15  # rows of cells over which a change is averaged
-PICTURES = 3  # whose median is the usual change
+PICTURES = 3  # whose median change is the usual one
+FRAMES = 6  # before a cadence, two of which at least are pictures that are not repeats
 ENOUGH, PROOF_S = 2, 2.0  # drops and rises within so many seconds that make a cadence
 BACK = 0.4  # share of the usual change to which the change rises after a repeat
 LENIENT = 2.0  # in a cadence one of its two changes may be so many times larger
@@ -135,7 +136,7 @@ class Repeats:
     def __init__(self, params: RepeatParams) -> None:
         self._params = params
         self._shown: Luma | None = None  # the latest frame that the detectors saw
-        self._usual: deque[_Change] = deque(maxlen=PICTURES)
+        self._usual: deque[_Change] = deque(maxlen=FRAMES)
         # The frames in a row that may be repeats: how many, the largest change of them, and
         # when the picture was shown that they may repeat.
         self._run, self._worst, self._since_s = 0, _NONE, 0.0
@@ -262,8 +263,12 @@ class Repeats:
     def _usual_change(self) -> _Change:
         if not self._usual:
             return _NONE
-        means, largest = zip(*self._usual, strict=True)
-        return _Change(median(means), median(largest))
+        changes = list(zip(*self._usual, strict=True))
+        usual = [median(each[-PICTURES:]) for each in changes]
+        if not self._is_cadence:  # most of these frames may be repeats
+            second = [sorted(each)[-2:][0] for each in changes]
+            usual = list(map(max, usual, second))
+        return _Change(*usual)
 
     def _end_run(self, change: _Change | None, time_s: float) -> None:
         """Take a new picture; the run before it is proved if the change rises as it dropped."""

@@ -15,7 +15,7 @@ from oppload_cli import (
     open_video,
 )
 from tests.detection.showing import approaching
-from tests.media import looming, write_video
+from tests.media import disk, looming, write_video
 from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
@@ -98,6 +98,23 @@ def test_a_near_repeat_holds_the_object_and_counts_its_time_down(tmp_path: Path)
                 assert passed == pytest.approx(1 / 60, abs=1e-3)
                 held += 1
     assert held >= 8
+
+
+@pytest.mark.parametrize("pictures", [12, 20, 24])
+def test_the_time_to_contact_goes_by_the_times_at_which_pictures_were_taken(pictures: int) -> None:
+    """So many pictures per second in 30 frames/s last for one, two or three frames."""
+    grain = np.random.default_rng(1).normal(0, 0.002, (90, 240, 240))
+    taken = np.arange(82) * pictures // 30
+    shown = [0.1 + 0.8 * disk(240, 125, 118, 30 / (3 - p / pictures)) + grain[p] for p in taken]
+    frames = (np.clip(shown, 0, 1) * 255).round().astype(np.uint8)
+    errors = [
+        left / (3 - record.time_s) - 1
+        for record in analyse(frames, rate=30, rmo=None)
+        for each in record.objects.values()
+        if each and (left := each.time_to_contact_s)
+    ]
+    assert len(errors) > 16
+    assert np.abs(errors).max() < 0.02
 
 
 def test_a_scene_that_stands_still_is_seen_by_the_models(tmp_path: Path) -> None:

@@ -107,6 +107,19 @@ def test_a_picture_may_be_repeated_once_more_than_the_one_before() -> None:
     assert found == "..........." + "NN.N." * 3 + "NN.N"
 
 
+@pytest.mark.parametrize("first", range(4))
+@pytest.mark.parametrize(("rate", "each"), [(30, 2), (30, 3), (60, 3), (60, 4), (30, 5)])
+def test_repeats_are_recognised_whichever_frame_of_a_picture_is_the_first(
+    rate: int, each: int, first: int
+) -> None:
+    """Most of the frames before the cadence is known may be repeats."""
+    pictures = (np.arange(2 * rate) + first) // each
+    found, repeats = answers(panned(2.0 * pictures, 0.003), rate)
+    again = np.diff(pictures, prepend=-1) == 0
+    assert repeats.near > 0.6 * again.sum()
+    assert not any(kind == "N" for kind, repeat in zip(found, again, strict=True) if not repeat)
+
+
 def test_a_few_exact_repeats_are_repeats_and_many_are_a_still_scene() -> None:
     repeats = Repeats(RepeatParams(longest_s=0.07))
     one, other = np.zeros((2, 2), np.float32), np.ones((2, 2), np.float32)
