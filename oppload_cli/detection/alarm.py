@@ -19,10 +19,9 @@ class Alarm:
     """The alarm of one detector over one video.
 
     It uses only frames that have passed, so that it says the same on a robot as on a file. A
-    frame counts when its evidence, which is the response or within a time of contact a multiple
-    of it, is above the threshold: `factor` times the median response of the background, which is
-    the last `background_s` seconds without the latest `guard_s`, and at least the detector's
-    floor.
+    frame counts when its evidence (:meth:`AlarmParams.evidence`) is above the threshold: `factor`
+    times the median response of the background, which is the last `background_s` seconds without
+    the latest `guard_s`, and at least the detector's floor.
 
     Parameters
     ----------

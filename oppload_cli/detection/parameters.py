@@ -71,14 +71,13 @@ class AlarmParams(Parameters):
     )
     contact_s: float = parameter(
         1.0,
-        "an object that touches within this time needs less of a response for an alarm; 0: none "
-        "does",
+        "time to contact below which a smaller response is enough for an alarm; 0: it never is",
         unit="s",
         low=0,
         high=60,
     )
     contact_share: float = parameter(
-        0.1, "share of the threshold above which the response to it must be", low=1e-3, high=1
+        0.1, "share of the threshold that is enough below contact_s", low=1e-3, high=1
     )
     hold_s: float = parameter(
         0.5,
@@ -125,7 +124,7 @@ class AlarmParams(Parameters):
         return alarm_floor_of(name) if floor is None else floor
 
     def evidence(self, response: float, contact_s: float | None) -> float:
-        """Return what an alarm holds against its threshold.
+        """Return what an alarm compares with its threshold.
 
         Parameters
         ----------

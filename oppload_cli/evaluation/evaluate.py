@@ -292,7 +292,7 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
     response = _numbers(None if each is None else each.response for each in found)
     alarm = np.array([record.alarms.get(detector.detector, False) for record in records], bool)
     if not detector_named(detector.detector).places:
-        return Output(response, alarm)
+        return Output(response, response, alarm)
     boxes = [None if each is None else each.box for each in found]
     winner = [
         [np.nan] * 4 if one is None else [one.x, one.y, one.width, one.height] for one in boxes
@@ -301,7 +301,7 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
     seen = [[np.nan] * 4 if one is None else list(one.box) for one in objects]
     left = _numbers(None if one is None else one.time_to_contact_s for one in objects)
     evidence = _numbers(map(detector.alarm.evidence, response, left))
-    return Output(response, alarm, np.array(winner, float), np.array(seen, float), left, evidence)
+    return Output(response, evidence, alarm, np.array(winner, float), np.array(seen, float), left)
 
 
 def _numbers(values: Iterable[float | None]) -> Numbers:

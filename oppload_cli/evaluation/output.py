@@ -217,7 +217,7 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
                     "time_s": float(clip.time_s[frame]),
                     "contender": name,
                     "response": float(response),
-                    "evidence": float(output.alarming[frame]),
+                    "evidence": float(output.evidence[frame]),
                 }
                 if output.alarm is not None and not math.isnan(response):
                     row["alarm"] = bool(output.alarm[frame])

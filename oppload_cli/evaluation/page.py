@@ -269,10 +269,10 @@ class _Still(NamedTuple):
     label, winner : tuple of float, or None
         The labelled box, and the field of the winning unit, in source pixels.
     strip : Strip
-        The responses over the clip.
+        The evidence over the clip.
     time : str
         Time before contact, or the kind of motion.
-    response : str
+    evidence : str
         In thresholds, if the threshold is known.
     """
 
@@ -283,14 +283,14 @@ class _Still(NamedTuple):
     winner: tuple[float, ...] | None
     strip: _Strip
     time: str
-    response: str
+    evidence: str
 
 
 def _stills(
     evaluation: Evaluation, moments: Sequence[_Moment], pictures: Pictures
 ) -> Iterator[tuple[str, list[_Still]]]:
     """Yield the stills by title."""
-    titles = {True: "Worst misses", False: "Largest responses without an approach"}
+    titles = {True: "Worst misses", False: "Largest evidence without an approach"}
     for detector in dict.fromkeys(each.detector for each in moments):
         for missed, title in titles.items():
             stills = [
@@ -303,8 +303,8 @@ def _stills(
 
 
 def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
-    response = float(clip.outputs[moment.detector].response[moment.frame])
-    over = response / moment.threshold if moment.threshold > 0 else math.nan
+    evidence = float(clip.outputs[moment.detector].evidence[moment.frame])
+    over = evidence / moment.threshold if moment.threshold > 0 else math.nan
     lead = f"{number(clip.lead(moment.frame))} s before contact"
     return _Still(
         clip,
@@ -314,7 +314,7 @@ def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
         _winner_of(clip, moment),
         _strip(clip, moment),
         lead if moment.missed else clip.label.kind,
-        number(response) if math.isnan(over) else f"{number(over)} times the threshold",
+        number(evidence) if math.isnan(over) else f"{number(over)} times the threshold",
     )
 
 
@@ -363,8 +363,8 @@ class _Moment:
 def worst(evaluation: Evaluation) -> list[_Moment]:
     """Return the worst moments of every detector with units, misses first.
 
-    A miss is shown at its largest response from onset to contact, the smallest of them
-    first; a clip's false alarm at its largest response without an approach, the
+    A miss is shown at its largest evidence from onset to contact, the smallest of them
+    first; a clip's false alarm at its largest evidence without an approach, the
     largest first, a clip once. At most four of each for each detector.
     """
     return [
@@ -392,15 +392,15 @@ def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
         if clip.quiet[1] > clip.quiet[0]
     }
     for index in sorted(largest, key=lambda at: (-largest[at][1], at))[:_MOST]:
-        frame, response = largest[index]
-        if response > 0:
+        frame, evidence = largest[index]
+        if evidence > 0:
             yield _Moment(index, frame, name, threshold, missed=False)
 
 
 def _peak(clip: Clip, name: str, start: int, stop: int) -> tuple[int, float]:
-    response = clip.outputs[name].response
-    frame = start + int(response[start:stop].argmax())
-    return frame, float(response[frame])
+    evidence = clip.outputs[name].evidence
+    frame = start + int(evidence[start:stop].argmax())
+    return frame, float(evidence[frame])
 
 
 def pictures(evaluation: Evaluation, moments: Sequence[_Moment]) -> dict[tuple[int, int], bytes]:
@@ -439,14 +439,14 @@ def _jpeg(grey: MatLike) -> bytes:
 
 
 class _Strip(NamedTuple):
-    """A detector's responses over a clip, as a drawing of `WIDTH` x `HEIGHT`.
+    """A detector's evidence over a clip, as a drawing of `WIDTH` x `HEIGHT`.
 
     Attributes
     ----------
     approach : tuple of float, or None
         Left edge and width of the approach.
     points : list of tuple of float
-        x and y of the responses.
+        x and y of the evidence.
     threshold : float or None
         y of the threshold.
     now : float
@@ -460,9 +460,9 @@ class _Strip(NamedTuple):
 
 
 def _strip(clip: Clip, moment: _Moment) -> _Strip:
-    """Draw the responses over a complete clip, up to three times the threshold."""
-    response = np.nan_to_num(clip.outputs[moment.detector].response)
-    top = float(response.max()) or 1.0
+    """Draw the evidence over a complete clip, up to three times the threshold."""
+    evidence = np.nan_to_num(clip.outputs[moment.detector].evidence)
+    top = float(evidence.max()) or 1.0
     threshold = moment.threshold
     if threshold > 0:
         top = min(max(top, 1.2 * threshold), _HIGHEST * threshold)
@@ -474,18 +474,18 @@ def _strip(clip: Clip, moment: _Moment) -> _Strip:
 
     return _Strip(
         (start * across, (stop - start) * across) if stop > start else None,
-        [((frame + 0.5) * across, height(value)) for frame, value in _thinned(response)],
+        [((frame + 0.5) * across, height(value)) for frame, value in _thinned(evidence)],
         None if math.isnan(threshold) else height(threshold),
         (moment.frame + 0.5) * across,
     )
 
 
-def _thinned(response: Numbers) -> list[tuple[int, float]]:
-    """Return frames and responses; of very many frames, the largest of every few."""
-    step = max(1, math.ceil(len(response) / (2 * WIDTH)))
-    starts = range(0, len(response), step)
-    at = [start + int(response[start : start + step].argmax()) for start in starts]
-    return [(frame, float(response[frame])) for frame in at]
+def _thinned(evidence: Numbers) -> list[tuple[int, float]]:
+    """Return frames and evidence; of very many frames, the largest of every few."""
+    step = max(1, math.ceil(len(evidence) / (2 * WIDTH)))
+    starts = range(0, len(evidence), step)
+    at = [start + int(evidence[start : start + step].argmax()) for start in starts]
+    return [(frame, float(evidence[frame])) for frame in at]
 
 
 def _winner_of(clip: Clip, moment: _Moment) -> tuple[float, ...] | None:

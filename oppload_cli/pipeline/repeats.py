@@ -22,12 +22,12 @@ KEEP, EXACT, NEAR = "keep", "exact", "near"
 SOME_ROWS = 16  # every so many
 CELLS = 15  # rows of cells over which a change is averaged
 PICTURES = 3  # whose median change is the usual one
-FRAMES = 6  # before a cadence, two of which at least are pictures that are not repeats
+FRAMES = 6  # before a cadence is known: at least two of them are taken for new pictures
 ENOUGH, PROOF_S = 2, 2.0  # drops and rises within so many seconds that make a cadence
 BACK = 0.4  # share of the usual change to which the change rises after a repeat
 LENIENT = 2.0  # in a cadence one of its two changes may be so many times larger
 SPAN = 20  # pictures over which their mean interval is taken
-PULL = 0.1  # share of what it lacks by which an even time is drawn towards its frame
+PULL = 0.1  # share of its distance from the frame that an even time makes up
 WORTH_TELLING = 0.05  # share of repeats among all frames
 
 

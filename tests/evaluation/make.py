@@ -35,7 +35,7 @@ def clip(
     if alarm is not None:
         on = np.zeros(len(values), bool)
         on[list(alarm)] = True
-    output = Output(values, on, None if winner is None else np.array(winner, float))
+    output = Output(values, values, on, None if winner is None else np.array(winner, float))
     label = Label(f"{onset}.avi", onset, contact, motion, boxes or {})
     return Clip(label, np.arange(len(values)) / rate, 400, 200, {NAME: output})
 

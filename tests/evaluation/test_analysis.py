@@ -74,8 +74,8 @@ def test_within_a_second_of_contact_the_evidence_is_ten_times_the_response() -> 
     assert found.contact_s is not None
     near = found.contact_s < 1
     assert 5 < near.sum() < len(near) / 2
-    assert np.array_equal(found.alarming[near], found.response[near] / 0.1)
-    assert np.array_equal(found.alarming[~near], found.response[~near], equal_nan=True)
+    assert np.array_equal(found.evidence[near], found.response[near] / 0.1)
+    assert np.array_equal(found.evidence[~near], found.response[~near], equal_nan=True)
 
 
 def test_the_flow_skips_repeats(tmp_path: Path) -> None:

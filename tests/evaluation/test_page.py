@@ -72,6 +72,19 @@ def test_the_worst_moments(evaluation: Evaluation) -> None:
     assert {each.threshold for each in moments} == {1.0}
 
 
+def test_moments_are_those_of_the_largest_evidence(evaluation: Evaluation) -> None:
+    """A false alarm of a near contact, whose response is smaller than others."""
+    raised = np.nan_to_num(CLIPS[3].outputs[OPPLOD].response)
+    raised[30] = 70.0
+    near = replace(CLIPS[3].outputs[OPPLOD], evidence=raised)
+    clips = [*CLIPS[:3], replace(CLIPS[3], outputs={OPPLOD: near}), *CLIPS[4:]]
+    shown = replace(evaluation, clips=clips)
+    first = next(each for each in worst(shown) if not each.missed)
+    assert (first.clip, first.frame) == (3, 30)
+    page = page_of(shown, report_of(shown), dict.fromkeys(PLOTS, b"png"), [first], {})
+    assert f"frame 30 ({CLIPS[3].label.kind}): 70 times the threshold" in page
+
+
 def test_the_page_has_the_figures_and_escapes_names(evaluation: Evaluation) -> None:
     moments = worst(evaluation)
     page = page_of(evaluation, report_of(evaluation), dict.fromkeys(PLOTS, b"png"), moments, {})

@@ -96,7 +96,12 @@ def truthful(
     frames = len(response)
     found = np.tile([np.nan] * 4 if box is None else box, (frames, 1))
     output = Output(
-        np.array(response), np.array(response) > 1, found, found, np.full(frames, estimate)
+        np.array(response),
+        np.array(response),
+        np.array(response) > 1,
+        found,
+        found,
+        np.full(frames, estimate),
     )
     onset = None if contact is None else 5
     label = Label(str(conditions), onset, contact, "", {}, {}, conditions)

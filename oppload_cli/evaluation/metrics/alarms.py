@@ -97,7 +97,7 @@ class Thresholds:
         self.clips, self.detector = clips, detector
         self.minutes = np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
         quiet = [slice(*clip.quiet) for clip in clips]
-        evidence = [clip.outputs[detector].alarming for clip in clips]
+        evidence = [clip.outputs[detector].evidence for clip in clips]
         calm = [each[part] for each, part in zip(evidence, quiet, strict=True)]
         self.levels = np.unique(np.concatenate([_maxima(each) for each in calm]))[::-1]
         # A clip with more is over every rate, however often it is drawn.
@@ -262,7 +262,7 @@ def held_out(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
     clips, detector = thresholds.clips, thresholds.detector
     chosen = thresholds.held_out(rate)
     above = [
-        None if np.isnan(threshold) else clip.outputs[detector].alarming > threshold
+        None if np.isnan(threshold) else clip.outputs[detector].evidence > threshold
         for clip, threshold in zip(clips, chosen, strict=True)
     ]
     outcomes, condition = _outcomes(clips, above), f"held out {condition_of(rate)}"

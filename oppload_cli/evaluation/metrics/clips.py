@@ -67,6 +67,8 @@ class Output:
     ----------
     response : ndarray, shape (n,)
         Per frame, at least 0; NaN during warm-up.
+    evidence : ndarray, shape (n,)
+        What an alarm compares with its threshold: the response, or more shortly before contact.
     alarm : ndarray of bool, shape (n,), or None
         The detector's own alarm; None where it has none.
     winner : ndarray, shape (n, 4), or None
@@ -76,21 +78,14 @@ class Output:
         The same of the strongest looming object that it sees.
     contact_s : ndarray, shape (n,), or None
         Its time to contact; NaN where it is not determined.
-    evidence : ndarray, shape (n,), or None
-        What its alarm holds against a threshold; None where that is the response.
     """
 
     response: Numbers
+    evidence: Numbers
     alarm: Flags | None = None
     winner: Numbers | None = None
     box: Numbers | None = None
     contact_s: Numbers | None = None
-    evidence: Numbers | None = None
-
-    @property
-    def alarming(self) -> Numbers:
-        """What an alarm holds against a threshold, per frame."""
-        return self.response if self.evidence is None else self.evidence
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         condition = "last second before contact"
         measurements.append(Measurement(detector, measure, condition, *found, len(score)))
     measurements += _of_order(clips, detector, draws)
-    ratios = _distinct_ratios(thresholds)
+    ratios = _distinct_ratios(clips, detector)
     found = estimate(partial(weighted_median, ratios), draws)
     known = int((~np.isnan(ratios)).sum())
     condition = "median over clips"
@@ -117,13 +117,15 @@ def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[
         )
 
 
-def _distinct_ratios(thresholds: Thresholds) -> Numbers:
+def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
     """Return how far each approach stands out from the footage before it.
 
     Parameters
     ----------
-    thresholds : Thresholds
-        Of the detector.
+    clips : sequence of Clip
+        All clips.
+    detector : str
+        Its name.
 
     Returns
     -------
@@ -133,14 +135,16 @@ def _distinct_ratios(thresholds: Thresholds) -> Numbers:
         before. 1 where both are 0, infinite where only the latter is; NaN without an
         approach.
     """
-    clips, peaks = thresholds.clips, thresholds.peaks
-    before = np.array([_largest_before(clip, thresholds.detector) for clip in clips])
+    before = np.array([_largest_before(clip, detector) for clip in clips])
     looming = np.array([clip.label.looming for clip in clips])
     calm = before[~looming & ~np.isnan(before)]
     usual = float(np.median(calm)) if len(calm) else float("nan")
     ratios = np.full(len(clips), np.nan)
-    for index in np.flatnonzero(~np.isnan(peaks)):
-        peak = float(peaks[index])
+    for index, clip in enumerate(clips):
+        start, stop = clip.approach
+        if start == stop:
+            continue
+        peak = float(clip.outputs[detector].response[start:stop].max())
         base = usual if np.isnan(before[index]) else float(before[index])
         ratios[index] = peak / base if base else float("inf") if peak else 1.0
     return ratios

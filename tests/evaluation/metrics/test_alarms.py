@@ -78,7 +78,7 @@ def test_detection_and_lead_at_a_threshold() -> None:
     assert np.isnan(thresholds.leads(9)).all()
 
 
-def test_evidence_is_what_a_threshold_is_held_against() -> None:
+def test_a_threshold_is_compared_with_the_evidence() -> None:
     response, evidence = peaks(401, {50: 2.5, 398: 1.5}), peaks(401, {50: 2.5, 397: 15.0})
     weak = clip(response, 303, 400)
     output = replace(weak.outputs[NAME], evidence=np.array(evidence))

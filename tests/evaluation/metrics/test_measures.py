@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,6 +62,9 @@ def test_the_median_of_weighted_values() -> None:
     ],
 )
 def test_how_far_an_approach_stands_out(approach: Clip, ratio: float) -> None:
+    # A near contact raises the evidence of an alarm, but no response.
+    near = replace(approach.outputs[NAME], evidence=10 * approach.outputs[NAME].response)
+    approach = replace(approach, outputs={NAME: near})
     calm = [clip(peaks(60, {20: peak})) for peak in (1.0, 3.0, 30.0)]
     draws = draws_of([True, False, False, False], 100)
     found = {each.measure: each for each in measured([approach, *calm], NAME, draws).measurements}
