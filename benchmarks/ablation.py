@@ -39,6 +39,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "cells of 8 px": {"cell": 8, "pool_sigma": 1.5},
     "no compression": {"compression": 1.0, "adaptation_level": 0.0},
     "no frames at a distance of two": {"strides": 1},
+    "no frame at half its size": {"halved_weight": 0.0},
     "no persistence": {"persistence": 0.0},
     "no adaptation": {"adaptation_level": 0.0},
     "no history": {"history": 0.0},

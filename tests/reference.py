@@ -112,21 +112,26 @@ def centres(length: int, cell: int) -> list[float]:
     return [(length - count * cell) / 2 + (k + 0.5) * cell for k in range(count)]
 
 
-def pooled(s: Array, cell: int, sigma_cells: float) -> Array:
-    """Gaussian of unit sum on an endless plane, sampled at the cells' centres."""
-    sigma = sigma_cells * cell
+def pooled(s: Array, cell: int, sigma_cells: float, frame: tuple[int, int] | None = None) -> Array:
+    """Gaussian of unit sum on an endless plane, sampled at the cells' centres.
+
+    With the shape of a `frame`, s is a map of that frame at half its size.
+    """
     height, width = s.shape
+    full_height, full_width = frame or s.shape
+    size = 0.5 if frame else 1.0
 
     def weights(centre: float, length: int) -> Array:
+        centre, sigma = centre * size, sigma_cells * cell * size
         far = int(8 * sigma)
         total = sum(exp(-(k * k) / (2 * sigma**2)) for k in range(-far, far + 1))
         return np.array(
             [exp(-((k + 0.5 - centre) ** 2) / (2 * sigma**2)) / total for k in range(length)]
         )
 
-    down = np.array([weights(centre, height) for centre in centres(height, cell)])
-    across = np.array([weights(centre, width) for centre in centres(width, cell)])
-    return np.asarray(down @ s @ across.T)
+    down = [weights(centre, height) for centre in centres(full_height, cell)]
+    across = [weights(centre, width) for centre in centres(full_width, cell)]
+    return np.asarray(np.array(down) @ s @ np.array(across).T)
 
 
 def opponent_products(
@@ -159,13 +164,15 @@ def opponency(
     compression: float = 1,
     border: int = 0,
     cone: float = 90,
+    frame: tuple[int, int] | None = None,
 ) -> Array:
     """R(c) of preset reference, and of one stride of preset default."""
     reach = int(field / 2 / cell)
     parts = []
     for phi in (axes, axes + 90):
         one, other = (
-            pooled(without_border(pathway(p, phi + turn), border), cell, sigma) ** compression
+            pooled(without_border(pathway(p, phi + turn), border), cell, sigma, frame)
+            ** compression
             for turn in (0, 180)
         )
         parts.append(np.maximum(0, opponent_products(one, other, phi, reach, w_p=w_p, cone=cone)))
@@ -181,14 +188,36 @@ def without_border(s: Array, border: int) -> Array:
     return inner
 
 
-def strided_opponency(
-    luma: Sequence[Array], *, strides: int, compression: float, **others: Any
+def halved(luma: Array) -> Array:
+    """Means of 2 x 2 pixels, without an odd last row or column."""
+    height, width = luma.shape[0] // 2, luma.shape[1] // 2
+    return np.array(
+        [
+            [luma[2 * y : 2 * y + 2, 2 * x : 2 * x + 2].mean() for x in range(width)]
+            for y in range(height)
+        ]
+    )
+
+
+def default_opponency(
+    luma: Sequence[Array],
+    *,
+    strides: int,
+    compression: float,
+    border: int,
+    halved_weight: float,
+    **others: Any,
 ) -> Array:
-    """R(c) of the last frame, over frames 1 to `strides` apart."""
+    """R(c) of the last frame: frames 1 to `strides` apart, and the frame at half its size."""
+    others["compression"] = compression
     parts = []
     for n in range(1, strides + 1):
         p = photoreceptors([luma[-1 - n * back] for back in (3, 2, 1, 0)])
-        parts.append(opponency(p, compression=compression, **others) / n ** (2 * compression))
+        parts.append(opponency(p, border=border, **others) / n ** (2 * compression))
+    if halved_weight:
+        p = photoreceptors([halved(frame) for frame in luma[-4:]])
+        r = opponency(p, border=border // 2, frame=luma[-1].shape, **others)
+        parts.append(halved_weight * r)
     return np.asarray(sum(parts))
 
 

@@ -254,11 +254,13 @@ class Photoreceptors:
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
 
-        They are as large as fit, and centred in the frame.
+        They are as large as fit, and centred in the frame; with fewer pixels they lie evenly.
         """
         (height, width), (rows, columns) = self.shape, shape
-        side = max(1, min(height // rows, width // columns))  # OpenCV is fast where all are equal
+        side = min(height // rows, width // columns)  # OpenCV is fast where all are equal
         top, left = (height - rows * side) // 2, (width - columns * side) // 2
+        if not side:  # less than a pixel
+            top, left, rows, columns, side = 0, 0, height, width, 1
         squares = np.s_[top : top + rows * side, left : left + columns * side]
         averaged = []
         for each, change in zip(self._series, self.maps, strict=True):

@@ -7,9 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
-from oppload_cli.models.dpc import MEMORY
+from oppload_cli.models.dpc import MEMORY, Layers
 from oppload_cli.models.opplod_parameters import OpplodParams
-from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
+from oppload_cli.models.opposing_motion import (
+    PixelwiseJudgement,
+    PooledJudgement,
+    halved,
+    halved_shape,
+)
 from oppload_cli.models.presets import DEFAULT_PRESET
 
 if TYPE_CHECKING:
@@ -54,6 +59,7 @@ _REFERENCE = OpplodParams(
     border=0,
     compression=1.0,
     strides=1,
+    halved_weight=0.0,
     persistence=0.0,
     adaptation_level=0.0,
     cone=90.0,
@@ -127,7 +133,7 @@ class Opplod(Detector):
         ),
         "lplc2": _LPLC2,
     }
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.05, "reference": 8e-4}
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.16, "reference": 8e-4}
     by_default = True
     warm_up = MEMORY
     columns: ClassVar = (
@@ -153,6 +159,9 @@ class Opplod(Detector):
             self.layers.dpc(self.params, axes, stride)
             for stride in range(self.params.strides, 1, -1)
         ]
+        # At half the size an edge moves half as far: the direction of a fast one can be told.
+        small = Layers(halved_shape(shape), self.layers.clock)
+        self._halved = small.dpc(self.params, axes) if self.params.halved_weight else None
         self.judgement = self._judgement()
 
     def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:
@@ -183,6 +192,8 @@ class Opplod(Detector):
         self._dpc.reset()
         for strided in self._strided:
             strided.reset()
+        if self._halved:
+            self._halved.reset()
         self.judgement.reset()
 
     def step(self, luma: Map) -> OpplodResponse | None:
@@ -190,6 +201,8 @@ class Opplod(Detector):
         ready = self._dpc.step(luma)
         for strided in self._strided:
             strided.step(luma)
+        if self._halved:
+            self._halved.step(halved(luma))
         if not ready:
             return None
         seen = self._dpc.layer.photoreceptors
@@ -198,7 +211,9 @@ class Opplod(Detector):
         elif isinstance(self.judgement, ArmsJudgement):
             judgement = self.judgement.judge(self.pathways, seen, self._dpc.layer.kernels)
         else:
-            judgement = self.judgement.judge(self.pathways, self._further(self.judgement), seen)
+            judgement = self.judgement.judge(
+                self.pathways, self._further(self.judgement), seen, self._in_halved(self.judgement)
+            )
         if judgement.response == 0:
             return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
         field = float(self.params.receptive_field or 0)
@@ -215,3 +230,10 @@ class Opplod(Detector):
                 share = seen.stride ** (-2 * self.params.compression)
                 found.append(judgement.opponency(sums.pathways, seen) * share)
         return found
+
+    def _in_halved(self, judgement: PooledJudgement) -> Map | None:
+        """Return R in the frame at half its size, once it answers (``docs/presets.md``)."""
+        if not self._halved:
+            return None
+        seen, sums = self._halved.layer.photoreceptors, self._halved.layer.sums
+        return judgement.opponency(sums.pathways, seen) if judgement.answers_to(seen) else None

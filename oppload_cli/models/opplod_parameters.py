@@ -123,6 +123,12 @@ class OpplodParams(_ArmParams):
         low=1,
         high=16,
     )
+    halved_weight: float = parameter(
+        1.5,
+        "weight of R in the frame at half its size, where edges move half as far; 0: not computed",
+        low=0,
+        high=1000,
+    )
     persistence: float = parameter(
         0.5, "share of R that a unit keeps from one interval to the next", low=0, high=0.99
     )
@@ -192,6 +198,7 @@ class OpplodParams(_ArmParams):
             "periphery": 0,
             "compression": 1,
             "strides": 1,
+            "halved_weight": 0,
             "persistence": 0,
             "history": 0,
             "adaptation_level": 0,

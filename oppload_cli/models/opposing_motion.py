@@ -288,13 +288,31 @@ def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMap
     """
     cell, field = params.cell or 1, params.receptive_field or 0
     centres_y, centres_x = (cell_centres(length, cell) for length in shape)
-    sigma = params.pool_sigma * cell
-    down, across = (
-        pooling_weights(length, along, sigma, params.border)
-        for length, along in zip(shape, (centres_y, centres_x), strict=True)
-    )
     none = np.zeros((len(centres_y), len(centres_x)), np.float32)
-    return UnitMaps(none, {}, centres_y, centres_x, float(field), sigma), down, across
+    sigma = params.pool_sigma * cell
+    maps = UnitMaps(none, {}, centres_y, centres_x, float(field), sigma)
+    down, across = _pooling(maps, shape, params.border)
+    return maps, down, across
+
+
+def _pooling(maps: UnitMaps, shape: tuple[int, int], border: int, size: float = 1) -> list[Map]:
+    """Return the weights, down and across, that pool maps at `size` times the working size."""
+    return [
+        pooling_weights(length, centres * size, maps.spread * size, border)
+        for length, centres in zip(shape, (maps.centres_y, maps.centres_x), strict=True)
+    ]
+
+
+def halved_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Return height and width of a frame at half its size, at least 1."""
+    return max(1, shape[0] // 2), max(1, shape[1] // 2)
+
+
+def halved(luma: Map) -> Map:
+    """Return a frame at half its size: means of 2 x 2 pixels, without an odd last row or column."""
+    height, width = halved_shape((luma.shape[0], luma.shape[1]))
+    even = luma[: 2 * height, : 2 * width]
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
 
 class PooledJudgement:
@@ -319,7 +337,10 @@ class PooledJudgement:
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
         self._params, self._per_second = params, per_second
-        maps, self._down, self._across = units_at_rest(shape, params)
+        maps, *pooling = units_at_rest(shape, params)
+        small = halved_shape(shape)
+        # By the shape of the maps.
+        self._pooling = {small: _pooling(maps, small, params.border // 2, 0.5), shape: pooling}
         # A power of a Gaussian is a Gaussian, wider where the power is below 1.
         self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
         reach = int(maps.field / 2 // (params.cell or 1))
@@ -358,7 +379,7 @@ class PooledJudgement:
         Parameters
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees.
+            S_phi by direction phi in degrees, of the frame or of the frame at half its size.
         seen : Photoreceptors, optional
             From which they were made, for what depends on the interval and on what came before.
 
@@ -370,9 +391,10 @@ class PooledJudgement:
         """
         one, other = self._params.both_axes
         directions = one, other, one + 180, other + 180
-        pooled = pool([pathways[phi] for phi in directions], self._down, self._across)
+        down, across = self._pooling[pathways[one].shape]
+        pooled = pool([pathways[phi] for phi in directions], down, across)
         if seen is not None and seen.share != 1:
-            e = self._excitation * pool(seen.maps[:1], self._down, self._across)
+            e = self._excitation * pool(seen.maps[:1], down, across)
             pooled = referred(pooled, e, seen.share, directional=True)
         if self._params.compression != 1:
             pooled **= self._params.compression
@@ -393,6 +415,7 @@ class PooledJudgement:
         pathways: Mapping[int, Map],
         further: Sequence[Map] = (),
         seen: Photoreceptors | None = None,
+        halved: Map | None = None,
     ) -> Judgement:
         """Judge the S maps of the four pathways.
 
@@ -405,6 +428,8 @@ class PooledJudgement:
             those that do stands for the others, so that R has no step where one begins.
         seen : Photoreceptors, optional
             As for `opponency`.
+        halved : ndarray of float32, shape (2, rows, columns), optional
+            R in the frame at half its size, which is added.
 
         Returns
         -------
@@ -417,6 +442,8 @@ class PooledJudgement:
         for each in further:
             both += each
         both *= np.float32(params.strides / (1 + len(further)))
+        if halved is not None:
+            both += np.float32(params.halved_weight) * halved
         if seen is not None and not self.answers_to(seen):
             self._kept[:] = both[:] = 0  # as before the first response
         if params.persistence:

@@ -60,8 +60,9 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         ([OPPLOD, DLGMD, DIFFERENCE], 11, 9),
         ([DLGMD, DIFFERENCE, OPPLOD], 11, 9),
         ([OPPLOD, OTHER_SIGMA], 11, 18),
-        ([DEFAULT], 11 + 10, 9 + 6),  # from the second and the third frame; the fourth and seventh
-        ([DLGMD, DEFAULT, DIFFERENCE], 11 + 10, 9 + 6),
+        # Over one interval, over two (from the third frame on), and in the frame at half its size.
+        ([DEFAULT], 11 + 10 + 11, 9 + 6 + 9),
+        ([DLGMD, DEFAULT, DIFFERENCE], 11 + 10 + 11, 9 + 6 + 9),
     ],
 )
 def test_equal_layers_are_computed_once(
