@@ -133,7 +133,7 @@ class Opplod(Detector):
         ),
         "lplc2": _LPLC2,
     }
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.16, "reference": 8e-4}
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.06, "reference": 8e-4}
     by_default = True
     warm_up = MEMORY
     columns: ClassVar = (

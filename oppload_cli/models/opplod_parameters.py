@@ -130,7 +130,10 @@ class OpplodParams(_ArmParams):
         high=1000,
     )
     persistence: float = parameter(
-        0.5, "share of R that a unit keeps from one interval to the next", low=0, high=0.99
+        0.5,
+        "share of R that a unit keeps after an interval, or after a picture where they are rarer",
+        low=0,
+        high=0.99,
     )
     history: float = parameter(
         0.125,

@@ -448,7 +448,8 @@ class PooledJudgement:
             self._kept[:] = both[:] = 0  # as before the first response
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
-            weight = 1 - params.persistence**elapsed
+            # Also where pictures are rarer, so that a chance response to one does not pass alone.
+            weight = 1 - params.persistence ** min(elapsed, 1.0)
             cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)
             both = self._kept.copy()
         both *= self._gains

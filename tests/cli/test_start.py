@@ -43,7 +43,7 @@ def test_models_lists_every_parameter_once_defined() -> None:
         "gain",
     } < names
     assert described["presets"]["paper"]["opplod"]["receptive_field"] == 200
-    assert described["presets"]["default"]["alarm"]["opplod_floor"] == 0.16
+    assert described["presets"]["default"]["alarm"]["opplod_floor"] == 0.06
     text = oppload("models", "paper", "reference").stdout
     assert "opplod.judgement = pixelwise" in text
     assert "alarm.opplod_floor = 0.0008" in text

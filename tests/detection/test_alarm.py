@@ -154,7 +154,7 @@ def test_presets_calibrate_the_alarm() -> None:
     default, reference = alarm_params(), alarm_params("reference")
     assert (default.factor, default.enough_s, default.window_s) == (8, 0, 0)
     assert (reference.factor, reference.enough_s, reference.window_s) == (30, 0.03, 0.09)
-    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (0.16, 8e-4)
+    assert (default.floor_of("opplod"), reference.floor_of("opplod")) == (0.06, 8e-4)
     assert (default.contact_s, reference.contact_s, alarm_params("lplc2").contact_s) == (1, 0, 0)
     assert default.floor_of("dlgmd") == reference.floor_of("dlgmd") == 0.01
     assert (default.on, reference.on, alarm_params("paper").on) == (True, True, False)

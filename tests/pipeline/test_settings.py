@@ -42,7 +42,7 @@ def test_defaults() -> None:
 
 
 def test_a_preset_brings_its_own_alarm() -> None:
-    assert (resolve().alarm.floor_of("opplod"), resolve().alarm.factor) == (0.16, 8)
+    assert (resolve().alarm.floor_of("opplod"), resolve().alarm.factor) == (0.06, 8)
     reference = resolve(preset="reference", assignments=["alarm.factor=2"])
     assert (reference.alarm.floor_of("opplod"), reference.alarm.factor) == (8e-4, 2)
     assert reference.origins["alarm.opplod_floor"] == "preset reference"
