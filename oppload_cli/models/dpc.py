@@ -150,6 +150,45 @@ def referred(s: AnyValues, excitation: AnyValues, share: float, *, directional: 
     return result
 
 
+# ---- The frame at half its size ------------------------------------------------------------
+
+
+def halved_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """Return height and width of a frame at half its size.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the frame, at least 1.
+
+    Returns
+    -------
+    tuple of int
+        Half of both, rounded down, at least 1.
+    """
+    return max(1, shape[0] // 2), max(1, shape[1] // 2)
+
+
+def halved(luma: Map) -> Map:
+    """Return a frame at half its size: means of 2 x 2 pixels.
+
+    Parameters
+    ----------
+    luma : ndarray of float32, shape (height, width)
+        Luminance, 0 to 1.
+
+    Returns
+    -------
+    ndarray of float32, of the shape that :func:`halved_shape` gives
+        An odd last row or column is left out.
+
+    Source: ``docs/presets.md``.
+    """
+    height, width = halved_shape((luma.shape[0], luma.shape[1]))
+    even = luma[: 2 * height, : 2 * width]
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
+
+
 # ---- The layers of one video ---------------------------------------------------------------
 
 

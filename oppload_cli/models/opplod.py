@@ -7,14 +7,9 @@ from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
-from oppload_cli.models.dpc import MEMORY, Layers
+from oppload_cli.models.dpc import MEMORY, Layers, halved, halved_shape
 from oppload_cli.models.opplod_parameters import OpplodParams
-from oppload_cli.models.opposing_motion import (
-    PixelwiseJudgement,
-    PooledJudgement,
-    halved,
-    halved_shape,
-)
+from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
 from oppload_cli.models.presets import DEFAULT_PRESET
 
 if TYPE_CHECKING:
@@ -160,8 +155,10 @@ class Opplod(Detector):
             for stride in range(self.params.strides, 1, -1)
         ]
         # At half the size an edge moves half as far: the direction of a fast one can be told.
-        small = Layers(halved_shape(shape), self.layers.clock)
-        self._halved = small.dpc(self.params, axes) if self.params.halved_weight else None
+        self._halved = None
+        if self.params.halved_weight:
+            small = Layers(halved_shape(shape), self.layers.clock)
+            self._halved = small.dpc(self.params, axes)
         self.judgement = self._judgement()
 
     def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:

@@ -15,7 +15,7 @@ import numpy as np
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.background import Background
 from oppload_cli.models.detector import UnitMaps
-from oppload_cli.models.dpc import referred
+from oppload_cli.models.dpc import halved_shape, referred
 from oppload_cli.models.kernels import Kernels
 
 if TYPE_CHECKING:
@@ -301,18 +301,6 @@ def _pooling(maps: UnitMaps, shape: tuple[int, int], border: int, size: float = 
         pooling_weights(length, centres * size, maps.spread * size, border)
         for length, centres in zip(shape, (maps.centres_y, maps.centres_x), strict=True)
     ]
-
-
-def halved_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return height and width of a frame at half its size, at least 1."""
-    return max(1, shape[0] // 2), max(1, shape[1] // 2)
-
-
-def halved(luma: Map) -> Map:
-    """Return a frame at half its size: means of 2 x 2 pixels, without an odd last row or column."""
-    height, width = halved_shape((luma.shape[0], luma.shape[1]))
-    even = luma[: 2 * height, : 2 * width]
-    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
 
 class PooledJudgement:

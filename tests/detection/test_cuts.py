@@ -133,6 +133,14 @@ def test_out_of_rest_no_alarm_before_the_models_have_a_memory(preset: str) -> No
     assert not first & set(alarms(moving, preset))
 
 
+@pytest.mark.parametrize(("speed", "sigma"), [(5, 12), (8, 6), (8, 18), (12, 12)])
+def test_a_pan_that_begins_at_once_gives_no_alarm(speed: int, sigma: int) -> None:
+    """The adaptation has a background when the blind frames end."""
+    for seed in (2, 4):
+        moving = Film(scenes.out_of_rest(scenes.patches(40, speed, sigma, seed)))
+        assert alarms(moving, "default") == []
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("ground", ["white", "texture"])
 def test_a_looming_disk_over_a_ground_at_rest_alarms(ground: str, preset: str) -> None:

@@ -186,6 +186,7 @@ def random_frames() -> list[Luma]:
         {"border": 6},
         {"strides": 2},
         {"strides": 2, "compression": 0.5},
+        {"strides": 2, "compression": 0.5, "border": 4, "axes": 0},
         {"halved_weight": 1.5},
         {"halved_weight": 3, "border": 4, "axes": 0},
         {"strides": 2, "halved_weight": 1.5, "compression": 0.5, "border": 4, "cone": 60},
@@ -263,7 +264,8 @@ def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -
     params = REFERENCE.replaced(receptive_field=40, cell=5, adaptation_level=1e-6, history=0)
     model = Opplod((60, 80), params.replaced(adaptation_guard_s=0, **changes))
     first = [model.step(frame) for frame in frames]
-    assert sum(answer.response > 0 for answer in first if answer) > 1
+    assert first[3] is not None
+    assert first[3].response > 0
     model.reset()
     assert [model.step(frame) for frame in frames] == first
 

@@ -30,8 +30,9 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 DEFAULT = (("opplod", "default"),)
+# The encoder leaves less texture, and with it less background, to a small picture. Without the
+# adaptation these peaks are within 2 %.
 LOST = {
-    ("dlgmd, default", "360 rows, CRF 18"): 0.2,
     ("opplod, default", "360 rows, CRF 18"): 0.75,
     ("opplod, default", "2160 rows, CRF 18"): 0.2,
 }
@@ -75,10 +76,10 @@ TC22 = (
 C38 = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.005, 0.005),
-    # Early repeats that are missed stay in the adaptation for four seconds.
     Case("twice, CRF 23", 0.16, 0.22, alarms=False),
     Case("12 in 30, CRF 23", 0.005, 0.005, alarms=False),
     Case("twice, CRF 28", 0.15, 0.1, alarms=False),
+    # The peak is the response to a jump 0.17 s after the beginning, before the cadence is known.
     Case("12 in 30, CRF 28", 0.75, 0.75, alarms=False),
 )
 
