@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Taken = ParamSpec("Taken")
     Returned = TypeVar("Returned")
 
-INTERFACE = 10  # that of maps.c; a build with another number is out of date
+INTERFACE = 11  # that of maps.c; a build with another number is out of date
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
 _BAND = 120  # rows that one thread computes at a time: their data stay in the cache
@@ -37,7 +37,7 @@ _pointer, _count, _float, _double = ctypes.c_void_p, ctypes.c_int, ctypes.c_floa
 _NOTHING: dict[str, tuple[Any, ...]] = {
     "presynaptic_sums": (
         *(3 * [_pointer]),
-        *(_count, _count, _pointer, _count, _pointer, _pointer, _count),
+        *(_count, _count, _pointer, _count, _pointer, _count, _pointer, _pointer, _count, _count),
         *(5 * [_pointer]),
         *(_count, _count, _pointer, _pointer),
     ),
@@ -51,7 +51,7 @@ _NOTHING: dict[str, tuple[Any, ...]] = {
     "rmo_sums": (_pointer, _pointer, _count, _double, _double, _double, _pointer, _pointer),
 }
 _NUMBER: dict[str, tuple[Any, ...]] = {
-    "presynaptic_scratch": (_pointer,),
+    "folded": (),
     "sample": (
         *(_pointer, _pointer, _pointer),
         *(5 * [_count]),

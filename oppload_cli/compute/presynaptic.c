@@ -11,38 +11,27 @@
 #include "vectors.h"
 
 #define AGES 3                  /* P(t), P(t-1), P(t-2) */
-#define VECTORS 3
+#define VECTORS 2
 #define STRIP (VECTORS * LANES) /* columns that are computed together */
-#define FOLDED (2 * STRIP)      /* the sums and the differences of a strip */
+#define FOLDED (2 * STRIP)      /* the sums and the differences of a strip, at one dx */
+#define ROWS 64                 /* of a strip that are computed before the next strip */
 #define MOST_REACH 50           /* of a kernel */
 #define AHEAD 8                 /* rows that are fetched early */
 #define CACHE_LINE 16           /* floats */
 
-/* Kernel values side by side: those of one age and one dy, at dx, dx + 1, ... */
-enum { STAGE, AGE, DY, DX, COUNT, FIELDS };
-typedef int run[FIELDS];
 /* A kernel value, and its directional parts that are odd across and odd down. */
-enum { EVEN, ACROSS, DOWN, PARTS };
-typedef float tap[PARTS];
+struct tap { float even, across, down; };
+/* Taps of one age; after those of each stage it is asked whether any S is left. */
+struct stage { int age, taps; };
+/* Where in the scratch the values of a tap stand, dy above and dy below. */
+struct place { int above, below; };
+/* Where in the scratch the folded rows of one age begin, which hold dx from 0 to the reach. */
+struct ring { int begin, reach; };
 
 struct sums { lanes even[VECTORS], across[VECTORS], down[VECTORS]; };
 
-/* The folded rows around the current one, in a ring, by age. */
-struct ring { const float *map; float *rows; int reach, next; ptrdiff_t size; };
-
-static int slots_of(const int *reach)
-{
-    int most = 0, slots = 1;
-    for (int age = 0; age < AGES; age++) most = reach[age] > most ? reach[age] : most;
-    while (slots <= 2 * most) slots *= 2;
-    return slots;
-}
-
-/* Return how many floats of scratch the sums need. */
-int presynaptic_scratch(const int *reach)
-{
-    return slots_of(reach) * FOLDED * (reach[0] + reach[1] + reach[2] + AGES);
-}
+/* Return how many floats a folded row takes for each dx. */
+int folded(void) { return FOLDED; }
 
 /* Fold one row: add and subtract what lies dx to the left and to the right, for each dx.
  * For dx = 0 there is no difference: its place holds zeros from the start. Beyond the frame P
@@ -70,51 +59,41 @@ HELD void fold(const float *row, int x, int width, int reach, float *out)
     }
 }
 
-/* Fold the rows up to `reach` around y that have not been folded yet. */
-HELD void fold_around(struct ring *ring, int slots, int y, int x, int height, int width)
+/* Fold the rows up to the reach around y from row `next` on; return the row after them. */
+HELD int fold_around(const float *map, struct ring ring, int slots, int next, int y, int x,
+                     int height, int width, float *scratch)
 {
-    int row = ring->next > y - ring->reach ? ring->next : y - ring->reach;
-    for (; row <= y + ring->reach; row++) {
-        const float *from = row < 0 || row >= height ? NULL : ring->map + (ptrdiff_t)row * width;
+    float *rows = scratch + ring.begin;
+    const ptrdiff_t size = (ptrdiff_t)(ring.reach + 1) * FOLDED;
+    int row = next > y - ring.reach ? next : y - ring.reach;
+    for (; row <= y + ring.reach; row++) {
+        const float *from = row < 0 || row >= height ? NULL : map + (ptrdiff_t)row * width;
         /* A strip runs down the frame: without this every row would wait for memory. */
         for (int k = 0; from && row + AHEAD < height && k < STRIP + CACHE_LINE; k += CACHE_LINE)
             __builtin_prefetch(from + (ptrdiff_t)AHEAD * width + x + k);
-        fold(from, x, width, ring->reach, ring->rows + ring->size * (row & (slots - 1)));
+        fold(from, x, width, ring.reach, rows + size * (row & (slots - 1)));
     }
-    ring->next = row;
+    return row;
 }
 
-/* Add the taps of one run: of one row (dy = 0), or of the rows dy above and below. */
-HELD void add_taps(const tap *taps, int count, const float *above, const float *below, int both,
-                   int directional, struct sums *to)
+/* Add taps to the sums. */
+HELD void add_taps(const float *scratch, const struct place *places, const struct tap *taps,
+                   int count, int directional, struct sums *to)
 {
-    for (; count--; taps++, above += FOLDED, below += FOLDED)
+    for (; count--; taps++, places++) {
+        const float *above = scratch + places->above, *below = scratch + places->below;
 #pragma GCC unroll 8
         for (int k = 0; k < VECTORS; k++) {
-            lanes sum = LOAD(above + LANES * k), aside = LOAD(above + STRIP + LANES * k);
-            if (both) {
-                lanes a = sum, b = LOAD(below + LANES * k);
-                KEEP(a);
-                KEEP(b);
-                sum = a + b;
-                aside += LOAD(below + STRIP + LANES * k);
-                if (directional) to->down[k] += (*taps)[DOWN] * (a - b);
-            }
-            to->even[k] += (*taps)[EVEN] * sum;
-            if (directional) to->across[k] += (*taps)[ACROSS] * aside;
+            lanes a = LOAD(above + LANES * k), b = LOAD(below + LANES * k);
+            KEEP(a);
+            KEEP(b);
+            to->even[k] += taps->even * (a + b);
+            if (!directional) continue;
+            lanes aside = LOAD(above + STRIP + LANES * k) + LOAD(below + STRIP + LANES * k);
+            to->across[k] += taps->across * aside;
+            to->down[k] += taps->down * (a - b);
         }
-}
-
-HELD void add_run(const int *run, const tap *taps, const struct ring *ring, int slots, int y,
-                  int directional, struct sums *to)
-{
-    const float *row = ring->rows + run[DX] * FOLDED;
-    const float *above = row + ring->size * ((y - run[DY]) & (slots - 1));
-    const float *below = row + ring->size * ((y + run[DY]) & (slots - 1));
-    if (run[DY])
-        add_taps(taps, run[COUNT], above, below, 1, directional, to);
-    else
-        add_taps(taps, run[COUNT], above, above, 0, directional, to);
+    }
 }
 
 /* Return J of both axes: I_phi = I / 2 + J_phi, and I_(phi+180) = I / 2 - J_phi. */
@@ -153,60 +132,58 @@ HELD void put(float *map, ptrdiff_t at, int count, lanes e, lanes inhibition)
 
 /* Compute S and S_phi of the rows first to last - 1; those that are NULL are not wanted.
  *
- * `scratch` is made of zeros. `filled` holds a byte for each strip of each row: 0 where all of its S are 0 already. Most
- * are, and stay so from frame to frame: they are not written again. */
+ * The first stage is the excitation. `places` holds those of all taps, for each row of a ring
+ * of `slots` rows, a power of 2. `scratch` is made of zeros, and the first FOLDED of them stay
+ * so: they lie below where dy = 0. `filled` holds a byte for each strip of each row: 0 where all
+ * of its S are 0 already. Most are, and stay so from frame to frame: they are not written
+ * again. */
 void presynaptic_sums(const float *now, const float *one_ago, const float *two_ago, int height,
-                      int width, const run *runs, int run_count, const tap *taps,
-                      const int *reach, int diagonal, float *s, float *first_phi,
-                      float *second_phi, float *first_opposite, float *second_opposite,
-                      int first, int last, float *scratch, char *filled)
+                      int width, const struct stage *stages, int stage_count,
+                      const struct tap *taps, int tap_count, const struct place *places,
+                      const struct ring *rings, int slots, int diagonal, float *s,
+                      float *first_phi, float *second_phi, float *first_opposite,
+                      float *second_opposite, int first, int last, float *scratch, char *filled)
 {
-    const int strips = (width + STRIP - 1) / STRIP;
     const float *maps[AGES] = {now, one_ago, two_ago};
-    const int slots = slots_of(reach);
-    struct ring rings[AGES];
-    for (int age = 0; age < AGES; age++) {
-        ptrdiff_t size = (ptrdiff_t)(reach[age] + 1) * FOLDED;
-        rings[age] = (struct ring){maps[age], scratch, reach[age], 0, size};
-        scratch += size * slots;
-    }
-    for (int x = 0; x < width; x += STRIP) {
-        for (int age = 0; age < AGES; age++) rings[age].next = first - reach[age];
-        for (int y = first; y < last; y++) {
-            struct sums e = {0}, i = {0};
-            const tap *next = taps;
-            int stage = -1, remain = 1;
-            for (int n = 0; n < run_count; next += runs[n][COUNT], n++) {
-                struct ring *ring = &rings[runs[n][AGE]];
-                if (runs[n][STAGE] != stage) {
-                    if (stage >= 0) remain = some_remain(diagonal, e.even, &i);
-                    if (!remain) break;
-                    stage = runs[n][STAGE];
-                    fold_around(ring, slots, y, x, height, width);
+    const int strips = (width + STRIP - 1) / STRIP;
+    for (int top = first; top < last; top += ROWS)
+        for (int x = 0; x < width; x += STRIP) {
+            int next[AGES];
+            for (int age = 0; age < AGES; age++) next[age] = top - rings[age].reach;
+            for (int y = top; y < last && y < top + ROWS; y++) {
+                struct sums e = {0}, i = {0};
+                const struct place *place = places + (ptrdiff_t)(y & (slots - 1)) * tap_count;
+                const struct tap *tap = taps;
+                next[0] = fold_around(now, rings[0], slots, next[0], y, x, height, width, scratch);
+                add_taps(scratch, place, tap, stages[0].taps, 0, &e);
+                int remain = some_remain(diagonal, e.even, &i);
+                for (int n = 1; remain && n < stage_count; n++) {
+                    place += stages[n - 1].taps;
+                    tap += stages[n - 1].taps;
+                    const int age = stages[n].age;
+                    next[age] = fold_around(maps[age], rings[age], slots, next[age], y, x, height,
+                                        width, scratch);
+                    add_taps(scratch, place, tap, stages[n].taps, 1, &i);
+                    remain = some_remain(diagonal, e.even, &i);
                 }
-                if (stage)
-                    add_run(runs[n], next, ring, slots, y, 1, &i);
-                else
-                    add_run(runs[n], next, ring, slots, y, 0, &e);
-            }
-            char *is_filled = filled + (ptrdiff_t)y * strips + x / STRIP;
-            if (!remain && !*is_filled) continue;
-            *is_filled = (char)remain;
+                char *is_filled = filled + (ptrdiff_t)y * strips + x / STRIP;
+                if (!remain && !*is_filled) continue;
+                *is_filled = (char)remain;
 #pragma GCC unroll 8
-            for (int k = 0; k < VECTORS; k++) {
-                int count = width - x - LANES * k;
-                if (count <= 0) break;
-                ptrdiff_t at = (ptrdiff_t)y * width + x + LANES * k;
-                lanes excitation = remain ? e.even[k] : (lanes){0};
-                lanes half = 0.5f * i.even[k];
-                lanes one = first_axis(diagonal, i.across[k], i.down[k]);
-                lanes other = second_axis(diagonal, i.across[k], i.down[k]);
-                put(s, at, count, excitation, i.even[k]);
-                put(first_phi, at, count, excitation, half + one);
-                put(second_phi, at, count, excitation, half + other);
-                put(first_opposite, at, count, excitation, half - one);
-                put(second_opposite, at, count, excitation, half - other);
+                for (int k = 0; k < VECTORS; k++) {
+                    int count = width - x - LANES * k;
+                    if (count <= 0) break;
+                    ptrdiff_t at = (ptrdiff_t)y * width + x + LANES * k;
+                    lanes excitation = remain ? e.even[k] : (lanes){0};
+                    lanes half = 0.5f * i.even[k];
+                    lanes one = first_axis(diagonal, i.across[k], i.down[k]);
+                    lanes other = second_axis(diagonal, i.across[k], i.down[k]);
+                    put(s, at, count, excitation, i.even[k]);
+                    put(first_phi, at, count, excitation, half + one);
+                    put(second_phi, at, count, excitation, half + other);
+                    put(first_opposite, at, count, excitation, half - one);
+                    put(second_opposite, at, count, excitation, half - other);
+                }
             }
         }
-    }
 }

@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 
         presynaptic: Floats
         pathways: Mapping[int, Floats]
+        only_pathways: bool
 
 
-# Rows dy of the inhibition that is one frame late. They are summed first: with few values
-# they inhibit most, and in all directions.
-_FIRST_ROWS = 1, 2
+_STAGES = 1, 1, 2  # in which E and the inhibition by P(t-1) and by P(t-2) are summed
+_MOST_PATHWAYS = 4
 _CHANNELS = 4  # that are averaged over a cell: x, y, change and a spare one
 _LANES = 4  # doubles of a vector of rmo.c
 
@@ -55,24 +55,42 @@ class _Plan:
     def __init__(self, kernels: Kernels) -> None:
         quadrants = [_quadrants(kernels.excitation, {})]
         quadrants += [_quadrants(each, kernels.masks) for each in kernels.inhibition]
-        runs, taps = _runs(quadrants)
-        self.runs, self.taps = np.array(runs, np.intc).reshape(-1, 5), np.array(taps, np.float32)
-        reach = [0] * len(quadrants)
-        for _, age, dy, dx, count in runs:
-            reach[age] = max(reach[age], dy, dx + count - 1)
-        self.reach = np.array(reach, np.intc)
+        stages, taps, offsets = [], [], []
+        for age, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
+            # The nearest values inhibit most. Each part has some from everywhere.
+            nearest = sorted(np.argwhere(quadrant[0]).tolist(), key=np.hypot.reduce)
+            for some in (nearest[part::parts] for part in range(parts)):
+                stages.append((age, len(some)))
+                taps += [quadrant[:, dy, dx] for dy, dx in some]
+                offsets += [(age, dy, dx) for dy, dx in some]
+        age, dy, dx = np.array(offsets, np.intc).reshape(-1, 3).T
+        reach = np.zeros(len(quadrants), np.intc)
+        np.maximum.at(reach, age, np.maximum(dy, dx))
+        self.slots = 1 << int(2 * reach.max()).bit_length()
+        folded = loops().folded()
+        rows = folded * (reach + 1)
+        begins = folded + self.slots * (np.cumsum(rows) - rows)
+        slot = np.arange(self.slots)[:, None]
+        above, below = (
+            begins[age] + (other & (self.slots - 1)) * rows[age] + folded * dx
+            for other in (slot - dy, slot + dy)
+        )
+        self.stages = np.array(stages, np.intc)
+        self.taps = np.array(taps, np.float32)
+        self.places = np.stack([above, np.where(dy, below, 0)], -1).astype(np.intc)
+        self.rings = np.stack([begins, reach], -1).astype(np.intc)
         self.axes = tuple(kernels.masks)
         self.arguments = (
-            *(address(self.runs), len(self.runs), address(self.taps)),
-            *(address(self.reach), 45 in self.axes),
+            *(address(self.stages), len(stages), address(self.taps), len(taps)),
+            *(address(self.places), address(self.rings), self.slots, 45 in self.axes),
         )
+        self._floats = folded + self.slots * int(rows.sum())
         self._scratch: Floats = np.zeros((0, 0), np.float32)
 
     def scratch(self, bands: int) -> list[int]:
         """Return where each band has room."""
         if len(self._scratch) < bands:
-            floats = loops().presynaptic_scratch(address(self.reach))
-            self._scratch = np.zeros((bands, floats), np.float32)
+            self._scratch = np.zeros((bands, self._floats), np.float32)
         return _addresses(self._scratch)
 
 
@@ -85,8 +103,11 @@ class _Outputs:
     def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:
         self.axes = axes
         pathways = [sums.pathways[phi] for phi in (*axes, *(phi + 180 for phi in axes))]
-        maps = [address(each) for each in (sums.presynaptic, *pathways)]
-        self.arguments = *maps, *([None] * (5 - len(maps)))
+        presynaptic = None if sums.only_pathways else address(sums.presynaptic)
+        self.arguments = (
+            *(presynaptic, *map(address, pathways)),
+            *[None] * (_MOST_PATHWAYS - len(pathways)),
+        )
         self._filled = np.ones(sums.presynaptic.shape, np.uint8)  # at first they may hold anything
         self.filled = address(self._filled)
 
@@ -233,29 +254,3 @@ def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:
     radius = len(kernel) // 2
     return np.stack([kernel, across, down])[:, radius:, radius:]
 
-
-def _runs(
-    quadrants: list[Kernel],
-) -> tuple[list[tuple[int, int, int, int, int]], list[list[float]]]:
-    """Return the kernel values as runs and taps of presynaptic.c, in the order of their stage.
-
-    A run is (stage, age, dy, first dx, count). Stage 0 is the excitation; after each later
-    stage the sums end where no S above 0 remains.
-    """
-    runs: list[tuple[int, int, int, int, int]] = []
-    taps: list[list[float]] = []
-    rows = [(age, dy) for age, kernel in enumerate(quadrants) for dy in range(kernel.shape[1])]
-    stages = {(age, dy): _stage(age, dy) for age, dy in rows}
-    for age, dy in sorted(rows, key=stages.__getitem__):
-        values = quadrants[age][:, dy]
-        edges = np.diff((values[0] != 0).astype(np.int8), prepend=0, append=0)
-        for first, last in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
-            runs.append((stages[age, dy], age, dy, int(first), int(last - first)))
-            taps += values[:, first:last].T.tolist()
-    return runs, taps
-
-
-def _stage(age: int, dy: int) -> int:
-    if age == 1:
-        return 1 if dy in _FIRST_ROWS else 2
-    return 0 if age == 0 else 3

@@ -76,20 +76,24 @@ def rectified(excitation: Map, inhibition: Map) -> Map:
 class PresynapticSums:
     """S of D-LGMD, and S_phi of the pathways by their direction phi in degrees.
 
-    All are arrays of float32, shape (height, width), at least 0.
+    All are arrays of float32, shape (height, width), at least 0. With `only_pathways` S is not
+    computed, and stays 0.
     """
 
     presynaptic: Map
     pathways: dict[int, Map]
+    only_pathways: bool = False
 
     @classmethod
-    def zeros(cls, shape: tuple[int, int], axes: tuple[int, ...]) -> PresynapticSums:
+    def zeros(
+        cls, shape: tuple[int, int], axes: tuple[int, ...], *, only_pathways: bool = False
+    ) -> PresynapticSums:
         """Return zeros, for both pathways of each axis."""
         directions = [*axes, *(phi + 180 for phi in axes)]
         # In one piece: maps of their own would all begin at the same place of a memory page, and
         # push each other out of the cache.
         presynaptic, *pathways = np.zeros((1 + len(directions), *shape), np.float32)
-        return cls(presynaptic, dict(zip(directions, pathways, strict=True)))
+        return cls(presynaptic, dict(zip(directions, pathways, strict=True)), only_pathways)
 
 
 @with_twin
@@ -106,7 +110,8 @@ def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -
         Takes ``S = max(0, E - I)`` and ``S_phi = max(0, E - I_phi)``.
     """
     e, i = excitation(p, kernels), inhibition(p, kernels)
-    out.presynaptic[:] = rectified(e, i)
+    if not out.only_pathways:
+        out.presynaptic[:] = rectified(e, i)
     for axis in kernels.masks:
         i_phi = directional_inhibition(p, kernels, axis)
         out.pathways[axis][:] = rectified(e, i_phi)
@@ -403,9 +408,13 @@ class Dpc:
         the pathways phi and phi + 180.
     photoreceptors : _Hold of Photoreceptors, optional
         Shared photoreceptors; own ones otherwise.
+    only_pathways : bool
+        Whether S itself is not needed.
 
     Attributes
     ----------
+    axes : tuple of int
+        As above.
     kernels : Kernels
         Of these constants and axes.
     sums : PresynapticSums
@@ -418,16 +427,23 @@ class Dpc:
         params: DpcParams,
         axes: tuple[int, ...] = (),
         photoreceptors: _Hold[Photoreceptors] | None = None,
+        *,
+        only_pathways: bool = False,
     ) -> None:
         self._photoreceptors = photoreceptors or _Hold(Photoreceptors(shape))
         self._shape, self._params = shape, params
-        self.use(axes)
+        self._compute(axes, only_pathways)
 
-    def use(self, axes: tuple[int, ...]) -> None:
-        """Compute the pathways of these axes from the next frame on."""
+    def _compute(self, axes: tuple[int, ...], only_pathways: bool) -> None:
         self.axes = axes
         self.kernels = Kernels.of(self._params, axes)
-        self.sums = PresynapticSums.zeros(self._shape, axes)
+        self.sums = PresynapticSums.zeros(self._shape, axes, only_pathways=only_pathways)
+
+    def also(self, axes: tuple[int, ...]) -> None:
+        """Compute the pathways of these axes too, or S for no axes, from the next frame on."""
+        wanted = axes or self.axes, self.sums.only_pathways and bool(axes)
+        if wanted != (self.axes, self.sums.only_pathways):
+            self._compute(*wanted)
 
     @property
     def photoreceptors(self) -> Photoreceptors:
@@ -448,12 +464,12 @@ class Dpc:
     def maps(self) -> dict[str, Map]:
         """P, E, I and S of the latest frame, and S_phi as ``S_45`` and so on.
 
-        E and I are computed when this is read: S needs neither of them by itself.
+        E, I and S are computed when this is read.
         """
         p = self.photoreceptors.maps
         named = {f"S_{phi}": pathway for phi, pathway in self.sums.pathways.items()}
         e, i = excitation(p, self.kernels), inhibition(p, self.kernels)
-        return {"P": p[0], "E": e, "I": i, "S": self.sums.presynaptic, **named}
+        return {"P": p[0], "E": e, "I": i, "S": rectified(e, i), **named}
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
@@ -567,7 +583,7 @@ class Layers:
         params : DpcParams
             The DPC constants; others that it holds do not matter.
         axes : tuple of int
-            As for :class:`Dpc`.
+            As for :class:`Dpc`; S itself is computed where one holder gives none.
         stride : int
             Reference intervals between the frames that are compared, at least 1.
         """
@@ -575,10 +591,10 @@ class Layers:
         for known, known_stride, dpc in self._dpcs:
             same = (known, known_stride) == (constants, stride)
             if same and (not axes or dpc.axes in {axes, ()}):
-                if axes and not dpc.axes:
-                    dpc.use(axes)
+                dpc.also(axes)
                 return _Hold(dpc)
-        dpc = Dpc(self.shape, constants, axes, self.photoreceptors(stride))
+        seen = self.photoreceptors(stride)
+        dpc = Dpc(self.shape, constants, axes, seen, only_pathways=bool(axes))
         self._dpcs.append((constants, stride, dpc))
         return _Hold(dpc)
 
