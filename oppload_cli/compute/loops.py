@@ -46,7 +46,7 @@ _NOTHING: dict[str, tuple[Any, ...]] = {
         *(_pointer, _pointer, _count, _count),
     ),
     "pool": (_pointer, _count, _count, _pointer, _count, _pointer, _count, _pointer, _pointer),
-    "opponent_products": (_pointer, _pointer, _count, _count, _pointer, _count, _pointer),
+    "opponent_products": (_pointer, _pointer, _count, _count, _count, _pointer, _count, _pointer),
     "reduce": (_pointer, ctypes.c_ssize_t, _count, _count, _count, _pointer, _pointer),
     "rmo_sums": (_pointer, _pointer, _count, _double, _double, _double, _pointer, _pointer),
 }

@@ -145,25 +145,25 @@ void pool(const float *map, int height, int width, const float *down, int rows,
 
 /* Add up weight(u) * passing(c + u) * opposite(c - u) over the offsets u, at each cell c.
  *
- * `weights` holds (2 reach + 1) x (2 reach + 1) values. Beyond the maps are zeros. */
+ * `weights` holds (2 reach + 1) x (2 reach + 1) values. The maps have rows of `stride` values, of
+ * which `columns` are cells; after them come at least LANES - 1 zeros, so that a product beyond the
+ * frame, on either side, is 0. */
 void opponent_products(const float *passing, const float *opposite, int rows, int columns,
-                       const float *weights, int reach, float *out)
+                       int stride, const float *weights, int reach, float *out)
 {
     const int most_down = reach < rows ? reach : rows, most_across = reach < columns ? reach : columns;
-    memset(out, 0, (size_t)rows * (size_t)columns * sizeof(float));
+    memset(out, 0, (size_t)rows * (size_t)stride * sizeof(float));
     for (int dy = -most_down; dy <= most_down; dy++)
         for (int dx = -most_across; dx <= most_across; dx++) {
             const float weight = weights[(reach + dy) * (2 * reach + 1) + reach + dx];
             const int margin = dx < 0 ? -dx : dx, edge = dy < 0 ? -dy : dy;
             if (weight == 0) continue;
             for (int y = edge; y < rows - edge; y++) {
-                const float *ahead = passing + (y + dy) * columns + dx;
-                const float *behind = opposite + (y - dy) * columns - dx;
-                float *sums = out + y * columns;
-                int x = margin;
-                for (; x + LANES <= columns - margin; x += LANES)
+                const float *ahead = passing + (y + dy) * stride + dx;
+                const float *behind = opposite + (y - dy) * stride - dx;
+                float *sums = out + y * stride;
+                for (int x = margin; x < columns - margin; x += LANES)
                     STORE(sums + x, LOAD(sums + x) + weight * (LOAD(ahead + x) * LOAD(behind + x)));
-                for (; x < columns - margin; x++) sums[x] += weight * (ahead[x] * behind[x]);
             }
         }
 }

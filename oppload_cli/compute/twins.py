@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 _STAGES = 1, 1, 2  # in which E and the inhibition by P(t-1) and by P(t-2) are summed
 _MOST_PATHWAYS = 4
 _CHANNELS = 4  # that are averaged over a cell: x, y, change and a spare one
+_ZEROS = 8  # after each row of cells
 _LANES = 4  # doubles of a vector of rmo.c
 
 
@@ -174,15 +175,18 @@ def pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
 def opponent_products(pooled: Floats, weights: Floats) -> Floats:
     """Add up opponent products, as the function of the same name in the models does."""
     axes, rows, columns = len(weights), *pooled.shape[1:]
-    out = np.empty((axes, rows, columns), np.float32)
-    at = _addresses(pooled)
+    stride, reach = columns + _ZEROS, weights.shape[-1] // 2
+    padded = np.zeros((2 * axes, rows, stride), np.float32)
+    padded[..., :columns] = pooled
+    out = np.empty((axes, rows, stride), np.float32)
+    at = _addresses(padded)
     for passing, opposite, weight, to in zip(
         at[:axes], at[axes:], _addresses(weights), _addresses(out), strict=True
     ):
         loops().opponent_products(
-            passing, opposite, rows, columns, weight, weights.shape[-1] // 2, to
+            *(passing, opposite, rows, columns, stride, weight, reach, to),
         )
-    return out
+    return out[..., :columns]
 
 
 def reduce(frame: Grey, reduction: int, out: Grey) -> None:
