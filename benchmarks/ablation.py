@@ -38,7 +38,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "fields of 100 px": {"receptive_field": 100},
     "cells of 8 px": {"cell": 8, "pool_sigma": 1.5},
     "no compression": {"compression": 1.0, "adaptation_level": 0.0},
-    "no intervals of two": {"strides": 1},
+    "no interval of two": {"stride": 1},
     "no frame at half its size": {"halved_weight": 0.0},
     "no persistence": {"persistence": 0.0},
     "no adaptation": {"adaptation_level": 0.0},

@@ -202,18 +202,16 @@ def halved(luma: Array) -> Array:
 def default_opponency(
     luma: Sequence[Array],
     *,
-    strides: int,
+    stride: int,
     compression: float,
     border: int,
     halved_weight: float,
     **others: Any,
 ) -> Array:
-    """R(c) of the last frame: frames 1 to `strides` apart, and the frame at half its size."""
+    """R(c) of the last frame: of frames `stride` apart, and of the frame at half its size."""
     others["compression"] = compression
-    parts = []
-    for n in range(1, strides + 1):
-        p = photoreceptors([luma[-1 - n * back] for back in (3, 2, 1, 0)])
-        parts.append(opponency(p, border=border, **others) / n ** (2 * compression))
+    p = photoreceptors([luma[-1 - stride * back] for back in (3, 2, 1, 0)])
+    parts = [opponency(p, border=border, **others) / stride ** (2 * compression)]
     if halved_weight:
         p = photoreceptors([halved(frame) for frame in luma[-4:]])
         r = opponency(p, border=border // 2, frame=luma[-1].shape, **others)

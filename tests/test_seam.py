@@ -354,7 +354,7 @@ def test_it_is_among_the_models(capsys: Capture) -> None:
     assert "darkening from which a pixel counts" in text
     assert "an alarm of Toy needs a response above this" in text
     assert "  every parameter has its default\n" in text
-    assert "  opplod.strides = 1\n" in text
+    assert "  opplod.stride = 1\n" in text
     described = json.loads(run(capsys, "models", "--json").stdout)
     assert described["models"]["toy"] == {
         "label": "Toy", "meaning": Toy.meaning, "by_default": False, "places": True,

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
         only_pathways: bool
 
 
-_STAGES = 1, 1, 2  # in which E and the inhibition by P(t-1) and by P(t-2) are summed
+_STAGES = 1, 1, 2  # parts in which E and the inhibition by P(t-1) and by P(t-2) are summed
 _MOST_PATHWAYS = 4
 _CHANNELS = 4  # that are averaged over a cell: x, y, change and a spare one
 _ZEROS = 8  # after each row of cells
@@ -57,17 +57,18 @@ class _Plan:
         quadrants = [_quadrants(kernels.excitation, {})]
         quadrants += [_quadrants(each, kernels.masks) for each in kernels.inhibition]
         stages, taps, offsets = [], [], []
-        for age, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
-            # The nearest values inhibit most. Each part has some from everywhere.
+        for number, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
+            # The nearest values first, which inhibit most; each part takes every n-th of them.
             nearest = sorted(np.argwhere(quadrant[0]).tolist(), key=np.hypot.reduce)
             for some in (nearest[part::parts] for part in range(parts)):
-                stages.append((age, len(some)))
+                stages.append((number, len(some)))
                 taps += [quadrant[:, dy, dx] for dy, dx in some]
-                offsets += [(age, dy, dx) for dy, dx in some]
+                offsets += [(number, dy, dx) for dy, dx in some]
         age, dy, dx = np.array(offsets, np.intc).reshape(-1, 3).T
         reach = np.zeros(len(quadrants), np.intc)
         np.maximum.at(reach, age, np.maximum(dy, dx))
         self.slots = 1 << int(2 * reach.max()).bit_length()
+        # In the scratch: zeros, then for each age a ring of `slots` folded rows.
         folded = loops().folded()
         rows = folded * (reach + 1)
         begins = folded + self.slots * (np.cumsum(rows) - rows)
@@ -257,4 +258,3 @@ def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:
         across, down = (one, other) if 0 in masks else ((one - other) / 2, (one + other) / 2)
     radius = len(kernel) // 2
     return np.stack([kernel, across, down])[:, radius:, radius:]
-

@@ -53,7 +53,7 @@ _REFERENCE = OpplodParams(
     pool_sigma=1.5,
     border=0,
     compression=1.0,
-    strides=1,
+    stride=1,
     halved_weight=0.0,
     persistence=0.0,
     adaptation_level=0.0,
@@ -148,13 +148,9 @@ class Opplod(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         axes = self.params.both_axes
-        self._dpc = self.layers.dpc(self.params, axes)
-        # Edges too slow to be seen over one interval are seen over several.
-        self._strided = [
-            self.layers.dpc(self.params, axes, stride)
-            for stride in range(self.params.strides, 1, -1)
-        ]
-        # At half the size an edge moves half as far: the direction of a fast one can be told.
+        self._dpc = self.layers.dpc(self.params, axes, self.params.stride)
+        # At half the size, and over one interval, an edge moves less far: the direction of a fast
+        # one can be told.
         self._halved = None
         if self.params.halved_weight:
             small = Layers(halved_shape(shape), self.layers.clock)
@@ -187,8 +183,6 @@ class Opplod(Detector):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._dpc.reset()
-        for strided in self._strided:
-            strided.reset()
         if self._halved:
             self._halved.reset()
         self.judgement.reset()
@@ -196,10 +190,8 @@ class Opplod(Detector):
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing; None for the first three intervals."""
         ready = self._dpc.step(luma)
-        for strided in self._strided:
-            strided.step(luma)
         if self._halved:
-            self._halved.step(halved(luma))
+            ready |= self._halved.step(halved(luma))
         if not ready:
             return None
         seen = self._dpc.layer.photoreceptors
@@ -208,25 +200,12 @@ class Opplod(Detector):
         elif isinstance(self.judgement, ArmsJudgement):
             judgement = self.judgement.judge(self.pathways, seen, self._dpc.layer.kernels)
         else:
-            judgement = self.judgement.judge(
-                self.pathways, self._further(self.judgement), seen, self._in_halved(self.judgement)
-            )
+            judgement = self.judgement.judge(self.pathways, seen, self._in_halved(self.judgement))
         if judgement.response == 0:
             return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
         field = float(self.params.receptive_field or 0)
         box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
-
-    def _further(self, judgement: PooledJudgement) -> list[Map]:
-        """Return R over several intervals, of each stride that answers (``docs/presets.md``)."""
-        found = []
-        for strided in self._strided:
-            seen, sums = strided.layer.photoreceptors, strided.layer.sums
-            if judgement.answers_to(seen):
-                # S is referred to the time of one interval.
-                share = seen.stride ** (-2 * self.params.compression)
-                found.append(judgement.opponency(sums.pathways, seen) * share)
-        return found
 
     def _in_halved(self, judgement: PooledJudgement) -> Map | None:
         """Return R in the frame at half its size, once it answers (``docs/presets.md``)."""

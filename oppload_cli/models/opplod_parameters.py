@@ -117,15 +117,15 @@ class OpplodParams(_ArmParams):
     compression: float = parameter(
         0.5, "exponent of the pooled S; below 1, contrast counts for less", low=0.1, high=2
     )
-    strides: int = parameter(
+    stride: int = parameter(
         2,
-        "compare frames 1, 2, ... up to this many intervals apart, and add the responses",
+        "compare frames that are this many intervals apart; S is divided by it",
         low=1,
         high=16,
     )
     halved_weight: float = parameter(
-        1.5,
-        "weight of R in the frame at half its size, where edges move half as far; 0: not computed",
+        2.0,
+        "weight of R in the frame at half its size, over one interval; 0: not computed",
         low=0,
         high=1000,
     )
@@ -200,7 +200,7 @@ class OpplodParams(_ArmParams):
             "pool_sigma": 0,
             "periphery": 0,
             "compression": 1,
-            "strides": 1,
+            "stride": 1,
             "halved_weight": 0,
             "persistence": 0,
             "history": 0,

@@ -375,7 +375,8 @@ class PooledJudgement:
         -------
         ndarray of float32, shape (2, rows, columns)
             Sum over both axes of ``max(0, out - w_p in)``: without the motion that has only just
-            begun (`history`), and of all motion.
+            begun (`history`), and of all motion. S over several intervals is divided by their
+            number.
         """
         one, other = self._params.both_axes
         directions = one, other, one + 180, other + 180
@@ -393,7 +394,10 @@ class PooledJudgement:
                 pooled *= known
                 counted = self._outward(pooled)
         self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
-        return np.stack((counted, everything))
+        both = np.stack((counted, everything))
+        if seen is not None and seen.stride != 1:
+            both *= np.float32(seen.stride ** (-2 * self._params.compression))
+        return both
 
     def _outward(self, pooled: Maps) -> Map:
         return np.asarray(np.maximum(opponent_products(pooled, self._weights), 0).sum(axis=0))
@@ -401,7 +405,6 @@ class PooledJudgement:
     def judge(
         self,
         pathways: Mapping[int, Map],
-        further: Sequence[Map] = (),
         seen: Photoreceptors | None = None,
         halved: Map | None = None,
     ) -> Judgement:
@@ -411,9 +414,6 @@ class PooledJudgement:
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
-        further : sequence of ndarray of float32, shape (2, rows, columns), optional
-            R of frames further apart, which are added. Until all strides answer, the mean of
-            those that do stands for the others, so that R has no step where one begins.
         seen : Photoreceptors, optional
             As for `opponency`.
         halved : ndarray of float32, shape (2, rows, columns), optional
@@ -425,15 +425,14 @@ class PooledJudgement:
             Of the best unit; its response is ``c2 R^2``, 0 unless R is above T_o.
         """
         params = self._params
-        both = self.opponency(pathways, seen)
         elapsed = seen.elapsed if seen else 1.0
-        for each in further:
-            both += each
-        both *= np.float32(params.strides / (1 + len(further)))
+        both = np.zeros_like(self._kept)
+        if seen is None or self.answers_to(seen):
+            both += self.opponency(pathways, seen)
+        elif halved is None:
+            self._kept[:] = 0  # as before the first response
         if halved is not None:
             both += np.float32(params.halved_weight) * halved
-        if seen is not None and not self.answers_to(seen):
-            self._kept[:] = both[:] = 0  # as before the first response
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
             # Also where pictures are rarer, so that a chance response to one does not pass alone.

@@ -96,7 +96,7 @@ def analyse(
     ...     if record.alarms["opplod"]:
     ...         print(f"alarm at {record.time_s:.2f} s")
     ...         break
-    alarm at 1.05 s
+    alarm at 1.07 s
     """
     preset = preset or _preset_of(params or ())
     chosen = params or [parameters_of(name, preset) for name in default_names()]

@@ -43,7 +43,7 @@ def test_the_bank_gives_p_and_its_mean() -> None:
 
 def test_reset_starts_over() -> None:
     frames = looming(60, 30, 30, 6)
-    params = [REFERENCE.replaced(strides=2), DlgmdParams(), FrameDifferenceParams()]
+    params = [REFERENCE.replaced(stride=2), DlgmdParams(), FrameDifferenceParams()]
     bank = DetectorBank((60, 60), params)
     first = [bank.step(frame) for frame in frames]
     bank.reset()
@@ -79,9 +79,9 @@ def test_the_number_of_threads_changes_no_bit() -> None:
     assert maps[0] == maps[1] == maps[2]
 
 
-@pytest.mark.parametrize(("strides", "memory"), [(1, 3), (2, 6), (5, 15)])
-def test_a_bank_forgets_within_its_memory(strides: int, memory: int) -> None:
-    params = REFERENCE.replaced(receptive_field=40, cell=5, strides=strides, history=0)
+@pytest.mark.parametrize(("stride", "memory"), [(1, 3), (2, 6), (5, 15)])
+def test_a_bank_forgets_within_its_memory(stride: int, memory: int) -> None:
+    params = REFERENCE.replaced(receptive_field=40, cell=5, stride=stride, history=0)
     # Where a frame of high contrast follows faint ones, not everything is inhibited.
     frames = [
         each * np.float32(0.02 if t % memory else 1)

@@ -197,15 +197,13 @@ def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
     assert kept.judge(maps).opponency == pytest.approx(0.25 * plain.judge(maps).opponency, rel=1e-5)
 
 
-def test_the_opponency_of_frames_further_apart_is_added() -> None:
-    params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=1.0)
+def test_the_opponency_at_half_the_size_is_added() -> None:
+    params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=1.0, halved_weight=0.5)
     judgement = PooledJudgement(SHAPE, params)
     rng = np.random.default_rng(5)
     maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
     r = judgement.opponency(maps)
-    one, other = rng.random((2, *r.shape), dtype=np.float32)
-    three = PooledJudgement(SHAPE, params.replaced(strides=3))
-    assert three.judge(maps, [one, other]).opponency == pytest.approx((r + one + other)[0].max())
-    # The mean of those that answer stands for those that do not answer yet.
-    assert three.judge(maps, [one]).opponency == pytest.approx(1.5 * (r + one)[0].max())
-    assert three.judge(maps).opponency == pytest.approx(3 * r[0].max())
+    other = rng.random(r.shape, dtype=np.float32)
+    judged = judgement.judge(maps, halved=other).opponency
+    assert judged == pytest.approx((r + 0.5 * other)[0].max())
+    assert judged > judgement.judge(maps).opponency

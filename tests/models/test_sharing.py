@@ -60,8 +60,9 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         ([OPPLOD, DLGMD, DIFFERENCE], 11, 9),
         ([DLGMD, DIFFERENCE, OPPLOD], 11, 9),
         ([OPPLOD, OTHER_SIGMA], 11, 18),
-        # Over one interval, over two (from the third frame on), and in the frame at half its size.
-        ([DEFAULT], 11 + 10 + 11, 9 + 6 + 9),
+        # P over one interval, which the bank needs for its mean; over two, from the third frame on;
+        # and in the frame at half its size.
+        ([DEFAULT], 11 + 10 + 11, 6 + 9),
         ([DLGMD, DEFAULT, DIFFERENCE], 11 + 10 + 11, 9 + 6 + 9),
     ],
 )
