@@ -107,10 +107,14 @@ HELD lanes second_axis(int diagonal, lanes across, lanes down)
 }
 
 /* Tell whether any S would be above 0 with no more inhibition than summed so far. */
-HELD int some_remain(int diagonal, const lanes *e, const struct sums *i)
+HELD int some_remain(int directional, int diagonal, const lanes *e, const struct sums *i)
 {
     mask any = {0};
     for (int k = 0; k < VECTORS; k++) {
+        if (!directional) {
+            any |= e[k] > i->even[k];
+            continue;
+        }
         lanes first = magnitude(first_axis(diagonal, i->across[k], i->down[k]));
         lanes second = magnitude(second_axis(diagonal, i->across[k], i->down[k]));
         any |= e[k] + most(first, second) > 0.5f * i->even[k];
@@ -145,7 +149,7 @@ void presynaptic_sums(const float *now, const float *one_ago, const float *two_a
                       float *second_opposite, int first, int last, float *scratch, char *filled)
 {
     const float *maps[AGES] = {now, one_ago, two_ago};
-    const int strips = (width + STRIP - 1) / STRIP;
+    const int strips = (width + STRIP - 1) / STRIP, directional = first_phi != NULL;
     for (int top = first; top < last; top += ROWS)
         for (int x = 0; x < width; x += STRIP) {
             int next[AGES];
@@ -156,15 +160,18 @@ void presynaptic_sums(const float *now, const float *one_ago, const float *two_a
                 const struct tap *tap = taps;
                 next[0] = fold_around(now, rings[0], slots, next[0], y, x, height, width, scratch);
                 add_taps(scratch, place, tap, stages[0].taps, 0, &e);
-                int remain = some_remain(diagonal, e.even, &i);
+                int remain = some_remain(directional, diagonal, e.even, &i);
                 for (int n = 1; remain && n < stage_count; n++) {
                     place += stages[n - 1].taps;
                     tap += stages[n - 1].taps;
                     const int age = stages[n].age;
                     next[age] = fold_around(maps[age], rings[age], slots, next[age], y, x, height,
                                         width, scratch);
-                    add_taps(scratch, place, tap, stages[n].taps, 1, &i);
-                    remain = some_remain(diagonal, e.even, &i);
+                    if (directional)
+                        add_taps(scratch, place, tap, stages[n].taps, 1, &i);
+                    else
+                        add_taps(scratch, place, tap, stages[n].taps, 0, &i);
+                    remain = some_remain(directional, diagonal, e.even, &i);
                 }
                 char *is_filled = filled + (ptrdiff_t)y * strips + x / STRIP;
                 if (!remain && !*is_filled) continue;
