@@ -1,4 +1,4 @@
-/* Grouping, pooling and opponent products: compute/maps.py.
+/* Grouping, pooling and opponent products: compute/twins.py.
  *
  * S is 0 at most pixels of most videos: vectors of zeros are passed over.
  */

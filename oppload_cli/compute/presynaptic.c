@@ -1,11 +1,11 @@
-/* The presynaptic sums S and S_phi: compute/presynaptic.py.
+/* The presynaptic sums S and S_phi: compute/twins.py.
  *
  * The kernels are even across and down, and their directional parts are odd in one of the two
  * directions. So the pixels at (dx, dy) and at its mirror images are added or subtracted first
  * ("folded") and multiplied by the kernel value once.
  *
  * No kernel value is below 0. Once the inhibition summed so far is as large as the excitation
- * in every direction, every S is 0, and the remaining rows of the kernels are not summed. That
+ * in every direction, every S is 0, and the rest of the inhibition is not summed. That
  * is so at nearly every pixel of most videos.
  */
 #include "vectors.h"

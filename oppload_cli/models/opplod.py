@@ -152,7 +152,7 @@ class Opplod(Detector):
         # At half the size, and over one interval, an edge moves less far: the direction of a fast
         # one can be told.
         self._halved = None
-        if self.params.halved_weight:
+        if self.params.halved_weight and self.params.judgement == "pooled":
             small = Layers(halved_shape(shape), self.layers.clock)
             self._halved = small.dpc(self.params, axes)
         self.judgement = self._judgement()
@@ -188,7 +188,7 @@ class Opplod(Detector):
         self.judgement.reset()
 
     def step(self, luma: Map) -> OpplodResponse | None:
-        """Take the next frame: MDE, OMJ, enhancing; None for the first three intervals."""
+        """Take the next frame: MDE, OMJ, enhancing; None until one of both sizes has an R."""
         ready = self._dpc.step(luma)
         if self._halved:
             ready |= self._halved.step(halved(luma))

@@ -119,13 +119,14 @@ class OpplodParams(_ArmParams):
     )
     stride: int = parameter(
         2,
-        "compare frames that are this many intervals apart; S is divided by it",
+        "compare frames that are this many intervals apart; judgement=pooled divides S by it",
         low=1,
         high=16,
     )
     halved_weight: float = parameter(
         2.0,
-        "weight of R in the frame at half its size, over one interval; 0: not computed",
+        "weight of R in the frame at half its size, over one interval, with judgement=pooled; "
+        "0: not computed",
         low=0,
         high=1000,
     )
