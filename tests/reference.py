@@ -112,17 +112,22 @@ def centres(length: int, cell: int) -> list[float]:
     return [(length - count * cell) / 2 + (k + 0.5) * cell for k in range(count)]
 
 
-def pooled(s: Array, cell: int, sigma_cells: float, frame: tuple[int, int] | None = None) -> Array:
+def pooled(
+    s: Array,
+    cell: int,
+    sigma_cells: float,
+    frame: tuple[int, int] | None = None,
+    times: int = 1,
+) -> Array:
     """Gaussian of unit sum on an endless plane, sampled at the cells' centres.
 
-    With the shape of a `frame`, s is a map of that frame at half its size.
+    With the shape of a `frame`, s is a map of that frame made smaller so many times.
     """
     height, width = s.shape
     full_height, full_width = frame or s.shape
-    size = 0.5 if frame else 1.0
 
     def weights(centre: float, length: int) -> Array:
-        centre, sigma = centre * size, sigma_cells * cell * size
+        centre, sigma = centre / times, sigma_cells * cell / times
         far = int(8 * sigma)
         total = sum(exp(-(k * k) / (2 * sigma**2)) for k in range(-far, far + 1))
         return np.array(
@@ -165,13 +170,14 @@ def opponency(
     border: int = 0,
     cone: float = 90,
     frame: tuple[int, int] | None = None,
+    times: int = 1,
 ) -> Array:
     """R(c) of preset reference, and of one stride of preset default."""
     reach = int(field / 2 / cell)
     parts = []
     for phi in (axes, axes + 90):
         one, other = (
-            pooled(without_border(pathway(p, phi + turn), border), cell, sigma, frame)
+            pooled(without_border(pathway(p, phi + turn), border), cell, sigma, frame, times)
             ** compression
             for turn in (0, 180)
         )
@@ -188,14 +194,12 @@ def without_border(s: Array, border: int) -> Array:
     return inner
 
 
-def halved(luma: Array) -> Array:
-    """Means of 2 x 2 pixels, without an odd last row or column."""
-    height, width = luma.shape[0] // 2, luma.shape[1] // 2
+def smaller(luma: Array, times: int) -> Array:
+    """Means of squares of pixels, without the rows and columns that fill none."""
+    height, width = luma.shape[0] // times, luma.shape[1] // times
+    y, x = np.arange(height) * times, np.arange(width) * times
     return np.array(
-        [
-            [luma[2 * y : 2 * y + 2, 2 * x : 2 * x + 2].mean() for x in range(width)]
-            for y in range(height)
-        ]
+        [[luma[top : top + times, left : left + times].mean() for left in x] for top in y]
     )
 
 
@@ -206,16 +210,22 @@ def default_opponency(
     compression: float,
     border: int,
     halved_weight: float,
+    between: int = 1,
     **others: Any,
 ) -> Array:
-    """R(c) of the last frame: of frames `stride` apart, and of the frame at half its size."""
+    """R(c) of the last frame: of frames `stride` apart, and of the frame at half its size.
+
+    The frames are `between` intervals apart, of which `stride` is a multiple.
+    """
     others["compression"] = compression
-    p = photoreceptors([luma[-1 - stride * back] for back in (3, 2, 1, 0)])
+    p = photoreceptors([luma[-1 - stride // between * back] for back in (3, 2, 1, 0)])
     parts = [opponency(p, border=border, **others) / stride ** (2 * compression)]
     if halved_weight:
-        p = photoreceptors([halved(frame) for frame in luma[-4:]])
-        r = opponency(p, border=border // 2, frame=luma[-1].shape, **others)
-        parts.append(halved_weight * r)
+        times = 2 * between
+        p = photoreceptors([smaller(frame, times) for frame in luma[-4:]])
+        frame = luma[-1].shape
+        r = opponency(p, frame=frame, times=times, border=border // times, **others)
+        parts.append(halved_weight * r / between ** (2 * compression))
     return np.asarray(sum(parts))
 
 

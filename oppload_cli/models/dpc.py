@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Map = NDArray[np.float32]  # one value per pixel of the working frame
 
 MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
-_TOO_YOUNG = 1 / 8  # of an interval that a frame may lack and count as one interval old
+TOO_YOUNG = 1 / 8  # of an interval that a frame may lack and count as one interval old
 _MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
 
 
@@ -155,45 +155,6 @@ def referred(s: AnyValues, excitation: AnyValues, share: float, *, directional: 
     return result
 
 
-# ---- The frame at half its size ------------------------------------------------------------
-
-
-def halved_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """Return height and width of a frame at half its size.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the frame, at least 1.
-
-    Returns
-    -------
-    tuple of int
-        Half of both, rounded down, at least 1.
-    """
-    return max(1, shape[0] // 2), max(1, shape[1] // 2)
-
-
-def halved(luma: Map) -> Map:
-    """Return a frame at half its size: means of 2 x 2 pixels.
-
-    Parameters
-    ----------
-    luma : ndarray of float32, shape (height, width)
-        Luminance, 0 to 1.
-
-    Returns
-    -------
-    ndarray of float32, of the shape that :func:`halved_shape` gives
-        An odd last row or column is left out.
-
-    Source: ``docs/presets.md``.
-    """
-    height, width = halved_shape((luma.shape[0], luma.shape[1]))
-    even = luma[: 2 * height, : 2 * width]
-    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
-
-
 # ---- The layers of one video ---------------------------------------------------------------
 
 
@@ -293,7 +254,7 @@ class Photoreceptors:
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
             return False
-        return self._rest - oldest.before.at <= _TOO_YOUNG * self.stride
+        return self._rest - oldest.before.at <= TOO_YOUNG * self.stride
 
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
@@ -367,9 +328,9 @@ class Photoreceptors:
             return None
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
         lacking = younger[0].at - wanted
-        if lacking <= _TOO_YOUNG * self.stride and lacking < wanted - older[0].at:
+        if lacking <= TOO_YOUNG * self.stride and lacking < wanted - older[0].at:
             return younger
-        return older if older[0].at <= wanted + _TOO_YOUNG * self.stride else None
+        return older if older[0].at <= wanted + TOO_YOUNG * self.stride else None
 
     def _keep(self, record: _Record, luma: Map) -> None:
         """Keep a frame for later ones, unless it comes shortly after the one kept last."""

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
+from statistics import median
 from typing import TYPE_CHECKING, ClassVar
+
+import cv2
+import numpy as np
 
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
-from oppload_cli.models.dpc import MEMORY, Layers, halved, halved_shape
+from oppload_cli.models.dpc import MEMORY, TOO_YOUNG, Layers
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
 from oppload_cli.models.presets import DEFAULT_PRESET
@@ -15,7 +20,11 @@ from oppload_cli.models.presets import DEFAULT_PRESET
 if TYPE_CHECKING:
     from typing import Any
 
-    from oppload_cli.models.dpc import Map
+    from oppload_cli.models.dpc import Map, Photoreceptors
+    from oppload_cli.models.timebase import Clock
+
+_LATEST = 6  # steps from frame to frame, of which the median is taken
+_SMALLEST = 8  # times as small as the working frame
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,91 @@ class OpplodResponse(Response):
 
     opponency: float = 0.0
     calcium: float | None = None
+
+
+class _SmallerFrames:
+    """The DPC over a video made smaller, where the direction of faster edges can be told.
+
+    Frames one interval apart are compared at half their size. Where frames come every n intervals
+    only, they are compared over n intervals at 1/(2n) of their size: an edge then moves as many
+    pixels between the frames compared (``docs/time.md``).
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    params : OpplodParams
+        With the DPC constants.
+    clock : Clock
+        Tells the time of the frames.
+
+    Attributes
+    ----------
+    times : int
+        How many times as high and wide the working frame is, at least 2.
+    """
+
+    def __init__(self, shape: tuple[int, int], params: OpplodParams, clock: Clock) -> None:
+        self._shape, self._params, self._clock = shape, params, clock
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._steps: deque[float] = deque(maxlen=_LATEST)
+        self._begin(self._clock.step)
+
+    def _begin(self, step: float) -> None:
+        """Begin anew with frames that are `step` intervals apart."""
+        self._step = step
+        stride = min(_SMALLEST // 2, max(1, int(step / (1 - TOO_YOUNG))))
+        self.times = 2 * stride
+        height, width = (max(1, length // self.times) for length in self._shape)
+        layers = Layers((height, width), self._clock)
+        self._dpc = layers.dpc(self._params, self._params.both_axes, stride)
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; tell whether S is known."""
+        ready = self._dpc.step(smaller(luma, self.times))
+        self._steps.append(self.photoreceptors.elapsed)
+        usual = median(self._steps)
+        if len(self._steps) == _LATEST and abs(usual - self._step) > 0.75:
+            self._begin(usual)
+            return False
+        return ready
+
+    @property
+    def photoreceptors(self) -> Photoreceptors:
+        """P of the smaller frames."""
+        return self._dpc.layer.photoreceptors
+
+    @property
+    def pathways(self) -> dict[int, Map]:
+        """S_phi of the latest smaller frame, by direction phi in degrees."""
+        return self._dpc.layer.sums.pathways
+
+
+def smaller(luma: Map, times: int) -> Map:
+    """Return a frame made smaller: means of squares of pixels.
+
+    Parameters
+    ----------
+    luma : ndarray of float32, shape (height, width)
+        Luminance, 0 to 1.
+    times : int
+        Side of the squares in pixels, at least 1.
+
+    Returns
+    -------
+    ndarray of float32, shape (height // times, width // times), each at least 1
+        Rows and columns at the end that fill no square are left out.
+
+    Source: ``docs/presets.md``.
+    """
+    height, width = (max(1, length // times) for length in luma.shape)
+    squares = luma[: times * height, : times * width]
+    return np.asarray(
+        cv2.resize(squares, (width, height), interpolation=cv2.INTER_AREA), np.float32
+    )
 
 
 # The paper's model, made to work: none of the additions for real footage.
@@ -149,12 +243,9 @@ class Opplod(Detector):
         super().__init__(shape, params, **others)
         axes = self.params.both_axes
         self._dpc = self.layers.dpc(self.params, axes, self.params.stride)
-        # At half the size, and over one interval, an edge moves less far: the direction of a fast
-        # one can be told.
-        self._halved = None
+        self._smaller = None
         if self.params.halved_weight and self.params.judgement == "pooled":
-            small = Layers(halved_shape(shape), self.layers.clock)
-            self._halved = small.dpc(self.params, axes)
+            self._smaller = _SmallerFrames(shape, self.params, self.layers.clock)
         self.judgement = self._judgement()
 
     def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:
@@ -183,15 +274,15 @@ class Opplod(Detector):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._dpc.reset()
-        if self._halved:
-            self._halved.reset()
+        if self._smaller:
+            self._smaller.reset()
         self.judgement.reset()
 
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing; None until one of both sizes has an R."""
         ready = self._dpc.step(luma)
-        if self._halved:
-            ready |= self._halved.step(halved(luma))
+        if self._smaller:
+            ready |= self._smaller.step(luma)
         if not ready:
             return None
         seen = self._dpc.layer.photoreceptors
@@ -200,16 +291,16 @@ class Opplod(Detector):
         elif isinstance(self.judgement, ArmsJudgement):
             judgement = self.judgement.judge(self.pathways, seen, self._dpc.layer.kernels)
         else:
-            judgement = self.judgement.judge(self.pathways, seen, self._in_halved(self.judgement))
+            judgement = self.judgement.judge(self.pathways, seen, self._in_smaller(self.judgement))
         if judgement.response == 0:
             return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
         field = float(self.params.receptive_field or 0)
         box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
 
-    def _in_halved(self, judgement: PooledJudgement) -> Map | None:
+    def _in_smaller(self, judgement: PooledJudgement) -> Map | None:
         """Return R in the frame at half its size, once it answers (``docs/presets.md``)."""
-        if not self._halved:
+        frames = self._smaller
+        if not frames or not judgement.answers_to(frames.photoreceptors):
             return None
-        seen, sums = self._halved.layer.photoreceptors, self._halved.layer.sums
-        return judgement.opponency(sums.pathways, seen) if judgement.answers_to(seen) else None
+        return judgement.opponency(frames.pathways, frames.photoreceptors, frames.times)

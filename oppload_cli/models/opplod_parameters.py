@@ -125,13 +125,13 @@ class OpplodParams(_ArmParams):
     )
     halved_weight: float = parameter(
         2.0,
-        "weight of R in the frame at half its size, over one interval, with judgement=pooled; "
-        "0: not computed",
+        "weight of R in the frame at half its size, over one interval, with judgement=pooled; in a "
+        "smaller one where frames are further apart; 0: not computed",
         low=0,
         high=1000,
     )
     persistence: float = parameter(
-        0.5,
+        0.45,
         "share of R that a unit keeps after an interval, or after a picture where they are rarer",
         low=0,
         high=0.99,

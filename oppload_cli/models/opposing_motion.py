@@ -15,7 +15,7 @@ import numpy as np
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.background import Background
 from oppload_cli.models.detector import UnitMaps
-from oppload_cli.models.dpc import halved_shape, referred
+from oppload_cli.models.dpc import referred
 from oppload_cli.models.kernels import Kernels
 
 if TYPE_CHECKING:
@@ -289,16 +289,18 @@ def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMap
     cell, field = params.cell or 1, params.receptive_field or 0
     centres_y, centres_x = (cell_centres(length, cell) for length in shape)
     none = np.zeros((len(centres_y), len(centres_x)), np.float32)
-    sigma = params.pool_sigma * cell
-    maps = UnitMaps(none, {}, centres_y, centres_x, float(field), sigma)
-    down, across = _pooling(maps, shape, params.border)
+    maps = UnitMaps(none, {}, centres_y, centres_x, float(field), params.pool_sigma * cell)
+    down, across = _pooling(maps, shape, params)
     return maps, down, across
 
 
-def _pooling(maps: UnitMaps, shape: tuple[int, int], border: int, size: float = 1) -> list[Map]:
-    """Return the weights, down and across, that pool maps at `size` times the working size."""
+def _pooling(
+    maps: UnitMaps, shape: tuple[int, ...], params: OpplodParams, times: int = 1
+) -> list[Map]:
+    """Return the weights, down and across, that pool maps `times` smaller than the frame."""
+    sigma, border = params.pool_sigma * (params.cell or 1) / times, params.border // times
     return [
-        pooling_weights(length, centres * size, maps.spread * size, border)
+        pooling_weights(length, centres / times, sigma, border)
         for length, centres in zip(shape, (maps.centres_y, maps.centres_x), strict=True)
     ]
 
@@ -326,9 +328,7 @@ class PooledJudgement:
     ) -> None:
         self._params, self._per_second = params, per_second
         maps, *pooling = units_at_rest(shape, params)
-        small = halved_shape(shape)
-        # By the shape of the maps.
-        self._pooling = {small: _pooling(maps, small, params.border // 2, 0.5), shape: pooling}
+        self._pooling = {1: pooling}  # by how many times smaller the maps are
         # A power of a Gaussian is a Gaussian, wider where the power is below 1.
         self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
         reach = int(maps.field / 2 // (params.cell or 1))
@@ -361,15 +361,19 @@ class PooledJudgement:
         """
         return seen.motion_lasts if self._params.history else seen.ready
 
-    def opponency(self, pathways: Mapping[int, Map], seen: Photoreceptors | None = None) -> Maps:
+    def opponency(
+        self, pathways: Mapping[int, Map], seen: Photoreceptors | None = None, times: int = 1
+    ) -> Maps:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
 
         Parameters
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees, of the frame or of the frame at half its size.
+            S_phi by direction phi in degrees, of the working frame or of a smaller one.
         seen : Photoreceptors, optional
             From which they were made, for what depends on the interval and on what came before.
+        times : int
+            How many times as high and wide the working frame is, at least 1.
 
         Returns
         -------
@@ -380,7 +384,10 @@ class PooledJudgement:
         """
         one, other = self._params.both_axes
         directions = one, other, one + 180, other + 180
-        down, across = self._pooling[pathways[one].shape]
+        if times not in self._pooling:
+            shape = pathways[one].shape
+            self._pooling[times] = _pooling(self.maps, shape, self._params, times)
+        down, across = self._pooling[times]
         pooled = pool([pathways[phi] for phi in directions], down, across)
         if seen is not None and seen.share != 1:
             e = self._excitation * pool(seen.maps[:1], down, across)
@@ -406,7 +413,7 @@ class PooledJudgement:
         self,
         pathways: Mapping[int, Map],
         seen: Photoreceptors | None = None,
-        halved: Map | None = None,
+        smaller: Map | None = None,
     ) -> Judgement:
         """Judge the S maps of the four pathways.
 
@@ -416,7 +423,7 @@ class PooledJudgement:
             S_phi by direction phi in degrees.
         seen : Photoreceptors, optional
             As for `opponency`.
-        halved : ndarray of float32, shape (2, rows, columns), optional
+        smaller : ndarray of float32, shape (2, rows, columns), optional
             R in the frame at half its size, which is added.
 
         Returns
@@ -429,10 +436,10 @@ class PooledJudgement:
         both = np.zeros_like(self._kept)
         if seen is None or self.answers_to(seen):
             both += self.opponency(pathways, seen)
-        elif halved is None:
+        elif smaller is None:
             self._kept[:] = 0  # as before the first response
-        if halved is not None:
-            both += np.float32(params.halved_weight) * halved
+        if smaller is not None:
+            both += np.float32(params.halved_weight) * smaller
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
             # Also where pictures are rarer, so that a chance response to one does not pass alone.

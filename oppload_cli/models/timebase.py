@@ -84,6 +84,8 @@ class Clock:
         Presentation time in seconds of the frame that is given now; None where nobody tells it.
     per_second : float
         Intervals per second.
+    step : float
+        Intervals from frame to frame, by the frame rate of the video.
     """
 
     def __init__(self, params: TimeParams | None = None, frame_rate: float | None = None) -> None:
@@ -91,7 +93,7 @@ class Clock:
         known = frame_rate if frame_rate and math.isfinite(frame_rate) else None
         self._counts = per_second is None
         self.per_second = per_second or known or float(1 / _REFERENCE_S)
-        self._step = 1.0 if self._counts or not known else nearly_one(self.per_second / known)
+        self.step = 1.0 if self._counts or not known else nearly_one(self.per_second / known)
         self.time_s: float | None = None
 
     def now(self, before: float | None) -> float:
@@ -111,7 +113,7 @@ class Clock:
             now = float(self.time_s) * self.per_second  # a NumPy number would widen the maps
             if before is None or now > before:
                 return now
-        return 0.0 if before is None else before + self._step
+        return 0.0 if before is None else before + self.step
 
 
 def nearly_one(ratio: float) -> float:

@@ -204,6 +204,6 @@ def test_the_opponency_at_half_the_size_is_added() -> None:
     maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
     r = judgement.opponency(maps)
     other = rng.random(r.shape, dtype=np.float32)
-    judged = judgement.judge(maps, halved=other).opponency
+    judged = judgement.judge(maps, smaller=other).opponency
     assert judged == pytest.approx((r + 0.5 * other)[0].max())
     assert judged > judgement.judge(maps).opponency

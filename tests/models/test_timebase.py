@@ -12,8 +12,12 @@ from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.dlgmd import DlgmdParams
 from oppload_cli.models.dpc import Dpc, Layers, Photoreceptors, excitation, referred
 from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import has_history
 from oppload_cli.models.timebase import Clock, TimeParams, time_params
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.sources import StimulusVideo
+from oppload_cli.stimulus.catalogue import load
 from tests.media import disk
 from tests.presets import DEFAULT, REFERENCE
 
@@ -188,6 +192,20 @@ def test_a_looming_disk_has_the_same_peak_at_any_rate(name: str, rate: float, mo
     assert 1 / most <= here / there <= most
 
 
+def peak_of_the_default(rate: int, l_over_v_ms: int) -> float:
+    changes = {"disk.growth.l_over_v_ms": l_over_v_ms, "display.frame_rate": rate}
+    video = StimulusVideo(load("klapoetke2017/loom-l-over-v", changes), 240)
+    found = [record.responses["opplod"] for record in analyse(video, [DEFAULT], rmo=None)]
+    return max(each.response for each in found if each)
+
+
+@pytest.mark.parametrize("l_over_v_ms", [40, 80])
+@pytest.mark.parametrize("rate", [10, 12, 15, 24])
+def test_few_frames_per_second_keep_half_of_the_peak(rate: int, l_over_v_ms: int) -> None:
+    share = peak_of_the_default(rate, l_over_v_ms) / peak_of_the_default(30, l_over_v_ms)
+    assert 0.5 <= share <= 1.1
+
+
 @pytest.mark.parametrize("name", ["opplod", "dlgmd"])
 @pytest.mark.parametrize("rate", [60, 90, 120, 240])
 def test_frames_between_change_nothing_at_the_same_times(name: str, rate: int) -> None:
@@ -212,6 +230,28 @@ def test_the_adaptation_begins_alike_at_any_rate() -> None:
     for rate, (response, time_s) in peaks.items():
         assert response == pytest.approx(peaks[30][0], rel=0.25), rate
         assert time_s == pytest.approx(peaks[30][1], abs=0.065), rate
+
+
+@pytest.mark.parametrize(("rate", "alike_from"), [(12, 10), (15, 10), (20, 0), (30, 0), (60, 0)])
+def test_pictures_rarer_than_the_video_says_are_seen_at_their_own_rate(
+    rate: int, alike_from: int
+) -> None:
+    """After six steps the size at which they are compared goes by their times."""
+    params = DEFAULT.replaced(persistence=0, adaptation_level=0)
+    series = []
+    for told in (30, rate):
+        clock = Clock(frame_rate=told)
+        model = Opplod((SIZE, SIZE), params, layers=Layers((SIZE, SIZE), clock))
+        found = []
+        for t in range(18):
+            clock.time_s = t / rate
+            answer = model.step(disk(SIZE, 60, 60, 3 + 48 * (t / 18) ** 2))
+            found.append(answer.opponency if answer else 0.0)
+        series.append(found)
+    one, other = series
+    assert min(one[alike_from:][-8:]) > 0
+    assert one[alike_from:] == pytest.approx(other[alike_from:], rel=1e-6)
+    assert (one == pytest.approx(other, rel=1e-6)) == (alike_from == 0)
 
 
 # ---- Rest ----------------------------------------------------------------------------------
