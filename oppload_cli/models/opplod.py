@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map, Photoreceptors
     from oppload_cli.models.timebase import Clock
 
-_LATEST = 6  # steps from frame to frame, of which the median is taken
-_SMALLEST = 8  # times as small as the working frame
+_FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
+_LONGEST = 4  # intervals over which smaller frames are compared
 
 
 @dataclass(frozen=True)
@@ -83,27 +83,28 @@ class _SmallerFrames:
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._steps: deque[float] = deque(maxlen=_LATEST)
-        self._begin(self._clock.step)
+        self._steps: deque[float] = deque(maxlen=_MANY)
+        self._begin(_longest_interval(self._clock.step))
 
-    def _begin(self, step: float) -> None:
-        """Begin anew with frames that are `step` intervals apart."""
-        self._step = step
-        stride = min(_SMALLEST // 2, max(1, int(step / (1 - TOO_YOUNG))))
-        self.times = 2 * stride
+    def _begin(self, intervals: int) -> None:
+        self._intervals, self.times = intervals, 2 * intervals
         height, width = (max(1, length // self.times) for length in self._shape)
         layers = Layers((height, width), self._clock)
-        self._dpc = layers.dpc(self._params, self._params.both_axes, stride)
+        self._dpc = layers.dpc(self._params, self._params.both_axes, intervals)
 
-    def step(self, luma: Map) -> bool:
-        """Take the next frame; tell whether S is known."""
-        ready = self._dpc.step(smaller(luma, self.times))
-        self._steps.append(self.photoreceptors.elapsed)
-        usual = median(self._steps)
-        if len(self._steps) == _LATEST and abs(usual - self._step) > 0.75:
-            self._begin(usual)
-            return False
-        return ready
+    def step(self, luma: Map, elapsed: float) -> bool:
+        """Take the next frame, `elapsed` intervals after the one before; tell whether S is known.
+
+        Pictures may be rarer than the video's frames, which say so only by and by.
+        """
+        self._steps.append(elapsed)
+        if len(self._steps) >= _FEW:
+            # Rarer pictures are believed soon; a few missed repeats do not make them frequent.
+            latest = list(self._steps)
+            intervals = _longest_interval(max(median(latest[-_FEW:]), median(latest)))
+            if intervals != self._intervals:
+                self._begin(intervals)
+        return self._dpc.step(smaller(luma, self.times))
 
     @property
     def photoreceptors(self) -> Photoreceptors:
@@ -114,6 +115,11 @@ class _SmallerFrames:
     def pathways(self) -> dict[int, Map]:
         """S_phi of the latest smaller frame, by direction phi in degrees."""
         return self._dpc.layer.sums.pathways
+
+
+def _longest_interval(step: float) -> int:
+    """Return the longest one, in intervals, that frames `step` intervals apart can be seen over."""
+    return min(_LONGEST, max(1, int(step / (1 - TOO_YOUNG))))
 
 
 def smaller(luma: Map, times: int) -> Map:
@@ -282,7 +288,7 @@ class Opplod(Detector):
         """Take the next frame: MDE, OMJ, enhancing; None until one of both sizes has an R."""
         ready = self._dpc.step(luma)
         if self._smaller:
-            ready |= self._smaller.step(luma)
+            ready |= self._smaller.step(luma, self._dpc.layer.photoreceptors.elapsed)
         if not ready:
             return None
         seen = self._dpc.layer.photoreceptors
