@@ -33,7 +33,7 @@ DEFAULT = (("opplod", "default"),)
 # The encoder leaves less texture, and with it less background, to a small picture. Without the
 # adaptation these peaks are within 2 %.
 LOST = {
-    ("opplod, default", "360 rows, CRF 18"): 0.5,
+    ("opplod, default", "360 rows, CRF 18"): 0.52,
     ("opplod, default", "2160 rows, CRF 18"): 0.2,
 }
 
@@ -59,8 +59,9 @@ GENERATED = (
     # A picture of the small disk is taken for a repeat: the clock begins with short intervals.
     Case("12 in 30, CRF 23", 0.06, 0.07),
     Case("twice, CRF 28", 0.005, 0.03, alarms=False),  # 0.05 s earlier, by the encoder
-    # 27 of 45 repeats are missed while the disk is small: the clock begins 10 pictures before.
-    Case("12 in 30, CRF 28", 0.02, 0.03),
+    # 27 of 45 repeats are missed while the disk is small: the clock begins 10 pictures before, and
+    # frames are seen at half their size for longer, so that the alarm comes 0.1 s later.
+    Case("12 in 30, CRF 28", 0.02, 0.04, alarms=False),
 )
 # The encoder codes the pictures themselves otherwise where they are repeated.
 TC22 = (
@@ -68,7 +69,7 @@ TC22 = (
     Case("12 in 30, exactly", 0.005, 0.005),
     Case("twice, CRF 23", 0.005, 0.07),
     Case("12 in 30, CRF 23", 0.005, 0.1),
-    Case("twice, CRF 28", 0.03, 0.3),
+    Case("twice, CRF 28", 0.1, 0.36),
     Case("12 in 30, CRF 28", 0.005, 0.07),
 )
 # Peaks are below the alarm's floor; `compared` takes those below a quarter of it for equal. Its
@@ -76,10 +77,10 @@ TC22 = (
 C38 = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.005, 0.005),
-    Case("twice, CRF 23", 0.16, 0.22, alarms=False),
+    Case("twice, CRF 23", 0.005, 0.06, alarms=False),
     Case("12 in 30, CRF 23", 0.005, 0.005, alarms=False),
-    Case("twice, CRF 28", 0.15, 0.3, alarms=False),
-    Case("12 in 30, CRF 28", 0.02, 0.02, alarms=False),
+    Case("twice, CRF 28", 0.16, 0.3, alarms=False),
+    Case("12 in 30, CRF 28", 0.23, 0.23, alarms=False),
 )
 
 
