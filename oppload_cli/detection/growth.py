@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
+from oppload_cli.models.dpc import smaller
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -76,7 +78,7 @@ class Picture:
             Below 0 beyond the frame.
         """
         while level >= len(self._levels):
-            self._levels.append(_halved(self._levels[-1]))
+            self._levels.append(smaller(self._levels[-1], 2))
         x, y, half_x, half_y = region
         scale = 0.5**level
         step_x, step_y = 2 * half_x / SIDE * scale, 2 * half_y / SIDE * scale
@@ -92,13 +94,6 @@ class Picture:
             borderValue=_BEYOND,
         )
         return np.asarray(samples, np.float32)
-
-
-def _halved(image: Map) -> Map:
-    """Average squares of two pixels; a last odd row or column is left out."""
-    height, width = (max(1, side // 2) for side in image.shape)
-    even = image[: 2 * height, : 2 * width]  # OpenCV is fast where all squares are equal
-    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.float32)
 
 
 def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) -> Growth | None:

@@ -118,7 +118,7 @@ def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -
         out.pathways[axis + 180][:] = rectified(e, i - i_phi)
 
 
-# ---- Other intervals than the reference ----------------------------------------------------
+# ---- Other intervals and sizes -------------------------------------------------------------
 
 
 AnyValues = TypeVar("AnyValues", float, "Map")
@@ -153,6 +153,30 @@ def referred(s: AnyValues, excitation: AnyValues, share: float, *, directional: 
     else:
         result = np.maximum(less, squared if directional else 0)
     return result
+
+
+def smaller(luma: Map, times: int) -> Map:
+    """Return a frame made smaller: means of squares of pixels.
+
+    Parameters
+    ----------
+    luma : ndarray of float32, shape (height, width)
+        Luminance, 0 to 1.
+    times : int
+        Side of the squares in pixels, at least 1.
+
+    Returns
+    -------
+    ndarray of float32, shape (height // times, width // times), each at least 1
+        Rows and columns at the end that fill no square are left out.
+
+    Source: ``docs/presets.md``.
+    """
+    height, width = (max(1, length // times) for length in luma.shape)
+    squares = luma[: times * height, : times * width]
+    return np.asarray(
+        cv2.resize(squares, (width, height), interpolation=cv2.INTER_AREA), np.float32
+    )
 
 
 # ---- The layers of one video ---------------------------------------------------------------

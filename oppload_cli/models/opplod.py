@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, ClassVar
 
-import cv2
-import numpy as np
-
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
-from oppload_cli.models.dpc import MEMORY, TOO_YOUNG, Layers
+from oppload_cli.models.dpc import MEMORY, TOO_YOUNG, Layers, smaller
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
 from oppload_cli.models.presets import DEFAULT_PRESET
@@ -93,13 +90,11 @@ class _SmallerFrames:
         self._dpc = layers.dpc(self._params, self._params.both_axes, intervals)
 
     def step(self, luma: Map, elapsed: float) -> bool:
-        """Take the next frame, `elapsed` intervals after the one before; tell whether S is known.
-
-        Pictures may be rarer than the video's frames, which say so only by and by.
-        """
+        """Take the next frame, which is `elapsed` intervals later; tell whether S is known."""
         self._steps.append(elapsed)
         if len(self._steps) >= _FEW:
-            # Rarer pictures are believed soon; a few missed repeats do not make them frequent.
+            # Where repeats are left out, pictures come at a lower rate than the video's. It counts
+            # soon, and a higher one only later: some of the steps may be repeats that were missed.
             latest = list(self._steps)
             intervals = _longest_interval(max(median(latest[-_FEW:]), median(latest)))
             if intervals != self._intervals:
@@ -118,32 +113,8 @@ class _SmallerFrames:
 
 
 def _longest_interval(step: float) -> int:
-    """Return the longest one, in intervals, that frames `step` intervals apart can be seen over."""
+    """Return how many intervals frames are compared over that are `step` intervals apart."""
     return min(_LONGEST, max(1, int(step / (1 - TOO_YOUNG))))
-
-
-def smaller(luma: Map, times: int) -> Map:
-    """Return a frame made smaller: means of squares of pixels.
-
-    Parameters
-    ----------
-    luma : ndarray of float32, shape (height, width)
-        Luminance, 0 to 1.
-    times : int
-        Side of the squares in pixels, at least 1.
-
-    Returns
-    -------
-    ndarray of float32, shape (height // times, width // times), each at least 1
-        Rows and columns at the end that fill no square are left out.
-
-    Source: ``docs/presets.md``.
-    """
-    height, width = (max(1, length // times) for length in luma.shape)
-    squares = luma[: times * height, : times * width]
-    return np.asarray(
-        cv2.resize(squares, (width, height), interpolation=cv2.INTER_AREA), np.float32
-    )
 
 
 # The paper's model, made to work: none of the additions for real footage.
