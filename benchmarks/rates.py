@@ -1,12 +1,15 @@
 """Measure how responses depend on the frame rate: the table and the figure of ``docs/time.md``.
 
-    python -m benchmarks.rates [--phases N] [--figure docs/time.png] [--controls]
+    python -m benchmarks.rates [--phases N] [--figure docs/time.png]
+    python -m benchmarks.rates --controls
+    python -m benchmarks.rates --clips MANIFEST.csv
 
 Looming disks are drawn at the times of the frames, at 10 to 240 frames/s and with dropped and
 jittered frames, and go through the analysis of ``oppload run``. Two frames of the same disk at
 30 frames/s may differ in the peak, because a sample hits or misses the last moment: every rate
 is shown with `--phases` shifts of its first frame, and compared with the mean at 30 frames/s.
-Frames end where the disk stops to grow.
+Frames end where the disk stops to grow. `--clips` gives the alarms as shipped on labelled clips of
+which every frame, every second or every third one is shown.
 """
 
 from __future__ import annotations
@@ -15,11 +18,17 @@ import argparse
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
 from oppload_cli.detection.parameters import alarm_params, place_params
+from oppload_cli.evaluation.detectors import evaluated_detectors
+from oppload_cli.evaluation.evaluate import outputs_of
+from oppload_cli.evaluation.manifest import read_manifest
+from oppload_cli.evaluation.metrics.alarms import shipped
+from oppload_cli.evaluation.metrics.clips import Clip
+from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.models.timebase import FRAME, TimeParams
 from oppload_cli.pipeline.analysis import analyse
@@ -27,13 +36,17 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.video.frames import Frame, Picture
+from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from numpy.typing import NDArray
 
+    from oppload_cli.evaluation.detectors import EvaluatedDetector
+    from oppload_cli.evaluation.manifest import Entry
     from oppload_cli.stimulus.protocol import Protocol
+    from oppload_cli.video.frames import FrameSource
 
     Times = NDArray[np.float64]
     Table = dict[tuple[tuple[str, str, str], float, str], tuple[float, ...]]
@@ -224,15 +237,63 @@ def controls() -> Iterator[str]:
                     )
 
 
+class Thinned:
+    """Every nth frame of an open video."""
+
+    def __init__(self, video: FrameSource, every: int) -> None:
+        rate = video.facts.frame_rate
+        self.facts = replace(video.facts, frame_rate=rate / every if rate else None)
+        self.working, self._video, self._every = video.working, video, every
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame in self._video:
+            if frame.index % self._every == 0:
+                yield replace(frame, index=frame.index // self._every)
+
+
+def thinned(entry: Entry, detector: EvaluatedDetector, every: int) -> Clip:
+    """Run a detector over every nth frame of a labelled clip."""
+    with open_video(cast("Path", entry.path), height=detector.height) as video:
+        times, outputs = outputs_of(Thinned(video, every), [detector])
+        facts = video.facts
+    label = entry.label
+    if label.onset is not None and label.contact is not None:
+        contact = min(label.contact // every, len(times) - 1)
+        label = replace(label, onset=label.onset // every, contact=contact)
+    return Clip(label, times, facts.width, facts.height, outputs)
+
+
+def on_clips(manifest: Path) -> Iterator[str]:
+    """Yield the table of alarms as shipped on labelled clips of which fewer frames are shown."""
+    yield "| shown | detector | detected | lead (s) | false alarms per minute |"
+    yield "|---|---|---|---|---|"
+    for every in (1, 2, 3):
+        for detector in evaluated_detectors(["opplod:default", "opplod:reference", "dlgmd"]):
+            clips = [thinned(entry, detector, every) for entry in read_manifest(manifest).entries]
+            draws = draws_of([clip.label.looming for clip in clips], 1)
+            decision = shipped(clips, detector.name, draws)
+            if decision is None:  # a detector without an alarm
+                continue
+            found = decision.outcomes
+            minutes = sum(clip.seconds(*clip.quiet) for clip in clips) / 60
+            lead = f"{np.nanmedian(found.lead_s):.2f}" if np.nansum(found.detected) else ""
+            yield (
+                f"| 1 of {every} | {detector.name} | {np.nansum(found.detected):.0f} of "
+                f"{np.isfinite(found.detected).sum()} | {lead} | "
+                f"{np.nansum(found.false_alarms) / minutes:.2f} |"
+            )
+
+
 def main() -> None:
     """Measure, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--phases", type=int, default=3)
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--controls", action="store_true")
+    parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv")
     arguments = parser.parse_args()
-    if arguments.controls:
-        for line in controls():
+    if arguments.controls or arguments.clips:
+        for line in on_clips(arguments.clips) if arguments.clips else controls():
             print(line, flush=True)
         return
     after = measured(arguments.phases, "1/30", RATES)
