@@ -1,6 +1,6 @@
 """Measure how responses depend on the frame rate: the table and the figure of ``docs/time.md``.
 
-    python -m benchmarks.rates [--phases N] [--figure docs/time.png]
+    python -m benchmarks.rates [--phases N] [--figure docs/time.png] [--preset NAME]
     python -m benchmarks.rates --controls
     python -m benchmarks.rates --clips MANIFEST.csv
 
@@ -8,8 +8,9 @@ Looming disks are drawn at the times of the frames, at 10 to 240 frames/s and wi
 jittered frames, and go through the analysis of ``oppload run``. Two frames of the same disk at
 30 frames/s may differ in the peak, because a sample hits or misses the last moment: every rate
 is shown with `--phases` shifts of its first frame, and compared with the mean at 30 frames/s.
-Frames end where the disk stops to grow. `--clips` gives the alarms as shipped on labelled clips of
-which every frame, every second or every third one is shown.
+Frames end where the disk stops to grow. With `--preset` OppLoD alone runs, under that preset.
+`--clips` gives the alarms as shipped on labelled clips of which every frame, every second or every
+third one is shown.
 """
 
 from __future__ import annotations
@@ -49,7 +50,8 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import FrameSource
 
     Times = NDArray[np.float64]
-    Table = dict[tuple[tuple[str, str, str], float, str], tuple[float, ...]]
+    Case = tuple[str, str, str]  # the disk, the preset and the detector
+    Table = dict[tuple[Case, float, str], tuple[float, ...]]
 
 RATES = (10, 15, 24, 25, 30, 50, 60, 90, 120, 240)
 DISKS = {
@@ -117,9 +119,7 @@ def frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
     return within
 
 
-def shown(
-    case: tuple[str, str, str], rate: float, kind: str, phase: float, interval: str
-) -> Result:
+def shown(case: Case, rate: float, kind: str, phase: float, interval: str) -> Result:
     """Run one detector on one disk."""
     name, preset, model = case
     protocol, end_s = disk(name)
@@ -140,18 +140,18 @@ def shown(
     return Result(peak, -peak_s, alarms[0] if alarms else np.nan)
 
 
-def mean_of(
-    case: tuple[str, str, str], rate: float, kind: str, phases: int, interval: str
-) -> list[Result]:
+def mean_of(case: Case, rate: float, kind: str, phases: int, interval: str) -> list[Result]:
     """Return the results at all shifts of the first frame."""
     count = phases if rate <= 60 or kind else 1
     return [shown(case, rate, kind, shift / count, interval) for shift in range(count)]
 
 
-def measured(phases: int, interval: str, rates: tuple[float, ...]) -> Table:
+def measured(
+    phases: int, interval: str, rates: tuple[float, ...], cases: tuple[Case, ...] = CASES
+) -> Table:
     """Return, by case and by rate and kind, mean and extremes of the peak, and the times."""
     table: Table = {}
-    for case in CASES:
+    for case in cases:
         there = mean_of(case, 30, "", phases, interval)
         reference = Result(*np.mean(there, axis=0))
         kinds = [(30, "dropped"), (30, "jittered"), (60, "dropped and jittered")]
@@ -289,6 +289,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--phases", type=int, default=3)
     parser.add_argument("--figure", type=Path)
+    parser.add_argument("--preset")
     parser.add_argument("--controls", action="store_true")
     parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv")
     arguments = parser.parse_args()
@@ -296,7 +297,9 @@ def main() -> None:
         for line in on_clips(arguments.clips) if arguments.clips else controls():
             print(line, flush=True)
         return
-    after = measured(arguments.phases, "1/30", RATES)
+    preset = arguments.preset
+    cases = tuple((name, preset, "opplod") for name in DISKS) if preset else CASES
+    after = measured(arguments.phases, "1/30", RATES, cases)
     print("\n".join(markdown(after)))
     if arguments.figure:
         draw(arguments.figure, measured(1, FRAME, (10, 15, 24, 30, 60, 120, 240)), after)

@@ -10,5 +10,6 @@ from oppload_cli.models.registry import parameters_of
 
 DEFAULT = OpplodParams()
 REFERENCE = cast("OpplodParams", parameters_of("opplod", "reference"))
+LPLC2 = cast("OpplodParams", parameters_of("opplod", "lplc2"))
 PLACES = place_params("reference")  # of the objects that REFERENCE shows
 PAPER = cast("OpplodParams", parameters_of("opplod", "paper"))

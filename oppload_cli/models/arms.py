@@ -8,6 +8,7 @@ motion towards the middle, across the arm, and all motion in the field suppress 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map, Photoreceptors
     from oppload_cli.models.kernels import Kernels
     from oppload_cli.models.opplod_parameters import OpplodParams
+    from oppload_cli.models.opposing_motion import Maps
 
 DIRECTIONS = 0, 90, 180, 270  # of the arms, in degrees
 _ARM_EDGE = 4.0  # degrees: how gradually the weight of an arm falls at the edge of its cone
@@ -180,8 +182,11 @@ class ArmsJudgement:
 
     def reset(self) -> None:
         """Forget the frames that have passed."""
-        self._suppression = np.zeros((len(DIRECTIONS), *self.maps.responses.shape), np.float32)
         self._calcium = np.zeros_like(self.maps.responses)
+        nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
+        self._now = 0.0  # intervals
+        # Suppression goes from interval to interval, so that frames between change nothing.
+        self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, nothing)])
 
     def judge(self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels) -> Judgement:
         """Judge the motion of one frame.
@@ -205,9 +210,15 @@ class ArmsJudgement:
         everywhere, moving = self.pooled(pathways, seen, kernels)
         self.maps = self.maps._replace(pathways=dict(zip(DIRECTIONS, moving, strict=True)))
         amount = _over(everywhere, self._field)
-        kept = smoothing(seen.elapsed, params.suppression_s * self._per_second)
+        self._now += seen.elapsed
+        while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
+            self._suppressions.popleft()
+        then, before = self._suppressions[0]
+        kept = smoothing(max(1.0, self._now - then), params.suppression_s * self._per_second)
+        suppressions = before.copy()
+        self._suppressions.append((self._now, suppressions))
         total = np.zeros_like(amount)
-        for arm, suppression in enumerate(self._suppression):
+        for arm, suppression in enumerate(suppressions):
             across = moving[(arm + 1) % 4] + moving[(arm + 3) % 4]
             against = params.inward * moving[(arm + 2) % 4] + params.lateral * across
             now = _over(against, self._suppressed[arm]) + params.surround * amount

@@ -19,12 +19,13 @@ from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load
 from tests.media import disk
-from tests.presets import DEFAULT, REFERENCE
+from tests.presets import DEFAULT, LPLC2, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from oppload_cli.models.detector import Response
+    from oppload_cli.models.opplod_parameters import OpplodParams
     from tests.media import Luma
 
 pytestmark = pytest.mark.once
@@ -170,9 +171,9 @@ def test_s_over_the_reference_interval_stays_as_it_is() -> None:
     assert referred(0.3, 0.7, 1.0, directional=True) == pytest.approx(0.3)
 
 
-def responses(rate: float, name: str) -> dict[float, Response]:
+def responses(rate: float, name: str, params: OpplodParams = REFERENCE) -> dict[float, Response]:
     """A disk that grows faster and faster, from 0.2 to 7/15 s."""
-    bank = DetectorBank((SIZE, SIZE), [REFERENCE, DlgmdParams()])
+    bank = DetectorBank((SIZE, SIZE), [params, DlgmdParams()])
     answers = {}
     for t in range(1 + int(rate * 7 / 15 + 1e-9)):
         radius = 5 + 500 * max(0.0, t / rate - 0.2) ** 2
@@ -213,6 +214,18 @@ def test_frames_between_change_nothing_at_the_same_times(name: str, rate: int) -
     there = [each.response for each in responses(30, name).values()]
     assert max(there) > 0
     assert [here[number] for number in range(3, 3 + len(there))] == there
+
+
+@pytest.mark.parametrize("rate", [60, 90, 120, 240])
+def test_frames_between_change_nothing_for_the_slow_suppression(rate: int) -> None:
+    """Preset `lplc2` goes from interval to interval."""
+    here = {
+        round(30 * time_s, 6): each.response
+        for time_s, each in responses(rate, "opplod", LPLC2).items()
+    }
+    there = [each.response for each in responses(30, "opplod", LPLC2).values()]
+    assert max(there) > 0.1
+    assert [here[number] for number in range(3, 3 + len(there))] == pytest.approx(there, rel=1e-5)
 
 
 def test_the_adaptation_begins_alike_at_any_rate() -> None:
