@@ -267,6 +267,24 @@ def test_pictures_rarer_than_the_video_says_are_seen_at_their_own_rate(
     assert (one == pytest.approx(other, rel=1e-6)) == (alike_from == 0)
 
 
+def test_a_few_missed_repeats_do_not_change_the_size() -> None:
+    """After a change the smaller frames would have no answer for three frames."""
+    times = np.cumsum([1 / 12] * 13 + [1 / 30] * 3)
+    found = []
+    for weight in (0.0, 2.0):
+        clock = Clock(frame_rate=12)
+        params = DEFAULT.replaced(
+            persistence=0, adaptation_level=0, history=0, halved_weight=weight
+        )
+        model = Opplod((SIZE, SIZE), params, layers=Layers((SIZE, SIZE), clock))
+        for time_s in times:
+            clock.time_s = time_s
+            answer = model.step(disk(SIZE, 60, 60, 3 + 20 * time_s**2))
+        assert answer is not None
+        found.append(answer.opponency)
+    assert found[1] > 1.2 * found[0] > 0
+
+
 # ---- Rest ----------------------------------------------------------------------------------
 
 
