@@ -185,7 +185,7 @@ class ArmsJudgement:
         self._calcium = np.zeros_like(self.maps.responses)
         nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
         self._now = 0.0  # intervals
-        # Suppression goes from interval to interval, so that frames between change nothing.
+        # Of one interval ago and since then.
         self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, nothing)])
 
     def judge(self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels) -> Judgement:
@@ -211,6 +211,8 @@ class ArmsJudgement:
         self.maps = self.maps._replace(pathways=dict(zip(DIRECTIONS, moving, strict=True)))
         amount = _over(everywhere, self._field)
         self._now += seen.elapsed
+        # From the suppression of an interval ago, so that frames between change nothing. Times
+        # add up with rounding: a hundredth of an interval decides nothing.
         while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
             self._suppressions.popleft()
         then, before = self._suppressions[0]

@@ -93,8 +93,8 @@ class _SmallerFrames:
         """Take the next frame, which is `elapsed` intervals later; tell whether S is known."""
         self._steps.append(elapsed)
         if len(self._steps) >= _FEW:
-            # Where repeats are left out, pictures come at a lower rate than the video's. It counts
-            # soon, and a higher one only later: some of the steps may be repeats that were missed.
+            # Where repeats are left out, pictures come at a lower rate than the video says. A lower
+            # rate counts soon, a higher one later: short steps may come from missed repeats.
             latest = list(self._steps)
             intervals = _longest_interval(max(median(latest[-_FEW:]), median(latest)))
             if intervals != self._intervals:
@@ -113,7 +113,7 @@ class _SmallerFrames:
 
 
 def _longest_interval(step: float) -> int:
-    """Return how many intervals frames are compared over that are `step` intervals apart."""
+    """Return over how many intervals to compare frames that are `step` intervals apart."""
     return min(_LONGEST, max(1, int(step / (1 - TOO_YOUNG))))
 
 

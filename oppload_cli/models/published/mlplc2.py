@@ -253,8 +253,8 @@ class Mlplc2(ChangeDetector):
         self._drive(*self._slots)
         self._compress()
         # Most pixels do not move: only the others are computed.
-        for now, earlier in zip(self._active, self._earlier, strict=True):
-            self._moves[now] = self._moves[earlier] = True
+        for active, earlier in zip(self._active, self._earlier, strict=True):
+            self._moves[active] = self._moves[earlier] = True
         moving = np.flatnonzero(self._moves & self._inner)
         self._motion[:, :, moving] *= 1 - low_pass_share(self._interval_ms, _MOTION_MS)
         for motion, pair, now, before in zip(
@@ -285,17 +285,17 @@ class Mlplc2(ChangeDetector):
         self._now, self._former = self._former, self._now
         oldest, self._earlier = self._earlier, self._active
         self._active = [np.flatnonzero(each > self._limit) for each in self._signal]
-        for now, signal, former, at in zip(
+        for compressed, signal, former, at in zip(
             self._now, self._signal, oldest, self._active, strict=True
         ):
-            now[former] = 0
+            compressed[former] = 0
             own = signal[at]
-            now[at] = np.tanh(own / (_HALF_COMPRESSED + own * self._reach[at]))
+            compressed[at] = np.tanh(own / (_HALF_COMPRESSED + own * self._reach[at]))
 
     def _pairs(self) -> Iterator[Places]:
         """Yield the pixels that correlate: those with a signal now or in the frame before."""
-        for now, earlier in zip(self._active, self._earlier, strict=True):
-            either = np.union1d(now, earlier)
+        for active, earlier in zip(self._active, self._earlier, strict=True):
+            either = np.union1d(active, earlier)
             yield either[self._inner[either]]
 
     def _attend(self, at: Places, motion: Plane) -> Mlplc2Response:
