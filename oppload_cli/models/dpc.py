@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import cv2
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
 TOO_YOUNG = 1 / 8  # of an interval that a frame may lack and count as one interval old
+_FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
 _MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
 
 
@@ -233,6 +235,7 @@ class Photoreceptors:
         self.frames = 0
         self.elapsed = self.share = 1.0
         self._now: float | None = None
+        self._steps: deque[float] = deque(maxlen=_MANY)
         self._rest = 0.0  # when the latest frame without any change was
         self._latest = _Record(0.0)
         self._lumas: deque[tuple[_Record, Map]] = deque()
@@ -279,6 +282,19 @@ class Photoreceptors:
         if oldest is None or oldest.before is None:
             return False
         return self._rest - oldest.before.at <= TOO_YOUNG * self.stride
+
+    @property
+    def usual_step(self) -> float:
+        """Reference intervals from frame to frame, as a rule.
+
+        By the declared rate, then the median of the latest steps. Where repeats are left out,
+        pictures come at a lower rate than the video says. A lower rate counts soon, a higher one
+        later: short steps may come from missed repeats.
+        """
+        latest = list(self._steps)
+        if len(latest) < _FEW:
+            return self._clock.step
+        return max(median(latest[-_FEW:]), median(latest))
 
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
@@ -339,6 +355,7 @@ class Photoreceptors:
         if self._now is None or (compared and not record.mean):
             self._rest = record.at
         self.elapsed = 1.0 if self._now is None else nearly_one(record.at - self._now)
+        self._steps.append(self.elapsed)
         self._keep(record, luma)
         self._now, self.frames = record.at, self.frames + 1
         return self.ready

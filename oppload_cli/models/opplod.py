@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
-from statistics import median
 from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
@@ -20,7 +18,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map, Photoreceptors
     from oppload_cli.models.timebase import Clock
 
-_FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
 _LONGEST = 4  # intervals over which smaller frames are compared
 
 
@@ -80,7 +77,6 @@ class _SmallerFrames:
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._steps: deque[float] = deque(maxlen=_MANY)
         self._begin(_longest_interval(self._clock.step))
 
     def _begin(self, intervals: int) -> None:
@@ -89,16 +85,14 @@ class _SmallerFrames:
         layers = Layers((height, width), self._clock)
         self._dpc = layers.dpc(self._params, self._params.both_axes, intervals)
 
-    def step(self, luma: Map, elapsed: float) -> bool:
-        """Take the next frame, which is `elapsed` intervals later; tell whether S is known."""
-        self._steps.append(elapsed)
-        if len(self._steps) >= _FEW:
-            # Where repeats are left out, pictures come at a lower rate than the video says. A lower
-            # rate counts soon, a higher one later: short steps may come from missed repeats.
-            latest = list(self._steps)
-            intervals = _longest_interval(max(median(latest[-_FEW:]), median(latest)))
-            if intervals != self._intervals:
-                self._begin(intervals)
+    def step(self, luma: Map, usual_step: float) -> bool:
+        """Take the next frame; tell whether S is known.
+
+        `usual_step` is the number of intervals from frame to frame, as a rule.
+        """
+        intervals = _longest_interval(usual_step)
+        if intervals != self._intervals:
+            self._begin(intervals)
         return self._dpc.step(smaller(luma, self.times))
 
     @property
@@ -259,7 +253,7 @@ class Opplod(Detector):
         """Take the next frame: MDE, OMJ, enhancing; None until one of both sizes has an R."""
         ready = self._dpc.step(luma)
         if self._smaller:
-            ready |= self._smaller.step(luma, self._dpc.layer.photoreceptors.elapsed)
+            ready |= self._smaller.step(luma, self._dpc.layer.photoreceptors.usual_step)
         if not ready:
             return None
         seen = self._dpc.layer.photoreceptors

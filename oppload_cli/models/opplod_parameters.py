@@ -132,7 +132,7 @@ class OpplodParams(_ArmParams):
     )
     persistence: float = parameter(
         0.45,
-        "share of R that a unit keeps after an interval, or after a picture where they are rarer",
+        "share of R that a unit keeps after an interval; a picture counts for 1.3 of them at most",
         low=0,
         high=0.99,
     )

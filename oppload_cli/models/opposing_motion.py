@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 
 _BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
+_MOST_ELAPSED = 1.3  # intervals that persistence lets pass with one picture
 _POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
 
 
@@ -442,8 +443,9 @@ class PooledJudgement:
             both += np.float32(params.halved_weight) * smaller
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
-            # Also where pictures are rarer, so that a chance response to one does not pass alone.
-            weight = 1 - params.persistence ** min(elapsed, 1.0)
+            # So that a chance response to one picture does not pass alone where they are rare.
+            most = min(_MOST_ELAPSED, max(1.0, seen.usual_step)) if seen else 1.0
+            weight = 1 - params.persistence ** min(elapsed, most)
             cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)
             both = self._kept.copy()
         both *= self._gains

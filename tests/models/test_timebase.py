@@ -204,7 +204,35 @@ def peak_of_the_default(rate: int, l_over_v_ms: int) -> float:
 @pytest.mark.parametrize("rate", [10, 12, 15, 24])
 def test_few_frames_per_second_keep_half_of_the_peak(rate: int, l_over_v_ms: int) -> None:
     share = peak_of_the_default(rate, l_over_v_ms) / peak_of_the_default(30, l_over_v_ms)
-    assert 0.5 <= share <= 1.1
+    assert 0.55 <= share <= 1.3
+
+
+@pytest.mark.parametrize(
+    ("rate", "steps"), [(60, 0.5), (30, 1), (25, 1.2), (24, 1.25), (20, 1.3), (12, 1.3)]
+)
+def test_persistence_goes_by_time_down_to_23_frames_per_second(rate: int, steps: float) -> None:
+    dropped = 12  # frames; a single dropped frame does not make pictures rare
+    params = DEFAULT.replaced(adaptation_level=0)
+    kept, plain = (
+        Opplod((SIZE, SIZE), each, layers=Layers((SIZE, SIZE), Clock(frame_rate=rate)))
+        for each in (params, params.replaced(persistence=0))
+    )
+    expected = np.zeros_like(kept.units.responses)
+    largest, before = 0.0, -1
+    for t in range(24):
+        if t == dropped:
+            continue
+        for model in (kept, plain):
+            model.layers.clock.time_s = t / rate
+            answer = model.step(disk(SIZE, 60, 60, 3 + 48 * (t / 24) ** 2))
+        elapsed, before = (t - before) * 30 / rate, t
+        if answer is None:
+            continue
+        share = 0.45 ** min(elapsed, max(1, steps))
+        expected = share * expected + (1 - share) * np.sqrt(plain.units.responses)
+        assert np.sqrt(kept.units.responses) == pytest.approx(expected, rel=1e-4, abs=1e-6)
+        largest = max(largest, expected.max())
+    assert largest > 0.1
 
 
 @pytest.mark.parametrize("name", ["opplod", "dlgmd"])
@@ -323,7 +351,7 @@ def test_a_pause_before_changes_nothing_under_the_default(rate: int) -> None:
     moving = [disk(240, 120, 120, 2 + 48 * t / rate) for t in range(round(0.8 * rate))]
     series = []
     for pause in (0, round(0.4 * rate)):
-        bank = DetectorBank((240, 240), [DEFAULT])
+        bank = DetectorBank((240, 240), [DEFAULT], rate)
         shown = [moving[0]] * pause + moving
         answers = [bank.step(frame, t / rate)["opplod"] for t, frame in enumerate(shown)]
         series.append([each.response if each else 0.0 for each in answers[pause:]])
