@@ -22,8 +22,8 @@ from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detect
 from oppload_cli.evaluation.evaluate import analyse_clips
 from oppload_cli.evaluation.manifest import read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.alarms import Thresholds
+from oppload_cli.evaluation.metrics.clips import ordered_pairs
 from oppload_cli.evaluation.metrics.measures import places
-from oppload_cli.evaluation.metrics.windows import ordered_pairs
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load_all

@@ -23,9 +23,12 @@ import sys, time
 import numpy as np
 from oppload_cli import DlgmdParams, OpplodParams
 from oppload_cli.models import registry
-from oppload_cli.models import bank as module
 # Checkouts from before the registry of detectors call the bank ModelBank.
-Bank = getattr(module, "DetectorBank", None) or module.ModelBank
+try:
+    from oppload_cli.models.registry import DetectorBank as Bank
+except ImportError:
+    from oppload_cli.models import bank as module
+    Bank = getattr(module, "DetectorBank", None) or module.ModelBank
 frames = np.random.default_rng(0).random((8, 240, 427), dtype=np.float32)
 # Before 1.0 the parameters of preset reference were the default ones.
 named = "reference" in __import__("oppload_cli.models.presets").models.presets.PRESETS

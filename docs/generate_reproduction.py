@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from oppload_cli.reproduction.report import introduction, presets_of, tally
+from oppload_cli.reproduction.claims import introduction, presets_of, tally
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

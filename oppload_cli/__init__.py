@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from oppload_cli.detection.parameters import AlarmParams, PlaceParams, alarm_params
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
-    from oppload_cli.models.bank import DetectorBank
     from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
     from oppload_cli.models.dpc import Layers
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.opplod import Opplod, OpplodResponse
     from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.models.presets import PRESETS
-    from oppload_cli.models.registry import detectors, parameters_of, register
+    from oppload_cli.models.registry import DetectorBank, detectors, parameters_of, register
     from oppload_cli.motion.rmo import RmoMetrics, RmoParams
     from oppload_cli.pipeline.analysis import analyse
     from oppload_cli.pipeline.sources import open_source
@@ -43,8 +42,8 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Tuning, read_tuning
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.frames import Frame
+    from oppload_cli.video.inputs import Position, Span
     from oppload_cli.video.source import Video, open_video
-    from oppload_cli.video.span import Position, Span
 
 
 __all__ = [
@@ -104,7 +103,6 @@ _MODULES = {
     "detection.parameters": ("AlarmParams", "PlaceParams", "alarm_params"),
     "detection.places": ("Detection",),
     "errors": ("OpploadError",),
-    "models.bank": ("DetectorBank",),
     "models.detector": ("Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),
     "models.dpc": ("Layers",),
@@ -113,7 +111,7 @@ _MODULES = {
     "models.opplod": ("Opplod", "OpplodResponse"),
     "models.opplod_parameters": ("OpplodParams",),
     "models.presets": ("PRESETS",),
-    "models.registry": ("detectors", "parameters_of", "register"),
+    "models.registry": ("DetectorBank", "detectors", "parameters_of", "register"),
     "motion.rmo": ("RmoMetrics", "RmoParams"),
     "pipeline.analysis": ("analyse",),
     "pipeline.sources": ("open_source",),
@@ -124,8 +122,8 @@ _MODULES = {
     "results.reading": ("Tuning", "read_tuning"),
     "results.table": ("FrameRecord",),
     "video.frames": ("Frame",),
+    "video.inputs": ("Position", "Span"),
     "video.source": ("Video", "open_video"),
-    "video.span": ("Position", "Span"),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 

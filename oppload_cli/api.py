@@ -22,7 +22,7 @@ from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading as tables
-from oppload_cli.results.writing import detection_line, detection_values, write_sidecar
+from oppload_cli.results.table import detection_line, detection_values, write_sidecar
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
 from oppload_cli.video.inputs import result_stem

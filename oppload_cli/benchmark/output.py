@@ -17,7 +17,7 @@ from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import open_table
 from oppload_cli.models.registry import detectors
 from oppload_cli.plots.style import PAGE, SHADES, png_bytes, save, styled_figure
-from oppload_cli.results.writing import write_sidecar
+from oppload_cli.results.table import write_sidecar
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

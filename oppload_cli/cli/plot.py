@@ -13,7 +13,7 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
-from oppload_cli.video.span import parse_position
+from oppload_cli.video.inputs import parse_position
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -37,7 +37,7 @@ def reproduce(
     the verdict, and index.html, one page with all of it; figure lplc2 also gives lplc2.csv with
     all its peaks.
     """
-    from oppload_cli.reproduction.report import FIGURES, TABLES, build, chosen, files_of
+    from oppload_cli.reproduction.claims import FIGURES, TABLES, build, chosen, files_of
 
     if listed:
         click.echo("\n".join(FIGURES))

@@ -20,8 +20,8 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.files.reading import text_of
 from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
+from oppload_cli.video.inputs import Span, parse_position
 from oppload_cli.video.opening import Opening, is_video_file
-from oppload_cli.video.span import Span, parse_position
 
 
 @click.command(short_help="run looming detectors on videos")

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from oppload_cli.cli.options import RunOptions
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.pipeline.task import Outcome
+    from oppload_cli.video.inputs import Span
     from oppload_cli.video.opening import Opening
-    from oppload_cli.video.span import Span
 
 
 _STANDARD_OUTPUT = "-"

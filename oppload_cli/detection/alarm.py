@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.detection.parameters import AlarmParams
-from oppload_cli.models.background import Background
+from oppload_cli.models.timebase import Background
 
 if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.detection.extent import Extent, Products
-from oppload_cli.detection.growth import Contact, Picture, growth
+from oppload_cli.detection.growth import Contact, Extent, Picture, Products, growth
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.detector import Box
 from oppload_cli.models.timebase import NEARLY_ONE

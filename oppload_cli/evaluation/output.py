@@ -15,9 +15,7 @@ from oppload_cli.evaluation.metrics.alarms import (
     SILENCE_S,
     condition_of,
 )
-from oppload_cli.evaluation.metrics.intervals import LEVEL, SEED
-from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
-from oppload_cli.evaluation.metrics.windows import (
+from oppload_cli.evaluation.metrics.clips import (
     AHEAD,
     LEAST_S,
     WINDOW_S,
@@ -25,6 +23,8 @@ from oppload_cli.evaluation.metrics.windows import (
     tiled,
     without_approach,
 )
+from oppload_cli.evaluation.metrics.intervals import LEVEL, SEED
+from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
 from oppload_cli.evaluation.page import NOTHING, number, page_of, pictures, worst
 from oppload_cli.evaluation.plots import PLOTS, drawn
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
@@ -35,9 +35,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.evaluation.evaluate import Evaluation
-    from oppload_cli.evaluation.metrics.clips import Clip
+    from oppload_cli.evaluation.metrics.clips import Clip, Window
     from oppload_cli.evaluation.metrics.intervals import Measurement
-    from oppload_cli.evaluation.metrics.windows import Window
     from oppload_cli.files.tables import Cell
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from oppload_cli.evaluation.detectors import colour_of, label_of
 from oppload_cli.evaluation.metrics.alarms import RATES, condition_of
-from oppload_cli.evaluation.metrics.windows import AHEAD
+from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.plots.style import DASHES, FAINT, INK, png_bytes, styled_figure
 
 if TYPE_CHECKING:

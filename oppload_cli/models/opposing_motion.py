@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
-from oppload_cli.models.background import Background
 from oppload_cli.models.detector import UnitMaps
 from oppload_cli.models.dpc import referred
 from oppload_cli.models.kernels import Kernels
+from oppload_cli.models.timebase import Background
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

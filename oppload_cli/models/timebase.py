@@ -1,12 +1,15 @@
 """Time: when each frame is presented, and how the models count it (``docs/time.md``).
 
 The step of the models is a time, the interval, and not a frame: the paper and the authors of
-D-LGMD took it from one frame of 30 per second to the next.
+D-LGMD took it from one frame of 30 per second to the next. The background of a response, its
+recent median, goes by times too.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
+from collections import deque
 from dataclasses import dataclass
 from fractions import Fraction
 from statistics import median
@@ -22,6 +25,7 @@ _SHORTEST_S, _LONGEST_S = 1e-4, 10.0
 NEARLY_ONE = 0.03  # times in files are rounded, often to milliseconds
 _USUAL_RATE = 30.0  # frames/s, where nothing is known
 _MOST_STEPS = 1 << 10  # from frame to frame, of which the median is taken
+_MOST_VALUES = 1 << 14  # of a background, also where times stand still
 _CONTRADICTION = 0.1  # of the declared rate
 _LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
 
@@ -208,3 +212,56 @@ class FrameTimes:
                 f"below {_LEAST_RATE:.0f} expect missed approaches"
             )
         return notes
+
+
+class Background:
+    """The median of the recent responses, at most 16384 of them.
+
+    Parameters
+    ----------
+    reach : float
+        How far back it reaches, in the unit of the times, above 0.
+    guard : float
+        The latest time that is not yet background, at least 0: an event must not raise the
+        background that it is compared with.
+    """
+
+    def __init__(self, reach: float, guard: float) -> None:
+        self._reach = reach
+        self._guard = guard
+        self._waiting: deque[tuple[float, float]] = deque()
+        self._counted: deque[tuple[float, float]] = deque()
+        self._sorted: list[float] = []
+
+    def reset(self) -> None:
+        """Forget all values."""
+        self._waiting.clear()
+        self._counted.clear()
+        self._sorted.clear()
+
+    def step(self, value: float, time: float) -> float:
+        """Take the next value.
+
+        Parameters
+        ----------
+        value : float
+            A finite number.
+        time : float
+            When it was; never before the value that came last.
+
+        Returns
+        -------
+        float
+            The median of the background before it (of an even number of values, the
+            upper one in the middle); 0 where there is none yet.
+        """
+        while self._waiting and self._waiting[0][0] < time - self._guard:
+            counted = self._waiting.popleft()
+            self._counted.append(counted)
+            insort(self._sorted, counted[1])
+        oldest = time - self._guard - self._reach
+        while self._counted and (self._counted[0][0] < oldest or len(self._counted) > _MOST_VALUES):
+            del self._sorted[bisect_left(self._sorted, self._counted.popleft()[1])]
+        if len(self._waiting) < _MOST_VALUES:
+            self._waiting.append((time, value))
+        return self._sorted[len(self._sorted) // 2] if self._sorted else 0.0

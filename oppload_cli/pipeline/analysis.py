@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from oppload_cli.detection.alarm import Alarm, Cuts
 from oppload_cli.detection.parameters import alarm_params_with, place_params
 from oppload_cli.detection.places import Detections
-from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
-from oppload_cli.models.registry import default_names, detector_of, parameters_of
+from oppload_cli.models.registry import DetectorBank, default_names, detector_of, parameters_of
 from oppload_cli.models.timebase import NEARLY_ONE, FrameTimes, TimeParams, time_params
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics

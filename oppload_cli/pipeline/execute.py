@@ -26,9 +26,9 @@ from oppload_cli.pipeline.task import Interrupted, Outcome, Task, exists_already
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
+from oppload_cli.video.inputs import Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import Optics
-from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

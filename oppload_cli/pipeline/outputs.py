@@ -11,7 +11,7 @@ from oppload_cli.errors import BusyError, OutputError
 from oppload_cli.files.atomic import PartFile, output_errors, part_of
 from oppload_cli.files.tables import Table
 from oppload_cli.models.registry import placing_detector
-from oppload_cli.results.writing import DetectionsFile, write_sidecar
+from oppload_cli.results.table import DetectionsFile, write_sidecar
 from oppload_cli.video.inputs import ANNOTATED
 
 if TYPE_CHECKING:

@@ -15,10 +15,10 @@ from oppload_cli.files.reading import reading
 from oppload_cli.models.presets import NATIVE
 from oppload_cli.pipeline.outputs import IfExists
 from oppload_cli.results.alarms import verdicts_in
-from oppload_cli.results.writing import SCHEMA
+from oppload_cli.results.table import SCHEMA
 from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.inputs import Span
 from oppload_cli.video.optics import FOV, Optics
-from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

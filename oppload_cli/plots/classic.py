@@ -11,7 +11,6 @@ from matplotlib.ticker import MaxNLocator
 
 from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.naming import described, wrapped
 from oppload_cli.plots.style import (
     COLUMN,
     DASHES,
@@ -21,7 +20,9 @@ from oppload_cli.plots.style import (
     PAGE,
     SHADES,
     TITLE_WIDTH,
+    described,
     styled_figure,
+    wrapped,
 )
 from oppload_cli.reference.published import BOTH_ENDS_OVER_ONE
 

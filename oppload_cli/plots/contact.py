@@ -10,7 +10,6 @@ import numpy as np
 
 from oppload_cli.errors import ResultError
 from oppload_cli.plots.classic import FEW, Request, column_of, legend_above
-from oppload_cli.plots.naming import described, wrapped
 from oppload_cli.plots.style import (
     COLUMN,
     DASHES,
@@ -19,7 +18,9 @@ from oppload_cli.plots.style import (
     LEGEND_WIDTH,
     MOST_HEIGHT,
     PAGE,
+    described,
     styled_figure,
+    wrapped,
 )
 from oppload_cli.reference.published import AngularThreshold, angular_thresholds
 from oppload_cli.results.reading import check_numbers

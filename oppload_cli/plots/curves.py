@@ -10,7 +10,6 @@ from matplotlib.lines import Line2D
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.naming import in_two_lines, labels_of, wrapped
 from oppload_cli.plots.panels import (
     BAR_STEP,
     FLOOR,
@@ -36,8 +35,11 @@ from oppload_cli.plots.style import (
     SHADES,
     TITLE_WIDTH,
     as_list,
+    in_two_lines,
+    labels_of,
     norm_of,
     styled_figure,
+    wrapped,
 )
 from oppload_cli.results.reading import find_truth
 

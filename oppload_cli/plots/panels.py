@@ -11,12 +11,14 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.naming import in_number_order, labels_of, wrapped
 from oppload_cli.plots.style import (
     CYCLE,
     DASHES,
     INK,
     LEGEND_WIDTH,
+    in_number_order,
+    labels_of,
+    wrapped,
 )
 from oppload_cli.results.reading import result_threshold
 

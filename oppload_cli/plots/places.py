@@ -10,11 +10,10 @@ from matplotlib.patches import Rectangle
 from oppload_cli.errors import ResultError, SourceError
 from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detectors, placing_detector
-from oppload_cli.plots.naming import wrapped
-from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure
+from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
 from oppload_cli.results.reading import check_numbers, find_video, result_threshold
+from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.source import open_video
-from oppload_cli.video.span import Position, Span
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,6 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.naming import differences, wrapped
 from oppload_cli.plots.style import (
     COLUMN,
     DASHES,
@@ -20,7 +19,9 @@ from oppload_cli.plots.style import (
     MOST_HEIGHT,
     PAGE,
     TITLE_WIDTH,
+    differences,
     styled_figure,
+    wrapped,
 )
 from oppload_cli.reference.published import BAR_WIDTHS, bar_tuning
 

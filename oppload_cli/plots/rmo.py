@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.errors import ResultError
-from oppload_cli.plots.naming import labels_of, wrapped
-from oppload_cli.plots.style import COLUMN, CYCLE, FAINT, INK, TITLE_WIDTH, as_list, styled_figure
+from oppload_cli.plots.style import (
+    COLUMN,
+    CYCLE,
+    FAINT,
+    INK,
+    TITLE_WIDTH,
+    as_list,
+    labels_of,
+    styled_figure,
+    wrapped,
+)
 from oppload_cli.results.reading import check_numbers
 
 if TYPE_CHECKING:

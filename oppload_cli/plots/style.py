@@ -1,11 +1,18 @@
-"""The look of every figure, and how it is saved: the same result gives the same bytes."""
+"""The look of every figure, the names of the results in it, and how it is saved.
+
+The same result gives the same bytes. The names say how the results differ, in the order of their
+numbers.
+"""
 
 from __future__ import annotations
 
 import io
+import re
+import textwrap
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import matplotlib as mpl
@@ -14,14 +21,17 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from oppload_cli import palette
-from oppload_cli.errors import ParameterError
+from oppload_cli.errors import ParameterError, printable
 from oppload_cli.files.atomic import write_atomic
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from oppload_cli.results.reading import Result
+
 
 T = TypeVar("T")
 
@@ -35,6 +45,16 @@ PAGE = 17.8 / 2.54  # inches: two columns
 MOST_HEIGHT = 23 / 2.54  # inches: that of a page
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
 DECADES = 4  # of a logarithmic heat map
+_PARAMETER_UNITS = {
+    "_deg_s": "deg/s",
+    "_deg": "deg",
+    "_ms": "ms",
+    "_hz": "Hz",
+    "_per_s": "1/s",
+    "_s": "s",
+}
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
 _STYLE: Any = {  # Any: the stubs list every key that matplotlib has
     "font.family": "DejaVu Sans",
     "font.size": 7.5,
@@ -152,3 +172,142 @@ def check_suffix(path: Path) -> None:
     """
     if path.suffix.lower() not in METADATA:
         raise ParameterError(f"{path}: a figure's name ends in .png, .svg or .pdf; rename it")
+
+
+def labels_of(results: Sequence[Result], given: Sequence[str] = ()) -> list[str]:
+    """Return a short name for each result.
+
+    Parameters
+    ----------
+    results : sequence of Result
+        At least one.
+    given : sequence of str
+        The user's names; then there must be one for each result.
+
+    Returns
+    -------
+    list of str
+        What differs between the inputs' names, such as ``l/v 10`` and ``l/v 20``; of results of
+        the same input what differs between their presets or parameters, or else their paths.
+
+    Raises
+    ------
+    ParameterError
+        If there are labels, but not one for each result.
+    """
+    if given:
+        if len(given) != len(results):
+            raise ParameterError(
+                f"{len(given)} label{'s' * (len(given) > 1)} for {len(results)} "
+                f"result{'s' * (len(results) > 1)}; "
+                "give one for each, or none"
+            )
+        return [_plain(label) for label in given]
+    return [_plain(name) for name in _told_apart(results)]
+
+
+def _told_apart(results: Sequence[Result]) -> list[str]:
+    titles = [result.title for result in results]
+    if len(results) == 1:
+        return titles
+    if len(set(titles)) == len(titles):
+        return differences(titles)
+    settings = _settings_of(results)
+    if len(set(settings)) == len(settings):
+        return settings
+    return differences([f"{result.path.parent.name}/{result.stem}" for result in results])
+
+
+def _settings_of(results: Sequence[Result]) -> list[str]:
+    """Return the presets of the results, or the parameters that differ between them."""
+    presets = [str(result.sidecar.get("preset", "")) for result in results]
+    if len(set(presets)) == len(results):
+        return [f"preset {preset}" for preset in presets]
+    tables = [dict(_flat(result.sidecar.get("parameters"))) for result in results]
+    keys = [key for key in tables[0] if len({repr(table.get(key)) for table in tables}) > 1]
+    return [", ".join(f"{key} {table.get(key)}" for key in keys) for table in tables]
+
+
+def _flat(table: object, prefix: str = "") -> Iterable[tuple[str, Any]]:
+    if not isinstance(table, dict):
+        return
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def differences(names: Sequence[str]) -> list[str]:
+    """Return names without the words that all begin with, and those that all end with.
+
+    A number keeps the word before it: ``loom-l-over-v-10.avi`` and ``loom-l-over-v-20.avi`` give
+    ``l/v 10`` and ``l/v 20``. Names that differ in nothing stay as they are.
+    """
+    plain = [re.sub(r"l-over-v[-_]?", "l/v ", name) for name in names]
+    split = [_WORDS.findall(name) for name in plain]
+    begin = _shared(split)
+    end = _shared([words[begin:][::-1] for words in split])
+    if any(len(words) == begin + end or _NUMBER.fullmatch(words[begin]) for words in split):
+        while begin and not split[0][begin - 1][0].isalpha():
+            begin -= 1
+        begin = max(0, begin - 1)
+    made = ["".join(words[begin : len(words) - end]).strip(" -_./") for words in split]
+    only_suffixes = begin and split[0][begin - 1] == "." and not end
+    return plain if only_suffixes or len(set(made)) < len(set(names)) else made
+
+
+def _shared(split: Sequence[Sequence[str]]) -> int:
+    """Return how many words all begin with."""
+    return sum(1 for _ in takewhile(lambda words: len(set(words)) == 1, zip(*split, strict=False)))
+
+
+def in_number_order(labels: Sequence[str]) -> list[int]:
+    """Return the order of labels in which 9 comes before 10.
+
+    Labels without a number, or with the same ones, stay in the order in which they were given.
+    """
+
+    def key(at: int) -> tuple[list[float], int]:
+        return [float(number) for number in _NUMBER.findall(labels[at])], at
+
+    text = {_NUMBER.sub("", label) for label in labels}
+    return sorted(range(len(labels)), key=key) if len(text) == 1 else list(range(len(labels)))
+
+
+def wrapped(text: str, width: int) -> str:
+    """Return a text in lines of at most so many characters; nothing of it is cut."""
+    lines = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
+    return _plain("\n".join(each for line in lines for each in line))
+
+
+def in_two_lines(name: str) -> str:
+    """Return a name in two lines of like length, if it is longer than 36 characters."""
+    return wrapped(name, max(36, len(name) // 2 + 8))
+
+
+def _plain(text: str) -> str:
+    """Return a text that a figure shows as it is: no formula, and every character can be drawn."""
+    lines = (printable(line) for line in text.split("\n"))
+    return re.sub(r"(?<!\\)\$", r"\\$", "\n".join(lines))
+
+
+def described(parameter: str) -> str:
+    """Return the label of an axis over a swept parameter, with its unit.
+
+    Parameters
+    ----------
+    parameter : str
+        A dotted key: ``disk.growth.speed_deg_s`` gives ``speed (deg/s)``.
+    """
+    *_, owner, leaf = ("", *parameter.split("."))
+    if leaf in {"right", "up"}:  # of a place, which is in degrees
+        return f"{leaf} (deg)"
+    if leaf == "l_over_v_ms":
+        return "l/v (ms)"
+    if leaf == "end_deg":
+        return "final size (deg)"
+    for suffix, unit in _PARAMETER_UNITS.items():
+        if leaf.endswith(suffix):
+            return f"{leaf.removesuffix(suffix).replace('_', ' ')} ({unit})"
+    return f"{owner} {leaf}".replace("_", " ").strip()

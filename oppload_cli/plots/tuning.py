@@ -10,7 +10,6 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.classic import FEW, FIGURES, Request
 from oppload_cli.plots.contact import contact_lines, plot_contact
-from oppload_cli.plots.naming import described, wrapped
 from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
@@ -22,8 +21,10 @@ from oppload_cli.plots.style import (
     SHADES,
     TITLE_WIDTH,
     as_list,
+    described,
     norm_of,
     styled_figure,
+    wrapped,
 )
 from oppload_cli.results.reading import check_numbers
 

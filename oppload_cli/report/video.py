@@ -16,9 +16,9 @@ from oppload_cli.files.atomic import PartFile, output_errors
 from oppload_cli.processes.pool import Seldom
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.colour import BT709, Colour, colour_size
+from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.recording import Recording
 from oppload_cli.video.source import DEFAULT_IMAGE_RATE, source_of
-from oppload_cli.video.span import Position, Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -16,8 +16,7 @@ from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.files.tables import open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.table import ModelSummary, columns_for
-from oppload_cli.results.writing import SCHEMA
+from oppload_cli.results.table import SCHEMA, ModelSummary, columns_for
 from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError, SourceError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.models.registry import default_names, known_names
-from oppload_cli.results.table import columns_for
-from oppload_cli.results.writing import SCHEMA
+from oppload_cli.results.table import SCHEMA, columns_for
 from oppload_cli.video.inputs import NUMBER
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from oppload_cli.files.tables import formatted
 from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.processes.pool import results
 from oppload_cli.results.reading import direction_of
-from oppload_cli.results.writing import write_sidecar
+from oppload_cli.results.table import write_sidecar
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Measures, measure, present
 

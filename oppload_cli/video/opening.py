@@ -26,8 +26,7 @@ from oppload_cli.processes import cores, signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.video.frames import DecodeFacts, Picture, working_size
-from oppload_cli.video.inputs import IMAGE_SUFFIXES
-from oppload_cli.video.span import Span
+from oppload_cli.video.inputs import IMAGE_SUFFIXES, Span
 
 if sys.platform != "win32":
     import resource

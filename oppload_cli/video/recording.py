@@ -156,7 +156,7 @@ class Recording:
         ----------
         picture : ndarray of uint8, shape (height, width, 3)
             Blue, green and red; or a frame in the file's own format, from
-            :meth:`oppload_cli.video.colour.Colour.planes`.
+            :meth:`oppload_cli.video.luminance.Colour.planes`.
         time_s : float
             Its presentation time in seconds; the first one's becomes 0. One that is
             not later than the one before is put right after it; where the clock jumps

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Self
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.frames import LEAST_AHEAD, Frame, frames_ahead, working_size
-from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
+from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, Span
 from oppload_cli.video.luminance import Luminance
-from oppload_cli.video.span import Span
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.reproduction.report import FIGURES, MARKS
+from oppload_cli.reproduction.claims import FIGURES, MARKS
 from tests.cli.inside import oppload, run
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from oppload_cli.detection.extent import Products
+from oppload_cli.detection.growth import Products
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.detection.places import focus, peaks
 from oppload_cli.models.detector import UnitMaps

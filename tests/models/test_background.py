@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oppload_cli.models import background
-from oppload_cli.models.background import Background
+from oppload_cli.models import timebase
+from oppload_cli.models.timebase import Background
 
 # In eighths, so that sums and differences of times are exact.
 STEPS = st.lists(
@@ -55,7 +55,7 @@ def test_reset_forgets_all() -> None:
 def test_what_it_remembers_is_bounded(
     monkeypatch: pytest.MonkeyPatch, step: float, guard: float
 ) -> None:
-    monkeypatch.setattr(background, "MOST", 50)
+    monkeypatch.setattr(timebase, "_MOST_VALUES", 50)
     running = Background(1e9, guard)
     for count in range(500):
         running.step(float(count), count * step)

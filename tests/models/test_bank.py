@@ -9,11 +9,11 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import registry
-from oppload_cli.models.bank import DetectorBank
 from oppload_cli.models.detector import Detector, Response
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.opplod import Opplod, OpplodResponse
+from oppload_cli.models.registry import DetectorBank
 from oppload_cli.schema import Parameters
 from tests.arithmetic import many_bands
 from tests.media import looming

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.plots.naming import differences, in_number_order, labels_of, wrapped
+from oppload_cli.plots.style import differences, in_number_order, labels_of, wrapped
 from oppload_cli.results.reading import read_result
 from tests.results.make import write_result
 

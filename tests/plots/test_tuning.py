@@ -11,9 +11,8 @@ from scipy import stats
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.contact import PeakTimes, student_t
-from oppload_cli.plots.naming import described
 from oppload_cli.plots.polar import direction_tunings
-from oppload_cli.plots.style import MOST_HEIGHT
+from oppload_cli.plots.style import MOST_HEIGHT, described
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference.published import bar_tuning, lplc2_peaks
 from oppload_cli.results.reading import is_tuning, read_tuning

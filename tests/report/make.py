@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from oppload_cli.results.writing import SCHEMA
+from oppload_cli.results.table import SCHEMA
 from oppload_cli.version import __version__
 from tests.media import write_video
 from tests.results.make import write_rows

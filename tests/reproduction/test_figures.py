@@ -10,8 +10,7 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.motion.rmo import rmo
 from oppload_cli.reproduction import bars, direction, looming, thresholds
-from oppload_cli.reproduction.claims import Verdict
-from oppload_cli.reproduction.report import FIGURES, build, chosen
+from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen
 from oppload_cli.reproduction.rmo import _construct, definition
 from oppload_cli.tuning.present import Responses
 

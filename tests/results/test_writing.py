@@ -4,7 +4,7 @@ import json
 import math
 from typing import TYPE_CHECKING
 
-from oppload_cli.results.writing import DetectionsFile, detection_line, detection_values
+from oppload_cli.results.table import DetectionsFile, detection_line, detection_values
 from tests.annotation.records import detection, record
 
 if TYPE_CHECKING:

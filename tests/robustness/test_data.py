@@ -17,7 +17,7 @@ from PIL import Image
 from oppload_cli.errors import ParameterError, ResultError, ShortageError, shortage
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
-from oppload_cli.plots.naming import wrapped
+from oppload_cli.plots.style import wrapped
 from oppload_cli.results import reading
 from oppload_cli.results.reading import read_result
 from oppload_cli.schema import parsed_fraction

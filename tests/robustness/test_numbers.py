@@ -20,9 +20,9 @@ from oppload_cli.pipeline.outputs import Outputs
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import Task
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, working_size
+from oppload_cli.video.inputs import Span, parse_position
 from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.source import open_video
-from oppload_cli.video.span import Span, parse_position
 from tests.cli.process import oppload
 from tests.media import grey_frames, looming, write_video
 

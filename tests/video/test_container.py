@@ -11,8 +11,8 @@ from oppload_cli.errors import SourceError
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
+from oppload_cli.video.inputs import Span, parse_position
 from oppload_cli.video.source import open_video
-from oppload_cli.video.span import Span, parse_position
 from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.video.span import Position, Span, parse_position
+from oppload_cli.video.inputs import Position, Span, parse_position
 
 
 @pytest.mark.parametrize(

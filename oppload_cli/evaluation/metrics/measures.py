@@ -18,18 +18,18 @@ from oppload_cli.evaluation.metrics.alarms import (
     held_out,
     shipped,
 )
-from oppload_cli.evaluation.metrics.intervals import (
-    Measurement,
-    estimate,
-    weighted_mean,
-    weighted_median,
-)
-from oppload_cli.evaluation.metrics.windows import (
+from oppload_cli.evaluation.metrics.clips import (
     AHEAD,
     Curve,
     curve,
     ordered_pairs,
     scored,
+)
+from oppload_cli.evaluation.metrics.intervals import (
+    Measurement,
+    estimate,
+    weighted_mean,
+    weighted_median,
 )
 
 if TYPE_CHECKING:

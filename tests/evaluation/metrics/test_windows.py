@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.evaluation.metrics.windows import (
+from oppload_cli.evaluation.metrics.clips import (
     before_contact,
     curve,
     ordered_pairs,
