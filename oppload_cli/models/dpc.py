@@ -285,16 +285,14 @@ class Photoreceptors:
 
     @property
     def usual_step(self) -> float:
-        """Reference intervals from frame to frame, as a rule.
+        """Reference intervals from frame to frame, as a rule: the median of the latest steps.
 
-        By the declared rate, then the median of the latest steps. Where repeats are left out,
-        pictures come at a lower rate than the video says. A lower rate counts soon, a higher one
-        later: short steps may come from missed repeats.
+        Where repeats are left out, pictures come at a lower rate than the video says. A lower rate
+        counts soon, a higher one later: short steps may come from missed repeats. A single step
+        is no rule; before the second one the declared rate counts.
         """
         latest = list(self._steps)
-        if len(latest) < _FEW:
-            return self._clock.step
-        return max(median(latest[-_FEW:]), median(latest))
+        return max(median(latest[-_FEW:]), median(latest)) if len(latest) > 1 else self._clock.step
 
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
@@ -354,8 +352,9 @@ class Photoreceptors:
             self.share = nearly_one(self.stride / (record.at - record.before.at))
         if self._now is None or (compared and not record.mean):
             self._rest = record.at
-        self.elapsed = 1.0 if self._now is None else nearly_one(record.at - self._now)
-        self._steps.append(self.elapsed)
+        if self._now is not None:
+            self.elapsed = nearly_one(record.at - self._now)
+            self._steps.append(self.elapsed)
         self._keep(record, luma)
         self._now, self.frames = record.at, self.frames + 1
         return self.ready
