@@ -9,6 +9,7 @@ that `tools.tracer` watches, and need the libraries of oppload.
 
 from __future__ import annotations
 
+import argparse
 import ast
 import subprocess
 import sys
@@ -221,14 +222,17 @@ def table(figures: dict[str, float]) -> str:
 
 def main() -> None:
     """Print the figures of a checkout, or write the table of the documentation."""
-    root = ROOT if sys.argv[1:] in ([], ["--table"]) else Path(sys.argv[1])
-    if len(sys.argv) > 2 or not modules_of(root):
-        sys.stderr.write(f"{sys.argv[-1]}: is no checkout: it has no folder {PACKAGE}\n")
-        sys.exit(2)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("checkout", type=Path, nargs="?", default=ROOT)
+    parser.add_argument("--table", action="store_true", help=f"write the figures into {PAGE.name}")
+    arguments = parser.parse_args()
+    root = arguments.checkout
+    if not modules_of(root):
+        parser.error(f"{root}: is no checkout: it has no folder {PACKAGE}")
     figures = figures_of_source(root)
     if find_spec("av"):
         figures |= figures_of_run(root)
-    if "--table" in sys.argv:
+    if arguments.table:
         before, rest = PAGE.read_text("utf-8").split(MARKS[0])
         after = rest.split(MARKS[1])[1]
         PAGE.write_text(before + MARKS[0] + table(figures) + MARKS[1] + after, "utf-8")

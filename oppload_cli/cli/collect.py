@@ -44,7 +44,8 @@ def collect(
         told=lambda error: say(f"oppload: {error}"),
     )
     if not quiet:
-        say(f"{found.good} results, {found.rows} rows -> {output}")
+        results, rows = "s" * (found.good != 1), "s" * (found.rows != 1)
+        say(f"{found.good} result{results}, {found.rows} row{rows} -> {output}")
     if found.bad:
         say(f"oppload: {found.bad} results could not be collected; the others are in {output}")
     return ExitCode.INCOMPLETE if found.bad else ExitCode.DONE
