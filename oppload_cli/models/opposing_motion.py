@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 _BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
-_MOST_ELAPSED = 1.3  # intervals that persistence lets pass with one picture
+_MOST_ELAPSED = 1.3  # intervals for which one picture counts at most; 24 frames/s go by time
 _POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
 
 
