@@ -443,7 +443,7 @@ class PooledJudgement:
             both += np.float32(params.halved_weight) * smaller
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
-            # So that a chance response to one picture does not pass alone where they are rare.
+            # A rare picture counts for less than its time: a chance response must not pass alone.
             most = min(_MOST_ELAPSED, max(1.0, seen.usual_step)) if seen else 1.0
             weight = 1 - params.persistence ** min(elapsed, most)
             cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)

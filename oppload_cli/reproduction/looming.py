@@ -1,6 +1,7 @@
 """Figures of looming disks, with the winning unit's field, and of inward motion.
 
-There is no response to inward motion, and it suppresses that to outward motion.
+The paper says that OppLoD does not respond to inward motion, and that inward motion suppresses the
+response to outward motion.
 """
 
 from __future__ import annotations

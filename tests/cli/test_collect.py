@@ -47,6 +47,12 @@ def test_a_row_per_input_and_model(results: Path, clip: Path, tmp_path: Path) ->
         assert row["first_alarm_frame"] == ("" if alarm is None else str(alarm))
 
 
+def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
+    for folder, said in ((results, "2 results, 3 rows"), (results / "deep", "1 result, 1 row")):
+        target = tmp_path / f"{folder.name}.csv"
+        assert oppload("collect", folder, "-o", target).stderr == f"{said} -> {target}\n"
+
+
 def test_all_frames_in_one_table(results: Path, tmp_path: Path) -> None:
     assert oppload("collect", results, "-o", tmp_path / "f.csv", "--frames").returncode == 0
     table = rows(tmp_path / "f.csv")

@@ -351,7 +351,7 @@ def test_a_pause_before_changes_nothing_under_the_default(rate: int) -> None:
     moving = [disk(240, 120, 120, 2 + 48 * t / rate) for t in range(round(0.8 * rate))]
     series = []
     for pause in (0, round(0.4 * rate)):
-        bank = DetectorBank((240, 240), [DEFAULT], rate)
+        bank = DetectorBank((240, 240), [DEFAULT])
         shown = [moving[0]] * pause + moving
         answers = [bank.step(frame, t / rate)["opplod"] for t, frame in enumerate(shown)]
         series.append([each.response if each else 0.0 for each in answers[pause:]])
