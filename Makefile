@@ -13,13 +13,14 @@ SEED ?= 1
 BENCH ?=
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-failed test-slow attack bench lint style types format docs dist clean
+.PHONY: help demo test test-failed test-slow test-lowest attack bench lint style types format docs dist clean
 
 help:
 	@echo "make demo       install, run both detectors on a looming disk, plot, make a page"
 	@echo "make test       run the tests; JOBS=4 runs them in 4 processes (2 by default)"
 	@echo "make test-failed run the tests that failed last time, one after the other"
 	@echo "make test-slow  run the tests that take more than a few seconds each"
+	@echo "make test-lowest run the tests with the lowest versions of libraries that are allowed"
 	@echo "make attack     damaged and hostile input, limits, signals; CASES=5000 SEED=1 (500 and 1)"
 	@echo "make lint       ruff, and mypy --strict"
 	@echo "make format     let ruff format the code"
@@ -44,6 +45,16 @@ test-failed: .venv/.ready
 
 test-slow: .venv/.ready
 	$(BIN)/python -m pytest --numprocesses $(JOBS) -m slow
+
+# Python 3.11 or 3.12: later ones have no NumPy 1.26.
+.venv-lowest/.ready: pyproject.toml .venv/.ready
+	$(PYTHON) -m venv .venv-lowest
+	grep -oE '[a-z0-9-]+>=[0-9.]+' pyproject.toml | sed 's/>=/==/; s/$$/.*/' > .venv-lowest/constraints.txt
+	$(subst .venv,.venv-lowest,$(PIP)) --editable '.[test]' --constraint .venv-lowest/constraints.txt
+	@touch $@
+
+test-lowest: .venv-lowest/.ready
+	$(subst .venv,.venv-lowest,$(BIN))/python -m pytest --numprocesses $(JOBS)
 
 attack: .venv/.ready
 	$(BIN)/python -m tools.attack --cases $(CASES) --seed $(SEED) --jobs $(JOBS)

@@ -119,15 +119,17 @@ def test_alarms_are_shaded_and_signed_in_no_detectors_colour(models: set[str]) -
 
 def test_labels_that_do_not_fit_are_counted_and_alarms_come_first() -> None:
     names = [name for name, each in detectors().items() if not each.variant_of]
+    names = [name for name in names if len(set(paint_of(name))) > 1]  # other words are grey
     canvas, _ = drawn([record(0, dict.fromkeys(names, 0.5), {names[-1]: True})])
-    header = canvas[LAYOUT.header.y + 2 * LAYOUT.line : LAYOUT.plot.y]
-    shown = [name for name in names if (header == np.array(paint_of(name))).all(axis=2).any()]
+    header = canvas[LAYOUT.header.y + 2 * LAYOUT.line : LAYOUT.plot.y].astype(int)
+    # OpenCV 4 draws letters of thin lines, whose pixels hold little of the plain colour.
+    like = {name: np.abs(header - np.array(paint_of(name))).max(axis=2) <= 8 for name in names}
+    shown = [name for name in names if like[name].sum() > 10]
     assert len(shown) < len(names)
     assert shown == [*names[: len(shown) - 1], names[-1]]
     # The labels stand to the right of the clock, the frame and the word ALARM.
-    left = (header == np.array(OPPLOD)).all(axis=2).any(axis=0).argmax()
     dark = (header == np.array(DARK)).all(axis=2).any(axis=0).nonzero()[0].max()
-    assert dark < left
+    assert dark < like[names[0]].any(axis=0).argmax()
 
 
 def test_the_curve_of_an_alarm_is_thicker() -> None:

@@ -55,7 +55,8 @@ def test_an_outline_alone_shows_the_growth(x: float, radius: float) -> None:
     """Also where the frame cuts it, or it is larger than the frame is high."""
     now, before = disk(WIDTH, x, 110, radius)[:HEIGHT], disk(WIDTH, x, 110, radius / 1.1)[:HEIGHT]
     shrinkage, error = grown(now, before, (x, 110, 1.15 * radius, 1.15 * radius))
-    assert shrinkage == pytest.approx(1 / 1.1 - 1, rel=0.03)
+    # OpenCV 4 shifts pictures by multiples of 1/32 px, OpenCV 5 by any distance.
+    assert shrinkage == pytest.approx(1 / 1.1 - 1, rel=0.035)
     assert error < 0.2 * -shrinkage
 
 
