@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     Map = NDArray[np.float32]  # one value per pixel of the working frame
 
 MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
-TOO_YOUNG = 1 / 8  # of an interval that a frame may lack and count as one interval old
+# What the younger of two frames may lack to an interval: this share of the interval, and less
+# than this share of what the older one is too old by. Measured at 20 to 144 frames/s.
+_MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
 _MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
 
@@ -201,8 +203,8 @@ class Photoreceptors:
     """P of a video, now and one and two intervals ago.
 
     P(t) compares a frame with the youngest one that is an interval old, or with the next one, if
-    that is nearer and lacks 1/8 of the interval at most. One interval ago is when the
-    frame was that it is compared with.
+    that lacks a quarter of the interval at most, and is much nearer to it (``docs/time.md``). One
+    interval ago is when the frame was that it is compared with.
 
     Parameters
     ----------
@@ -281,7 +283,7 @@ class Photoreceptors:
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
             return False
-        return self._rest - oldest.before.at <= TOO_YOUNG * self.stride
+        return self._rest - oldest.before.at <= NEARLY_ONE * self.stride
 
     @property
     def usual_step(self) -> float:
@@ -367,10 +369,13 @@ class Photoreceptors:
         if not lumas:
             return None
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
+        excess = wanted - older[0].at
+        if excess < -NEARLY_ONE * self.stride:  # at the start; as if one more frame had been
+            younger, excess = older, excess + now - (self._now or 0.0)
         lacking = younger[0].at - wanted
-        if lacking <= TOO_YOUNG * self.stride and lacking < wanted - older[0].at:
+        if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
             return younger
-        return older if older[0].at <= wanted + TOO_YOUNG * self.stride else None
+        return older if older[0].at <= wanted + NEARLY_ONE * self.stride else None
 
     def _keep(self, record: _Record, luma: Map) -> None:
         """Keep a frame for later ones, unless it comes shortly after the one kept last."""

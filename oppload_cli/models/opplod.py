@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
-from oppload_cli.models.dpc import MEMORY, TOO_YOUNG, Layers, smaller
+from oppload_cli.models.dpc import MEMORY, Layers, smaller
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
 from oppload_cli.models.presets import DEFAULT_PRESET
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.timebase import Clock
 
 _LONGEST = 4  # intervals over which smaller frames are compared
+_LACKING = 1 / 8  # share of several intervals that a step between frames may lack
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ class _SmallerFrames:
 
 def _longest_interval(step: float) -> int:
     """Return over how many intervals to compare frames that are `step` intervals apart."""
-    return min(_LONGEST, max(1, int(step / (1 - TOO_YOUNG))))
+    return min(_LONGEST, max(1, int(step / (1 - _LACKING))))
 
 
 # The paper's model, made to work: none of the additions for real footage.

@@ -58,8 +58,8 @@ def numbered(count: int) -> list[Luma]:
     ("rate", "back", "share"),
     [
         (10, 1, 1 / 3), (15, 1, 0.5), (24, 1, 0.8), (25, 1, 5 / 6), (29.97, 1, 1), (30, 1, 1),
-        (34, 1, 34 / 30), (36, 2, 0.6), (50, 2, 5 / 6), (60, 2, 1), (90, 3, 1), (120, 4, 1),
-        (240, 8, 1),
+        (34, 1, 34 / 30), (36, 1, 1.2), (40, 2, 2 / 3), (50, 2, 5 / 6), (60, 2, 1), (90, 3, 1),
+        (100, 4, 5 / 6), (120, 4, 1), (240, 8, 1),
     ],
 )  # fmt: skip
 def test_each_frame_is_compared_with_that_one_interval_earlier(
@@ -77,10 +77,11 @@ def test_each_frame_is_compared_with_that_one_interval_earlier(
 
 
 @pytest.mark.parametrize(
-    ("rate", "back", "share"), [(15, 1, 1), (25, 2, 5 / 6), (30, 2, 1), (50, 3, 10 / 9), (60, 4, 1)]
+    ("rate", "back", "share"),
+    [(15, 1, 1), (25, 2, 5 / 6), (30, 2, 1), (33, 2, 1.1), (50, 4, 5 / 6), (60, 4, 1)],
 )
 def test_a_stride_of_two_is_two_intervals(rate: int, back: int, share: float) -> None:
-    """At 50 frames/s 0.06 s are nearer than 0.08 s, and lack a tenth of the two intervals."""
+    """At 50 frames/s 0.06 s are nearer than 0.08 s, but not by much."""
     count = 3 * back + 1
     frames = numbered(count)
     layer = seen([t / rate for t in range(count)], frames, stride=2)
@@ -345,7 +346,7 @@ def test_a_pause_before_changes_nothing() -> None:
     assert max(paused[:3]) < 1e-4 * max(without)
 
 
-@pytest.mark.parametrize("rate", [25, 30, 50, 120])
+@pytest.mark.parametrize("rate", [25, 30, 36, 50, 100, 120])
 def test_a_pause_before_changes_nothing_under_the_default(rate: int) -> None:
     """A disk that grows from the first frame on has its peak where the adaptation begins."""
     moving = [disk(240, 120, 120, 2 + 48 * t / rate) for t in range(round(0.8 * rate))]
