@@ -19,6 +19,7 @@ from oppload_cli.cli.options import (
     quiet_option,
     settings_options,
 )
+from oppload_cli.errors import ResultError
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.processes import cores
@@ -118,8 +119,8 @@ def tune(
         kept += [table.with_suffix(f".{form}")] if form != "none" else []
         refuse_existing(kept, if_exists)
         with claimed(table, if_exists) as claim:
-            _run(sweep, indicator_s, claim, kept, jobs=jobs, quiet=quiet)
-        for path in kept:
+            made = _run(sweep, indicator_s, claim, kept, jobs=jobs, quiet=quiet)
+        for path in made:
             click.echo(path)
 
 
@@ -131,10 +132,13 @@ def _run(
     *,
     jobs: int,
     quiet: bool,
-) -> None:
-    from oppload_cli.tuning.run import faint, tune, write_tuning, write_tuning_sidecar
+) -> Sequence[Path]:
+    """Measure and write one sweep; return the files that were written."""
+    from oppload_cli.tuning.run import faint, to_onset, tune, write_tuning, write_tuning_sidecar
 
-    entry, settings, presentations, figure = sweep
+    entry, settings, presentations, figure, held = sweep
+    for key, value in held.items():
+        say(f"oppload: {key} stays at {value}; to sweep it as well, add --over {key}")
     with progress_bar(len(entry.values()), "condition", quiet=quiet) as bar:
         conditions = tune(
             entry,
@@ -144,7 +148,7 @@ def _run(
             jobs=jobs or cores(),
             progress=bar.update,
         )
-    for line in faint(conditions, settings):
+    for line in (*faint(conditions, settings), *to_onset(conditions, entry, presentations)):
         say(f"oppload: {line}")
     write_tuning(table, conditions)
     command = ["oppload", *sys.argv[1:]]
@@ -155,6 +159,12 @@ def _run(
         from oppload_cli.plots import style, tuning
 
         measured = oppload.read_tuning(paths[0])
-        style.save(oppload.plot_tuning(measured)[0], paths[2])
+        try:
+            figure_of_it, _ = oppload.plot_tuning(measured)
+        except ResultError as error:  # the table is complete without it
+            say(f"oppload: no plot: {error}")
+            return paths[:2]
+        style.save(figure_of_it, paths[2])
         for line in tuning.lines_of([measured]):
             click.echo(line, err=True)
+    return paths

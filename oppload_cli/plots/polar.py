@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from oppload_cli.errors import ParameterError, ResultError
-from oppload_cli.models.registry import detector_named
+from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.plots.style import (
     COLUMN,
     DASHES,
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 _TURN = 2 * np.pi
 _MOST_CURVES = 6  # in one plot; more get a small plot each
+_ROUNDING = 1e-6  # of a peak: equal responses differ by less
+_NOTHING = 1e-6  # of the alarm's floor: rounding errors of pathways that cancel are below
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ class _Selectivity:
         (R_p - R_o) / (R_p + R_o), with R_o the response to the opposite direction; None if
         that direction was not shown or nothing responded.
     axis_index : float or None
-        |sum R exp(2 i theta)| / sum R: 1 for one axis, 0 for none; None if nothing responded.
+        |sum R exp(2 i theta)| / sum R: 1 for one axis, 0 for none; None if nothing responded or
+        the axes shown are not spread evenly.
     least : float
         Smallest response over the largest.
     """
@@ -78,7 +81,8 @@ def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
     responses : ndarray, shape (n,)
         At least 0.
     """
-    best = int(responses.argmax())
+    # The first of those that differ by rounding only.
+    best = int(np.argmax(responses >= (1 - _ROUNDING) * responses.max()))
     peak, preferred = float(responses[best]), float(angles_deg[best])
     if peak <= 0:
         return _Selectivity(peak, preferred, None, None, 0.0)
@@ -88,8 +92,13 @@ def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
         other = float(responses[opposite[0]])
         index = (peak - other) / (peak + other)
     least = float(responses.min()) / peak
-    vector = np.sum(responses * np.exp(2j * np.deg2rad(angles_deg)))
-    return _Selectivity(peak, preferred, index, float(abs(vector) / responses.sum()), least)
+    axes = np.unique(np.round(angles_deg % 180, 6))
+    gaps = np.diff(np.append(axes, axes[0] + 180))
+    axis_index = None
+    if len(axes) > 1 and np.ptp(gaps) < 1e-3 and len(angles_deg) % len(axes) == 0:
+        vector = np.sum(responses * np.exp(2j * np.deg2rad(angles_deg)))
+        axis_index = float(abs(vector) / responses.sum())
+    return _Selectivity(peak, preferred, index, axis_index, least)
 
 
 def full_circle(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
@@ -125,6 +134,8 @@ class DirectionTuning:
         Of the responses.
     look : dict
         Line properties of matplotlib.
+    symmetric : bool
+        Whether half a turn gives the same stimulus, so that half of the curve is a copy.
     """
 
     name: str
@@ -132,11 +143,13 @@ class DirectionTuning:
     responses: NDArray[np.float64]
     unit: str
     look: dict[str, Any]
+    symmetric: bool = False
 
     @property
     def numbers(self) -> _Selectivity:
-        """Peak and selectivity."""
-        return selectivity(self.angles_deg, self.responses)
+        """Peak and selectivity; a symmetric stimulus tells nothing of opposite directions."""
+        found = selectivity(self.angles_deg, self.responses)
+        return replace(found, direction_index=None) if self.symmetric else found
 
     @property
     def about(self) -> str:
@@ -147,12 +160,18 @@ class DirectionTuning:
     def line(self) -> str:
         """Return the numbers in one line, for standard output."""
         n = self.numbers
-        if n.axis_index is None:
+        if n.peak <= 0:
             return f"{self.name}: no response"
-        index = "not shown" if n.direction_index is None else f"{n.direction_index:.3f}"
+        missing = "opposite directions are the same" if self.symmetric else "opposite not shown"
+        direction, axis = (
+            f"unknown ({why})" if index is None else f"{index:.3f}"
+            for index, why in (
+                (n.direction_index, missing), (n.axis_index, "axes not spread evenly"),
+            )
+        )  # fmt: skip
         return (
             f"{self.name}: peak {n.peak:.4g} ({self.unit}) at {n.preferred_deg:g} deg, "
-            f"direction selectivity index {index}, axis selectivity index {n.axis_index:.3f}, "
+            f"direction selectivity index {direction}, axis selectivity index {axis}, "
             f"least response {n.least:.3g} of the peak"
         )
 
@@ -173,7 +192,7 @@ def direction_tunings(
         The detectors to draw; none for all.
     lplc2 : str
         Width of the bar whose LPLC2 tuning is overlaid, ``10`` or ``60``; ``none``; or
-        ``auto``: the width in the stimulus's name.
+        ``auto``: the width in the stimulus's name, unless the bar was changed.
     labels : sequence of str
         Names of the tables; else what differs between them.
 
@@ -193,7 +212,8 @@ def direction_tunings(
     if reference:
         angles, values = full_circle(np.array(list(reference)), np.array(list(reference.values())))
         look = {"color": LPLC2, "marker": "s", "markersize": 2.5, "lw": 0.9, "linestyle": ":"}
-        made.append(DirectionTuning(f"LPLC2, {width} deg bar", angles, values, "of the loom", look))
+        name = f"LPLC2, {width} deg bar"
+        made.append(DirectionTuning(name, angles, values, "of the loom", look, symmetric=True))
     return made
 
 
@@ -212,6 +232,9 @@ def _of_detector(
     if rows.empty:
         raise ResultError(f"{tuning.path}: column 'model' never holds '{detector}'; leave it out")
     angles, values = rows[direction].to_numpy(float) % 360, rows["peak"].to_numpy(float)
+    preset = tuning.sidecar.get("preset")
+    if isinstance(preset, str) and values.max() < _NOTHING * alarm_floor_of(detector, preset):
+        values = np.zeros_like(values)
     order = np.argsort(angles, kind="stable")
     angles, values = angles[order], values[order]
     if tuning.symmetric:
@@ -222,14 +245,23 @@ def _of_detector(
         "color": detector_named(detector).colour, "linestyle": DASHES[number % len(DASHES)],
         "marker": "o", "markersize": 2.2,
     }  # fmt: skip
-    return DirectionTuning(name, angles, values, detector_named(detector).unit, look)
+    unit = detector_named(detector).unit
+    return DirectionTuning(name, angles, values, unit, look, tuning.symmetric)
 
 
 def _bar_width(tunings: Sequence[Tuning]) -> int | None:
-    """Return the width of the expanding bar in the stimuli's names, if all have the same."""
+    """Return the width of the study's expanding bar, if all stimuli show it.
+
+    The name tells it, and the sidecar that the bar was not changed.
+    """
     found = {re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings}
     widths = {int(match[1]) if match else None for match in found}
     width = widths.pop() if len(widths) == 1 else None
+    for tuning in tunings:
+        first = tuning.sidecar.get("stimulus", {}).get("first", {})
+        for bar in first.get("object", []):
+            if bar.get("width_deg") != width or first.get("effects", {}).get("invert"):
+                return None
     return width if width in BAR_WIDTHS else None
 
 

@@ -213,10 +213,19 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
     """Return the one parameter that all tables sweep, as numbers."""
     first = tunings[0]
     if len(first.parameters) > 1:
-        raise ResultError(
-            f"{first.path}: columns {' and '.join(first.parameters)} are swept; draw --kind heat"
-        )
+        several = f"{', '.join(first.parameters[:-1])} and {first.parameters[-1]}"
+        if len(first.parameters) > 2:
+            raise ResultError(
+                f"{first.path}: columns {several} are swept; a plot shows two at most"
+            )
+        raise ResultError(f"{first.path}: columns {several} are swept; draw --kind heat")
     parameter = first.parameters[0]
+    texts = [value for value in first.rows[parameter] if isinstance(value, str)]
+    if texts:
+        raise ResultError(
+            f"{first.path}: column '{parameter}' holds texts such as '{texts[0]}'; "
+            "a line needs numbers"
+        )
     for tuning in tunings:
         if tuning.parameters != first.parameters:
             raise ResultError(

@@ -212,7 +212,10 @@ def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
     valid = np.isfinite(responses.response)
     values, times = responses.response[valid], responses.time_s[valid]
     peak = float(responses.response[best])
-    onset = int(np.argmax(responses.response >= _ONSET_SHARE * peak)) if peak > 0 else None
+    area = float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(times)))
+    if peak <= 0:  # a peak of nothing has no time
+        return Measures(peak=peak, mean=float(values.mean()), area=area)
+    onset = int(np.argmax(responses.response >= _ONSET_SHARE * peak))
     x, y = responses.centre[best]
     contact = contact_time(protocol) if protocol else None
     return Measures(
@@ -220,9 +223,9 @@ def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
         peak_frame=int(responses.frame[best]),
         peak_time_s=float(responses.time_s[best]),
         mean=float(values.mean()),
-        area=float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(times))),
-        onset_frame=None if onset is None else int(responses.frame[onset]),
-        onset_time_s=None if onset is None else float(responses.time_s[onset]),
+        area=area,
+        onset_frame=int(responses.frame[onset]),
+        onset_time_s=float(responses.time_s[onset]),
         centre_x=None if np.isnan(x) else float(x),
         centre_y=None if np.isnan(y) else float(y),
         peak_before_contact_s=None if contact is None else contact - float(responses.time_s[best]),

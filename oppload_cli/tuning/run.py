@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 _SCHEMA = "oppload.tuning/1"
 _FAINT = 0.1  # of an alarm's floor: the largest response to a stimulus that is hardly seen
+_ONSET_S = 2.5 / 30  # from the end of a pause: two intervals, and what a frame may be late
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
 _MEASURES = tuple(field.name for field in fields(Measures))
 
@@ -139,8 +140,33 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[str]:
         if peak < _FAINT * floor:
             yield (
                 f"{detector_named(name).label} hardly responds to this stimulus under "
-                f"preset {settings.preset}: its largest response is {peak:.2g}, and no alarm is "
-                f"given below {floor:g}; 'oppload models' lists the presets"
+                f"preset {settings.preset}: its largest response, {peak:.2g}, is below a tenth of "
+                f"the floor of its alarm, {floor:g}, so that the shape of its curve means little; "
+                f"try a faster stimulus or another preset ('oppload models')"
+            )
+
+
+def to_onset(
+    conditions: Sequence[Condition], entry: Entry, presentations: int = 1
+) -> Iterator[str]:
+    """Name the detectors that answer to the start of a motion after a pause.
+
+    The first edges that move meet no inhibition yet, so that such a peak shows no tuning.
+    """
+    if presentations > 1:
+        return
+    begins = [protocol.timing.before_s for protocol in entry.protocols()]
+    for name in conditions[0].measures:
+        found = [
+            begin > 0 and each.peak_time_s is not None and each.peak_time_s - begin < _ONSET_S
+            for condition, begin in zip(conditions, begins, strict=True)
+            for each in [condition.measures[name]]
+        ]
+        if any(found):
+            yield (
+                f"{detector_named(name).label}: {sum(found)} of {len(found)} peaks come within "
+                f"{_ONSET_S:.2g} s after the pause before the motion, when no inhibition has "
+                "arrived: they show no tuning; --change timing.before_s=0 leaves the pause out"
             )
 
 

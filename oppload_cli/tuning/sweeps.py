@@ -130,12 +130,16 @@ class Sweep(NamedTuple):
         How often each stimulus is shown in a row.
     figure : dict of str to str
         Name, title and kind of the figure; empty without one.
+    held : dict
+        The stimulus's own sweep where another one takes its place: the value that each key
+        keeps, by dotted key.
     """
 
     entry: Entry
     settings: Settings
     presentations: int
     figure: dict[str, str]
+    held: dict[str, Any]
 
 
 def sweeps(
@@ -169,8 +173,14 @@ def sweeps(
         If there is no such stimulus, or if nothing is swept.
     """
     if stimulus is not None:
-        entry = _swept(_entry_named(stimulus).with_settings(changes), over)
-        return [Sweep(entry, resolve(**settings), 1, {})]
+        own = _entry_named(stimulus).with_settings(changes)
+        entry = _swept(own, over)
+        both = next((key for key in changes if over and key in entry.sweep), None)
+        if both is not None:
+            raise ParameterError(f"--change {both}: --over sweeps it; leave one of the two out")
+        gone = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
+        held = {key: _at(entry.table, key) for key in sorted(gone)}
+        return [Sweep(entry, resolve(**settings), 1, {}, held)]
     named = _figures_named(figures)
     if over and len(named) > 1:
         raise ParameterError("--over goes with one --figure alone")
@@ -180,7 +190,7 @@ def sweeps(
         resolved = resolve(**{**settings, "assignments": assignments})
         words = {"name": name, "title": each.title, "kind": each.kind}
         entry = _figure_entry(name, changes, over)
-        made.append(Sweep(entry, resolved, each.presentations, words))
+        made.append(Sweep(entry, resolved, each.presentations, words, {}))
     return made
 
 
@@ -249,9 +259,21 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
             )
         return entry
     chosen: dict[str, list[Any]] = {}
+    own = entry
+    if entry.only != "*":  # a member of the stimulus's own sweep keeps its values
+        members = entry.values()
+        if len(members) > 1:
+            raise ParameterError(
+                f"'{entry.only}' stands for {len(members)} stimuli; name one to sweep it --over "
+                f"something else, such as '{next(iter(members))}'"
+            )
+        name, held = next(iter(members.items()))
+        entry = replace(entry, name=name, sweep={}, only="*").with_settings(held)
     for text in over:
         word, equals, values = text.partition("=")
-        key = _key_of(entry, word.strip())
+        key = _key_of(own, word.strip())
+        if key in chosen:
+            raise ParameterError(f"--over {text}: '{key}' is swept already; give all values once")
         if not equals and key not in entry.sweep:
             raise ParameterError(
                 f"--over {text}: {entry.name} has no values of its own for '{key}'; "
@@ -311,9 +333,12 @@ def _values_of(text: str, values: str) -> list[Any]:
         listed = []
     if not listed:
         raise ParameterError(
-            f"--over {text}: its values cannot be read; "
-            f"write 10,20,40 or 0:330:30 (from, to, step) or [[0,0],[10,0]]"
+            f"--over {text}: its values cannot be read; write 10,20,40 or 0:330:30 (from, to, "
+            f'step) or [[0,0],[10,0]], and texts in quotes, ["forward","both"]'
         )
+    twice = next((value for value in listed if listed.count(value) > 1), None)
+    if twice is not None:
+        raise ParameterError(f"--over {text}: {twice} stands there twice; leave one out")
     return listed
 
 
@@ -327,9 +352,17 @@ def _range(first: float, last: float, step: float) -> list[Any]:
 
 def _stated(objects: Sequence[dict[str, Any]], key: str) -> bool:
     """Tell whether the file gives a value for a key of one of its objects."""
+    if _at({"object": objects}, key) is not None:
+        return True
+    # An object without a position is in the middle.
+    return key.endswith(".centre_deg") and not key.startswith("scene.")
+
+
+def _at(table: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a dotted key in the table of a protocol; None where it has none."""
     first, *rest = key.split(".")
-    value: Any = next((one for one in objects if one.get("id") == first), None)
+    value = next((one for one in table.get("object", []) if one.get("id") == first), None)
+    value = table.get(first) if value is None else value
     for word in rest:
         value = value.get(word) if isinstance(value, dict) else None
-    # An object without a position is in the middle.
-    return value is not None or (rest == ["centre_deg"] and first != "scene")
+    return value

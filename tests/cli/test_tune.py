@@ -74,7 +74,22 @@ def test_a_detector_that_hardly_responds_is_named(
     assert faint(run(capsys, *arguments)) == ["D-LGMD"]
     done = run(capsys, *arguments, "--change", "disk.luminance=0.49")
     assert (done.returncode, faint(done)) == (0, ["OppLoD", "D-LGMD"])
-    assert "and no alarm is given below 0.0008;" in done.stderr
+    assert "is below a tenth of the floor of its alarm, 0.0008," in done.stderr
+
+
+def test_a_sweep_that_no_plot_shows_leaves_its_table(
+    stimulus: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    done = run(
+        capsys, "tune", stimulus, "-o", tmp_path / "out", "--jobs", "1", "--model", "opplod",
+        "--over", 'disk.appears=["start","onset"]', "--height", "60",
+    )  # fmt: skip
+    names = ["disk.tuning.csv", "disk.tuning.json"]
+    assert (done.returncode, done.stdout.split()) == (0, [str(tmp_path / "out" / n) for n in names])
+    assert "no plot: " in done.stderr
+    assert "holds texts such as 'start'" in done.stderr
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    assert "oppload: disk.growth.speed_deg_s stays at 25; to sweep it as well" in done.stderr
 
 
 def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:

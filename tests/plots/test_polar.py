@@ -45,3 +45,14 @@ def test_a_half_circle_is_repeated_half_a_turn_on() -> None:
     again, same = full_circle(angles, values)
     np.testing.assert_array_equal(again, angles)
     np.testing.assert_array_equal(same, values)
+
+
+def test_axes_that_are_not_spread_evenly_have_no_index() -> None:
+    quarter, one = np.array([0.0, 30, 60, 90]), np.array([45.0])
+    assert selectivity(quarter, np.ones(4)).axis_index is None
+    assert selectivity(one, np.ones(1)).axis_index is None
+    assert selectivity(np.array([0.0, 60, 120]), np.ones(3)).axis_index == pytest.approx(0)
+
+
+def test_rounding_prefers_no_direction() -> None:
+    assert selectivity(EIGHT, np.array([0, 2, 0, 2 + 1e-9, 0, 0, 0, 0])).preferred_deg == EIGHT[1]

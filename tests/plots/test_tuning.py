@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -44,9 +45,36 @@ def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> Non
     np.testing.assert_allclose(y_of(dlgmd), 0)
     assert y_of(lplc2).max() == 1
     assert lines[0].startswith("OppLoD: peak 4 (arbitrary unit) at 45 deg, direction")
-    assert "direction selectivity index 0.000" in lines[0]
+    assert "direction selectivity index unknown (opposite directions are the same)" in lines[0]
     assert lines[1] == "D-LGMD: no response"
     assert lines[2].startswith("LPLC2, 10 deg bar: peak 0.41 (of the loom) at 165 deg")
+
+
+def test_rounding_errors_are_no_response(tmp_path: Path) -> None:
+    """Pathways that cancel leave 1e-14 of a response, which depends on the direction."""
+    path = write_tuning(tmp_path / "a.tuning.csv", AXES, {"opplod": [1e-14, 2e-14, 0, 1e-14]})
+    path.with_suffix(".json").write_text('{"preset": "reference"}')
+    (curve,) = direction_tunings([read_tuning(path)], (), "none")
+    assert curve.line() == "OppLoD: no response"
+
+
+def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
+    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS, symmetric=True)
+    sidecar = path.with_suffix(".json")
+    for width, invert, overlaid in ((10, False, True), (60, False, False), (10, True, False)):
+        content = json.loads(sidecar.read_text())
+        bar = {"id": "bar", "width_deg": width}
+        content["stimulus"]["first"] = {"object": [bar], "effects": {"invert": invert}}
+        sidecar.write_text(json.dumps(content))
+        names = [curve.name for curve in direction_tunings([read_tuning(path)])]
+        assert any(name.startswith("LPLC2") for name in names) == overlaid
+
+
+def test_more_than_a_plot_can_show_is_refused(tmp_path: Path) -> None:
+    three = {"a.x": [1.0, 2], "a.y": [1.0, 2], "a.z": [1.0, 2]}
+    table = read_tuning(write_tuning(tmp_path / "3.tuning.csv", three, {"opplod": [1.0, 2]}))
+    with pytest.raises(ResultError, match=r"a\.x, a\.y and a\.z are swept; a plot shows two"):
+        plot_tuning(table)
 
 
 def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
@@ -55,7 +83,7 @@ def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
     np.testing.assert_array_equal(curve.angles_deg, [0, 45, 90, 135])
     line = plot_tuning([tuning], models=["opplod"], lplc2="none")[1][0].lines[0]
     assert len(np.asarray(line.get_xdata())) == 4
-    assert "direction selectivity index not shown" in curve.line()
+    assert "direction selectivity index unknown (opposite not shown)" in curve.line()
 
 
 def test_the_reference_has_the_published_numbers() -> None:

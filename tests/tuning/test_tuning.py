@@ -14,7 +14,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.tuning.present import Measures, Responses, measure, present
-from oppload_cli.tuning.run import tune, write_tuning, write_tuning_sidecar
+from oppload_cli.tuning.run import to_onset, tune, write_tuning, write_tuning_sidecar
 from oppload_cli.tuning.sweeps import sweeps
 
 if TYPE_CHECKING:
@@ -116,12 +116,7 @@ def test_measures_without_a_response() -> None:
     times = np.arange(4.0)
     assert measure(Responses(times, times, nothing, blank, blank)) == Measures()
     silent = measure(Responses(times, times, np.array([np.nan, 0, 0, 0]), blank, blank))
-    assert (silent.peak, silent.peak_frame, silent.onset_frame, silent.centre_x) == (
-        0,
-        1,
-        None,
-        None,
-    )
+    assert silent == Measures(peak=0, mean=0, area=0)  # and no time of a peak
 
 
 def test_processes_change_no_byte(tmp_path: Path) -> None:
@@ -185,6 +180,48 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
 )
 def test_the_key_that_a_word_stands_for(stimulus: str, word: str, key: str) -> None:
     assert list(swept(stimulus, [f"{word}=1"]).sweep) == [key]
+
+
+def test_a_member_of_a_sweep_keeps_its_values() -> None:
+    entry = swept("klapoetke2017/loom-l-over-v/l-over-v-80", ["direction=0:270:90"])
+    assert list(entry.sweep) == ["scene.rotation_deg"]
+    disks = [each.as_table()["object"][0] for each in entry.protocols()]
+    assert [disk["growth"]["l_over_v_ms"] for disk in disks] == [80] * 4
+    again = swept("klapoetke2017/bar-expand-10/axis-45", ["axis=0,90"])
+    assert again.sweep == {"bar.axis_deg": [0, 90]}
+
+
+def test_the_own_sweep_that_another_one_replaces_is_named() -> None:
+    stimulus, over = "klapoetke2017/loom-l-over-v", ["direction=0,90"]
+    (sweep,) = sweeps(stimulus, (), {}, over, {"models": ["opplod"]})
+    assert sweep.held == {"disk.growth.l_over_v_ms": 40}
+    (sweep,) = sweeps(stimulus, (), {}, ["l/v=10,20"], {"models": ["opplod"]})
+    assert not sweep.held
+
+
+@pytest.mark.parametrize(
+    ("changes", "over", "message"),
+    [
+        ({}, ["l/v=10,20", "l/v=30"], "'disk.growth.l_over_v_ms' is swept already"),
+        ({}, ["l/v=10,20,10"], "10 stands there twice"),
+        ({"disk.growth.l_over_v_ms": 30}, ["l/v=10,20"], "--over sweeps it; leave one"),
+    ],
+)
+def test_options_that_contradict_each_other(
+    changes: dict[str, object], over: list[str], message: str
+) -> None:
+    with pytest.raises(ParameterError, match=message):
+        sweeps("klapoetke2017/loom-l-over-v", (), changes, over, {"models": ["opplod"]})
+
+
+def test_peaks_at_the_start_of_motion_are_named() -> None:
+    """D-LGMD meets no inhibition there; OppLoD leaves such edges out."""
+    entry = swept("klapoetke2017/bar-expand-10", ["axis=0,45"])
+    settings = resolve(preset="reference", height="120", models=["opplod", "dlgmd"])
+    (line,) = to_onset(tune(entry, settings), entry)
+    assert line.startswith("D-LGMD: 2 of 2 peaks come within 0.083 s after the pause")
+    without = entry.with_settings({"timing.before_s": 0})
+    assert not list(to_onset(tune(without, settings), without))
 
 
 @pytest.mark.parametrize(
