@@ -286,7 +286,7 @@ class Parameters(Table):
         Parameters
         ----------
         height : int
-            Working height in pixels.
+            Working height in pixels; of a frame that is higher than wide, its width.
         frame_rate : float, optional
             Frames per second, where it is known.
 

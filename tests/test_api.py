@@ -14,7 +14,7 @@ import oppload_cli as oppload
 from oppload_cli.errors import OutputError, ParameterError, ResultError, SourceError
 from oppload_cli.results.table import columns_for
 from tests.cli.inside import run
-from tests.media import looming, write_video
+from tests.media import looming, texture, write_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -116,6 +116,26 @@ def test_the_alarm_is_that_of_the_preset() -> None:
     assert floors(params=parameters) == {reference}  # the preset that they belong to
     assert reference not in floors(params=parameters, preset="default")
     assert reference not in floors()
+
+
+def test_a_camera_that_is_turned_gives_the_same() -> None:
+    """An upright video is seen at a working width, so that nothing but the place is another."""
+    y, x = np.mgrid[:180, :320]
+    frames = [
+        np.where(
+            np.hypot(x - 130, y - 100) < 2 + 400 / (35 - t), 0.1, 0.3 + 0.6 * texture(180, 320, 3)
+        )
+        for t in range(30)
+    ]
+    clip = np.asarray(frames, np.float32)
+    turned = np.ascontiguousarray(np.rot90(clip, 1, (1, 2)))
+    one, other = (oppload.run(each, rate=30, rmo=False).frames for each in (clip, turned))
+    for name in ("opplod", "dlgmd"):
+        expected = one[f"{name}_response"]
+        within = 0.03 * expected.max()
+        np.testing.assert_allclose(other[f"{name}_response"], expected, rtol=0, atol=within)
+        assert one[f"{name}_alarm"].any()
+        assert (one[f"{name}_alarm"] == other[f"{name}_alarm"]).all()
 
 
 def test_a_record_has_the_same_columns_in_every_frame() -> None:

@@ -296,7 +296,8 @@ def settings_options(
         click.option(
             "--height",
             metavar="PX|native",
-            help="Working height; the width follows.  [default: the preset's, 240 or 600]",
+            help="Working height (of upright pictures: width); the other side follows.  "
+            "[default: 240, preset paper 600]",
         ),
         repeats_option,
     ]

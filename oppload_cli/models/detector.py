@@ -245,7 +245,7 @@ class Detector(ABC):
         self.need_size(shape, self.least_size)
         self.shape, self.frame_rate = shape, frame_rate
         self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
-        self.params = (params or self.parameters()).resolved(shape[0], frame_rate)
+        self.params = (params or self.parameters()).resolved(min(shape), frame_rate)
 
     @abstractmethod
     def step(self, luma: Map) -> Response | None:

@@ -36,7 +36,7 @@ class FlowDivergenceParams(Parameters):
 
     window: float = parameter(
         5 / 12,
-        "side of the window over which the divergence is averaged, as a share of the height",
+        "side of the window of which the divergence is averaged, as a share of the working height",
         low=0.01,
         high=1,
     )
@@ -87,7 +87,7 @@ class FlowDivergence(Detector):
     answers_to = "expansion of textured surfaces"
     made_for = "frames from 16 px on a side, any rate"
     cost_ms = 2.6
-    meaning = "optical flow: largest mean divergence over a window of 5/12 of the height"
+    meaning = "optical flow: largest mean divergence over a window of 5/12 of the working height"
     unit = "1/frame"
     response_column = "1/frame", "largest mean divergence of optical flow over a window"
     parameters = FlowDivergenceParams
@@ -118,4 +118,4 @@ class FlowDivergence(Detector):
             return Response(0.0)
         flow = np.zeros((*self.shape, 2), np.float32)
         self._search.calc(before, now, flow)
-        return Response(largest_divergence(flow, round(self.params.window * self.shape[0])))
+        return Response(largest_divergence(flow, round(self.params.window * min(self.shape))))

@@ -84,13 +84,17 @@ class OpplodParams(_ArmParams):
     )
     receptive_field: int | None = parameter(
         None,
-        "side of a unit's square field; auto: field_share of the height",
+        "side of a unit's square field; auto: field_share of the working height",
         unit="px",
         low=2,
         high=8192,
     )
     cell: int | None = parameter(
-        None, "spacing of cells; auto: cell_share of the height", unit="px", low=1, high=1024
+        None,
+        "spacing of cells; auto: cell_share of the working height",
+        unit="px",
+        low=1,
+        high=1024,
     )
     field_share: float = parameter(
         1.0,

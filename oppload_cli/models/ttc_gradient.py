@@ -39,7 +39,7 @@ class TtcGradientParams(Parameters):
         high=100,
     )
     window: float = parameter(
-        5 / 12, "side of a window, as a share of the height of the frame", low=0.02, high=1
+        5 / 12, "side of a window, as a share of the working height", low=0.02, high=1
     )
 
 
@@ -108,10 +108,11 @@ class TtcGradient(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         height, width = shape
-        self._sigma = self.params.sigma * height / _MADE_FOR
+        side = min(shape)
+        self._sigma = self.params.sigma * side / _MADE_FOR
         self._radius = max(1, round(_REACH * self._sigma))
-        self._half = round(self.params.window * height) // 2
-        step = max(1, round(height / 30))
+        self._half = round(self.params.window * side) // 2
+        step = max(1, round(side / 30))
         ends = height - 1 - self._half, width - 1 - self._half
         centres = [np.arange(self._half, end, step) for end in ends]
         self._windows = [_Windows(each, self._half) for each in centres]

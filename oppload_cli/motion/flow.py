@@ -211,7 +211,7 @@ class DenseFlow:
         rows, columns = height // reduction, width // reduction
         self._shape = (height, width)
         self._reduction = reduction
-        self._spacing = self.params.grid or max(4, round(height / 17))
+        self._spacing = self.params.grid or max(4, round(min(height, width) / 17))
         self._frames = [np.empty((rows * reduction, columns * reduction), np.uint8) for _ in "ab"]
         self._reduced = [np.empty((rows, columns), np.uint8) for _ in "ab"]
         self._search = _inverse_search()

@@ -302,7 +302,7 @@ def _equal(one: Luma, other: Luma) -> bool:
 def _change(one: Luma, other: Luma) -> _Change:
     """Average the change over cells as large as fit; OpenCV is fast where they are equal."""
     height, width = one.shape
-    side = max(1, min(height // CELLS, width))
+    side = max(1, min(height, width) // CELLS)
     rows, columns = height // side, width // side
     complete = cv2.absdiff(one, other)[: rows * side, : columns * side]
     cells = cv2.resize(complete, (columns, rows), interpolation=cv2.INTER_AREA)

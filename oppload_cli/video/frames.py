@@ -263,8 +263,9 @@ def working_size(facts: InputFacts, height: int | None) -> WorkingSize:
     facts : InputFacts
         Gives the displayed size.
     height : int or None
-        Working height in pixels, at least 1; the width follows. None keeps the
-        native size.
+        Working height in pixels, at least 1; the width follows. Of a picture that is higher
+        than wide it is the width, so that a camera turned by 90 degrees gives the same answers.
+        None keeps the native size.
 
     Raises
     ------
@@ -274,8 +275,11 @@ def working_size(facts: InputFacts, height: int | None) -> WorkingSize:
     if height is None:
         size = WorkingSize(facts.width, facts.height, 1.0, 1.0)
     else:
-        width = max(1, round(facts.width * height / facts.height))
-        size = WorkingSize(width, height, facts.width / width, facts.height / height)
+        shorter = min(facts.width, facts.height)
+        width, rows = (
+            max(1, round(side * height / shorter)) for side in (facts.width, facts.height)
+        )
+        size = WorkingSize(width, rows, facts.width / width, facts.height / rows)
     pixels, given = size.width * size.height, facts.width * facts.height
     if pixels > _MOST_WORKING_PIXELS or pixels > max(given, _MOST_ENLARGED):
         raise ParameterError(

@@ -22,8 +22,9 @@ def facts(width: int, height: int) -> InputFacts:
         ((1280, 720), 240, (427, 240)),
         ((1280, 720), None, (1280, 720)),
         ((160, 120), 240, (320, 240)),
-        ((10, 1000), 240, (2, 240)),
-        ((1, 1000), 100, (1, 100)),
+        ((720, 1280), 240, (240, 427)),
+        ((120, 160), 240, (240, 320)),
+        ((10, 100), 100, (100, 1000)),
     ],
 )
 def test_working_size(
@@ -35,8 +36,9 @@ def test_working_size(
 
 
 def test_a_working_size_that_is_too_large() -> None:
-    with pytest.raises(ParameterError, match="choose a smaller --height"):
-        working_size(facts(4000, 1), 240)
+    for size in ((4000, 1), (1, 4000)):
+        with pytest.raises(ParameterError, match="choose a smaller --height"):
+            working_size(facts(*size), 240)
 
 
 def test_luminance_of_codes() -> None:
