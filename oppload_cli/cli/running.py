@@ -289,6 +289,9 @@ class _Batch:
             yield incomplete(task, result)
         elif result.notes and self._verbosity >= 0:
             yield f"oppload: {task.name}: {'; '.join(result.notes)}"
+        if self._verbosity > 0:
+            for remark in result.remarks:
+                yield f"oppload: {task.name}: {remark}"
 
     def _report(self) -> None:
         self._progress.close()

@@ -30,6 +30,7 @@ MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two i
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
 _MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
+_FIRST, _BRIGHTEST = 3, 2.0  # frames that are checked for 0 to 255, and the luminance allowed
 
 
 # ---- The equations -------------------------------------------------------------------------
@@ -334,14 +335,17 @@ class Photoreceptors:
         Raises
         ------
         FrameError
-            If the array is not float32 of that shape, or holds a value that is not finite. The
-            frame is not taken then.
+            If the array is not float32 of that shape, or holds a value that is not finite, or
+            one of the first three frames is not in the range from 0 to 1. The frame is not taken
+            then.
         """
         if luma.shape != self.shape or luma.dtype != np.float32:
             raise FrameError(
                 f"a frame must be a float32 array of shape {self.shape}, "
                 f"not {luma.dtype} of shape {luma.shape}"
             )
+        if self.frames < _FIRST and _BRIGHTEST < cv2.minMaxLoc(luma)[1] < np.inf:
+            raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
         record = _Record(self._clock.now(self._now))
         compared = self._compared_with(record.at)
         if compared:

@@ -176,6 +176,11 @@ class FrameTimes:
         return self._now_s
 
     @property
+    def seconds(self) -> float:
+        """Time from the first frame to the latest one, in seconds."""
+        return self._now_s - (self._first_s or 0.0)
+
+    @property
     def rate(self) -> float | None:
         """Frames per second by the median step of the first 1024 frames; None for one frame."""
         return 1 / median(self._steps) if self._steps else None

@@ -284,8 +284,14 @@ class _Run:
         pictures, rate = self._pictures_per_s(), self.video.facts.frame_rate
         if pictures is not None and rate is not None:
             remarks.append(
-                f"holds about {pictures:.2g} different pictures/s in {float(rate):.4g} frames/s; "
+                f"holds about {pictures:.3g} different pictures/s in {float(rate):.4g} frames/s; "
                 "the repeats are left out"
+            )
+        seconds = self._times.seconds
+        if self.frames and seconds < self._settings.alarm.blind_s:
+            remarks.append(
+                f"lasts {seconds:.2f} s: too short for an alarm, as the first "
+                f"{self._settings.alarm.blind_s:.2g} s never count"
             )
         return tuple(remarks)
 

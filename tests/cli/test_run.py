@@ -134,6 +134,19 @@ def test_a_cadence_of_repeats_is_told(tmp_path: Path) -> None:
         assert (done.returncode, said in done.stderr) == (0, told)
 
 
+def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
+    """Silence must not pass for safety, also among others."""
+    for name, count in (("short.avi", 5), ("other.avi", 6)):
+        write_video(tmp_path / name, grey_frames(count, seed=count))
+    said = "short.avi: lasts 0.13 s: too short for an alarm, as the first 0.33 s never count"
+    words = ("--height", "48", "--no-rmo", "--if-exists", "overwrite", "-o", tmp_path, "-v")
+    for inputs in (["short.avi"], ["short.avi", "other.avi"]):
+        done = oppload("run", *(tmp_path / each for each in inputs), *words)
+        assert (done.returncode, said in done.stderr) == (0, True)
+    write_video(tmp_path / "long.avi", grey_frames(12))
+    assert "too short" not in oppload("run", tmp_path / "long.avi", *words).stderr
+
+
 def test_an_existing_result_is_not_touched_without_being_asked(clip: Path, tmp_path: Path) -> None:
     there = tmp_path / "loom.frames.csv"
     there.write_text("mine")

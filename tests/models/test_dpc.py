@@ -235,6 +235,14 @@ def test_a_wrong_array_is_refused(frame: Luma) -> None:
         Dpc((9, 9), DpcParams()).step(frame)
 
 
+def test_luminance_of_8_bits_is_refused() -> None:
+    """It would make every response 255 times too large, and the first alarm come at once."""
+    dpc = Dpc((9, 9), DpcParams())
+    with pytest.raises(FrameError, match="L is 0 to 1: divide 8 bits by 255"):
+        dpc.step(np.full((9, 9), 200, np.float32))
+    assert dpc.frames == 0
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_luminance_that_is_not_finite_is_refused(value: float) -> None:
     dpc = Dpc((9, 9), DpcParams())

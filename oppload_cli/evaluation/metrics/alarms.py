@@ -14,6 +14,7 @@ from oppload_cli.evaluation.metrics.intervals import (
     Estimate,
     Measurement,
     interval,
+    share_interval,
     weighted_mean,
     weighted_median,
 )
@@ -318,7 +319,8 @@ def _measurements(
 
     rate = found(lambda each, weights: weighted_mean(each.detected, weights))
     approaches = int((~np.isnan(outcomes.detected)).sum())
-    yield Measurement(detector, "detection_rate", condition, *rate, approaches)
+    bounds = share_interval(rate.value, approaches, rate.low, rate.high)
+    yield Measurement(detector, "detection_rate", condition, rate.value, *bounds, approaches)
     lead = found(lambda each, weights: weighted_median(each.lead_s, weights))
     detections = int(np.nansum(outcomes.detected))
     yield Measurement(detector, "lead_time_s", condition, *lead, detections)

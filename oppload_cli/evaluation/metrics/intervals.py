@@ -92,6 +92,30 @@ def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
     return Estimate(value, *interval(np.array([statistic(each) for each in draws])))
 
 
+def share_interval(share: float, count: int, low: float, high: float) -> tuple[float, float]:
+    """Widen the interval of a share where all outcomes agree, and the bootstrap knows nothing.
+
+    Parameters
+    ----------
+    share : float
+        Of `count` outcomes, 0 to 1.
+    count : int
+        At least 0.
+    low, high : float
+        The interval of the bootstrap.
+
+    Returns
+    -------
+    tuple of float
+        For a share of 0 or 1 at least that of Clopper and Pearson (1934, Biometrika 26:404);
+        else `low` and `high`.
+    """
+    if not count or share not in {0.0, 1.0}:
+        return low, high
+    reach = ((100 - LEVEL) / 200) ** (1 / count)
+    return (min(low, reach), 1.0) if share else (0.0, max(high, 1 - reach))
+
+
 def interval(values: Numbers) -> tuple[float, float]:
     """Return the bounds of the central 95 % of values.
 

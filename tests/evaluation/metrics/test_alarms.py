@@ -12,7 +12,7 @@ from oppload_cli.evaluation.metrics.alarms import (
     held_out,
     shipped,
 )
-from oppload_cli.evaluation.metrics.intervals import draws_of
+from oppload_cli.evaluation.metrics.intervals import draws_of, share_interval
 from tests.evaluation.make import NAME, clip, peaks
 
 # A minute of footage without an approach each, at 10 frames/s.
@@ -168,4 +168,16 @@ def test_each_draw_chooses_its_own_threshold() -> None:
     # Held-out thresholds are not chosen again in each draw.
     fixed = held_out(thresholds, 0.4, draws)
     kept = {each.measure: [each.value, each.low, each.high] for each in fixed.measurements}
-    assert kept["detection_rate"] == [0, 0, 0]
+    assert kept["detection_rate"] == pytest.approx([0, 0, 0.975])
+
+
+@pytest.mark.parametrize(
+    ("share", "count", "expected"),
+    [(1.0, 2, (0.158, 1)), (0.0, 2, (0, 0.842)), (1.0, 10, (0.692, 1)), (0.5, 2, (0.4, 0.6))],
+)
+def test_outcomes_that_all_agree_are_not_certain(
+    share: float, count: int, expected: tuple[float, float]
+) -> None:
+    """The exact interval of Clopper and Pearson, from scipy.stats.beta."""
+    low, high = (0.4, 0.6) if share == 0.5 else (share, share)
+    assert share_interval(share, count, low, high) == pytest.approx(expected, abs=5e-4)
