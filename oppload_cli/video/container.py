@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 
 
 Value = TypeVar("Value")
+_NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, of pictures alone
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
 _MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
 # With frame threads VP8 predicts from failed frames without an error; with threads for slices
@@ -436,7 +437,10 @@ def _stored_bits(pixel_format: VideoFormat | None) -> int:
 
 
 def _rate(stream: VideoStream) -> Fraction | None:
-    for rate in (stream.average_rate, stream.guessed_rate, stream.base_rate):
+    rates = [stream.average_rate, stream.guessed_rate, stream.base_rate]
+    if stream.container.format.flags & _NO_TIMES:  # FFmpeg takes 25 then; the encoder may tell
+        rates.insert(0, stream.codec_context.framerate)
+    for rate in rates:
         if rate:
             return Fraction(rate)
     return None

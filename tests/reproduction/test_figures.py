@@ -90,7 +90,18 @@ def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars
         width: {axis: responses([float("nan"), 0, peak]) for axis, peak in peaks.items()}
         for width, peaks in ((10, ten), (60, sixty))
     }
-    return bars._Tunings(shown, loom)
+    return bars._Tunings(shown, loom, 30.0)
+
+
+@pytest.mark.parametrize(("beyond", "verdict"), [(0.0, Verdict.HOLDS), (0.5, Verdict.DOES_NOT)])
+def test_the_edge_of_the_field_is_that_of_the_preset(beyond: float, verdict: Verdict) -> None:
+    """A bar whose ends are 13 degrees out in frame 4, and 15 in the next one."""
+    curve = [float("nan"), 1.0, *[0.9] * 3, *[beyond] * 20]
+    shown = {width: {0: responses(curve)} for width in (10, 60)}
+    tuned = bars._Tunings(shown, 1.0, 12.0)
+    assert bars._edge(tuned).numbers["median_beyond_edge_over_peak"] == beyond
+    assert bars._edge(tuned).verdict is verdict
+    assert bars._middle(tuned).numbers["lower_quartile_deg"] == pytest.approx(7)
 
 
 def test_bars_like_those_of_the_neurons_hold() -> None:

@@ -64,6 +64,14 @@ def test_rgb_becomes_grey_by_rec_601(tmp_path: Path) -> None:
     np.testing.assert_allclose(frame.luma, grey / 255, atol=1e-7)
 
 
+def test_a_raw_stream_has_the_rate_that_its_encoder_states(tmp_path: Path) -> None:
+    """Its file states no times, and FFmpeg takes 25 frames/s for all such files."""
+    path = write_video(tmp_path / "a.h264", grey_frames(6), rate=Fraction(60), codec="libx264")
+    with open_video(path) as video:
+        assert video.facts.frame_rate == 60
+        assert [frame.time_s for frame in video] == pytest.approx(np.arange(6) / 60)
+
+
 @pytest.mark.parametrize(
     ("name", "codec", "pixel_format"),
     [
