@@ -78,7 +78,8 @@ C38 = (
     Case("12 in 30, exactly", 0.005, 0.005),
     Case("twice, CRF 23", 0.005, 0.06),
     Case("12 in 30, CRF 23", 0.005, 0.012),
-    Case("twice, CRF 28", 0.16, 0.3),
+    # Steps are irregular where repeats are missed, and P is compared with other frames then.
+    Case("twice, CRF 28", 0.23, 0.24),
     Case("12 in 30, CRF 28", 0.12, 0.12),
 )
 
