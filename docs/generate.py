@@ -10,7 +10,7 @@ from oppload_cli.cli.models import parameter_sets
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
 from oppload_cli.models.registry import detectors
-from oppload_cli.results.table import COMMON, RMO, VIEW, columns_of
+from oppload_cli.results.table import ALARM_DETAILS, COMMON, RMO, VIEW, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,9 +37,13 @@ def formats() -> str:
     for name in detectors():
         usual = columns_of(name)
         parts += [f"### With model `{name}`", columns(usual)]
+        general = {f"{name}_{each.name}" for each in ALARM_DETAILS}
         details = columns_of(name, details=True)[len(usual) :]
+        details = tuple(each for each in details if each.name not in general)
         parts += ["With `--columns all` also:\n", columns(details)] if details else []
     seen = "Each detector with a box has also, with its name in front:\n"
+    seen_by = "Each detector has also, with its name in front, the last one if it has a box:\n"
+    parts += ["### With `--columns all`", seen_by, columns(ALARM_DETAILS)]
     parts += ["### With `--fov`, and for stimuli with ground truth", seen, columns(VIEW)]
     parts += ["### Unless `--no-rmo`", columns(RMO)]
     parts += [

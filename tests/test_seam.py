@@ -163,7 +163,11 @@ def test_its_inner_values_have_columns_where_all_are_wanted(
     table = rows(tmp_path)
     usual = [name for name in rows(result)[0] if name.startswith("toy_")]
     own = [name for name in table[0] if name.startswith("toy_")]
-    assert own == [*usual, "toy_count"]
+    assert own == [*usual, "toy_count", "toy_over_threshold", "toy_time_to_contact_s"]
+    over = [float(row["toy_over_threshold"]) for row in table[1:]]
+    at_floor = [float(row["toy_response"]) / FLOOR for row in table[1:]]
+    assert max(over) > 1
+    assert over[:10] == pytest.approx(at_floor[:10])
     assert "frame_difference_response" in table[0]
     for row in table[1:]:
         assert int(row["toy_count"]) == round(float(row["toy_response"]) * SIDE**2)

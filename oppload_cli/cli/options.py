@@ -320,7 +320,7 @@ def settings_options(
             click.option(
                 "--columns",
                 metavar="usual|all",
-                help="Columns of the table; all: the inner values of the models too.",
+                help="Columns of the table; all: also inner values, time to contact, response over threshold.",
             ),
         ]
 

@@ -69,6 +69,17 @@ VIEW = (
 )
 
 
+# Of each detector, with `--columns all`; the last one where it has places.
+ALARM_DETAILS = (
+    Column(
+        "over_threshold", "", "response over the threshold of its alarm; empty where there is none"
+    ),
+    Column(
+        "time_to_contact_s", "s", "until the strongest looming object arrives; empty if not known"
+    ),
+)
+
+
 def columns_of(
     name: str,
     *,
@@ -83,7 +94,7 @@ def columns_of(
     name : str
         The detector.
     details : bool
-        Whether its inner values have columns too.
+        Whether its inner values have columns too, and what its alarm goes by.
     degrees : bool
         Whether its strongest looming object has columns in degrees (``--fov``).
     presets : collection of str, optional
@@ -109,6 +120,8 @@ def columns_of(
         for column in (*detector.columns, *(detector.details if details else ()))
         if presets is None or not column.preset or column.preset in presets
     ]
+    if details:
+        columns += ALARM_DETAILS if detector.places else ALARM_DETAILS[:1]
     return tuple(each._replace(name=f"{name}_{each.name}") for each in columns)
 
 
@@ -247,6 +260,10 @@ class FrameRecord:
                 values.update(
                     (f"{name}_{each.name}", getattr(view, each.name, None)) for each in VIEW
                 )
+                values[f"{name}_time_to_contact_s"] = (
+                    None if found is None else found.time_to_contact_s
+                )
+            values[f"{name}_over_threshold"] = self.over_threshold(name)
             for column in (*detector.columns, *detector.details):
                 values[f"{name}_{column.name}"] = getattr(response, column.name, None)
         values.update({each.name: getattr(self.rmo, each.name, None) for each in RMO})
