@@ -320,7 +320,7 @@ def settings_options(
             click.option(
                 "--columns",
                 metavar="usual|all",
-                help="Columns of the table; all: also inner values, time to contact, response over threshold.",
+                help="Columns of the table; all: also inner values, and what the alarm goes by.",
             ),
         ]
 
