@@ -160,11 +160,11 @@ def _run(
 
         measured = oppload.read_tuning(paths[0])
         try:
-            figure_of_it, _ = oppload.plot_tuning(measured)
+            drawn, _ = oppload.plot_tuning(measured)
         except ResultError as error:  # the table is complete without it
             say(f"oppload: no plot: {error}")
             return paths[:2]
-        style.save(figure_of_it, paths[2])
+        style.save(drawn, paths[2])
         for line in tuning.lines_of([measured]):
             click.echo(line, err=True)
     return paths

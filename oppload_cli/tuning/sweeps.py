@@ -180,7 +180,8 @@ def sweeps(
             raise ParameterError(f"--change {both}: --over sweeps it; leave one of the two out")
         gone = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
         held = {key: _at(entry.table, key) for key in sorted(gone)}
-        return [Sweep(entry, resolve(**settings), 1, {}, held)]
+        stated = {key: value for key, value in held.items() if value is not None}
+        return [Sweep(entry, resolve(**settings), 1, {}, stated)]
     named = _figures_named(figures)
     if over and len(named) > 1:
         raise ParameterError("--over goes with one --figure alone")
