@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 
@@ -56,7 +57,8 @@ def test_an_outline_alone_shows_the_growth(x: float, radius: float) -> None:
     now, before = disk(WIDTH, x, 110, radius)[:HEIGHT], disk(WIDTH, x, 110, radius / 1.1)[:HEIGHT]
     shrinkage, error = grown(now, before, (x, 110, 1.15 * radius, 1.15 * radius))
     # OpenCV 4 shifts pictures by multiples of 1/32 px, OpenCV 5 by any distance.
-    assert shrinkage == pytest.approx(1 / 1.1 - 1, rel=0.035)
+    within = 0.035 if cv2.__version__.startswith("4.") else 0.03
+    assert shrinkage == pytest.approx(1 / 1.1 - 1, rel=within)
     assert error < 0.2 * -shrinkage
 
 
