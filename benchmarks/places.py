@@ -74,6 +74,7 @@ class Measured:
 
     frames: int = 0
     errors: list[float] = field(default_factory=list)
+    certain: list[bool] = field(default_factory=list)  # the true time is within twice the error
     focus: list[float] = field(default_factory=list)
     size: list[float] = field(default_factory=list)
     identities: set[int] = field(default_factory=set)
@@ -130,6 +131,8 @@ def _compare(
     result.size.append(math.sqrt(nearest.box.width * nearest.box.height) / 2 / radius - 1)
     if last and nearest.time_to_contact_s is not None:
         result.errors.append(nearest.time_to_contact_s / time_s - 1)
+        away_s = abs(nearest.time_to_contact_s - time_s)
+        result.certain.append(away_s <= 2 * (nearest.time_to_contact_error_s or 0))
 
 
 def _radius(protocol: Protocol, thing: ObjectTruth) -> float:
@@ -154,9 +157,12 @@ def contact_table(preset: str) -> Iterator[str]:
         yield result.row(name)
         everything.frames += result.frames
         everything.errors += result.errors
+        everything.certain += result.certain
         everything.focus += result.focus
         everything.size += result.size
     yield everything.row("**all**")
+    within, given = sum(everything.certain), len(everything.certain)
+    yield f"true time within twice the error: {within} of {given}"
 
 
 def localisation(folder: Path, preset: str) -> Iterator[str]:
@@ -167,7 +173,7 @@ def localisation(folder: Path, preset: str) -> Iterator[str]:
     labelled: list[list[bool]] = []
     every: list[list[bool]] = []
     overlaps: list[float] = []
-    left: list[float | None] = []
+    left: list[tuple[float, bool] | None] = []
     for clip in _clips(folder):
         name, contact = clip["file"], clip["contact_frame"]
         if name not in boxes:
@@ -192,19 +198,29 @@ def localisation(folder: Path, preset: str) -> Iterator[str]:
     late = [each for each in left if each is not None]
     yield f"time to contact given in {len(late)} of {len(left)} frames with a detection"
     if late:
-        low, high = min(late), max(late)
-        middle = statistics.median(late)
+        seconds = [each for each, _ in late]
+        low, high, middle = min(seconds), max(seconds), statistics.median(seconds)
         yield f"contact later than labelled by {low:.2f} to {high:.2f} s, median {middle:.2f} s"
+        within = sum(sure for _, sure in late)
+        yield f"labelled time within twice the error: {within} of {len(late)}"
 
 
-def _contacts(records: Sequence[FrameRecord], contact: int) -> list[float | None]:
-    """Return how much later than labelled the first object of each last frame would touch."""
+def _contacts(records: Sequence[FrameRecord], contact: int) -> list[tuple[float, bool] | None]:
+    """Return how much later than labelled the first object of each last frame would touch.
+
+    And whether that is within twice the error of its time; None where no time is given.
+    """
     last = records[max(0, contact - NEAR_CONTACT) : contact]
-    found = [
-        (each.time_s, each.detections[0].time_to_contact_s) for each in last if each.detections
-    ]
     labelled_s = records[contact].time_s
-    return [None if left is None else time_s + left - labelled_s for time_s, left in found]
+    late: list[tuple[float, bool] | None] = []
+    for first, time_s in ((each.detections[0], each.time_s) for each in last if each.detections):
+        left = first.time_to_contact_s
+        if left is None:
+            late.append(None)
+            continue
+        late_s = time_s + left - labelled_s
+        late.append((late_s, abs(late_s) <= 2 * (first.time_to_contact_error_s or 0)))
+    return late
 
 
 def cost(folder: Path) -> Iterator[str]:

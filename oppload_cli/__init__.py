@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.presets import PRESETS
     from oppload_cli.models.registry import DetectorBank, detectors, parameters_of, register
     from oppload_cli.motion.rmo import RmoMetrics, RmoParams
-    from oppload_cli.pipeline.analysis import analyse
+    from oppload_cli.pipeline.analysis import Analysis, analyse
     from oppload_cli.pipeline.sources import open_source
     from oppload_cli.plots.curves import plot_curves
     from oppload_cli.plots.places import plot_places
@@ -50,6 +50,7 @@ __all__ = [
     "PRESETS",
     "Alarm",
     "AlarmParams",
+    "Analysis",
     "Box",
     "Column",
     "Detection",
@@ -113,7 +114,7 @@ _MODULES = {
     "models.presets": ("PRESETS",),
     "models.registry": ("DetectorBank", "detectors", "parameters_of", "register"),
     "motion.rmo": ("RmoMetrics", "RmoParams"),
-    "pipeline.analysis": ("analyse",),
+    "pipeline.analysis": ("Analysis", "analyse"),
     "pipeline.sources": ("open_source",),
     "plots.curves": ("plot_curves",),
     "plots.places": ("plot_places",),

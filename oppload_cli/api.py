@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _DETECTION_COLUMNS = (
     "frame", "time_s", "id", "x", "y", "width", "height", "centre_x", "centre_y", "response",
-    "alarm", "time_to_contact_s",
+    "alarm", "time_to_contact_s", "time_to_contact_error_s",
 )  # fmt: skip
 
 
@@ -209,6 +209,7 @@ def run(
     *,
     models: Sequence[str] = (),
     rate: float | Fraction | None = None,
+    times: Sequence[float] | None = None,
     height: int | str | None = None,
     fov: float | None = None,
     rmo: bool = True,
@@ -224,7 +225,7 @@ def run(
         ``default`` for videos of cameras, ``reference`` for studies of the model, or ``paper``.
     models : sequence of str
         Names of detectors; OppLoD and D-LGMD if left out.
-    rate, height
+    rate, times, height
         As of :func:`oppload_cli.open_source`.
     fov : float, optional
         Field of view across the width of the frame in degrees; a stimulus has its own.
@@ -263,7 +264,7 @@ def run(
     )
     records: list[FrameRecord] = []
     pixels = chosen.height or "native"
-    with open_source(source, rate=rate, height=pixels, preset=preset) as frames:
+    with open_source(source, rate=rate, times=times, height=pixels, preset=preset) as frames:
         truth = ground_truth(frames.protocol) if isinstance(frames, StimulusVideo) else None
         columns, sidecar = collected(frames, chosen, records.append, truth)
     found = [detection_values(each, one) for each in records for one in each.detections]

@@ -168,7 +168,16 @@ def test_the_layers_of_a_model() -> None:
     ("source", "options", "kind", "sentence"),
     [
         (np.zeros((4, 9, 9), np.uint8), {}, ParameterError, "give its rate"),
-        (np.zeros((4, 9, 9), np.uint8), {"rate": 0}, ParameterError, "rate must be above 0"),
+        (
+            np.zeros((4, 9, 9), np.uint8),
+            {"rate": 0},
+            ParameterError,
+            "rate must be a number above 0",
+        ),
+        (np.zeros((4, 9, 9), np.uint8), {"rate": "30"}, ParameterError, "not '30'"),
+        (np.zeros((4, 9, 9), np.uint8), {"times": [0, 1, 2]}, ParameterError, "each of the 4 f"),
+        (np.zeros((4, 9, 9), np.uint8), {"times": [0, 1, 2, np.nan]}, ParameterError, "finite"),
+        ("controls/size-steps", {"times": [0, 1]}, ParameterError, "only an array of frames"),
         (np.zeros((9, 9), np.uint8), {"rate": 30}, SourceError, r"its shape is \(9, 9\)"),
         (np.zeros((4, 9, 9), np.int64), {"rate": 30}, SourceError, "its type is int64"),
         (np.full((4, 9, 9), 2.0), {"rate": 30}, SourceError, "frame 0 holds values outside"),

@@ -7,6 +7,10 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "howto"
 RCLPY = """
@@ -49,6 +53,31 @@ def test_the_ros_node_publishes_each_row(tmp_path: Path) -> None:
         "looming/alarm True", "looming/response 0.25",
         "shut down",
     ]  # fmt: skip
+
+
+def test_the_callback_of_a_ros_topic_answers_to_its_images() -> None:
+    page = (PAGES / "ros2.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (script,) = [block for block in blocks if "def on_image" in block]
+    names: dict[str, Any] = {}
+    exec(compile(script, "ros2.md", "exec"), names)  # noqa: S102 - the page's own code
+    y, x = np.mgrid[:90, :120]
+    answers = []
+    for frame in range(26):
+        image = np.zeros((90, 3 * 120 + 8), np.uint8)  # rows end in bytes that are no pixels
+        white = np.clip(np.hypot(x - 60, y - 45) - 60 / (30 - frame), 0, 1)
+        image[:, :360] = np.repeat(255 * white, 3, axis=1)
+        stamp = SimpleNamespace(sec=1000, nanosec=round(frame / 30 * 1e9))
+        header = SimpleNamespace(stamp=stamp)
+        message = SimpleNamespace(
+            height=90, width=120, step=368, data=image.tobytes(), header=header
+        )
+        answers.append(names["on_image"](message))
+    assert answers[0] == (False, None)
+    alarm, nearest = answers[-1]
+    assert alarm
+    assert abs(nearest.centre_x - 60) < 1
+    assert abs(nearest.time_to_contact_s - 5 / 30) < 0.02
 
 
 def test_the_first_tutorial_makes_the_videos_of_the_others(tmp_path: Path) -> None:

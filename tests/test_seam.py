@@ -163,7 +163,8 @@ def test_its_inner_values_have_columns_where_all_are_wanted(
     table = rows(tmp_path)
     usual = [name for name in rows(result)[0] if name.startswith("toy_")]
     own = [name for name in table[0] if name.startswith("toy_")]
-    assert own == [*usual, "toy_count", "toy_over_threshold", "toy_time_to_contact_s"]
+    left = ("toy_time_to_contact_s", "toy_time_to_contact_error_s")
+    assert own == [*usual, "toy_count", "toy_over_threshold", *left]
     over = [float(row["toy_over_threshold"]) for row in table[1:]]
     at_floor = [float(row["toy_response"]) / FLOOR for row in table[1:]]
     assert max(over) > 1

@@ -372,8 +372,8 @@ class Contact:
         contact_s = self._samples[-1][1]
         return (before_s - time_s) / (contact_s - before_s) if contact_s > time_s else 0.0
 
-    def remaining(self, time_s: float) -> float | None:
-        """Return the time to contact.
+    def remaining(self, time_s: float) -> tuple[float, float] | None:
+        """Return the time to contact and its error.
 
         Parameters
         ----------
@@ -382,9 +382,11 @@ class Contact:
 
         Returns
         -------
-        float or None
-            Seconds, above 0; None unless it is determined: enough frames over a long enough
-            time, enough growth, and a standard error of the mean below `largest_error` of it.
+        tuple of float, or None
+            Both in seconds, above 0; None unless it is determined: enough frames over a long
+            enough time, enough growth, and a standard error of the mean below `largest_error`
+            of it. The error is that of the time by one growth: the growths of an object err
+            alike, so that their mean is hardly better.
         """
         while self._samples and self._samples[0][0] < time_s - self._params.memory_s:
             self._samples.popleft()
@@ -397,14 +399,14 @@ class Contact:
         contact, error, away = _mean(contacts, errors)
         kept = np.abs(away) <= _TOO_FAR * math.sqrt(float(away @ away) / len(away))
         if self._params.least_frames <= kept.sum() < len(kept):
-            times = times[kept]
-            contact, error, _ = _mean(contacts[kept], errors[kept])
+            times, contacts, errors = times[kept], contacts[kept], errors[kept]
+            contact, error, _ = _mean(contacts, errors)
         left = contact - time_s
         grown = (contact - times[0]) / left if left > 0 else 0.0
         # Growths over times that overlap tell less than as many that do not.
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
         sure = grown >= self._params.least_growth and error < self._params.largest_error * left
-        return left if sure else None
+        return (left, float(np.mean(errors**-2)) ** -0.5) if sure else None
 
 
 def _mean(values: Floats, errors: Floats) -> tuple[float, float, Floats]:

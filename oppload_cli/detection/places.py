@@ -44,6 +44,8 @@ class Detection(NamedTuple):
         Whether the alarm is on, and because of this object.
     time_to_contact_s : float or None
         Estimate in seconds, above 0; None where it is not determined.
+    time_to_contact_error_s : float or None
+        Its error in seconds, by what the growths leave unexplained (``docs/places.md``).
     view : View or None
         The same in degrees; None where the field of view is not known.
 
@@ -63,6 +65,7 @@ class Detection(NamedTuple):
     response: float
     alarm: bool
     time_to_contact_s: float | None
+    time_to_contact_error_s: float | None = None
     view: View | None = None
 
     def seen_through(self, optics: Optics) -> Detection:
@@ -73,7 +76,9 @@ class Detection(NamedTuple):
     def after(self, passed_s: float) -> Detection:
         """Return the same object so many seconds later, when nothing new was seen of it."""
         left = self.time_to_contact_s and self.time_to_contact_s - passed_s
-        return self._replace(time_to_contact_s=left if left and left > 0 else None)
+        if left is None or left <= 0:
+            return self._replace(time_to_contact_s=None, time_to_contact_error_s=None)
+        return self._replace(time_to_contact_s=left)
 
 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
@@ -182,8 +187,8 @@ class Track:
         Of the latest frame that showed it.
     seen_s : float
         When that was.
-    time_to_contact_s : float or None
-        As estimated then.
+    time_to_contact_s, time_to_contact_error_s : float or None
+        As estimated then, and its error.
     """
 
     identity: int
@@ -196,6 +201,7 @@ class Track:
     seen_s: float
     contact: Contact = field(repr=False)
     time_to_contact_s: float | None = None
+    time_to_contact_error_s: float | None = None
 
     def holds(self, x: float, y: float, near: float) -> float | None:
         """Return how far off its focus a point of it is, 0 to 1; None for one outside."""
@@ -327,7 +333,7 @@ class Places:
         self._time(track, time_s)
 
     def _time(self, track: Track, time_s: float) -> None:
-        track.time_to_contact_s = None
+        track.time_to_contact_s = track.time_to_contact_error_s = None
         if not self._products:
             return
         before_s, before = self._pictures[0]
@@ -338,7 +344,9 @@ class Places:
             found = growth(self._pictures[-1][1], before, region, start)
             if found:
                 track.contact.add(time_s, passed_s, found)
-        track.time_to_contact_s = track.contact.remaining(time_s)
+        left = track.contact.remaining(time_s)
+        if left:
+            track.time_to_contact_s, track.time_to_contact_error_s = left
 
 
 class Detections:
@@ -428,7 +436,13 @@ class Detections:
     def _detection(self, track: Track) -> Detection:
         box, centre = self._in_source(track.x, track.y, track.extent.x, track.extent.y)
         return Detection(
-            track.identity, box, *centre, track.response, False, track.time_to_contact_s
+            track.identity,
+            box,
+            *centre,
+            track.response,
+            False,
+            track.time_to_contact_s,
+            track.time_to_contact_error_s,
         )
 
     def _in_source(

@@ -6,6 +6,7 @@ opened at its working height before the detectors are loaded.
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ParameterError, suggestion
@@ -105,3 +106,29 @@ def preset_named(name: str) -> Preset:
     if name not in PRESETS:
         raise ParameterError(f"no preset '{name}'{suggestion(name, PRESETS)}")
     return PRESETS[name]
+
+
+def parse_height(value: str | int) -> int | None:
+    """Read a working height.
+
+    Parameters
+    ----------
+    value : str or int
+        Pixels, or ``native``.
+
+    Returns
+    -------
+    int or None
+        None for ``native``.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, or outside 1 to 8192.
+    """
+    if value == NATIVE:
+        return None
+    text = str(value)
+    if not re.fullmatch(r"[0-9]{1,4}", text) or not 1 <= int(text) <= 8192:
+        raise ParameterError(f"height must be 'native' or 1 to 8192 pixels, not '{value}'")
+    return int(text)

@@ -34,7 +34,7 @@ _TAKEN_NAMES = {
 _COMMON_COLUMNS = {"frame", "time_s", "luma_change"}
 _RMO_COLUMNS = {"flow_vectors", "rom_pairs", "rom_share", "rmo_mean", "rmo_max", "rmo_index"}
 ALL, _LITERAL = "all", "literal"  # words for detectors in `names_of`
-_EVERYONES = ("response", "alarm", "over_threshold", "time_to_contact_s")
+_EVERYONES = ("response", "alarm", "over_threshold", "time_to_contact_s", "time_to_contact_error_s")
 _SIDES = ("x", "y", "width", "height", "unit_x", "unit_y")
 
 # The detectors that run by default, and where to find each of the others once it is asked for:

@@ -1,28 +1,35 @@
-"""One pass over a video: every frame through every detector and its alarm."""
+"""Every frame of a video through every detector and its alarm, in one pass or one by one."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from oppload_cli.detection.alarm import Alarm, Cuts
 from oppload_cli.detection.parameters import alarm_params_with, place_params
 from oppload_cli.detection.places import Detections
+from oppload_cli.errors import FrameError, ParameterError
 from oppload_cli.models.detector import Box
-from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
+from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named
 from oppload_cli.models.registry import DetectorBank, default_names, detector_of, parameters_of
 from oppload_cli.models.timebase import NEARLY_ONE, FrameTimes, TimeParams, time_params
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics
 from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
-from oppload_cli.pipeline.sources import open_source
+from oppload_cli.pipeline.sources import ArrayLuminance, check_type, checked_rate, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.results.table import FrameRecord
-from oppload_cli.video.frames import frames_ahead
+from oppload_cli.video.frames import Frame, InputFacts, frames_ahead, working_size
+from oppload_cli.video.optics import Optics, parse_fov
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from fractions import Fraction
+
+    from numpy.typing import NDArray
 
     from oppload_cli.detection.parameters import AlarmParams, PlaceParams
     from oppload_cli.detection.places import Detection
@@ -30,8 +37,128 @@ if TYPE_CHECKING:
     from oppload_cli.motion.rmo import RmoParams
     from oppload_cli.pipeline.sources import Source
     from oppload_cli.schema import Parameters
-    from oppload_cli.video.frames import Frame, FrameSource, WorkingSize
-    from oppload_cli.video.optics import Optics
+    from oppload_cli.video.frames import WorkingSize
+
+
+class Analysis:
+    """The detectors on frames that you hand over one by one, as of a robot's camera.
+
+    It gives what :func:`analyse` gives for a video of the same frames: responses, alarms, and
+    looming objects with their boxes and times to contact.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the frames in pixels.
+    params : sequence of Parameters, optional
+        As for :func:`analyse`, and so are `preset`, `height`, `alarm`, `places`, `repeats` and
+        `time`.
+    rate : float or Fraction, optional
+        Frames per second, where it is known. The detectors go by the time of each frame; the
+        rate serves those that count frames.
+    rmo : RmoParams or bool, optional
+        Parameters of radial motion opponency, or whether to measure it; it costs about as much
+        as the detectors.
+    fov : float, optional
+        Field of view across the width of the frame in degrees, 0 to 180, both excluded: gives
+        the looming objects in degrees too.
+
+    Raises
+    ------
+    ParameterError
+        If a name or a value is wrong, or frames of that shape are too large.
+
+    Examples
+    --------
+    >>> import numpy as np, oppload_cli as oppload
+    >>> analysis = oppload.Analysis((90, 120), rate=30)
+    >>> y, x = np.mgrid[:90, :120]
+    >>> for frame in range(26):  # a black disk on white, 0.17 s before it arrives
+    ...     white = np.clip(np.hypot(x - 60, y - 45) - 60 / (30 - frame), 0, 1)
+    ...     record = analysis.step(white, time_s=100 + frame / 30)
+    >>> record.alarms["opplod"], round(record.objects["opplod"].time_to_contact_s, 2)
+    (True, 0.17)
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        params: Sequence[Parameters] | None = None,
+        *,
+        preset: str | None = None,
+        rate: float | Fraction | None = None,
+        height: int | str | None = None,
+        alarm: AlarmParams | None = None,
+        places: PlaceParams | bool | None = True,
+        rmo: RmoParams | bool | None = False,
+        repeats: RepeatParams | None = None,
+        time: TimeParams | None = None,
+        fov: float | None = None,
+    ) -> None:
+        rows, columns = shape
+        if min(shape) < 1:
+            raise ParameterError(f"shape must be height and width in pixels, not {shape}")
+        preset = preset or _preset_of(params or ())
+        facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
+        pixels = parse_height(preset_named(preset).height if height is None else height)
+        working = working_size(facts, pixels)
+        degrees = None if fov is None else parse_fov(fov)
+        optics = None if degrees is None else Optics.of_fov(columns, rows, degrees)
+        self._shape = rows, columns
+        self._luminance = ArrayLuminance(working)
+        self._eye = _Eye(rmo, Repeats(repeats or RepeatParams()))
+        self._detectors = _Detectors(
+            working,
+            facts.frame_rate,
+            params,
+            preset=preset,
+            alarm=alarm,
+            places=places,
+            time=time,
+            optics=optics,
+        )
+        self._first_s = 0.0
+        self._count = 0
+
+    def step(self, frame: NDArray[Any], time_s: float) -> FrameRecord:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        frame : ndarray, shape (height, width) or (height, width, 3)
+            Luma, or red, green and blue: uint8 or uint16 over their full range, or float from
+            0 (black) to 1 (white). It is not kept.
+        time_s : float
+            When it was taken, in seconds; the zero is yours.
+
+        Returns
+        -------
+        FrameRecord
+            Its `time_s` counts from the first frame; boxes are in pixels of the frame.
+
+        Raises
+        ------
+        FrameError
+            If the frame has another shape, or its time is not finite.
+        SourceError
+            If it has another type, or floating values outside 0 to 1.
+        """
+        values = np.asarray(frame)
+        if values.shape not in {self._shape, (*self._shape, 3)}:
+            raise FrameError(
+                f"frame {self._count}: a frame must be of shape {self._shape}, with or without "
+                f"an axis of 3 colours, not of shape {values.shape}"
+            )
+        if not math.isfinite(time_s):
+            raise FrameError(f"frame {self._count}: its time must be finite, not {time_s}")
+        check_type(values)
+        if not self._count:
+            self._first_s = float(time_s)
+        luma = self._luminance(values, f"frame {self._count}")
+        seen = self._eye.step(Frame(self._count, float(time_s) - self._first_s, luma))
+        record = self._detectors.answer(seen, self._count)
+        self._count += 1
+        return record
 
 
 def analyse(
@@ -40,6 +167,7 @@ def analyse(
     *,
     preset: str | None = None,
     rate: float | Fraction | None = None,
+    times: Sequence[float] | None = None,
     height: int | str | None = None,
     alarm: AlarmParams | None = None,
     places: PlaceParams | bool | None = True,
@@ -60,7 +188,7 @@ def analyse(
     preset : str, optional
         Name of the preset, which gives the alarm and the working height too; else the one that
         `params` belong to, or else ``default``.
-    rate, height
+    rate, times, height
         As of :func:`oppload_cli.open_source`.
     alarm : AlarmParams, optional
         Parameters of every detector's alarm; else those of the preset.
@@ -98,15 +226,27 @@ def analyse(
     alarm at 1.07 s
     """
     preset = preset or _preset_of(params or ())
-    chosen = params or [parameters_of(name, preset) for name in default_names()]
-    alarm = alarm or alarm_params_with([detector_of(each).name for each in chosen], preset)
-    places = place_params(preset) if places is True else places or None
-    rmo = DEFAULT_RMO if rmo is True else rmo or None
     copies = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())
-    with open_source(source, rate=rate, height=height, preset=preset) as video:
-        time = time or time_params(preset)
-        detectors = _Detectors(video, chosen, alarm, places, time=time, optics=optics)
-        yield from _records(video, detectors, _seen(video, rmo, copies))
+    with open_source(source, rate=rate, times=times, height=height, preset=preset) as video:
+        eye = _Eye(rmo, copies)
+        detectors = _Detectors(
+            video.working,
+            video.facts.frame_rate,
+            params,
+            preset=preset,
+            alarm=alarm,
+            places=places,
+            time=time,
+            optics=optics,
+        )
+        # The flow runs in a thread of its own: it costs about as much as the detectors.
+        frames = (eye.step(frame) for frame in video)
+        seen = Prefetch(frames, frames_ahead(video.facts, video.working))
+        try:
+            for count, each in enumerate(seen):
+                yield detectors.answer(each, count)
+        finally:
+            seen.close()
 
 
 def _preset_of(params: Sequence[Parameters]) -> str:
@@ -117,19 +257,6 @@ def _preset_of(params: Sequence[Parameters]) -> str:
     return DEFAULT_PRESET
 
 
-def _records(
-    video: FrameSource, detectors: _Detectors, frames: Iterator[_Seen]
-) -> Iterator[FrameRecord]:
-    # The flow runs in a thread of its own: it costs about as much as the detectors.
-    ahead = frames_ahead(video.facts, video.working)
-    seen = Prefetch(frames, ahead)
-    try:
-        for count, each in enumerate(seen):
-            yield detectors.answer(each, count)
-    finally:
-        seen.close()
-
-
 class _Seen(NamedTuple):
     """A frame, the picture that it repeats, and its radial motion opponency."""
 
@@ -138,42 +265,58 @@ class _Seen(NamedTuple):
     opponency: RmoMetrics | None
 
 
-def _seen(video: FrameSource, rmo: RmoParams | None, repeats: Repeats) -> Iterator[_Seen]:
-    flow = DenseFlow(rmo) if rmo else None
-    for frame in video:
-        repeat = repeats.step(frame.luma, frame.time_s)
+class _Eye:
+    """Tells the repeats among the frames of one video, and measures the motion between them."""
+
+    def __init__(self, rmo: RmoParams | bool | None, repeats: Repeats) -> None:
+        params = DEFAULT_RMO if rmo is True else rmo or None
+        self._flow = DenseFlow(params) if params else None
+        self._repeats = repeats
+
+    def step(self, frame: Frame) -> _Seen:
+        """Take the next frame."""
+        flow, repeat = self._flow, self._repeats.step(frame.luma, frame.time_s)
         opponency = flow.step(frame.luma) if flow and not repeat.passed_over else None
         if flow and repeat.kind:
             opponency = RmoMetrics()
-        yield _Seen(frame, repeat, opponency)
+        return _Seen(frame, repeat, opponency)
 
 
 class _Detectors:
-    """The detectors over one video, with their alarms and the places of looming objects."""
+    """The detectors over one video, with their alarms and the places of looming objects.
+
+    What is left out is the preset's.
+    """
 
     def __init__(
         self,
-        video: FrameSource,
-        params: Sequence[Parameters],
-        alarm: AlarmParams,
-        places: PlaceParams | None,
+        working: WorkingSize,
+        rate: Fraction | None,
+        params: Sequence[Parameters] | None,
         *,
-        time: TimeParams,
+        preset: str,
+        alarm: AlarmParams | None,
+        places: PlaceParams | bool | None,
+        time: TimeParams | None,
         optics: Optics | None,
     ) -> None:
-        stated, self._working, self._optics = video.facts.frame_rate, video.working, optics
-        rate = float(stated) if stated else None
-        self._bank = DetectorBank(video.working.shape, params, rate, time)
-        self._times, self._per_second = FrameTimes(rate), time.per_second
+        chosen = params or [parameters_of(name, preset) for name in default_names()]
+        alarm = alarm or alarm_params_with([detector_of(each).name for each in chosen], preset)
+        sought = place_params(preset) if places is True else places or None
+        time = time or time_params(preset)
+        stated = float(rate) if rate else None
+        self._working, self._optics = working, optics
+        self._bank = DetectorBank(working.shape, chosen, stated, time)
+        self._times, self._per_second = FrameTimes(stated), time.per_second
         self._first_s: float | None = None
         self._cuts = Cuts(alarm)
         self._alarms = {name: Alarm(name, alarm) for name in self._bank.detectors}
         self._latest: FrameRecord | None = None  # of a frame that the detectors saw
         self._passed_s: list[float] = []  # times of the frames since then
         self._places = {
-            name: Detections(self._working, places, 1 / time.per_second if time.per_second else 0)
+            name: Detections(working, sought, 1 / time.per_second if time.per_second else 0)
             for name, each in self._bank.detectors.items()
-            if each.places and places
+            if each.places and sought
         }
 
     def answer(self, seen: _Seen, count: int) -> FrameRecord:

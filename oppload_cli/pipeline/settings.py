@@ -5,7 +5,6 @@ Later origins win: the preset, then the TOML file, then the command line.
 
 from __future__ import annotations
 
-import re
 import tomllib
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,8 +20,8 @@ from oppload_cli.files.reading import reading, text_of
 from oppload_cli.models.presets import (
     DEFAULT_PRESET,
     EXAMPLE_SETTING,
-    NATIVE,
     Preset,
+    parse_height,
     preset_in,
     preset_named,
 )
@@ -290,32 +289,6 @@ def _concerned(
     return [name for name in known_names() if name in models] if few else known_names()
 
 
-def _parse_height(value: str | int) -> int | None:
-    """Read a working height.
-
-    Parameters
-    ----------
-    value : str or int
-        Pixels, or ``native``.
-
-    Returns
-    -------
-    int or None
-        None for ``native``.
-
-    Raises
-    ------
-    ParameterError
-        If it is neither, or outside 1 to 8192.
-    """
-    if value == NATIVE:
-        return None
-    text = str(value)
-    if not re.fullmatch(r"[0-9]{1,4}", text) or not 1 <= int(text) <= 8192:
-        raise ParameterError(f"height must be 'native' or 1 to 8192 pixels, not '{value}'")
-    return int(text)
-
-
 def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> Settings:
     groups, origins = dict(settings.groups), dict(settings.origins)
     top: dict[str, Any] = {}
@@ -402,7 +375,7 @@ def _columns(value: object) -> str:
 
 _TOP_READERS: dict[str, Callable[[Any], Any]] = {
     "models": _models,
-    "height": _parse_height,
+    "height": parse_height,
     "fov": parse_fov,
     "measure_rmo": _yes_or_no,
     "columns": _columns,

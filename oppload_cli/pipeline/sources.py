@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from fractions import Fraction
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from oppload_cli import stimulus
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_there
-from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
+from oppload_cli.models.presets import DEFAULT_PRESET, parse_height, preset_named
 from oppload_cli.video.frames import DecodeFacts, Frame, InputFacts, Picture, working_size
 from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.source import open_video
@@ -24,10 +25,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.video.frames import DecodedSource, FrameSource
+    from oppload_cli.video.frames import DecodedSource, FrameSource, WorkingSize
 
     Frames = NDArray[Any]
     Source = str | Path | FrameSource | Protocol | Frames | Sequence[Frames]
+
+
+_HIGHEST_RATE = 100_000  # frames/s
 
 
 class StimulusVideo:
@@ -67,16 +71,62 @@ class StimulusVideo:
                 yield Frame(index, picture.time_s, self._luminance(picture))
 
 
+class ArrayLuminance:
+    """Brings pictures that are arrays to luminance at the working size.
+
+    Parameters
+    ----------
+    working : WorkingSize
+        The target.
+    """
+
+    def __init__(self, working: WorkingSize) -> None:
+        self._working = working
+        self._of_plane = Luminance(working, 0)
+
+    def __call__(self, values: Frames, name: str) -> NDArray[np.float32]:
+        """Return the luminance of a picture, 0 to 1, in memory of its own.
+
+        Parameters
+        ----------
+        values : ndarray
+            Shape (height, width), or with a last axis of red, green and blue: uint8 or uint16
+            over their full range, or float from 0 (black) to 1 (white).
+        name : str
+            Of the picture, for errors.
+
+        Raises
+        ------
+        SourceError
+            If a floating value lies outside 0 to 1.
+        """
+        floating = values.dtype.kind == "f"
+        if floating:
+            values = values.astype(np.float32)  # always a copy
+            if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1):
+                raise SourceError(f"{name} holds values outside 0 to 1; scale it, or give uint8")
+        if values.ndim == 3:
+            values = np.asarray(cv2.cvtColor(np.ascontiguousarray(values), cv2.COLOR_RGB2GRAY))
+        if not floating:
+            bits = 8 * values.dtype.itemsize
+            return self._of_plane(Picture(0, 0.0, np.ascontiguousarray(values), bits))
+        if values.shape == self._working.shape:
+            return np.asarray(values, np.float32)
+        size = (self._working.width, self._working.height)
+        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
 class _ArrayVideo:
     """The frames of an array at the working size, as an open video would give them.
 
     Parameters
     ----------
     frames : ndarray or sequence of ndarray
-        Shape (frames, height, width), or with a last axis of red, green and blue: uint8 or
-        uint16 over their full range, or float from 0 (black) to 1 (white).
-    rate : float or Fraction
+        The first axis counts them; each as :class:`ArrayLuminance` takes it.
+    rate : float or Fraction, optional
         Frames per second, above 0.
+    times : sequence of float, optional
+        The presentation time of each frame in seconds, for frames at uneven intervals.
     height : int or None
         Working height in pixels; None keeps the native size.
 
@@ -85,49 +135,78 @@ class _ArrayVideo:
     SourceError
         If they are not frames of such a shape and type.
     ParameterError
-        If the rate is not above 0.
+        If neither a rate nor times are given, the rate is not above 0, or there is not one
+        finite time for each frame.
     """
 
     def __init__(
-        self, frames: Frames | Sequence[Frames], rate: float | Fraction, height: int | None
+        self,
+        frames: Frames | Sequence[Frames],
+        rate: float | Fraction | None,
+        times: Sequence[float] | None,
+        height: int | None,
     ) -> None:
         try:
             self._frames = np.asarray(frames)
         except ValueError as error:
             raise SourceError("array: its frames differ in shape; give them one shape") from error
         _check_frames(self._frames)
-        if not 0 < rate <= 100_000:
-            raise ParameterError(f"rate must be above 0 and at most 100000 frames/s, not {rate}")
         count, rows, columns = self._frames.shape[:3]
+        declared = checked_rate(rate)
+        if times is not None:
+            self._times = _checked_times(times, count)
+            steps = np.diff(self._times)
+            usual_s = float(np.median(steps)) if len(steps) else 0.0
+            declared = declared or (checked_rate(1 / usual_s) if usual_s > 0 else None)
+        elif declared is not None:
+            self._times = [float(index / declared) for index in range(count)]
+        else:
+            raise ParameterError(
+                "an array of frames has no times; give its rate, e.g. rate=30, or the times"
+            )
         self.decode = DecodeFacts()
-        self.rate = Fraction(rate).limit_denominator(1 << 16)
-        self.facts = InputFacts("array", "array", columns, rows, self.rate, count)
+        self.facts = InputFacts("array", "array", columns, rows, declared, count)
         self.working = working_size(self.facts, height)
-        self._luminance = Luminance(self.working, 0)
+        self._luminance = ArrayLuminance(self.working)
 
     def __iter__(self) -> Iterator[Frame]:
-        for index, values in enumerate(self._frames):
-            time_s = float(index / self.rate)
+        for index, (values, time_s) in enumerate(zip(self._frames, self._times, strict=True)):
             self.decode.decoded += 1
-            yield Frame(index, time_s, self._luma(index, time_s, values))
+            luma = self._luminance(values, f"array: frame {index}")
+            yield Frame(index, time_s - self._times[0], luma)
 
-    def _luma(self, index: int, time_s: float, values: Frames) -> NDArray[np.float32]:
-        floating = values.dtype.kind == "f"
-        if floating:
-            values = values.astype(np.float32)
-            if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1):
-                raise SourceError(
-                    f"array: frame {index} holds values outside 0 to 1; scale it, or give uint8"
-                )
-        if values.ndim == 3:
-            values = np.asarray(cv2.cvtColor(values, cv2.COLOR_RGB2GRAY))
-        if not floating:
-            bits = 8 * values.dtype.itemsize
-            return self._luminance(Picture(index, time_s, np.ascontiguousarray(values), bits))
-        if values.shape == self.working.shape:
-            return np.ascontiguousarray(values, np.float32)
-        size = (self.working.width, self.working.height)
-        return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+def checked_rate(rate: float | Fraction | None) -> Fraction | None:
+    """Return frames per second as a fraction; None where they are not known.
+
+    Raises
+    ------
+    ParameterError
+        If the rate is no number above 0 and at most 100000.
+    """
+    if rate is None:
+        return None
+    given: object = rate  # a user's may be a string
+    if not isinstance(given, Real) or not 0 < rate <= _HIGHEST_RATE:
+        raise ParameterError(
+            f"rate must be a number above 0 and at most {_HIGHEST_RATE} frames/s, not {rate!r}"
+        )
+    exact = rate if isinstance(rate, Fraction) else Fraction(float(rate))
+    return exact.limit_denominator(1 << 16)
+
+
+def _checked_times(times: Sequence[float], count: int) -> list[float]:
+    try:
+        values = np.asarray(times, np.float64)
+    except (TypeError, ValueError):
+        values = np.full(1, np.nan)
+    if not np.isfinite(values).all():
+        raise ParameterError("times must be finite numbers of seconds")
+    if values.shape != (count,):
+        raise ParameterError(
+            f"times must hold one time for each of the {count} frames, not shape {values.shape}"
+        )
+    return [float(value) for value in values]
 
 
 def _check_frames(frames: Frames) -> None:
@@ -137,6 +216,17 @@ def _check_frames(frames: Frames) -> None:
             f"array: its shape is {frames.shape}; give (frames, height, width), or with a last "
             "axis of red, green and blue"
         )
+    check_type(frames)
+
+
+def check_type(frames: Frames) -> None:
+    """Refuse an array whose numbers have no known white.
+
+    Raises
+    ------
+    SourceError
+        If it is neither uint8 nor uint16 nor of floating numbers.
+    """
     if frames.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)} and frames.dtype.kind != "f":
         raise SourceError(
             f"array: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"
@@ -148,6 +238,7 @@ def open_source(
     source: Source,
     *,
     rate: float | Fraction | None = None,
+    times: Sequence[float] | None = None,
     height: int | str | None = None,
     preset: str = DEFAULT_PRESET,
 ) -> Iterator[DecodedSource]:
@@ -158,9 +249,12 @@ def open_source(
     source : str, Path, FrameSource, Protocol or array
         A video file, a folder or pattern of images, ``camera:0`` or a stream; the name of a
         stimulus of the catalogue; an open video, which is not closed; a stimulus; or an array
-        of frames, as :class:`_ArrayVideo` takes them.
+        of shape (frames, height, width), or with a last axis of red, green and blue: uint8 or
+        uint16 over their full range, or float from 0 (black) to 1 (white).
     rate : float or Fraction, optional
-        Frames per second of an array, which needs it, or of images (else 30).
+        Frames per second of an array, or of images (else 30).
+    times : sequence of float, optional
+        The presentation time of each frame of an array in seconds, instead of a rate.
     height : int or str, optional
         Working height in pixels, or ``native``; else the preset's. An open video has one.
     preset : str
@@ -176,7 +270,8 @@ def open_source(
     SourceError
         If nothing can be read from it.
     ParameterError
-        If the height, the preset or the rate is wrong, or an array has no rate.
+        If the height, the preset or the rate is wrong, an array has neither rate nor times, or
+        something else than an array is given times.
 
     Examples
     --------
@@ -187,21 +282,23 @@ def open_source(
     (240, 320) 60
     102
     """
-    pixels = preset_named(preset).height if height is None else height
-    if pixels != "native" and (not isinstance(pixels, int) or not 1 <= pixels <= 8192):
-        raise ParameterError(f"height must be 'native' or 1 to 8192 pixels, not {height!r}")
-    size = None if isinstance(pixels, str) else pixels
+    size = parse_height(preset_named(preset).height if height is None else height)
     if isinstance(source, str) and _is_stimulus(source):
         source = stimulus.load(source)
+    is_array = isinstance(source, np.ndarray | list | tuple)
+    if times is not None and not is_array:
+        raise ParameterError(
+            "only an array of frames takes times; other sources have times of their own"
+        )
     if isinstance(source, str | Path):
-        with open_video(source, height=size, image_rate=Fraction(rate or 30)) as video:
+        with open_video(
+            source, height=size, image_rate=checked_rate(rate) or Fraction(30)
+        ) as video:
             yield video
     elif hasattr(source, "facts") and hasattr(source, "working"):
         yield source  # type: ignore[misc]
-    elif isinstance(source, np.ndarray | list | tuple):
-        if rate is None:
-            raise ParameterError("an array of frames has no times; give its rate, e.g. rate=30")
-        yield _ArrayVideo(source, rate, size)
+    elif is_array:
+        yield _ArrayVideo(source, rate, times, size)  # type: ignore[arg-type]
     elif isinstance(source, stimulus.Protocol):  # the last kind: this loads the stimuli
         yield StimulusVideo(source, size)
     else:

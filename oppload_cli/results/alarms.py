@@ -93,7 +93,9 @@ class Verdict(NamedTuple):
         first, count = self.alarms[0], len(self.alarms)
         many = f", {count} alarms" if count > 1 else ""
         contact_s = first.time_to_contact_s
-        contact = "" if contact_s is None else f", about {contact_s:.1f} s before contact"
+        contact = (
+            "" if contact_s is None else f", contact about {contact_s:.1f} s later by its estimate"
+        )
         strongest = f", strongest {times(self.strongest)} times the threshold"
         return (
             f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{strongest}"

@@ -69,13 +69,18 @@ VIEW = (
 )
 
 
-# Of each detector, with `--columns all`; the last one where it has places.
+# Of each detector, with `--columns all`; all but the first where it has places.
 ALARM_DETAILS = (
     Column(
         "over_threshold", "", "response over the threshold of its alarm; empty where there is none"
     ),
     Column(
         "time_to_contact_s", "s", "until the strongest looming object arrives; empty if not known"
+    ),
+    Column(
+        "time_to_contact_error_s",
+        "s",
+        "error of that time; on rendered approaches the true time is usually within twice this",
     ),
 )
 
@@ -260,9 +265,8 @@ class FrameRecord:
                 values.update(
                     (f"{name}_{each.name}", getattr(view, each.name, None)) for each in VIEW
                 )
-                values[f"{name}_time_to_contact_s"] = (
-                    None if found is None else found.time_to_contact_s
-                )
+                for key in ("time_to_contact_s", "time_to_contact_error_s"):
+                    values[f"{name}_{key}"] = getattr(found, key, None)
             values[f"{name}_over_threshold"] = self.over_threshold(name)
             for column in (*detector.columns, *detector.details):
                 values[f"{name}_{column.name}"] = getattr(response, column.name, None)
@@ -389,6 +393,7 @@ def detection_values(record: FrameRecord, detection: Detection) -> dict[str, Val
         "response": detection.response,
         "alarm": detection.alarm,
         "time_to_contact_s": detection.time_to_contact_s,
+        "time_to_contact_error_s": detection.time_to_contact_error_s,
         **(detection.view._asdict() if detection.view else {}),
     }
 

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from oppload_cli import (
+    Analysis,
     Dlgmd,
     DlgmdParams,
     FrameRecord,
@@ -14,15 +15,20 @@ from oppload_cli import (
     analyse,
     open_video,
 )
+from oppload_cli.errors import FrameError, ParameterError, SourceError
 from tests.detection.showing import approaching
-from tests.media import disk, looming, write_video
+from tests.media import disk, looming, texture, write_video
 from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from oppload_cli.schema import Parameters
+
+    Frames = NDArray[np.uint8]
 
 
 def records(
@@ -172,3 +178,74 @@ def test_one_model_alone(tmp_path: Path) -> None:
     with open_video(path) as video:
         [*_, last] = analyse(video, [REFERENCE])
     assert "dlgmd_response" not in last.values()
+
+
+def approach() -> Frames:
+    """A disk before texture in colour, at uneven times: contact after 1.2 s."""
+    ground = texture(180, 320, 3)[..., None] * np.array([0.9, 1.0, 0.8])
+    y, x = np.mgrid[:180, :320]
+    grey = [np.hypot(x - 130, y - 100) - 14 / (1.2 - t) for t in TIMES]
+    frames = [np.clip(each, 0, 1)[..., None] * (0.3 + 0.6 * ground) for each in grey]
+    return (np.asarray(frames) * 255).round().astype(np.uint8)
+
+
+TIMES = np.arange(34) / 30 + np.random.default_rng(2).uniform(-0.004, 0.004, 34)
+
+
+def test_frames_one_by_one_give_what_the_array_gives() -> None:
+    """The zero of the times is the caller's, and a frame may be overwritten after its step."""
+    frames = approach()
+    expected = list(analyse(frames, times=TIMES.tolist(), preset="default"))
+    analysis = Analysis((180, 320), rate=30, rmo=True)
+    memory = np.empty_like(frames[0])
+    for index, each in enumerate(expected):
+        memory[:] = frames[index]
+        record = analysis.step(memory, 1e3 + TIMES[index])
+        assert record.time_s == pytest.approx(each.time_s, abs=1e-6)
+        own, other = record.values(), each.values()
+        assert own.keys() == other.keys()
+        for name in own.keys() - {"time_s"}:
+            one, same = (np.nan if value is None else value for value in (own[name], other[name]))
+            assert one == pytest.approx(same, rel=1e-4, nan_ok=True), (index, name)
+    assert expected[-1].alarms == {"opplod": True, "dlgmd": True}
+    left = expected[-3].objects["opplod"]
+    assert left
+    assert left.time_to_contact_s == pytest.approx(1.2 - TIMES[-3], rel=0.1)
+
+
+def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
+    analysis = Analysis((180, 320), height=90, fov=60)
+    for index, frame in enumerate(approach()):
+        record = analysis.step(frame.mean(axis=2) / 255, TIMES[index])
+    values = record.values()
+    assert record.frame == 33
+    assert values["opplod_azimuth_deg"] == pytest.approx(-6.2, abs=1)
+    assert values["flow_vectors"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"shape": (0, 9)}, "shape must be"),
+        ({"rate": "30"}, "rate must be"),
+        ({"fov": 0}, "fov must be"),
+        ({"height": "tall"}, "height must be"),
+        ({"preset": "lgmd"}, "no preset"),
+    ],
+)
+def test_wrong_uses_of_frames_one_by_one(options: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ParameterError, match=sentence):
+        Analysis(**{"shape": (90, 120), **options})
+
+
+def test_wrong_frames_one_by_one() -> None:
+    analysis = Analysis((90, 120))
+    for frame, time_s, kind, sentence in (
+        (np.zeros((120, 90)), 0.0, FrameError, r"must be of shape \(90, 120\)"),
+        (np.zeros((90, 120)), np.nan, FrameError, "time must be finite"),
+        (np.zeros((90, 120), np.int64), 0.0, SourceError, "type is int64"),
+        (np.full((90, 120), 200.0), 0.0, SourceError, "frame 0 holds values outside"),
+    ):
+        with pytest.raises(kind, match=sentence):
+            analysis.step(frame, time_s)
+    assert analysis.step(np.zeros((90, 120)), 5.0).time_s == 0  # none of them counted

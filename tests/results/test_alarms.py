@@ -47,8 +47,8 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     assert (second.start_frame, second.end_s, second.peak_over_threshold) == (7, 0.7, 2)
     assert second.time_to_contact_s is None
     assert str(found) == (
-        "alarm at 0.20 s (frame 2, about 0.8 s before contact), 2 alarms, strongest 4 times the "
-        "threshold"
+        "alarm at 0.20 s (frame 2, contact about 0.8 s later by its estimate), 2 alarms, "
+        "strongest 4 times the threshold"
     )
 
 

@@ -16,7 +16,7 @@ def test_a_line_is_json_with_the_keys_in_their_order() -> None:
     assert detection_line(detection_values(record(7), found)) == (
         '{"frame": 7, "time_s": 0.233333333, "id": 3, "x": 10, "y": 20.5, "width": 0.333333333, '
         '"height": 40, "centre_x": 10.1666667, "centre_y": 40.5, "response": 0.25, '
-        '"alarm": true, "time_to_contact_s": 0.123456789}\n'
+        '"alarm": true, "time_to_contact_s": 0.123456789, "time_to_contact_error_s": null}\n'
     )
 
 
