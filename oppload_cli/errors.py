@@ -138,6 +138,11 @@ def reason_of(error: BaseException) -> str:
     return first[:1].lower() + first[1:]
 
 
+def remedy_of(error: BaseException) -> str:
+    """Return what a user can do about a file that cannot be read."""
+    return "check its rights" if isinstance(error, PermissionError) else "check the path"
+
+
 def printable(text: str) -> str:
     r"""Return a text with control characters and undecodable bytes written as ``\\x1b``.
 

@@ -255,7 +255,7 @@ class Tally:
         self.failures = list(failures)
         self.inputs: Counter[str] = Counter(failed=len(self.failures))
         self.frames: Counter[str] = Counter()
-        self.silent = 0
+        self.silent = self.incomplete = 0
         self.verdicts: dict[str, tuple[Verdict, ...]] = {}
 
     @property
@@ -273,8 +273,9 @@ class Tally:
         self.inputs[state] += 1
         self.frames[state] += result.frames
         self.verdicts[name] = result.verdicts
+        self.incomplete += not result.complete  # of a result that is kept too
         # An input that is incomplete may have had an alarm.
-        self.silent += state in {"done", "skipped"} and not result.alarmed
+        self.silent += result.complete and not result.alarmed
 
     def exit_code_unless(self, fail_on: str | None) -> int:
         """Return the exit code of the batch, or that of a condition that is met.
@@ -295,7 +296,7 @@ class Tally:
         count = self.inputs.total()
         if count and len(self.failures) == count:
             return max(failure.code for failure in self.failures)
-        if self.failures or self.inputs["incomplete"]:
+        if self.failures or self.incomplete:
             return ExitCode.INCOMPLETE
         return ExitCode.DONE
 

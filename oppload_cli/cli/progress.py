@@ -157,6 +157,8 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
         there = table and os.path.lexists(table)
         reason = f"{table} exists" if there else "another run is writing it"
         yield f"{task.name}: skipped, {reason}"
+        if not outcome.complete:
+            yield incomplete(task, outcome)
         return
     if not task.settings.alarm.on:
         yield f"{task.name}: alarms are off; the responses are in the table"

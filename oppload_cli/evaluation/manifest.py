@@ -18,6 +18,7 @@ from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.stimulus.catalogue import parsed_setting
 from oppload_cli.stimulus.objects import PICTURE
+from oppload_cli.video.inputs import is_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -301,12 +302,12 @@ def clips_of(
     if manifest is not None:
         return with_boxes(read_manifest(manifest), boxes)
     settings = dict(parsed_setting(text) for text in changes)
-    names = [name for name in inputs if not _is_video(name)]
-    videos = [Path(name) for name in inputs if _is_video(name)]
+    names = [name for name in inputs if not _is_clip(name)]
+    videos = [Path(name) for name in inputs if _is_clip(name)]
     return _labelled(_protocols_of(names, settings, backgrounds), videos)
 
 
-def _is_video(name: str) -> bool:
+def _is_clip(name: str) -> bool:
     """Tell whether an input is a file that is no protocol."""
     return os.path.isfile(name) and not name.endswith(".toml")  # noqa: PTH113 - any name
 
@@ -317,7 +318,14 @@ def _manifest_in(inputs: Sequence[str]) -> Path | None:
     if len(inputs) > 1 or path.suffix == ".toml":
         return None
     if os.path.lexists(path):
-        return None if _is_video(inputs[0]) and _truth_beside(path).is_file() else path
+        if _is_clip(inputs[0]) and _truth_beside(path).is_file():
+            return None
+        if is_video(path.name):
+            raise ManifestError(
+                f"{path}: has no ground truth beside it ({_truth_beside(path).name}); write a "
+                "manifest that says when its contact is"
+            )
+        return path
     return path if path.suffix == ".csv" else None
 
 

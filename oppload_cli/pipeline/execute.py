@@ -67,7 +67,7 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
     """
     kept = exists_already(task)
     if kept is not None:
-        return Outcome(skipped=True, verdicts=kept)
+        return kept
     started = time.perf_counter()
     opening = opening or Opening(
         task.name,
@@ -87,7 +87,7 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
         else:
             table = begun(task.outputs, task.if_exists)
             if table is None:
-                return Outcome(skipped=True, verdicts=exists_already(task) or ())
+                return exists_already(task) or Outcome(skipped=True)
             models = task.settings.models
             writing = Writing(task.outputs, table, video, run.columns, models, boxes=task.boxes)
             _write_files(run, writing, task.outputs.csv, started)

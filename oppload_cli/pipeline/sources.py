@@ -17,7 +17,7 @@ from oppload_cli.files.reading import is_there
 from oppload_cli.models.presets import DEFAULT_PRESET, parse_height, preset_named
 from oppload_cli.video.frames import DecodeFacts, Frame, InputFacts, Picture, working_size
 from oppload_cli.video.luminance import Luminance
-from oppload_cli.video.source import open_video
+from oppload_cli.video.source import DEFAULT_IMAGE_RATE, open_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -292,7 +292,7 @@ def open_source(
         )
     if isinstance(source, str | Path):
         with open_video(
-            source, height=size, image_rate=checked_rate(rate) or Fraction(30)
+            source, height=size, image_rate=checked_rate(rate) or DEFAULT_IMAGE_RATE
         ) as video:
             yield video
     elif hasattr(source, "facts") and hasattr(source, "working"):

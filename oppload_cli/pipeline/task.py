@@ -125,8 +125,8 @@ class Interrupted(KeyboardInterrupt):
     """The user stopped a task; the message says which rows are kept."""
 
 
-def exists_already(task: Task) -> tuple[Verdict, ...] | None:
-    """Return the alarms of a result that exists and is kept; None where there is none.
+def exists_already(task: Task) -> Outcome | None:
+    """Return the outcome of a result that exists and is kept; None where there is none.
 
     Raises
     ------
@@ -139,25 +139,26 @@ def exists_already(task: Task) -> tuple[Verdict, ...] | None:
     return _kept_result(task)
 
 
-def _kept_result(task: Task) -> tuple[Verdict, ...]:
-    """Return the alarms of a result that a task passes over.
+def _kept_result(task: Task) -> Outcome:
+    """Return the outcome of a result that a task passes over.
 
     Results that differ in input or settings must not lie beside each other as if they were alike.
     """
     path = task.outputs.sidecar if task.outputs else None
     if path is None:
-        return ()
+        return Outcome(skipped=True)
     with reading(path, OutputError, form="JSON", check="check its rights", repair=_REMEDY):
         content = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise OutputError(f"{path}: is of another version of oppload; {_REMEDY}")
     try:
         difference, verdicts = next(_differences(task, content), None), verdicts_in(content)
+        complete, notes = bool(content["decode"]["complete"]), content["decode"]["messages"]
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise OutputError(f"{path}: is damaged; {_REMEDY}") from error
     if difference:
         raise OutputError(f"{path}: is a result {difference}; {_REMEDY}")
-    return verdicts
+    return Outcome(skipped=True, complete=complete, notes=tuple(notes), verdicts=verdicts)
 
 
 def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:

@@ -20,7 +20,7 @@ from oppload_cli.errors import OpploadError, ResultError, SourceError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.results.table import SCHEMA, columns_for
-from oppload_cli.video.inputs import NUMBER
+from oppload_cli.video.inputs import NUMBER, is_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -324,6 +324,8 @@ def _read_table(
     path: Path, advice: str, wanted: Callable[[str], bool] | None = None
 ) -> pd.DataFrame:
     """Read a CSV whose last row may be cut; it has at least one row, and empty cells are NaN."""
+    if is_video(path.name) and path.exists():
+        raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
     with reading(path, ResultError, form="text in UTF-8", repair=advice):
         try:
             with _complete_lines(path) as lines:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import av
 from av.codec.context import Flags
 
-from oppload_cli.errors import SourceError, reason_of
+from oppload_cli.errors import SourceError, reason_of, remedy_of
 from oppload_cli.processes import cores
 from oppload_cli.video.frames import (
     MAX_PIXELS,
@@ -200,7 +200,7 @@ class ContainerSource:
             raise SourceError(f"{self.name}: no such file; check the path") from error
         except OSError as error:
             raise SourceError(
-                f"{self.name}: cannot be read ({reason_of(error)}); check the path"
+                f"{self.name}: cannot be read ({reason_of(error)}); {remedy_of(error)}"
             ) from error
         if path.is_file() and size == 0:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 import stat
+import statistics
 import time
 import warnings
 from contextlib import contextmanager, suppress
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -15,7 +17,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from oppload_cli.errors import SourceError, reason_of
+from oppload_cli.errors import SourceError, reason_of, remedy_of
 from oppload_cli.video.frames import (
     MAX_PIXELS,
     DecodeFacts,
@@ -27,7 +29,7 @@ from oppload_cli.video.frames import (
 from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -84,6 +86,9 @@ class ImageSource:
     def pictures(self) -> Iterator[Picture]:
         """Yield the images that can be read; the others keep their times and count as failures."""
         size = (self.facts.height, self.facts.width)
+        gap = _gap(self._paths)
+        if gap:
+            self.decode.note(gap)
         for index, path in enumerate(self._paths):
             if self.stopping:
                 return
@@ -161,10 +166,29 @@ def _image_paths(name: str) -> list[Path]:
     except (FileNotFoundError, NotADirectoryError) as error:
         raise SourceError(f"{name}: no such folder; check the path") from error
     except OSError as error:
-        raise SourceError(f"{name}: cannot be read ({reason_of(error)}); check the path") from error
+        reason = reason_of(error)
+        raise SourceError(f"{name}: cannot be read ({reason}); {remedy_of(error)}") from error
     if not paths:
         raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
     return sorted(paths, key=_numerical_order)
+
+
+def _gap(paths: Sequence[Path]) -> str:
+    """Return a sentence on numbers that are left out of a sequence; empty where none is."""
+    parts = [re.fullmatch(r"(.*?)([0-9]+)", path.stem, re.DOTALL) for path in paths]
+    named = [(part[1], int(part[2])) for part in parts if part]
+    if len(paths) < 3 or len(named) < len(paths) or len({before for before, _ in named}) > 1:
+        return ""
+    steps = [after - before for (_, before), (_, after) in pairwise(named)]
+    usual = statistics.mode(steps)  # 1, or 2 where every second frame was kept
+    wide = [at for at, step in enumerate(steps) if step > usual]
+    if not wide:
+        return ""
+    often = "" if len(wide) == 1 else f"in {len(wide)} places, first "
+    return (
+        f"numbers are missing {often}after {paths[wide[0]].name}; the images are taken as if they "
+        f"followed each other"
+    )
 
 
 def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:

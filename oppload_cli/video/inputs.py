@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, NamedTuple
 
-from oppload_cli.errors import ParameterError, SourceError, reason_of
+from oppload_cli.errors import ParameterError, SourceError, reason_of, remedy_of
 from oppload_cli.files.reading import fault_of_name, fault_of_stem, is_folder
 
 if TYPE_CHECKING:
@@ -73,6 +73,10 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
     if not name:
         yield _Found(name, SourceError("'': an empty name is no input; give a file or a folder"))
         return
+    if name == "-" and not os.path.lexists(name):
+        reason = "standard input goes by the name /dev/stdin here; give that"
+        yield _Found(name, SourceError(f"-: {reason}"))
+        return
     matches = _matches(name)
     if not matches:
         yield _Found(name, SourceError(f"{name}: matches no file; check the pattern"))
@@ -125,7 +129,7 @@ def _below(root: str) -> Iterator[_Found]:
         videos = [
             each
             for each in visible
-            if _is_video(each) and os.path.isfile(os.path.join(folder, each))  # noqa: PTH113, PTH118
+            if is_video(each) and os.path.isfile(os.path.join(folder, each))  # noqa: PTH113, PTH118
         ]
         # A single image among other files, such as a plot, is no sequence.
         numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
@@ -144,10 +148,11 @@ def _below(root: str) -> Iterator[_Found]:
 
 
 def _cannot_read(name: str, error: OSError) -> SourceError:
-    return SourceError(f"{name}: cannot be read ({reason_of(error)}); check the path")
+    return SourceError(f"{name}: cannot be read ({reason_of(error)}); {remedy_of(error)}")
 
 
-def _is_video(name: str) -> bool:
+def is_video(name: str) -> bool:
+    """Tell whether a file is a video by its name, and none that oppload has annotated."""
     return _suffix(name) in _VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
 
 
@@ -186,7 +191,7 @@ def _single_inputs(name: str) -> list[str]:
         }
     except OSError as error:
         raise _cannot_read(name, error) from error
-    videos = sorted(entry for entry in suffixes if _is_video(entry.name))
+    videos = sorted(entry for entry in suffixes if is_video(entry.name))
     if videos:
         return [str(video) for video in videos]
     if not IMAGE_SUFFIXES.intersection(suffixes.values()):

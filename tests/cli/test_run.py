@@ -182,6 +182,11 @@ def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
     assert sidecar["decode"]["complete"] is False
     analysed = len(rows((tmp_path / "cut.frames.csv").read_text()))
     assert sidecar["decode"]["missing"] == 40 - analysed
+    # A result that is kept is as incomplete as it was.
+    for inputs in ([cut], [cut, whole]):
+        kept = oppload("run", *inputs, "-o", tmp_path, "--if-exists", "skip")
+        assert kept.returncode == 4
+        assert "cut.avi: incomplete" in kept.stderr
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,23 @@ def test_a_pattern_takes_only_its_own(folder: Path) -> None:
             assert len(list(video)) == count
 
 
+def test_numbers_that_are_missing_are_told(folder: Path) -> None:
+    where = "after frame_4.png"
+    for removed, place in (("5", where), ("8", f"in 2 places, first {where}")):
+        (folder / f"frame_{removed}.png").unlink()
+        with open_video(folder) as video:
+            assert len(list(video)) == video.facts.frames_declared
+            assert [each.partition(";")[0] for each in video.decode.messages] == [
+                f"numbers are missing {place}"
+            ]
+            assert video.decode.complete
+    for odd in (1, 3, 7, 9, 11):  # every second one: a lower rate, and nothing is missing
+        (folder / f"frame_{odd}.png").unlink()
+    cv2.imwrite(str(folder / "frame_8.png"), grey_frames(1)[0])
+    with open_video(folder) as video:
+        assert [len(list(video)), video.decode.messages] == [6, []]
+
+
 def test_colour_becomes_grey_by_rec_601(tmp_path: Path) -> None:
     for index in range(2):
         cv2.imwrite(str(tmp_path / f"{index}.png"), np.full((20, 20, 3), (50, 100, 200), np.uint8))
@@ -141,11 +158,11 @@ def test_names_with_digits_of_other_kinds_are_sorted(tmp_path: Path) -> None:
 
 
 def test_what_is_no_regular_file_is_not_waited_for(folder: Path) -> None:
-    os.mkfifo(folder / "frame_20.png")
+    os.mkfifo(folder / "frame_12.png")
     with open_video(folder, height=None) as video:
         assert len(list(video)) == 12
         assert video.decode.messages == [
-            "frame_20.png is not an image that can be read (no regular file)"
+            "frame_12.png is not an image that can be read (no regular file)"
         ]
 
 
