@@ -12,6 +12,7 @@ from oppload_cli.errors import OpploadError, ResultError, printable
 from oppload_cli.files.reading import reading
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
+from oppload_cli.results.alarms import uncounted
 from oppload_cli.results.reading import check_numbers, check_schema, find_truth, result_threshold
 from oppload_cli.version import __version__
 
@@ -135,7 +136,9 @@ class Content:
         best = self.strongest
         if not best.thresholded or best.peak <= 1 or any(a.curve is best for a in self.alarms):
             return ""
-        return ", which did not count: it came at the start, a cut or a flash, or was too short"
+        held = self.result.part("alarms").get(best.name)
+        blind = held.get("peak_blind") if isinstance(held, dict) else None
+        return f", {uncounted(blind if isinstance(blind, bool) else None)}"
 
     @property
     def size(self) -> tuple[int, int]:

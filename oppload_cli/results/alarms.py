@@ -75,11 +75,14 @@ class Verdict(NamedTuple):
     peak : float or None
         The largest response over its threshold; None without a response, or where the alarm
         is off.
+    peak_blind : bool or None
+        Whether the frame of that peak does not count; None where that is not known.
     """
 
     model: str
     alarms: tuple[_AlarmEvent, ...]
     peak: float | None
+    peak_blind: bool | None = None
 
     @property
     def strongest(self) -> float:
@@ -89,7 +92,7 @@ class Verdict(NamedTuple):
     def __str__(self) -> str:
         """Return it in words, such as ``no alarm, peak at 0.2 of the threshold``."""
         if not self.alarms:
-            return f"no alarm{_silence(self.peak or 0.0)}"
+            return f"no alarm{self._silence}"
         first, count = self.alarms[0], len(self.alarms)
         many = f", {count} alarms" if count > 1 else ""
         contact_s = first.time_to_contact_s
@@ -103,17 +106,32 @@ class Verdict(NamedTuple):
 
     def as_dict(self) -> dict[str, Any]:
         """Return it ready for JSON."""
-        return {"alarms": [asdict(each) for each in self.alarms], "peak": self.peak}
+        alarms = [asdict(each) for each in self.alarms]
+        return {"alarms": alarms, "peak": self.peak, "peak_blind": self.peak_blind}
+
+    @property
+    def _silence(self) -> str:
+        """How near the peak came to an alarm, as the end of a sentence."""
+        peak = self.peak or 0.0
+        if peak > 1:
+            return f", peak at {times(peak)} times the threshold, {uncounted(self.peak_blind)}"
+        return f", peak at {times(peak)} of the threshold" if peak else ""
 
 
-def _silence(peak: float) -> str:
-    """Return, as the end of a sentence, how near a peak over the threshold came to an alarm."""
-    if peak > 1:
-        return (
-            f", peak at {times(peak)} times the threshold, which did not count: it came at the "
-            "start, a cut or a flash, or was too short"
-        )
-    return f", peak at {times(peak)} of the threshold" if peak else ""
+def uncounted(blind: bool | None) -> str:
+    """Return why a response above the threshold set off no alarm, as the end of a sentence.
+
+    Parameters
+    ----------
+    blind : bool or None
+        As `peak_blind` of :class:`Verdict`.
+    """
+    reasons = {
+        True: "it came at the start, a cut or a flash",
+        False: "it was too short",
+        None: "it came at the start, a cut or a flash, or was too short",
+    }
+    return f"which did not count: {reasons[blind]}"
 
 
 class AlarmLog:
@@ -124,12 +142,13 @@ class AlarmLog:
         self._alarms: list[_AlarmEvent] = []
         self._on = False
         self._peak: float | None = None
+        self._peak_blind: bool | None = None
 
     def add(self, record: FrameRecord) -> None:
         """Take the next frame."""
         ratio = record.over_threshold(self._model)
-        if ratio is not None:
-            self._peak = max(self._peak or 0.0, ratio)
+        if ratio is not None and (self._peak is None or ratio > self._peak):
+            self._peak, self._peak_blind = ratio, record.blind
         on = record.alarms[self._model]
         if on and not self._on:
             self._alarms.append(_AlarmEvent(record.frame, record.time_s, record.time_s))
@@ -140,7 +159,7 @@ class AlarmLog:
     @property
     def verdict(self) -> Verdict:
         """The alarms so far."""
-        return Verdict(self._model, tuple(self._alarms), self._peak)
+        return Verdict(self._model, tuple(self._alarms), self._peak, self._peak_blind)
 
 
 def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
@@ -149,10 +168,15 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
     Raises
     ------
     KeyError, TypeError, AttributeError
-        If it holds none that is whole.
+        If it holds none, or one that lacks something.
     """
     return tuple(
-        Verdict(model, tuple(_AlarmEvent(**each) for each in held["alarms"]), held["peak"])
+        Verdict(
+            model,
+            tuple(_AlarmEvent(**each) for each in held["alarms"]),
+            held["peak"],
+            held.get("peak_blind"),
+        )
         for model, held in sidecar["alarms"].items()
     )
 

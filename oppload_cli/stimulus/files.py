@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os.path
 from contextlib import closing
@@ -18,7 +19,7 @@ from oppload_cli.processes import cores
 from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.stimulus.catalogue import find
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.stimulus.truth import ground_truth_text
+from oppload_cli.stimulus.truth import ground_truth_text, read_ground_truth
 from oppload_cli.video.writers import FORMATS, open_writer, png_bytes, target_of
 
 if TYPE_CHECKING:
@@ -190,7 +191,8 @@ def not_made_yet(
     Raises
     ------
     OutputError
-        If a file exists and `if_exists` is ``error``.
+        If a file exists and `if_exists` is ``error``, or ``skip`` and the file shows the stimulus
+        with other values.
     """
     wanted = []
     for protocol in protocols:
@@ -202,7 +204,28 @@ def not_made_yet(
             )
         if len(old) < 2 or if_exists == "overwrite":
             wanted.append(protocol)
+            continue
+        difference = _difference(made.truth, protocol)
+        if difference:
+            raise OutputError(
+                f"{made.video} exists already, {difference}; use --if-exists overwrite, or "
+                "another folder"
+            )
     return wanted
+
+
+def _difference(truth: Path, protocol: Protocol) -> str:
+    """Return how the stimulus of a ground truth differs from one, in words; empty if it does not.
+
+    Files that were made with other values must not pass for the ones asked for.
+    """
+    try:
+        held = dict(read_ground_truth(truth)["protocol"])
+    except (StimulusError, KeyError, TypeError, ValueError):
+        return "but its ground truth cannot be read"
+    own = json.loads(json.dumps(protocol.as_table()))  # as it comes back from the file
+    different = [key for key in {**own, **held} if held.get(key) != own.get(key)]
+    return f"with another {different[0]}" if different else ""
 
 
 def write(

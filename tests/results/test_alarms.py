@@ -56,7 +56,10 @@ def test_no_alarm_tells_how_near_it_came() -> None:
     assert str(verdict([0, 0.5, 0], on=[])) == "no alarm, peak at 0.25 of the threshold"
     assert str(verdict([0, 0.5, 9], on=[], blind=(2,))) == (
         "no alarm, peak at 4.5 times the threshold, which did not count: it came at the start, "
-        "a cut or a flash, or was too short"
+        "a cut or a flash"
+    )
+    assert str(verdict([0, 8, 0, 9], on=[], blind=(1,))) == (
+        "no alarm, peak at 4.5 times the threshold, which did not count: it was too short"
     )
     assert str(verdict([0, 5], on=[], threshold=math.inf)) == "no alarm"
     assert in_words([verdict([0], []), verdict([3], [0])]) == (
