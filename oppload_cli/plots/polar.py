@@ -19,8 +19,8 @@ from oppload_cli.plots.style import (
     MOST_HEIGHT,
     PAGE,
     TITLE_WIDTH,
-    differences,
     styled_figure,
+    told_apart,
     wrapped,
 )
 from oppload_cli.reference.published import BAR_WIDTHS, bar_tuning
@@ -266,12 +266,12 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
 
 
 def names_of(tunings: Sequence[Tuning], labels: Sequence[str] = ()) -> list[str]:
-    """Return a name for each table: the given ones, or what differs between the stimuli."""
+    """Return a name for each table: the given ones, or what differs between the tables."""
     if labels and len(labels) != len(tunings):
         raise ParameterError(
             f"{len(labels)} labels for {len(tunings)} tables; give one for each, or none"
         )
-    return list(labels) or differences([tuning.name for tuning in tunings])
+    return list(labels) or told_apart([tuning.name for tuning in tunings], tunings)
 
 
 def plot_polar(

@@ -25,12 +25,12 @@ from oppload_cli.errors import ParameterError, printable
 from oppload_cli.files.atomic import write_atomic
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import Result, Tuning
 
 
 T = TypeVar("T")
@@ -203,27 +203,41 @@ def labels_of(results: Sequence[Result], given: Sequence[str] = ()) -> list[str]
                 "give one for each, or none"
             )
         return [_plain(label) for label in given]
-    return [_plain(name) for name in _told_apart(results)]
+    return [_plain(name) for name in told_apart([each.title for each in results], results)]
 
 
-def _told_apart(results: Sequence[Result]) -> list[str]:
-    titles = [result.title for result in results]
-    if len(results) == 1:
-        return titles
-    if len(set(titles)) == len(titles):
-        return differences(titles)
-    settings = _settings_of(results)
+def told_apart(names: Sequence[str], read: Sequence[Result | Tuning]) -> list[str]:
+    """Return what differs between results or tuning tables.
+
+    Parameters
+    ----------
+    names : sequence of str
+        One for each: of its input, or its stimulus.
+    read : sequence of Result or Tuning
+        As many.
+
+    Returns
+    -------
+    list of str
+        What differs between the names; where two are equal, the presets or the parameters that
+        differ, or else the paths.
+    """
+    if len(read) == 1:
+        return list(names)
+    if len(set(names)) == len(names):
+        return differences(names)
+    settings = _settings_of([each.sidecar for each in read])
     if len(set(settings)) == len(settings):
         return settings
-    return differences([f"{result.path.parent.name}/{result.stem}" for result in results])
+    return differences([f"{each.path.parent.name}/{each.path.name}" for each in read])
 
 
-def _settings_of(results: Sequence[Result]) -> list[str]:
-    """Return the presets of the results, or the parameters that differ between them."""
-    presets = [str(result.sidecar.get("preset", "")) for result in results]
-    if len(set(presets)) == len(results):
+def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return the presets of the sidecars, or the parameters that differ between them."""
+    presets = [str(each.get("preset", "")) for each in sidecars]
+    if len(set(presets)) == len(presets):
         return [f"preset {preset}" for preset in presets]
-    tables = [dict(_flat(result.sidecar.get("parameters"))) for result in results]
+    tables = [dict(_flat(each.get("parameters"))) for each in sidecars]
     keys = [key for key in tables[0] if len({repr(table.get(key)) for table in tables}) > 1]
     return [", ".join(f"{key} {table.get(key)}" for key in keys) for table in tables]
 

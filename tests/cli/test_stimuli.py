@@ -145,7 +145,13 @@ def test_existing_files(tmp_path: Path) -> None:
     assert isinstance(found, OutputError)
     assert "klapoetke2017_loom.avi exists already; use --if-exists skip or overwrite" in str(found)
     changed = (*words, "--change", "disk.luminance=0.4")
-    assert run(*changed, "--if-exists", "skip").stdout == ""
+    kept = run(*words, "--if-exists", "skip")
+    assert (kept.exit_code, kept.stdout) == (0, "")
+    others = problem(run(*changed, "--if-exists", "skip"))
+    assert isinstance(others, OutputError)
+    assert "exists already, with another object" in str(others)
+    path.with_suffix(".stimulus.json").write_text("{")
+    assert "but its ground truth cannot be read" in str(problem(run(*words, "--if-exists", "skip")))
     assert path.read_bytes() == first
     assert run(*changed, "--if-exists", "overwrite").stdout.strip() == str(path)
     assert path.read_bytes() != first

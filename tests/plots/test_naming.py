@@ -1,18 +1,19 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pandas as pd
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.plots.polar import names_of
 from oppload_cli.plots.style import differences, in_number_order, labels_of, wrapped
-from oppload_cli.results.reading import read_result
+from oppload_cli.results.reading import Tuning, read_result
 from tests.results.make import write_result
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from oppload_cli.results.reading import Result
 
 
@@ -67,6 +68,17 @@ def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> Non
     assert labels_of(gains) == ["opplod.gain 1", "opplod.gain 2"]
     alike = [result_of(tmp_path / f"day-{day}", about) for day in (1, 2)]
     assert labels_of(alike) == ["day-1", "day-2"]
+
+
+def test_tuning_tables_of_one_stimulus_are_named_by_their_settings() -> None:
+    rows = pd.DataFrame({"stimulus": ["bar/a"], "disk.direction_deg": [0], "model": ["opplod"]})
+    tables = [
+        Tuning(Path(folder) / "bar.tuning.csv", rows, ("disk.direction_deg",), {"preset": preset})
+        for folder, preset in (("one", "default"), ("two", "reference"), ("three", "reference"))
+    ]
+    assert names_of(tables[:2]) == ["preset default", "preset reference"]
+    assert names_of(tables[1:]) == ["two", "three"]
+    assert names_of(tables[:2], ["a", "b"]) == ["a", "b"]
 
 
 def test_given_names_are_one_for_each(tmp_path: Path) -> None:
