@@ -133,14 +133,24 @@ def _set_threads(working: WorkingSize, threads: int) -> None:
 
 
 def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None:
-    """Write the files as frames come, and give them their names in the end."""
+    """Write the files as frames come, and give them their names in the end.
+
+    A live input has its end where the user stops it: its files are finished then too.
+    """
+
+    def finish() -> None:
+        writing.commit(lambda: run.sidecar(time.perf_counter() - started))
+
     try:
         run.write(writing.frames, writing)
-        writing.commit(lambda: run.sidecar(time.perf_counter() - started))
+        finish()
     except BaseException as error:
         if run.frames == 0:
             writing.discard()
             kept = ""
+        elif isinstance(error, KeyboardInterrupt) and run.video.facts.live:
+            finish()
+            kept = f"all {rows_in(csv)} rows are in {csv}"
         else:
             writing.keep()
             kept = f"the first {rows_in(writing.part)} rows are in {writing.part}"

@@ -135,6 +135,11 @@ class InputFacts:
     pixel_aspect: Fraction | None = None
     bytes: int | None = None
 
+    @property
+    def live(self) -> bool:
+        """Whether its frames come as they are taken, and end when the user says so."""
+        return self.kind in {"camera", "stream"}
+
     def as_dict(self) -> dict[str, Any]:
         """Return the facts ready for JSON, fractions as ``"30000/1001"``."""
         facts = dict(vars(self))
@@ -217,7 +222,7 @@ def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
     A long queue evens out that frames differ in cost; but it takes memory, and each
     frame of a live input that waits is late.
     """
-    if facts.kind in ("camera", "stream"):
+    if facts.live:
         return LEAST_AHEAD
     fit = _WAITING_BYTES // (4 * working.width * working.height)
     return max(LEAST_AHEAD, min(_MOST_AHEAD, fit))

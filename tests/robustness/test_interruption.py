@@ -96,6 +96,47 @@ def test_the_written_rows_are_a_valid_prefix(
     assert len(read_result(part).frames) == rows
 
 
+CAMERA = """
+import time
+import cv2
+import numpy as np
+
+class Camera:
+    def __init__(self, number): self.count = 0
+    def read(self):
+        time.sleep(0.01)
+        self.count += 1
+        return True, np.full((48, 64, 3), self.count % 250, np.uint8)
+    def get(self, key): return 100.0
+    def release(self): pass
+
+cv2.VideoCapture = Camera
+"""
+
+
+@pytest.mark.parametrize("more", [(), ("--annotate",)])
+def test_a_camera_ends_with_finished_files_where_it_is_stopped(
+    tmp_path: Path, more: tuple[str, ...]
+) -> None:
+    words = ("run", "camera:0", "-o", str(tmp_path), "-q", *more)
+    with subprocess.Popen(
+        [sys.executable, "-c", f"{CAMERA}\n{ENTRY}", *words], stderr=subprocess.PIPE, text=True
+    ) as run:
+        part = tmp_path / "camera-0.frames.csv.part"
+        while run.poll() is None and (not part.exists() or part.stat().st_size < 400):
+            time.sleep(0.01)
+        run.send_signal(signal.SIGINT)
+        said = run.communicate(timeout=HANG_S)[1]
+    table = tmp_path / "camera-0.frames.csv"
+    rows = table.read_text().count("\n") - 1
+    assert run.returncode == 130
+    assert said.strip() == f"oppload: interrupted: all {rows} rows are in {table}"
+    sidecar = json.loads((tmp_path / "camera-0.oppload.json").read_text())
+    assert (sidecar["decode"]["analysed"], sidecar["decode"]["complete"]) == (rows, True)
+    assert len(list(tmp_path.iterdir())) == 3 + len(more)
+    assert not list(tmp_path.glob("*.part"))
+
+
 def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) -> None:
     with started(film, tmp_path) as run:
         part = rows_written(tmp_path, run)
