@@ -157,7 +157,8 @@ class _ArrayVideo:
             self._times = _checked_times(times, count)
             steps = np.diff(self._times)
             usual_s = float(np.median(steps)) if len(steps) else 0.0
-            declared = declared or (checked_rate(1 / usual_s) if usual_s > 0 else None)
+            if declared is None and usual_s * _HIGHEST_RATE >= 1:
+                declared = checked_rate(1 / usual_s)
         elif declared is not None:
             self._times = [float(index / declared) for index in range(count)]
         else:
