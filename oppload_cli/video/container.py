@@ -307,14 +307,18 @@ class ContainerSource:
         first = next(self._coming, None)
         if first is None:
             reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
+            remedy = "check or convert the file"
+            if self._once and not self._remote and "mp4" in self._container.format.name:
+                remedy = (
+                    "an MP4 with its index at its end cannot be read from a pipe: give the file "
+                    "itself, or pipe Matroska"
+                )
             # A decoder that refuses a picture for its size says so, and often forgets the size.
-            if "invalid argument" in reasons or not self._stream.codec_context.width:
+            elif "invalid argument" in reasons or not self._stream.codec_context.width:
                 reasons += (
                     f", or its pictures have more than {max_pixels()} pixels: see {MAX_PIXELS}"
                 )
-            raise SourceError(
-                f"{self.name}: no frame could be decoded ({reasons}); check or convert the file"
-            )
+            raise SourceError(f"{self.name}: no frame could be decoded ({reasons}); {remedy}")
         frame = first[0]
         check_pixels(self.name, frame.width, frame.height, _stored_bits(frame.format))
         return first

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,7 @@ import cv2
 import pytest
 from PIL import Image
 
-from oppload_cli.errors import ParameterError, ResultError, ShortageError, shortage
+from oppload_cli.errors import ParameterError, ResultError, ShortageError, SourceError, shortage
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.reading import content_of
 from oppload_cli.plots.style import wrapped
@@ -175,6 +176,23 @@ def test_a_pipe_is_read_once(tmp_path: Path) -> None:
             count = len(list(video))
             assert (count == 12, video.decode.complete) == (complete, complete)
         writer.join()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no links and pipes")
+def test_an_mp4_in_a_pipe_needs_its_index_first(tmp_path: Path) -> None:
+    content = make(tmp_path / "clip.mp4", Kind("mp4", "mpeg4")).read_bytes()
+    assert content.index(b"mdat") < content.index(b"moov")
+    os.mkfifo(tmp_path / "pipe.mp4")
+    writer = threading.Thread(target=_written, args=(tmp_path / "pipe.mp4", content))
+    writer.start()
+    with pytest.raises(SourceError, match="index at its end cannot be read from a pipe"):
+        open_video(tmp_path / "pipe.mp4")
+    writer.join()
+
+
+def _written(pipe: Path, content: bytes) -> None:
+    with suppress(BrokenPipeError):  # the reader may go before the end
+        pipe.write_bytes(content)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no links and pipes")
