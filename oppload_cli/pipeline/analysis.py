@@ -107,16 +107,8 @@ class Analysis:
         self._shape = rows, columns
         self._luminance = ArrayLuminance(working)
         self._eye = _Eye(rmo, Repeats(repeats or RepeatParams()))
-        self._detectors = _Detectors(
-            working,
-            facts.frame_rate,
-            params,
-            preset=preset,
-            alarm=alarm,
-            places=places,
-            time=time,
-            optics=optics,
-        )
+        chosen = _resolved(params, preset, alarm, places, time)
+        self._detectors = _Detectors(working, facts.frame_rate, chosen, optics)
         self._first_s = 0.0
         self._count = 0
 
@@ -226,19 +218,11 @@ def analyse(
     alarm at 1.07 s
     """
     preset = preset or _preset_of(params or ())
+    chosen = _resolved(params, preset, alarm, places, time)
     copies = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())
     with open_source(source, rate=rate, times=times, height=height, preset=preset) as video:
         eye = _Eye(rmo, copies)
-        detectors = _Detectors(
-            video.working,
-            video.facts.frame_rate,
-            params,
-            preset=preset,
-            alarm=alarm,
-            places=places,
-            time=time,
-            optics=optics,
-        )
+        detectors = _Detectors(video.working, video.facts.frame_rate, chosen, optics)
         # The flow runs in a thread of its own: it costs about as much as the detectors.
         frames = (eye.step(frame) for frame in video)
         seen = Prefetch(frames, frames_ahead(video.facts, video.working))
@@ -255,6 +239,31 @@ def _preset_of(params: Sequence[Parameters]) -> str:
         if all(parameters_of(detector_of(each).name, preset) == each for each in params):
             return preset
     return DEFAULT_PRESET
+
+
+class _Chosen(NamedTuple):
+    """The parameters of one pass: those that the caller gave, and else those of the preset."""
+
+    params: Sequence[Parameters]
+    alarm: AlarmParams
+    places: PlaceParams | None
+    time: TimeParams
+
+
+def _resolved(
+    params: Sequence[Parameters] | None,
+    preset: str,
+    alarm: AlarmParams | None,
+    places: PlaceParams | bool | None,
+    time: TimeParams | None,
+) -> _Chosen:
+    chosen = params or [parameters_of(name, preset) for name in default_names()]
+    return _Chosen(
+        chosen,
+        alarm or alarm_params_with([detector_of(each).name for each in chosen], preset),
+        place_params(preset) if places is True else places or None,
+        time or time_params(preset),
+    )
 
 
 class _Seen(NamedTuple):
@@ -283,30 +292,15 @@ class _Eye:
 
 
 class _Detectors:
-    """The detectors over one video, with their alarms and the places of looming objects.
-
-    What is left out is the preset's.
-    """
+    """The detectors over one video, with their alarms and the places of looming objects."""
 
     def __init__(
-        self,
-        working: WorkingSize,
-        rate: Fraction | None,
-        params: Sequence[Parameters] | None,
-        *,
-        preset: str,
-        alarm: AlarmParams | None,
-        places: PlaceParams | bool | None,
-        time: TimeParams | None,
-        optics: Optics | None,
+        self, working: WorkingSize, rate: Fraction | None, chosen: _Chosen, optics: Optics | None
     ) -> None:
-        chosen = params or [parameters_of(name, preset) for name in default_names()]
-        alarm = alarm or alarm_params_with([detector_of(each).name for each in chosen], preset)
-        sought = place_params(preset) if places is True else places or None
-        time = time or time_params(preset)
+        params, alarm, places, time = chosen
         stated = float(rate) if rate else None
         self._working, self._optics = working, optics
-        self._bank = DetectorBank(working.shape, chosen, stated, time)
+        self._bank = DetectorBank(working.shape, params, stated, time)
         self._times, self._per_second = FrameTimes(stated), time.per_second
         self._first_s: float | None = None
         self._cuts = Cuts(alarm)
@@ -314,9 +308,9 @@ class _Detectors:
         self._latest: FrameRecord | None = None  # of a frame that the detectors saw
         self._passed_s: list[float] = []  # times of the frames since then
         self._places = {
-            name: Detections(working, sought, 1 / time.per_second if time.per_second else 0)
+            name: Detections(working, places, 1 / time.per_second if time.per_second else 0)
             for name, each in self._bank.detectors.items()
-            if each.places and sought
+            if each.places and places
         }
 
     def answer(self, seen: _Seen, count: int) -> FrameRecord:
