@@ -60,6 +60,8 @@ _NUMBER: dict[str, tuple[Any, ...]] = {
     ),
 }
 
+_Byte = ctypes.c_char
+
 # True leaves the compiled loops alone.
 portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
 
@@ -125,7 +127,10 @@ def why_not_wide() -> str | None:
 
 def address(array: NDArray[Any]) -> int:
     """Return where the first value of an array stands in memory; the array must outlive it."""
-    return int(array.__array_interface__["data"][0])
+    try:  # half as long as by the interface of arrays, of which a frame needs some 40
+        return ctypes.addressof(_Byte.from_buffer(array))
+    except (TypeError, ValueError):  # not contiguous, or for reading only
+        return int(array.__array_interface__["data"][0])
 
 
 def is_large(shape: tuple[int, int]) -> bool:

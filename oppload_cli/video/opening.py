@@ -45,6 +45,7 @@ _WIDEST_SAMPLE = 2  # bytes
 # While the other process loads the detectors the decoder runs far ahead.
 MOST_SLOTS, _LEAST_SLOTS = 64, 3
 _SHARED_BYTES = 1 << 24  # more only for the fewest slots
+_PARTS = 8  # of the slots, each given back at once
 
 
 class Opening:
@@ -234,7 +235,8 @@ class _DecodingProcess:
                 plane = samples[: shared.shape[0] * shared.shape[1]].reshape(shared.shape)
                 decoded, ordinal = shared.number + 1, ordinal + 1
                 yield Picture(shared.number, shared.time_s, plane, shared.bits, shared.full_range)
-                self._give_back()
+                if not ordinal % self._slots.at_once:
+                    self._give_back()
             self.decode = shared
         except EOFError:
             how = self._ending()
@@ -274,7 +276,7 @@ class _DecodingProcess:
         return message
 
     def _give_back(self) -> None:
-        """Tell the process that the last picture is out of use."""
+        """Tell the process that the latest pictures, as many as `at_once`, are out of use."""
         with self._reading:  # closed meanwhile, its number might be that of another file
             if not self._connection.closed:
                 with suppress(OSError):  # the process has died: the next message says so
@@ -292,6 +294,8 @@ class _Slots:
         page = mmap.ALLOCATIONGRANULARITY
         self._size = -(-_WIDEST_SAMPLE * working.width * working.height // page) * page
         self.count = max(_LEAST_SLOTS, min(MOST_SLOTS, _SHARED_BYTES // self._size))
+        # Given back one by one they would cost a twentieth of a run.
+        self.at_once = max(1, self.count // _PARTS)
         os.ftruncate(memory, self.count * self._size)
         self._memory = memoryview(mmap.mmap(memory, self.count * self._size))
 
@@ -332,7 +336,7 @@ def _send_pictures(connection: Connection, memory: int, order: _Order) -> None:
         plane = resizing(picture.plane)
         while in_use == slots.count:
             connection.recv_bytes()
-            in_use -= 1
+            in_use -= slots.at_once
         slots.of(ordinal)[: plane.nbytes] = plane.tobytes()
         facts = (picture.index, picture.time_s, picture.bits, picture.full_range)
         connection.send(_Shared(*facts, plane.shape, plane.dtype.str))
