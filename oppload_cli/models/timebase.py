@@ -238,12 +238,6 @@ class Background:
         self._counted: deque[tuple[float, float]] = deque()
         self._sorted: list[float] = []
 
-    def reset(self) -> None:
-        """Forget all values."""
-        self._waiting.clear()
-        self._counted.clear()
-        self._sorted.clear()
-
     def step(self, value: float, time: float) -> float:
         """Take the next value.
 
@@ -257,8 +251,7 @@ class Background:
         Returns
         -------
         float
-            The median of the background before it (of an even number of values, the
-            upper one in the middle); 0 where there is none yet.
+            The median of the background before it; 0 where there is none yet.
         """
         while self._waiting and self._waiting[0][0] < time - self._guard:
             counted = self._waiting.popleft()
@@ -269,4 +262,5 @@ class Background:
             del self._sorted[bisect_left(self._sorted, self._counted.popleft()[1])]
         if len(self._waiting) < _MOST_VALUES:
             self._waiting.append((time, value))
-        return self._sorted[len(self._sorted) // 2] if self._sorted else 0.0
+        values, half = self._sorted, len(self._sorted) // 2
+        return (values[half] + values[-half - 1]) / 2 if values else 0.0

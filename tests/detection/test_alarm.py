@@ -52,7 +52,7 @@ def test_the_threshold_is_the_factor_times_the_median_of_the_background() -> Non
     assert thresholds[:5] == [0.5] * 5
     for t in range(5, 40):
         background = list(range(max(0, t - 20), t - 4))
-        assert thresholds[t] == max(0.5, 4 * background[len(background) // 2])
+        assert thresholds[t] == max(0.5, 4 * np.median(background))
 
 
 def test_a_lone_peak_is_no_background() -> None:

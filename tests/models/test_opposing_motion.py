@@ -173,7 +173,7 @@ def test_adaptation_divides_by_the_median_of_the_background() -> None:
         }
         judged = judgement.judge(maps)
         before = sorted(raw[max(0, t - 10) : max(0, t - 2)])
-        background = before[len(before) // 2] if before else 0.0
+        background = float(np.median(before)) if before else 0.0
         raw.append(plain.judge(maps).opponency)
         factor = min(1.0, 2.0 / background) if background else 1.0
         divided += factor < 1
