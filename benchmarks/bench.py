@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks import decoding, media, references
 from oppload_cli.environment import environment
 from oppload_cli.models.dlgmd import DlgmdParams, group, threshold
-from oppload_cli.models.dpc import Dpc
+from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opposing_motion import PooledJudgement
 from oppload_cli.models.registry import DetectorBank, default_names, parameters_of
 from oppload_cli.motion.flow import DenseFlow

@@ -28,7 +28,7 @@ from oppload_cli.models.arms import (
     arm_weights,
     field_weights,
 )
-from oppload_cli.models.dpc import Layers
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.models.timebase import Clock
 from oppload_cli.pipeline.sources import StimulusVideo

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from oppload_cli.errors import OpploadError
     from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
     from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
-    from oppload_cli.models.dpc import Layers
     from oppload_cli.models.flow_divergence import FlowDivergence, FlowDivergenceParams
     from oppload_cli.models.frame_difference import FrameDifference, FrameDifferenceParams
+    from oppload_cli.models.layers import Layers
     from oppload_cli.models.opplod import Opplod, OpplodResponse
     from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.models.presets import PRESETS
@@ -106,7 +106,7 @@ _MODULES = {
     "errors": ("OpploadError",),
     "models.detector": ("Box", "Column", "Detector", "Response", "UnitMaps"),
     "models.dlgmd": ("Dlgmd", "DlgmdParams", "DlgmdResponse"),
-    "models.dpc": ("Layers",),
+    "models.layers": ("Layers",),
     "models.flow_divergence": ("FlowDivergence", "FlowDivergenceParams"),
     "models.frame_difference": ("FrameDifference", "FrameDifferenceParams"),
     "models.opplod": ("Opplod", "OpplodResponse"),

@@ -280,15 +280,13 @@ class Parameters(Table):
     _units: ClassVar[bool] = False
     _none: ClassVar[str] = " or none"
 
-    def resolved(self, height: int, frame_rate: float | None = None) -> Self:  # noqa: ARG002
+    def resolved(self, height: int) -> Self:  # noqa: ARG002
         """Return these parameters with the values that the video decides filled in.
 
         Parameters
         ----------
         height : int
             Working height in pixels; of a frame that is higher than wide, its width.
-        frame_rate : float, optional
-            Frames per second, where it is known.
 
         Returns
         -------

@@ -82,7 +82,7 @@ def test_parameters_name_themselves_and_their_set() -> None:
             SomeParams().replaced(**values)
         assert str(caught.value) == message
     assert SomeParams().as_dict() == {"gain": 1.0, "cell": None}
-    assert SomeParams().resolved(240, 30.0) == SomeParams()
+    assert SomeParams().resolved(240) == SomeParams()
 
 
 def test_every_declaration_is_described() -> None:

@@ -128,7 +128,7 @@ def why_not_wide() -> str | None:
 def address(array: NDArray[Any]) -> int:
     """Return where the first value of an array stands in memory; the array must outlive it."""
     try:  # half as long as by the interface of arrays, of which a frame needs some 40
-        return ctypes.addressof(_Byte.from_buffer(array))
+        return ctypes.addressof(_Byte.from_buffer(array.data))
     except (TypeError, ValueError):  # not contiguous, or for reading only
         return int(array.__array_interface__["data"][0])
 

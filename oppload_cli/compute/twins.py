@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
         excitation: Kernel
         inhibition: Sequence[Kernel]
-        masks: Mapping[int, Kernel]
+        odd_masks: Mapping[int, Kernel]
 
     class Sums(Protocol):
         """The maps into which S and the S_phi are written."""
@@ -55,7 +55,7 @@ class _Plan:
 
     def __init__(self, kernels: Kernels) -> None:
         quadrants = [_quadrants(kernels.excitation, {})]
-        quadrants += [_quadrants(each, kernels.masks) for each in kernels.inhibition]
+        quadrants += [_quadrants(each, kernels.odd_masks) for each in kernels.inhibition]
         stages, taps, offsets = [], [], []
         for number, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
             # The nearest values first, which inhibit most; each part takes every n-th of them.
@@ -81,7 +81,7 @@ class _Plan:
         self.taps = np.array(taps, np.float32)
         self.places = np.stack([above, np.where(dy, below, 0)], -1).astype(np.intc)
         self.rings = np.stack([begins, reach], -1).astype(np.intc)
-        self.axes = tuple(kernels.masks)
+        self.axes = tuple(kernels.odd_masks)
         self.arguments = (
             *(address(self.stages), len(stages), address(self.taps), len(taps)),
             *(address(self.places), address(self.rings), self.slots, 45 in self.axes),
@@ -90,16 +90,16 @@ class _Plan:
         self._scratch: Floats = np.zeros((0, 0), np.float32)
 
     def scratch(self, bands: int) -> list[int]:
-        """Return where each band has room."""
+        """Return the address of each band's room for intermediate maps."""
         if len(self._scratch) < bands:
             self._scratch = np.zeros((bands, self._floats), np.float32)
         return _addresses(self._scratch)
 
 
 class _Outputs:
-    """Where the maps of sums stand, and where the sums that were computed last are not 0.
+    """The addresses of the maps of sums, and which strips of their rows hold only zeros.
 
-    Those that are 0 stay, and only the others are written.
+    The loops do not write zeros over zeros.
     """
 
     def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:

@@ -82,8 +82,8 @@ class Detection(NamedTuple):
 
 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
-_NEAR = 0.25  # receptive fields: a focus that near to an object's is always its own
-_AROUND = 1.15  # half sizes: the box is up to 10 % too small, and the outline shows most
+_NEAR = 0.25  # a focus within this share of a field of an object's focus belongs to the object
+_AROUND = 1.15  # the box is up to 10 % too small, and the outline carries most of the growth
 _YOUNGEST = 1 - NEARLY_ONE  # of an interval: between nearer frames there is too little growth
 _GROWTH = 1.25  # from one frame to the next, shortly before contact
 

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.models.dpc import convolved, excitation, inhibition, referred
+from oppload_cli.models.dpc import (
+    directional_inhibition,
+    excitation,
+    inhibition,
+    rectified,
+    referred,
+)
 from oppload_cli.models.opposing_motion import (
     Judgement,
     has_history,
@@ -26,8 +32,8 @@ from oppload_cli.models.opposing_motion import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from oppload_cli.models.dpc import Map, Photoreceptors
-    from oppload_cli.models.kernels import Kernels
+    from oppload_cli.models.dpc import Kernels, Map
+    from oppload_cli.models.layers import Photoreceptors
     from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.models.opposing_motion import Maps
 
@@ -71,13 +77,9 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
     Source: ``docs/model.md``, section 4, and ``docs/lplc2.md``.
     """
     e, i = excitation(p, kernels), inhibition(p, kernels)
-    one, two = kernels.inhibition
-    right, up = (
-        -2 * (convolved(p[1], one * mask) + convolved(p[2], two * mask))
-        for mask in (kernels.masks[0], kernels.masks[90])
-    )
+    right, up = (i - 2 * directional_inhibition(p, kernels, axis) for axis in (0, 90))
     length = np.hypot(right, up)
-    amount = np.minimum(np.maximum(e - (i - length) / 2, 0), e)
+    amount = rectified(e, (i - length) / 2)
     share = amount / np.maximum(length, np.float32(1e-12))
     return _Motion(amount, share * right, share * up)
 
@@ -185,7 +187,7 @@ class ArmsJudgement:
         self._calcium = np.zeros_like(self.maps.responses)
         nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
         self._now = 0.0  # intervals
-        # Of one interval ago and since then.
+        # Of the latest frame that is an interval old and of all later ones, with their times.
         self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, nothing)])
 
     def judge(self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels) -> Judgement:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.dpc import Layers
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.timebase import Clock
 from oppload_cli.schema import Parameters
@@ -245,7 +245,7 @@ class Detector(ABC):
         self.need_size(shape, self.least_size)
         self.shape, self.frame_rate = shape, frame_rate
         self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
-        self.params = (params or self.parameters()).resolved(min(shape), frame_rate)
+        self.params = (params or self.parameters()).resolved(min(shape))
 
     @abstractmethod
     def step(self, luma: Map) -> Response | None:

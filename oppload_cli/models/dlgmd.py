@@ -10,8 +10,7 @@ import numpy as np
 
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.detector import Column, Detector, Response
-from oppload_cli.models.dpc import excitation, referred
-from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.dpc import DpcParams, excitation, referred
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import parameter
 

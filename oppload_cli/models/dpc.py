@@ -1,39 +1,187 @@
-"""Photoreceptors, DPC and MDE: the layers that several detectors share (sections 1, 2 and 4)."""
+"""Photoreceptors, DPC and MDE: the equations that several detectors share.
+
+They stand in the order of ``docs/model.md``, sections 1, 2 and 4: the kernels, then what is
+summed with them. :mod:`oppload_cli.models.layers` applies them to the frames of a video.
+"""
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
-from statistics import median
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
-from oppload_cli.errors import FrameError
-from oppload_cli.models.kernels import Kernels
-from oppload_cli.models.timebase import NEARLY_ONE, Clock, nearly_one
+from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from oppload_cli.models.kernels import DpcParams, Kernel
-
+    Kernel = NDArray[np.float64]
     Map = NDArray[np.float32]  # one value per pixel of the working frame
 
-MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
-# What the younger of two frames may lack to an interval: this share of the interval, and less
-# than this share of what the older one is too old by. Measured at 20 to 144 frames/s.
-_MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
-_FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
-_MOST_KEPT = 16.5  # frames of one interval that are kept; of more, some
-_FIRST, _BRIGHTEST = 3, 2.0  # frames that are checked for 0 to 255, and the luminance allowed
+
+# ---- The kernels ---------------------------------------------------------------------------
+#
+# All are square arrays of side 2 r + 1 over the OFFSET d = (x, y) from source to target, x right
+# and y down, with d = 0 in the middle.
 
 
-# ---- The equations -------------------------------------------------------------------------
+@dataclass(frozen=True, kw_only=True)
+class DpcParams(Parameters):
+    """Constants of the distributed presynaptic connections (DPC).
+
+    They are in pixels of the working size and do not scale with it: this ties the speed
+    selectivity to the working size. Values: the MATLAB code of the D-LGMD authors
+    (``docs/model.md``, section 2).
+    """
+
+    sigma_excitation: float = parameter(
+        1.5, "spread of excitation, sigma_E", unit="px", low=0.1, high=100
+    )
+    sigma_inhibition: float = parameter(
+        5.0, "spread of inhibition, sigma_I", unit="px", low=0.1, high=100
+    )
+    inhibition_strength: float = parameter(
+        1.5, "strength of inhibition against excitation, a", low=0, high=100
+    )
+    kernel_radius: int = parameter(6, "radius of all DPC kernels, r", unit="px", low=1, high=50)
+    latency_alpha: float = parameter(-0.1, "latency constant alpha_tau", low=-10, high=10)
+    latency_beta: float = parameter(0.5, "latency constant beta", low=0.01, high=10)
+    latency_lambda: float = parameter(
+        0.7, "latency constant lambda", unit="1/px", low=0.01, high=10
+    )
+    latency_one: float = parameter(
+        1.0, "latency from which a connection is one frame late", unit="frames", low=-10, high=100
+    )
+    latency_two: float = parameter(
+        1.8999,
+        "latency above which a connection is two frames late",
+        unit="frames",
+        low=-10,
+        high=100,
+    )
+
+    def dpc(self) -> DpcParams:
+        """Return the DPC constants alone: detectors that agree in them share their layers."""
+        return DpcParams(**{name: getattr(self, name) for name in DpcParams.names()})
+
+
+@dataclass(frozen=True, eq=False)
+class Kernels:
+    """The kernels of one set of DPC constants, and the masks of some axes.
+
+    Attributes
+    ----------
+    excitation : ndarray
+        W_E, without the zeros around its few values: OpenCV sums such a small kernel directly, so
+        that E is exactly 0 where P is.
+    inhibition : tuple of ndarray, shape (2 r + 1, 2 r + 1)
+        W_I1, which acts on P(t-1), and W_I2, which acts on P(t-2).
+    odd_masks : dict of int to ndarray, shape (2 r + 1, 2 r + 1)
+        M_phi - 1/2 by the direction phi of an axis in degrees: unlike M_phi it is odd, so that a
+        quadrant of it is enough for the compiled loops.
+    """
+
+    excitation: Kernel
+    inhibition: tuple[Kernel, Kernel]
+    odd_masks: dict[int, Kernel]
+
+    @classmethod
+    def of(cls, params: DpcParams, axes: tuple[int, ...] = ()) -> Kernels:
+        """Return the kernels of some constants, with the masks of the given axes in degrees."""
+        odd_masks = {phi: direction_mask(params, phi) - 0.5 for phi in axes}
+        return cls(_trimmed(excitation_kernel(params)), inhibition_kernels(params), odd_masks)
+
+
+def _spread(params: DpcParams, sigma: float) -> Kernel:
+    """Return g_s(d), the Gaussian of eq. (kernel EI).
+
+    Its amplitude is the one-dimensional ``1 / (s sqrt(2 pi))``, not renormalised, as in the
+    authors' code; with the two-dimensional one the velocity selectivity all but vanishes.
+
+    Parameters
+    ----------
+    params : DpcParams
+        Gives the kernel radius.
+    sigma : float
+        Spread s in pixels, above 0.
+    """
+    x, y = _offsets(params.kernel_radius)
+    gaussian: Kernel = np.exp(-(x**2 + y**2) / (2 * sigma**2)) / (sigma * np.sqrt(2 * np.pi))
+    return gaussian
+
+
+def latency(params: DpcParams) -> Kernel:
+    """Return tau(d), the latency of a connection in frames, eq. (tau)."""
+    x, y = _offsets(params.kernel_radius)
+    near = np.exp(-(params.latency_lambda**2) * (x**2 + y**2))
+    return params.latency_alpha + 1 / (params.latency_beta + near)
+
+
+def excitation_kernel(params: DpcParams) -> Kernel:
+    """Return W_E = max(0, g_E - a g_I) where the delay is 0 (``docs/model.md``, section 2).
+
+    With the default constants five pixels are not 0; their sum is 0.528889.
+    """
+    excitation = _spread(params, params.sigma_excitation)
+    inhibition = params.inhibition_strength * _spread(params, params.sigma_inhibition)
+    undelayed = latency(params) < params.latency_one
+    return np.where(undelayed, np.maximum(0, excitation - inhibition), 0)
+
+
+def inhibition_kernels(params: DpcParams) -> tuple[Kernel, Kernel]:
+    """Return W_I1 and W_I2 = a g_I where the delay is 1 and 2 (``docs/model.md``, section 2).
+
+    With the default constants they have 64 pixels of sum 6.103130 and 100 pixels of sum
+    5.555562.
+    """
+    inhibition = params.inhibition_strength * _spread(params, params.sigma_inhibition)
+    tau = latency(params)
+    late = tau > params.latency_two
+    early = (tau >= params.latency_one) & ~late
+    return np.where(early, inhibition, 0), np.where(late, inhibition, 0)
+
+
+def direction_mask(params: DpcParams, direction: float) -> Kernel:
+    """Return M_phi(d), the MDE mask on the inhibition kernel, eq. (mde), from 0 to 1.
+
+    It is named by the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
+    (``docs/model.md``, section 4).
+
+    Parameters
+    ----------
+    params : DpcParams
+        Gives the kernel radius.
+    direction : float
+        phi in degrees, counter-clockwise, 0 = right, 90 = up.
+    """
+    x, y = _offsets(params.kernel_radius)
+    phi = np.deg2rad(direction)
+    along = x * np.cos(phi) - y * np.sin(phi)
+    # 1 / (1 + exp(sqrt(2) along)), written so that a large kernel does not overflow.
+    mask: Kernel = 0.5 - 0.5 * np.tanh(along / np.sqrt(2))
+    return mask
+
+
+def _trimmed(kernel: Kernel) -> Kernel:
+    """Cut a kernel to the square about its middle that holds all values other than 0."""
+    radius = len(kernel) // 2
+    reach = int(np.abs(np.argwhere(kernel) - radius).max(initial=0))
+    inner = slice(radius - reach, radius + reach + 1)
+    return kernel[inner, inner]
+
+
+def _offsets(radius: int) -> tuple[Kernel, Kernel]:
+    """Return the offsets x and y of a kernel's pixels; y grows down."""
+    y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1].astype(np.float64)
+    return x, y
+
+
+# ---- The layers ----------------------------------------------------------------------------
 
 
 def photoreceptors(luma: Map, before: Map, out: Map | None = None) -> Map:
@@ -65,7 +213,7 @@ def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map
     `axis` is the direction phi in degrees. Opposite pathways need one of these only, as
     ``I_phi + I_(phi+180) = I``.
     """
-    mask = kernels.masks[axis] + 0.5
+    mask = kernels.odd_masks[axis] + 0.5
     one, two = kernels.inhibition
     return convolved(p[1], one * mask) + convolved(p[2], two * mask)
 
@@ -117,7 +265,7 @@ def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -
     e, i = excitation(p, kernels), inhibition(p, kernels)
     if not out.only_pathways:
         out.presynaptic[:] = rectified(e, i)
-    for axis in kernels.masks:
+    for axis in kernels.odd_masks:
         i_phi = directional_inhibition(p, kernels, axis)
         out.pathways[axis][:] = rectified(e, i_phi)
         out.pathways[axis + 180][:] = rectified(e, i - i_phi)
@@ -126,10 +274,10 @@ def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -
 # ---- Other intervals and sizes -------------------------------------------------------------
 
 
-AnyValues = TypeVar("AnyValues", float, "Map")
+_Values = TypeVar("_Values", float, "Map")
 
 
-def referred(s: AnyValues, excitation: AnyValues, share: float, *, directional: bool) -> AnyValues:
+def referred(s: _Values, excitation: _Values, share: float, *, directional: bool) -> _Values:
     """Refer S over an interval of another length to S over the reference interval.
 
     E grows in proportion to the displacement of an edge, and inhibition takes a loss off it that
@@ -154,7 +302,7 @@ def referred(s: AnyValues, excitation: AnyValues, share: float, *, directional: 
     """
     less, squared = s - (1 - share) * excitation, share * share * s
     if share > 1:  # the inverse of the other case
-        result: AnyValues = np.minimum(less, squared)
+        result: _Values = np.minimum(less, squared)
     else:
         result = np.maximum(less, squared if directional else 0)
     return result
@@ -182,442 +330,3 @@ def smaller(luma: Map, times: int) -> Map:
     return np.asarray(
         cv2.resize(squares, (width, height), interpolation=cv2.INTER_AREA), np.float32
     )
-
-
-# ---- The layers of one video ---------------------------------------------------------------
-
-
-class _Record:
-    """P of one frame, and the record of the frame that it was compared with."""
-
-    __slots__ = ("at", "before", "change", "coarse", "mean")
-
-    def __init__(self, at: float) -> None:
-        self.at = at
-        self.change: Map | None = None
-        self.mean = 0.0
-        self.before: _Record | None = None
-        self.coarse: Map | None = None
-
-
-class Photoreceptors:
-    """P of a video, now and one and two intervals ago.
-
-    P(t) compares a frame with the youngest one that is an interval old, or with the next one, if
-    that lacks a quarter of the interval at most, and is much nearer to it (``docs/time.md``). One
-    interval ago is when the frame was that it is compared with.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    stride : int
-        Reference intervals in one interval of these photoreceptors, at least 1.
-    clock : Clock, optional
-        Tells the time of the frames; without it each lasts one reference interval.
-
-    Attributes
-    ----------
-    frames : int
-        How many frames were taken.
-    elapsed : float
-        Reference intervals from the frame before to the latest one.
-    share : float
-        Length that the interval ought to have over that of the latest one; 1 within 3 %.
-    """
-
-    def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
-        self.shape, self.stride = shape, stride
-        self._clock = clock or Clock()
-        self._nothing: Map = np.zeros(shape, np.float32)
-        self._free: list[Map] = []
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
-        self.frames = 0
-        self.elapsed = self.share = 1.0
-        self._now: float | None = None
-        self._steps: deque[float] = deque(maxlen=_MANY)
-        self._rest = 0.0  # when the latest frame without any change was
-        self._latest = _Record(0.0)
-        self._lumas: deque[tuple[_Record, Map]] = deque()
-        self._records: deque[_Record] = deque()
-
-    @property
-    def _series(self) -> tuple[_Record | None, ...]:
-        one = self._latest.before
-        return self._latest, one, one.before if one else None
-
-    @property
-    def maps(self) -> list[Map]:
-        """P now and one and two intervals ago, 0 to 1; zeros where nothing was compared."""
-        return [
-            self._nothing if each is None or each.change is None else each.change
-            for each in self._series
-        ]
-
-    @property
-    def means(self) -> list[float]:
-        """The mean of each of `maps` over the frame."""
-        return [each.mean if each else 0.0 for each in self._series]
-
-    @property
-    def luma_change(self) -> float | None:
-        """Mean of P(t) over the frame, 0 to 1; None where no earlier frame was compared.
-
-        Changes add up over time, so that it is referred to the length of an interval.
-        """
-        return None if self._latest.change is None else self._latest.mean * self.share
-
-    @property
-    def ready(self) -> bool:
-        """Whether P was measured now and one and two intervals ago."""
-        return all(each is not None and each.change is not None for each in self._series)
-
-    @property
-    def motion_lasts(self) -> bool:
-        """Whether the luminance kept changing since before the three intervals of `maps`.
-
-        It is not so at the start of a video, nor for as long after the complete scene was at rest.
-        """
-        oldest = self._series[-1]
-        if oldest is None or oldest.before is None:
-            return False
-        return self._rest - oldest.before.at <= NEARLY_ONE * self.stride
-
-    @property
-    def usual_step(self) -> float:
-        """Reference intervals from frame to frame, as a rule: the median of the latest steps.
-
-        Where repeats are left out, pictures come at a lower rate than the video says. A lower rate
-        counts soon, a higher one later: short steps may come from missed repeats. A single step
-        is no rule; before the second one the declared rate counts.
-        """
-        latest = list(self._steps)
-        return max(median(latest[-_FEW:]), median(latest)) if len(latest) > 1 else self._clock.step
-
-    def coarse(self, shape: tuple[int, int]) -> list[Map]:
-        """Return `maps` averaged over squares; `shape` is their number down and across.
-
-        They are as large as fit, and centred in the frame; with fewer pixels they lie evenly.
-        """
-        (height, width), (rows, columns) = self.shape, shape
-        side = min(height // rows, width // columns)  # OpenCV is fast where all are equal
-        top, left = (height - rows * side) // 2, (width - columns * side) // 2
-        if not side:  # less than a pixel
-            top, left, rows, columns, side = 0, 0, height, width, 1
-        squares = np.s_[top : top + rows * side, left : left + columns * side]
-        averaged = []
-        for each, change in zip(self._series, self.maps, strict=True):
-            area = each.coarse if each else None
-            if area is None or area.shape != shape:
-                small = cv2.resize(change[squares], shape[::-1], interpolation=cv2.INTER_AREA)
-                area = np.asarray(small, np.float32)
-            if each:
-                each.coarse = area
-            averaged.append(area)
-        return averaged
-
-    def step(self, luma: Map) -> bool:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance L(t), 0 to 1.
-
-        Returns
-        -------
-        bool
-            `ready`.
-
-        Raises
-        ------
-        FrameError
-            If the array is not float32 of that shape, or holds a value that is not finite, or
-            one of the first three frames is not in the range from 0 to 1. The frame is not taken
-            then.
-        """
-        if luma.shape != self.shape or luma.dtype != np.float32:
-            raise FrameError(
-                f"a frame must be a float32 array of shape {self.shape}, "
-                f"not {luma.dtype} of shape {luma.shape}"
-            )
-        if self.frames < _FIRST and _BRIGHTEST < cv2.minMaxLoc(luma)[1] < np.inf:
-            raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
-        record = _Record(self._clock.now(self._now))
-        compared = self._compared_with(record.at)
-        if compared:
-            record.before, luma_before = compared
-            record.change = photoreceptors(luma, luma_before, self._room())
-            record.mean = cv2.mean(record.change)[0]
-            if not np.isfinite(record.mean):
-                self._free.append(record.change)
-                raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
-            self.share = nearly_one(self.stride / (record.at - record.before.at))
-        if self._now is None or (compared and not record.mean):
-            self._rest = record.at
-        if self._now is not None:
-            self.elapsed = nearly_one(record.at - self._now)
-            self._steps.append(self.elapsed)
-        self._keep(record, luma)
-        self._now, self.frames = record.at, self.frames + 1
-        return self.ready
-
-    def _compared_with(self, now: float) -> tuple[_Record, Map] | None:
-        """Return the frame nearest to an interval old, and forget the luminance before it."""
-        lumas, wanted = self._lumas, now - self.stride
-        while len(lumas) > 1 and lumas[1][0].at <= wanted + NEARLY_ONE * self.stride:
-            self._free.append(lumas.popleft()[1])
-        if not lumas:
-            return None
-        older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
-        excess = wanted - older[0].at
-        if excess < -NEARLY_ONE * self.stride:  # at the start; as if one more frame had been
-            younger, excess = older, excess + now - (self._now or 0.0)
-        lacking = younger[0].at - wanted
-        if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
-            return younger
-        return older if older[0].at <= wanted + NEARLY_ONE * self.stride else None
-
-    def _keep(self, record: _Record, luma: Map) -> None:
-        """Keep a frame for later ones, unless it comes shortly after the one kept last."""
-        records, before = self._records, self._latest
-        if before.change is not None and before is not records[-1]:
-            self._free.append(before.change)
-        self._latest = record
-        if records and record.at - records[-1].at < self.stride / _MOST_KEPT:
-            return
-        kept = self._room()
-        np.copyto(kept, luma)
-        self._lumas.append((record, kept))
-        records.append(record)
-        oldest = self._series[-1]
-        while oldest and records[0] is not oldest:
-            forgotten = records.popleft()
-            forgotten.before = None
-            if forgotten.change is not None:
-                self._free.append(forgotten.change)
-
-    def _room(self) -> Map:
-        return self._free.pop() if self._free else np.empty(self.shape, np.float32)
-
-
-class Dpc:
-    """The distributed presynaptic connections over one video (``docs/model.md``, section 2).
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames, each at least 1.
-    params : DpcParams
-        The DPC constants.
-    axes : tuple of int
-        Directions phi in degrees of the pathways' axes: none, (45, 135) or (0, 90); each serves
-        the pathways phi and phi + 180.
-    photoreceptors : _Hold of Photoreceptors, optional
-        Shared photoreceptors; own ones otherwise.
-    only_pathways : bool
-        Whether S itself is not needed.
-
-    Attributes
-    ----------
-    axes : tuple of int
-        As above.
-    kernels : Kernels
-        Of these constants and axes.
-    sums : PresynapticSums
-        S and S_phi of the latest frame, once `ready`; the next frame overwrites them.
-    """
-
-    def __init__(
-        self,
-        shape: tuple[int, int],
-        params: DpcParams,
-        axes: tuple[int, ...] = (),
-        photoreceptors: _Hold[Photoreceptors] | None = None,
-        *,
-        only_pathways: bool = False,
-    ) -> None:
-        self._photoreceptors = photoreceptors or _Hold(Photoreceptors(shape))
-        self._shape, self._params = shape, params
-        self._compute(axes, only_pathways)
-
-    def _compute(self, axes: tuple[int, ...], only_pathways: bool) -> None:
-        self.axes = axes
-        self.kernels = Kernels.of(self._params, axes)
-        self.sums = PresynapticSums.zeros(self._shape, axes, only_pathways=only_pathways)
-
-    def also(self, axes: tuple[int, ...]) -> None:
-        """Compute the pathways of these axes too, or S for no axes, from the next frame on."""
-        wanted = axes or self.axes, self.sums.only_pathways and bool(axes)
-        if wanted != (self.axes, self.sums.only_pathways):
-            self._compute(*wanted)
-
-    @property
-    def photoreceptors(self) -> Photoreceptors:
-        """P of the latest frames."""
-        return self._photoreceptors.layer
-
-    @property
-    def frames(self) -> int:
-        """How many frames were taken."""
-        return self._photoreceptors.frames
-
-    @property
-    def ready(self) -> bool:
-        """Whether S was computed for the latest frame: after three intervals."""
-        return self.photoreceptors.ready
-
-    @property
-    def maps(self) -> dict[str, Map]:
-        """P, E, I and S of the latest frame, and S_phi as ``S_45`` and so on.
-
-        E, I and S are computed when this is read.
-        """
-        p = self.photoreceptors.maps
-        named = {f"S_{phi}": pathway for phi, pathway in self.sums.pathways.items()}
-        e, i = excitation(p, self.kernels), inhibition(p, self.kernels)
-        return {"P": p[0], "E": e, "I": i, "S": rectified(e, i), **named}
-
-    def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
-        self._photoreceptors.reset()
-
-    def step(self, luma: Map) -> bool:
-        """Take the next frame; arguments, result and errors as `Photoreceptors.step`."""
-        if self._photoreceptors.step(luma):
-            presynaptic_sums(self.photoreceptors.maps, self.kernels, self.sums)
-        return self.ready
-
-
-# ---- Sharing -------------------------------------------------------------------------------
-
-
-class _Layer(Protocol):
-    """A step that several detectors may share; it holds the values of the latest frame."""
-
-    @property
-    def frames(self) -> int:
-        """How many frames were taken."""
-
-    @property
-    def ready(self) -> bool:
-        """Whether it has values."""
-
-    def step(self, luma: Map) -> bool:
-        """Take the next frame; return `ready`."""
-
-    def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
-
-
-AnyLayer = TypeVar("AnyLayer", bound=_Layer)
-
-
-class _Hold(Generic[AnyLayer]):
-    """One user's hold on a layer that others may hold too.
-
-    Each user steps its own hold at every frame. The first one makes the layer compute; for the
-    others the values are there already.
-
-    Attributes
-    ----------
-    layer : Photoreceptors or Dpc
-        Read its values after `step`.
-    frames : int
-        How many frames this user has taken.
-    """
-
-    def __init__(self, layer: AnyLayer) -> None:
-        self.layer = layer
-        self.frames = 0
-
-    def step(self, luma: Map) -> bool:
-        """Take the next frame; result and errors as by the layer."""
-        if self.frames == self.layer.frames:
-            self.layer.step(luma)
-        self.frames += 1
-        return self.layer.ready
-
-    def reset(self) -> None:
-        """Forget all frames."""
-        self.layer.reset()
-        self.frames = 0
-
-
-class Layers:
-    """The layers of one video, each made and computed once however many detectors use it.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    clock : Clock, optional
-        Tells the time of the frames; without it each lasts one reference interval.
-
-    Examples
-    --------
-    >>> import oppload_cli as oppload
-    >>> layers = oppload.Layers((48, 64))
-    >>> one = oppload.Dlgmd((48, 64), layers=layers)
-    >>> other = oppload.FrameDifference((48, 64), layers=layers)
-    >>> one.layers is other.layers
-    True
-    """
-
-    def __init__(self, shape: tuple[int, int], clock: Clock | None = None) -> None:
-        self.shape = shape
-        self.clock = clock or Clock()
-        self._photoreceptors: dict[int, Photoreceptors] = {}
-        self._dpcs: list[tuple[DpcParams, int, Dpc]] = []
-        self._others: dict[Hashable, Any] = {}
-
-    @property
-    def time_s(self) -> float | None:
-        """Presentation time of the frame that is given now; None where nobody tells it."""
-        return self.clock.time_s
-
-    def photoreceptors(self, stride: int = 1) -> _Hold[Photoreceptors]:
-        """Return a hold on the photoreceptors whose interval is `stride` reference intervals."""
-        if stride not in self._photoreceptors:
-            self._photoreceptors[stride] = Photoreceptors(self.shape, stride, self.clock)
-        return _Hold(self._photoreceptors[stride])
-
-    def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> _Hold[Dpc]:
-        """Return a hold on the DPC layers of some constants and axes.
-
-        Parameters
-        ----------
-        params : DpcParams
-            The DPC constants; others that it holds do not matter.
-        axes : tuple of int
-            As for :class:`Dpc`; S itself is computed where one holder gives none.
-        stride : int
-            Reference intervals between the frames that are compared, at least 1.
-        """
-        constants = params.dpc()
-        for known, known_stride, dpc in self._dpcs:
-            same = (known, known_stride) == (constants, stride)
-            if same and (not axes or dpc.axes in {axes, ()}):
-                dpc.also(axes)
-                return _Hold(dpc)
-        seen = self.photoreceptors(stride)
-        dpc = Dpc(self.shape, constants, axes, seen, only_pathways=bool(axes))
-        self._dpcs.append((constants, stride, dpc))
-        return _Hold(dpc)
-
-    def other(self, key: Hashable, make: Callable[[], AnyLayer]) -> _Hold[AnyLayer]:
-        """Return a hold on a layer of another kind.
-
-        Parameters
-        ----------
-        key : hashable
-            Its kind and all its constants.
-        make : callable
-            Makes it, where nobody holds one with this key.
-        """
-        if key not in self._others:
-            self._others[key] = make()
-        return _Hold(self._others[key])

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
 from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
-from oppload_cli.models.dpc import MEMORY, Layers, smaller
+from oppload_cli.models.dpc import smaller
+from oppload_cli.models.layers import MEMORY, Layers
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
 from oppload_cli.models.presets import DEFAULT_PRESET
@@ -15,11 +16,12 @@ from oppload_cli.models.presets import DEFAULT_PRESET
 if TYPE_CHECKING:
     from typing import Any
 
-    from oppload_cli.models.dpc import Map, Photoreceptors
+    from oppload_cli.models.dpc import Map
+    from oppload_cli.models.layers import Photoreceptors
     from oppload_cli.models.timebase import Clock
 
 _LONGEST = 4  # intervals over which smaller frames are compared
-_LACKING = 1 / 8  # share of several intervals that a step between frames may lack
+_LACKING = 1 / 8  # a step between frames that is shorter by this share still counts as n intervals
 
 
 @dataclass(frozen=True)
@@ -251,7 +253,10 @@ class Opplod(Detector):
         self.judgement.reset()
 
     def step(self, luma: Map) -> OpplodResponse | None:
-        """Take the next frame: MDE, OMJ, enhancing; None until one of both sizes has an R."""
+        """Take the next frame: MDE, OMJ, enhancing.
+
+        None until the working frame or the smaller frame was compared over three intervals.
+        """
         ready = self._dpc.step(luma)
         if self._smaller:
             ready |= self._smaller.step(luma, self._dpc.layer.photoreceptors.usual_step)

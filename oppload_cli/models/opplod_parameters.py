@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.dpc import DpcParams
 from oppload_cli.schema import parameter
 
 _LEAST_SIGMA = 0.01  # cells: below, a cell is pooled with itself alone
@@ -129,14 +129,15 @@ class OpplodParams(_ArmParams):
     )
     halved_weight: float = parameter(
         2.0,
-        "weight of R in the frame at half its size, over one interval, with judgement=pooled; in a "
-        "smaller one where frames are further apart; 0: not computed",
+        "weight of R computed in a frame of half the size (smaller still at low frame rates), over "
+        "one interval; with judgement=pooled only; 0: not computed",
         low=0,
         high=1000,
     )
     persistence: float = parameter(
         0.45,
-        "share of R that a unit keeps after an interval; a picture counts for 1.3 of them at most",
+        "share of its R that a unit keeps from one interval to the next; one picture counts as at "
+        "most 1.3 intervals",
         low=0,
         high=0.99,
     )
@@ -149,7 +150,8 @@ class OpplodParams(_ArmParams):
     )
     adaptation_level: float = parameter(
         0.035,
-        "R is divided where its background, of all motion, is above this level; 0: never",
+        "where the recent median of R, with all motion counted, is above this level, R is "
+        "multiplied by level / median; 0: never",
         low=0,
         high=1e9,
     )
@@ -222,7 +224,7 @@ class OpplodParams(_ArmParams):
                 "parameter 'units' of opplod must be a grid such as 5x5 with judgement=pixelwise"
             )
 
-    def resolved(self, height: int, _: float | None = None) -> OpplodParams:
+    def resolved(self, height: int) -> OpplodParams:
         """Return these parameters with the values that the video decides filled in.
 
         `receptive_field` and `cell` become their shares of the working height (240 and 12 px at

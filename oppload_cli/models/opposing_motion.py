@@ -14,8 +14,7 @@ import numpy as np
 
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.detector import UnitMaps
-from oppload_cli.models.dpc import referred
-from oppload_cli.models.kernels import Kernels
+from oppload_cli.models.dpc import Kernels, referred
 from oppload_cli.models.timebase import Background
 
 if TYPE_CHECKING:
@@ -23,7 +22,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.models.dpc import Map, Photoreceptors
+    from oppload_cli.models.dpc import Map
+    from oppload_cli.models.layers import Photoreceptors
     from oppload_cli.models.opplod_parameters import OpplodParams
 
     Floats = NDArray[np.float64]
@@ -379,9 +379,9 @@ class PooledJudgement:
         Returns
         -------
         ndarray of float32, shape (2, rows, columns)
-            Sum over both axes of ``max(0, out - w_p in)``: without the motion that has only just
-            begun (`history`), and of all motion. S over several intervals is divided by their
-            number.
+            Two maps of ``max(0, out - w_p in)``, summed over both axes: first without cells where
+            motion has only just begun (`history`), then of all cells, which the adaptation uses. S
+            over several intervals is divided by their number.
         """
         one, other = self._params.both_axes
         directions = one, other, one + 180, other + 180
@@ -443,7 +443,8 @@ class PooledJudgement:
             both += np.float32(params.halved_weight) * smaller
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
-            # A rare picture counts for less than its time: a chance response must not pass alone.
+            # At low frame rates one picture counts for less than its full time, so that a single
+            # chance response cannot pass.
             most = min(_MOST_ELAPSED, max(1.0, seen.usual_step)) if seen else 1.0
             weight = 1 - params.persistence ** min(elapsed, most)
             cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.dlgmd import Dlgmd
-from oppload_cli.models.dpc import Layers
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_named
 from oppload_cli.models.timebase import Clock

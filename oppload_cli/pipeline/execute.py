@@ -323,7 +323,7 @@ class _Run:
         task, settings = self._task, self._settings
         facts, decode, working = self.video.facts, self.video.decode, self.video.working
         rate = float(facts.frame_rate) if facts.frame_rate else None
-        groups = settings.resolved(min(working.width, working.height), rate)
+        groups = settings.resolved(min(working.width, working.height))
         return {
             "tool": environment(),
             "command": list(task.command),

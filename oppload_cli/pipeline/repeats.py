@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 KEEP, EXACT, NEAR = "keep", "exact", "near"
 
-SOME_ROWS = 16  # every so many
-CELLS = 15  # rows of cells over which a change is averaged
-PICTURES = 3  # whose median change is the usual one
-FRAMES = 6  # before a cadence is known: at least two of them are taken for new pictures
-ENOUGH, PROOF_S = 2, 2.0  # drops and rises within so many seconds that make a cadence
-BACK = 0.4  # share of the usual change to which the change rises after a repeat
-LENIENT = 2.0  # in a cadence one of its two changes may be so many times larger
-SPAN = 20  # pictures over which their mean interval is taken
-PULL = 0.1  # share of its distance from the frame that an even time makes up
-WORTH_TELLING = 0.05  # share of repeats among all frames
+_SOME_ROWS = 16  # every so many rows are compared first
+_CELLS = 15  # across the shorter side of the frame; a change is averaged over each
+_PICTURES = 3  # the median change of the latest ones is the usual change
+_FRAMES = 6  # changes remembered; before a cadence the second largest is that of a new picture
+_ENOUGH, _PROOF_S = 2, 2.0  # drops and rises within so many seconds that make a cadence
+_BACK = 0.4  # share of the usual change to which the change rises after a repeat
+_LENIENT = 2.0  # in a cadence one of its two changes may be so many times larger
+_SPAN = 20  # pictures over which their mean interval is taken
+_PULL = 0.1  # share by which an even time moves towards the frame before its picture is shown
+_WORTH_TELLING = 0.05  # share of repeats among all frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class _Change(NamedTuple):
         In a cadence (`lenient`) an encoder may have coded much of a repeat anew, or one cell
         of it: then their geometric mean counts.
         """
-        each = share * LENIENT if lenient else share
+        each = share * _LENIENT if lenient else share
         mean, largest = each * other.mean, each * other.largest
         product = share**2 * other.mean * other.largest
         return self.mean < mean and self.largest < largest and self.mean * self.largest < product
@@ -118,7 +118,7 @@ class Repeats:
     Content of 10 frames/s in a file of 30 repeats each picture twice: fed to the detectors it
     would stand still, and then jump. Exact repeats are recognised at once. A near repeat, which
     the encoder has coded anew, is a drop of the change far below that of the latest pictures;
-    it is recognised only in a cadence: when such drops have ended `ENOUGH` times with a rise as
+    it is recognised only in a cadence: when such drops have ended `_ENOUGH` times with a rise as
     steep. Where the scene comes to rest in a cadence, the detectors see it at the rate of the
     pictures, and after `longest_s` every frame. All of this uses past frames only, so
     that the first near repeats of a video are not recognised.
@@ -136,13 +136,13 @@ class Repeats:
     def __init__(self, params: RepeatParams) -> None:
         self._params = params
         self._shown: Luma | None = None  # the latest frame that the detectors saw
-        self._usual: deque[_Change] = deque(maxlen=FRAMES)
+        self._usual: deque[_Change] = deque(maxlen=_FRAMES)
         # The frames in a row that may be repeats: how many, the largest change of them, and
         # when the picture was shown that they may repeat.
         self._run, self._worst, self._since_s = 0, _NONE, 0.0
         self._proofs: deque[tuple[float, int]] = deque()  # times and lengths of proved runs
         self._before_s = 0.0
-        self._lasted_s: deque[float] = deque(maxlen=SPAN)  # how long pictures of a cadence did
+        self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # how long pictures of a cadence did
         self._picture_s = self._even_s = 0.0  # when the latest one was shown, and was taken
         self._told_s = 0.0  # when the latest frame that the detectors saw was taken
         self._passed_over = False
@@ -162,9 +162,9 @@ class Repeats:
         -------
         float or None
             Above 0; the mean over those parts of the video that have a cadence. None if fewer
-            than `WORTH_TELLING` of all frames are repeats in a cadence.
+            than `_WORTH_TELLING` of all frames are repeats in a cadence.
         """
-        if self._repeats < WORTH_TELLING * self._frames or not self._repeats:
+        if self._repeats < _WORTH_TELLING * self._frames or not self._repeats:
             return None
         return frame_rate * self._pictures / (self._pictures + self._repeats)
 
@@ -213,7 +213,7 @@ class Repeats:
             return time_s
         even_s = self._even_s + sum(self._lasted_s) / len(self._lasted_s)
         frame_s, late_s = time_s - self._before_s, time_s - even_s
-        even_s += PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
+        even_s += _PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
         earliest_s = max(time_s - 2 * frame_s, self._told_s + frame_s / 2)
         return min(max(even_s, earliest_s), time_s + frame_s)
 
@@ -226,7 +226,7 @@ class Repeats:
             self.exact += exact
             return Repeat()
         change = _NONE if exact else _change(luma, self._shown) if handling == NEAR else None
-        while self._proofs and time_s - self._proofs[0][0] > PROOF_S:
+        while self._proofs and time_s - self._proofs[0][0] > _PROOF_S:
             self._proofs.popleft()
         if not exact and not (change and self._is_drop(change)):
             self._end_run(change, time_s)
@@ -243,11 +243,11 @@ class Repeats:
 
     @property
     def _is_cadence(self) -> bool:
-        return len(self._proofs) >= ENOUGH
+        return len(self._proofs) >= _ENOUGH
 
     @property
     def _longest(self) -> int:
-        """The longest run in the cadence: every frame after as many repeats is a picture.
+        """The most repeats in a row in this cadence: the frame after them is a new picture.
 
         Pictures at even intervals are repeated equally often, or once more.
         """
@@ -264,7 +264,7 @@ class Repeats:
         if not self._usual:
             return _NONE
         changes = list(zip(*self._usual, strict=True))
-        usual = [median(each[-PICTURES:]) for each in changes]
+        usual = [median(each[-_PICTURES:]) for each in changes]
         if not self._is_cadence:  # most of these frames may be repeats
             second = [sorted(each)[-2:][0] for each in changes]
             usual = list(map(max, usual, second))
@@ -275,7 +275,7 @@ class Repeats:
         proved = self._run > 0 and self._before_s - self._since_s <= self._params.longest_s
         if change is not None:  # exact repeats prove themselves
             usual = self._usual_change()
-            proved &= change.largest > BACK * usual.largest
+            proved &= change.largest > _BACK * usual.largest
             proved &= self._worst.below(self._params.share, change, lenient=True)
             self._usual.append(change)
         if self._is_cadence:
@@ -296,13 +296,13 @@ class Repeats:
 
 def _equal(one: Luma, other: Luma) -> bool:
     """Compare frames; a few rows tell most of them apart."""
-    return np.array_equal(one[::SOME_ROWS], other[::SOME_ROWS]) and np.array_equal(one, other)
+    return np.array_equal(one[::_SOME_ROWS], other[::_SOME_ROWS]) and np.array_equal(one, other)
 
 
 def _change(one: Luma, other: Luma) -> _Change:
     """Average the change over cells as large as fit; OpenCV is fast where they are equal."""
     height, width = one.shape
-    side = max(1, min(height, width) // CELLS)
+    side = max(1, min(height, width) // _CELLS)
     rows, columns = height // side, width // side
     complete = cv2.absdiff(one, other)[: rows * side, : columns * side]
     cells = cv2.resize(complete, (columns, rows), interpolation=cv2.INTER_AREA)

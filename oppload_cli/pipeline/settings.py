@@ -184,17 +184,15 @@ class Settings:
         alarm = alarm_params_with(known, self.preset, **self.alarm.as_dict())
         return replace(self, groups={**sets, **self.groups, "alarm": alarm})
 
-    def resolved(self, height: int, frame_rate: float | None = None) -> dict[str, Parameters]:
+    def resolved(self, height: int) -> dict[str, Parameters]:
         """Return all parameter sets with the values that the video decides filled in.
 
         Parameters
         ----------
         height : int
-            Working height in pixels.
-        frame_rate : float, optional
-            Frames per second, where it is known.
+            Working height in pixels; of a frame that is higher than wide, its width.
         """
-        return {name: group.resolved(height, frame_rate) for name, group in self.groups.items()}
+        return {name: group.resolved(height) for name, group in self.groups.items()}
 
 
 def resolve(

@@ -195,10 +195,9 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
     made = _fov(view["horizontal_deg"] if view and view["origin"] == FOV else None)
     if made != _fov(settings.fov):
         yield f"with {made}, not {_fov(settings.fov)}"
-    rate = _number(facts["frame_rate"])
     groups = (*settings.models, "alarm", "places", "repeats", "time")
     groups += ("rmo",) if settings.measure_rmo else ()
-    resolved = settings.resolved(working["height"], rate)
+    resolved = settings.resolved(min(working["width"], working["height"]))
     for group, params in ((name, resolved[name]) for name in groups):
         held = content["parameters"].get(group, {})
         for name, value in _plain(params.as_dict()).items():
@@ -209,13 +208,6 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
 def _fov(degrees: float | None) -> str:
     """Return a field of view in words, without the rounding of sines and tangents."""
     return "no --fov" if degrees is None else f"--fov {round(degrees, 9):.12g}"
-
-
-def _number(rate: str | None) -> float | None:
-    if not rate:
-        return None
-    above, _, below = rate.partition("/")
-    return float(above) / float(below or 1)
 
 
 def _plain(value: Any) -> Any:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from oppload_cli.models.kernels import direction_mask, inhibition_kernels
+from oppload_cli.models.dpc import direction_mask, inhibition_kernels
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import detector_named

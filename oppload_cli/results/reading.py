@@ -18,7 +18,7 @@ from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError, SourceError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
-from oppload_cli.models.registry import default_names, known_names
+from oppload_cli.models.registry import default_names, detector_named, known_names
 from oppload_cli.results.table import SCHEMA, columns_for
 from oppload_cli.video.inputs import NUMBER, is_video
 
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 
 SUFFIXES = (".frames.csv.part", ".frames.csv", ".csv")
-DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
+_DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
-LARGEST = 1e15  # of a number that a curve may have
-ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
-ANOTHER_TUNING = "give a table of 'oppload tune'"
+_LARGEST = 1e15  # of a number that a curve may have
+_ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
+_ANOTHER_TUNING = "give a table of 'oppload tune'"
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class Result:
 
     def need(self, columns: Sequence[str]) -> None:
         """Raise a ResultError that names the first of these columns that is missing."""
-        _need(self.path, self.frames, columns, ANOTHER_RESULT)
+        _need(self.path, self.frames, columns, _ANOTHER_RESULT)
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Tuning:
 
 def direction_of(parameters: Iterable[str]) -> str | None:
     """Return the first dotted key that names an axis or a direction, such as ``bar.axis_deg``."""
-    return next((key for key in parameters if key.rpartition(".")[2] in DIRECTIONS), None)
+    return next((key for key in parameters if key.rpartition(".")[2] in _DIRECTIONS), None)
 
 
 def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
@@ -168,7 +168,7 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
         If it cannot be read, or is not a result of ``oppload run``.
     """
     ends = ("frame", "time_s", "_response", *needed)
-    frames = _read_table(path, ANOTHER_RESULT, lambda name: name.endswith(ends))
+    frames = _read_table(path, _ANOTHER_RESULT, lambda name: name.endswith(ends))
     result = Result(path, frames, _sidecar(path.with_name(f"{stem_of(path)}.oppload.json")))
     result.need(("frame", "time_s"))
     if not result.models:
@@ -187,7 +187,8 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
         if np.isnan(frames[name].to_numpy(float)).all():
             raise ResultError(
                 f"{path}: column '{name}' is empty in every row, as during warm-up; "
-                f"run an input of more than 3 frames"
+                f"run an input that lasts longer than the warm-up of '{model}', "
+                f"{detector_named(model).warm_up} intervals"
             )
     return result
 
@@ -227,18 +228,18 @@ def read_tuning(path: Path) -> Tuning:
     ...
     oppload_cli.errors.ResultError: missing.tuning.csv: cannot be read (no such file...
     """
-    rows = _read_table(path, ANOTHER_TUNING)
-    _need(path, rows, ("stimulus", "model", "peak"), ANOTHER_TUNING)
+    rows = _read_table(path, _ANOTHER_TUNING)
+    _need(path, rows, ("stimulus", "model", "peak"), _ANOTHER_TUNING)
     names = list(rows.columns)
     parameters = tuple(names[1 : names.index("model")])
     if not parameters:
         raise ResultError(
-            f"{path}: has no column of a swept parameter before 'model'; {ANOTHER_TUNING}"
+            f"{path}: has no column of a swept parameter before 'model'; {_ANOTHER_TUNING}"
         )
     unknown = sorted(set(map(str, rows["model"])) - set(known_names()))
     if unknown:
-        raise ResultError(f"{path}: column 'model' holds '{unknown[0]}'; {ANOTHER_TUNING}")
-    _check_filled(path, rows, "peak", "make the stimulus longer than the warm-up of 4 frames")
+        raise ResultError(f"{path}: column 'model' holds '{unknown[0]}'; {_ANOTHER_TUNING}")
+    _check_filled(path, rows, "peak", "make the stimulus longer than the warm-up of the detector")
     return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
 
 
@@ -263,7 +264,7 @@ def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.floa
     if cells.dtype == object:  # it may hold whole numbers of any length
         cells = cells.where(cells.isna(), cells.astype(str))
     values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
-    bad = cells.notna().to_numpy() & ~(np.abs(values) <= LARGEST)
+    bad = cells.notna().to_numpy() & ~(np.abs(values) <= _LARGEST)
     if bad.any():
         row = int(bad.argmax())
         raise ResultError(

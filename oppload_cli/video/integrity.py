@@ -97,7 +97,7 @@ def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) ->
     return None
 
 
-_EBML, _SEGMENT, _CLUSTER = 0x1A45DFA3, 0x18538067, 0x1F43B675
+_EBML, _SEGMENT = 0x1A45DFA3, 0x18538067
 _CHECKSUM = b"\xbf\x84"  # of EBML: the first element of one that has a checksum
 
 
@@ -223,9 +223,6 @@ _IVF_HEAD = 12  # bytes before each frame, which the demuxer does not count
 
 def _ivf(reading: _Reading) -> str | None:
     return CUT if 0 < reading.read_to < reading.size - _IVF_HEAD else None
-
-
-_NUT_INDEX = b"NX\xdd\x67\x2f\x23\xe6\x4e"
 
 
 def _nut(reading: _Reading) -> str | None:

@@ -17,8 +17,8 @@ import pytest
 
 from oppload_cli.compute import loops
 from oppload_cli.models.dlgmd import group
-from oppload_cli.models.dpc import Dpc
-from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.dpc import DpcParams
+from oppload_cli.models.layers import Dpc
 from tests.arithmetic import many_bands
 from tests.cli.inside import oppload
 

@@ -11,8 +11,7 @@ import pytest
 
 from oppload_cli.compute import loops, twins
 from oppload_cli.models import dlgmd, dpc, opposing_motion
-from oppload_cli.models.dpc import PresynapticSums
-from oppload_cli.models.kernels import DpcParams, Kernels
+from oppload_cli.models.dpc import DpcParams, Kernels, PresynapticSums
 from oppload_cli.models.opposing_motion import cell_centres, offset_weights, pooling_weights
 from oppload_cli.motion import flow, rmo
 from oppload_cli.motion.flow import Cells

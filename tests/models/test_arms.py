@@ -15,7 +15,7 @@ from oppload_cli.models.arms import (
     graded_motion,
     smoothing,
 )
-from oppload_cli.models.kernels import DpcParams, Kernels
+from oppload_cli.models.dpc import DpcParams, Kernels
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.results.table import columns_for

@@ -9,9 +9,7 @@ import pytest
 
 from oppload_cli.errors import FrameError
 from oppload_cli.models.dpc import (
-    Dpc,
-    Layers,
-    Photoreceptors,
+    DpcParams,
     PresynapticSums,
     directional_inhibition,
     excitation,
@@ -19,7 +17,7 @@ from oppload_cli.models.dpc import (
     presynaptic_sums,
     rectified,
 )
-from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
 from tests import reference
 from tests.media import edge
 

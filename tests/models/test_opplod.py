@@ -284,7 +284,7 @@ def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -
 
 
 def test_the_fields_of_the_preset() -> None:
-    resolved = DEFAULT.resolved(240, 30)
+    resolved = DEFAULT.resolved(240)
     assert (resolved.receptive_field, resolved.cell, resolved.border) == (240, 12, 6)
 
 

@@ -11,7 +11,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.detector import Column, Detector, Response
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams
-from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.presets import PRESETS, preset_named

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import FrameError
-from oppload_cli.models import dpc
+from oppload_cli.models import layers as module
 from oppload_cli.models.dlgmd import DlgmdParams
-from oppload_cli.models.dpc import Layers
+from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.frame_difference import FrameDifferenceParams
-from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.layers import Layers
 from oppload_cli.models.registry import DetectorBank, detector_of
 from tests.media import looming
 from tests.presets import DEFAULT, REFERENCE
@@ -38,7 +38,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     counted: Counter[str] = Counter()
 
     def counting(name: str) -> Callable[..., Any]:
-        function = getattr(dpc, name)
+        function = getattr(module, name)
 
         def count(*args: Any) -> Any:
             counted[name] += 1
@@ -47,7 +47,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         return count
 
     for name in ("photoreceptors", "presynaptic_sums"):
-        monkeypatch.setattr(dpc, name, counting(name))
+        monkeypatch.setattr(module, name, counting(name))
     return counted
 
 

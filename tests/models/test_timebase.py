@@ -9,8 +9,8 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.dlgmd import DlgmdParams
-from oppload_cli.models.dpc import Dpc, Layers, Photoreceptors, excitation, referred
-from oppload_cli.models.kernels import DpcParams
+from oppload_cli.models.dpc import DpcParams, excitation, referred
+from oppload_cli.models.layers import Dpc, Layers, Photoreceptors
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import has_history
 from oppload_cli.models.registry import DetectorBank

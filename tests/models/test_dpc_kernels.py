@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.models.dlgmd import DlgmdParams
-from oppload_cli.models.kernels import (
+from oppload_cli.models.dpc import (
     DpcParams,
     Kernels,
     direction_mask,
@@ -72,8 +72,8 @@ def test_the_kernels_of_a_layer_keep_every_value() -> None:
     assert kernels.excitation.shape == (3, 3)  # without the zeros around its five values
     assert kernels.excitation.sum() == excitation_kernel(PARAMS).sum()
     np.testing.assert_array_equal(kernels.inhibition, inhibition_kernels(PARAMS))
-    assert list(kernels.masks) == [45, 135]
-    np.testing.assert_array_equal(kernels.masks[135] + 0.5, direction_mask(PARAMS, 135))
+    assert list(kernels.odd_masks) == [45, 135]
+    np.testing.assert_array_equal(kernels.odd_masks[135] + 0.5, direction_mask(PARAMS, 135))
 
 
 def test_the_constants_of_a_detector_are_the_dpc_constants_alone() -> None:

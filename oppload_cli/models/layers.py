@@ -1,0 +1,478 @@
+"""The layers of one video: photoreceptors and DPC, computed once for all detectors.
+
+Which frames are compared, and what becomes of the frames between, is decided here
+(``docs/time.md``); the equations stand in :mod:`oppload_cli.models.dpc`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from statistics import median
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+import cv2
+import numpy as np
+
+from oppload_cli.errors import FrameError
+from oppload_cli.models.dpc import (
+    Kernels,
+    PresynapticSums,
+    excitation,
+    inhibition,
+    photoreceptors,
+    presynaptic_sums,
+    rectified,
+)
+from oppload_cli.models.timebase import NEARLY_ONE, Clock, nearly_one
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+    from oppload_cli.models.dpc import DpcParams, Map
+
+MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
+# P compares with the frame just younger than an interval, instead of the one just older, if it
+# is too young by at most a quarter of the interval, and by at most 0.4 of the time by which the
+# other one is too old. Measured at 20 to 144 frames/s.
+_MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
+_FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
+_MOST_KEPT = 16.5  # frames kept per interval; at higher rates some are skipped
+_FIRST, _BRIGHTEST = 3, 2.0  # frames that are checked for 0 to 255, and the luminance allowed
+
+
+class _PastFrame:
+    """P of one frame, and the past frame that it was compared with."""
+
+    __slots__ = ("at", "before", "change", "coarse", "mean")
+
+    def __init__(self, at: float) -> None:
+        self.at = at
+        self.change: Map | None = None
+        self.mean = 0.0
+        self.before: _PastFrame | None = None
+        self.coarse: Map | None = None
+
+
+class Photoreceptors:
+    """P of a video, now and one and two intervals ago.
+
+    P(t) compares a frame with the youngest one that is an interval old, or with the next one, if
+    that lacks a quarter of the interval at most, and is much nearer to it (``docs/time.md``). One
+    interval ago is when the frame was that it is compared with.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    stride : int
+        Reference intervals in one interval of these photoreceptors, at least 1.
+    clock : Clock, optional
+        Tells the time of the frames; without it each lasts one reference interval.
+
+    Attributes
+    ----------
+    frames : int
+        How many frames were taken.
+    elapsed : float
+        Reference intervals from the frame before to the latest one.
+    share : float
+        The interval asked for, divided by the interval measured; exactly 1 where they differ by
+        less than 3 %.
+    """
+
+    def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
+        self.shape, self.stride = shape, stride
+        self._clock = clock or Clock()
+        self._nothing: Map = np.zeros(shape, np.float32)
+        self._free: list[Map] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self.frames = 0
+        self.elapsed = self.share = 1.0
+        self._now: float | None = None
+        self._steps: deque[float] = deque(maxlen=_MANY)
+        self._rest = 0.0  # when the latest frame without any change was
+        self._latest = _PastFrame(0.0)
+        self._lumas: deque[tuple[_PastFrame, Map]] = deque()
+        self._records: deque[_PastFrame] = deque()
+
+    @property
+    def _series(self) -> tuple[_PastFrame | None, ...]:
+        one = self._latest.before
+        return self._latest, one, one.before if one else None
+
+    @property
+    def maps(self) -> list[Map]:
+        """P now and one and two intervals ago, 0 to 1; zeros where nothing was compared."""
+        return [
+            self._nothing if each is None or each.change is None else each.change
+            for each in self._series
+        ]
+
+    @property
+    def means(self) -> list[float]:
+        """The mean of each of `maps` over the frame."""
+        return [each.mean if each else 0.0 for each in self._series]
+
+    @property
+    def luma_change(self) -> float | None:
+        """Mean of P(t) over the frame, 0 to 1; None where no earlier frame was compared.
+
+        Changes add up over time, so that it is referred to the length of an interval.
+        """
+        return None if self._latest.change is None else self._latest.mean * self.share
+
+    @property
+    def ready(self) -> bool:
+        """Whether P was measured now and one and two intervals ago."""
+        return all(each is not None and each.change is not None for each in self._series)
+
+    @property
+    def motion_lasts(self) -> bool:
+        """Whether the luminance kept changing since before the three intervals of `maps`.
+
+        It is not so at the start of a video, nor for as long after the complete scene was at rest.
+        """
+        oldest = self._series[-1]
+        if oldest is None or oldest.before is None:
+            return False
+        return self._rest - oldest.before.at <= NEARLY_ONE * self.stride
+
+    @property
+    def usual_step(self) -> float:
+        """Reference intervals from frame to frame, as a rule: the median of the latest steps.
+
+        Where repeats are left out, pictures come at a lower rate than the video says. A lower rate
+        counts soon, a higher one later: short steps may come from missed repeats. A single step
+        is no rule; before the second one the declared rate counts.
+        """
+        latest = list(self._steps)
+        return max(median(latest[-_FEW:]), median(latest)) if len(latest) > 1 else self._clock.step
+
+    def coarse(self, shape: tuple[int, int]) -> list[Map]:
+        """Return `maps` averaged over squares; `shape` is their number down and across.
+
+        They are as large as fit, and centred in the frame. Where the frame has fewer pixels than
+        squares, it is resized instead.
+        """
+        (height, width), (rows, columns) = self.shape, shape
+        side = min(height // rows, width // columns)  # OpenCV is fast where all are equal
+        top, left = (height - rows * side) // 2, (width - columns * side) // 2
+        if not side:  # less than a pixel
+            top, left, rows, columns, side = 0, 0, height, width, 1
+        squares = np.s_[top : top + rows * side, left : left + columns * side]
+        averaged = []
+        for each, change in zip(self._series, self.maps, strict=True):
+            area = each.coarse if each else None
+            if area is None or area.shape != shape:
+                small = cv2.resize(change[squares], shape[::-1], interpolation=cv2.INTER_AREA)
+                area = np.asarray(small, np.float32)
+            if each:
+                each.coarse = area
+            averaged.append(area)
+        return averaged
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance L(t), 0 to 1.
+
+        Returns
+        -------
+        bool
+            `ready`.
+
+        Raises
+        ------
+        FrameError
+            If the array is not float32 of that shape, or holds a value that is not finite, or
+            one of the first three frames is not in the range from 0 to 1. The frame is not taken
+            then.
+        """
+        if luma.shape != self.shape or luma.dtype != np.float32:
+            raise FrameError(
+                f"a frame must be a float32 array of shape {self.shape}, "
+                f"not {luma.dtype} of shape {luma.shape}"
+            )
+        if self.frames < _FIRST and _BRIGHTEST < cv2.minMaxLoc(luma)[1] < np.inf:
+            raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
+        record = _PastFrame(self._clock.now(self._now))
+        compared = self._compared_with(record.at)
+        if compared:
+            record.before, luma_before = compared
+            record.change = photoreceptors(luma, luma_before, self._room())
+            record.mean = cv2.mean(record.change)[0]
+            if not np.isfinite(record.mean):
+                self._free.append(record.change)
+                raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
+            self.share = nearly_one(self.stride / (record.at - record.before.at))
+        if self._now is None or (compared and not record.mean):
+            self._rest = record.at
+        if self._now is not None:
+            self.elapsed = nearly_one(record.at - self._now)
+            self._steps.append(self.elapsed)
+        self._keep(record, luma)
+        self._now, self.frames = record.at, self.frames + 1
+        return self.ready
+
+    def _compared_with(self, now: float) -> tuple[_PastFrame, Map] | None:
+        """Return the frame to compare with, and drop the luminance of older frames."""
+        lumas, wanted = self._lumas, now - self.stride
+        while len(lumas) > 1 and lumas[1][0].at <= wanted + NEARLY_ONE * self.stride:
+            self._free.append(lumas.popleft()[1])
+        if not lumas:
+            return None
+        older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
+        excess = wanted - older[0].at
+        if excess < -NEARLY_ONE * self.stride:  # none is old enough: as if one more had come before
+            younger, excess = older, excess + now - (self._now or 0.0)
+        lacking = younger[0].at - wanted
+        if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
+            return younger
+        return older if older[0].at <= wanted + NEARLY_ONE * self.stride else None
+
+    def _keep(self, record: _PastFrame, luma: Map) -> None:
+        """Keep a frame for later ones, unless it comes shortly after the one kept last."""
+        records, before = self._records, self._latest
+        if before.change is not None and before is not records[-1]:
+            self._free.append(before.change)
+        self._latest = record
+        if records and record.at - records[-1].at < self.stride / _MOST_KEPT:
+            return
+        kept = self._room()
+        np.copyto(kept, luma)
+        self._lumas.append((record, kept))
+        records.append(record)
+        oldest = self._series[-1]
+        while oldest and records[0] is not oldest:
+            forgotten = records.popleft()
+            forgotten.before = None
+            if forgotten.change is not None:
+                self._free.append(forgotten.change)
+
+    def _room(self) -> Map:
+        return self._free.pop() if self._free else np.empty(self.shape, np.float32)
+
+
+class Dpc:
+    """The distributed presynaptic connections over one video (``docs/model.md``, section 2).
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames, each at least 1.
+    params : DpcParams
+        The DPC constants.
+    axes : tuple of int
+        Directions phi in degrees of the pathways' axes: none, (45, 135) or (0, 90); each serves
+        the pathways phi and phi + 180.
+    photoreceptors : _Hold of Photoreceptors, optional
+        Shared photoreceptors; own ones otherwise.
+    only_pathways : bool
+        Whether S itself is not needed.
+
+    Attributes
+    ----------
+    axes : tuple of int
+        As above.
+    kernels : Kernels
+        Of these constants and axes.
+    sums : PresynapticSums
+        S and S_phi of the latest frame, once `ready`; the next frame overwrites them.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        params: DpcParams,
+        axes: tuple[int, ...] = (),
+        photoreceptors: _Hold[Photoreceptors] | None = None,
+        *,
+        only_pathways: bool = False,
+    ) -> None:
+        self._photoreceptors = photoreceptors or _Hold(Photoreceptors(shape))
+        self._shape, self._params = shape, params
+        self._set_up(axes, only_pathways)
+
+    def _set_up(self, axes: tuple[int, ...], only_pathways: bool) -> None:
+        self.axes = axes
+        self.kernels = Kernels.of(self._params, axes)
+        self.sums = PresynapticSums.zeros(self._shape, axes, only_pathways=only_pathways)
+
+    def add_axes(self, axes: tuple[int, ...]) -> None:
+        """Compute the pathways of these axes too, or S for no axes, from the next frame on."""
+        wanted = axes or self.axes, self.sums.only_pathways and bool(axes)
+        if wanted != (self.axes, self.sums.only_pathways):
+            self._set_up(*wanted)
+
+    @property
+    def photoreceptors(self) -> Photoreceptors:
+        """P of the latest frames."""
+        return self._photoreceptors.layer
+
+    @property
+    def frames(self) -> int:
+        """How many frames were taken."""
+        return self._photoreceptors.frames
+
+    @property
+    def ready(self) -> bool:
+        """Whether S was computed for the latest frame: after three intervals."""
+        return self.photoreceptors.ready
+
+    @property
+    def maps(self) -> dict[str, Map]:
+        """P, E, I and S of the latest frame, and S_phi as ``S_45`` and so on.
+
+        E, I and S are computed when this is read.
+        """
+        p = self.photoreceptors.maps
+        named = {f"S_{phi}": pathway for phi, pathway in self.sums.pathways.items()}
+        e, i = excitation(p, self.kernels), inhibition(p, self.kernels)
+        return {"P": p[0], "E": e, "I": i, "S": rectified(e, i), **named}
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+        self._photoreceptors.reset()
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; arguments, result and errors as `Photoreceptors.step`."""
+        if self._photoreceptors.step(luma):
+            presynaptic_sums(self.photoreceptors.maps, self.kernels, self.sums)
+        return self.ready
+
+
+# ---- Sharing -------------------------------------------------------------------------------
+
+
+class _Layer(Protocol):
+    """A step that several detectors may share; it holds the values of the latest frame."""
+
+    @property
+    def frames(self) -> int:
+        """How many frames were taken."""
+
+    @property
+    def ready(self) -> bool:
+        """Whether it has values."""
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; return `ready`."""
+
+    def reset(self) -> None:
+        """Forget all frames: the next frame is frame 0."""
+
+
+_AnyLayer = TypeVar("_AnyLayer", bound=_Layer)
+
+
+class _Hold(Generic[_AnyLayer]):
+    """One user's hold on a layer that others may hold too.
+
+    Each user steps its own hold at every frame. The first one makes the layer compute; for the
+    others the values are there already.
+
+    Attributes
+    ----------
+    layer : Photoreceptors, Dpc or another layer
+        Read its values after `step`.
+    frames : int
+        How many frames this user has taken.
+    """
+
+    def __init__(self, layer: _AnyLayer) -> None:
+        self.layer = layer
+        self.frames = 0
+
+    def step(self, luma: Map) -> bool:
+        """Take the next frame; result and errors as by the layer."""
+        if self.frames == self.layer.frames:
+            self.layer.step(luma)
+        self.frames += 1
+        return self.layer.ready
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.layer.reset()
+        self.frames = 0
+
+
+class Layers:
+    """The layers of one video, each made and computed once however many detectors use it.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the working frames.
+    clock : Clock, optional
+        Tells the time of the frames; without it each lasts one reference interval.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> layers = oppload.Layers((48, 64))
+    >>> one = oppload.Dlgmd((48, 64), layers=layers)
+    >>> other = oppload.FrameDifference((48, 64), layers=layers)
+    >>> one.layers is other.layers
+    True
+    """
+
+    def __init__(self, shape: tuple[int, int], clock: Clock | None = None) -> None:
+        self.shape = shape
+        self.clock = clock or Clock()
+        self._photoreceptors: dict[int, Photoreceptors] = {}
+        self._dpcs: list[tuple[DpcParams, int, Dpc]] = []
+        self._others: dict[Hashable, Any] = {}
+
+    @property
+    def time_s(self) -> float | None:
+        """Presentation time of the frame that is given now; None where nobody tells it."""
+        return self.clock.time_s
+
+    def photoreceptors(self, stride: int = 1) -> _Hold[Photoreceptors]:
+        """Return a hold on the photoreceptors whose interval is `stride` reference intervals."""
+        if stride not in self._photoreceptors:
+            self._photoreceptors[stride] = Photoreceptors(self.shape, stride, self.clock)
+        return _Hold(self._photoreceptors[stride])
+
+    def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> _Hold[Dpc]:
+        """Return a hold on the DPC layers of some constants and axes.
+
+        Parameters
+        ----------
+        params : DpcParams
+            The DPC constants; others that it holds do not matter.
+        axes : tuple of int
+            As for :class:`Dpc`; S itself is computed where one holder gives none.
+        stride : int
+            Reference intervals between the frames that are compared, at least 1.
+        """
+        constants = params.dpc()
+        for known, known_stride, dpc in self._dpcs:
+            same = (known, known_stride) == (constants, stride)
+            if same and (not axes or dpc.axes in {axes, ()}):
+                dpc.add_axes(axes)
+                return _Hold(dpc)
+        seen = self.photoreceptors(stride)
+        dpc = Dpc(self.shape, constants, axes, seen, only_pathways=bool(axes))
+        self._dpcs.append((constants, stride, dpc))
+        return _Hold(dpc)
+
+    def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> _Hold[_AnyLayer]:
+        """Return a hold on a layer of another kind.
+
+        Parameters
+        ----------
+        key : hashable
+            Its kind and all its constants.
+        make : callable
+            Makes it, where nobody holds one with this key.
+        """
+        if key not in self._others:
+            self._others[key] = make()
+        return _Hold(self._others[key])
