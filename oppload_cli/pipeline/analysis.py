@@ -15,14 +15,14 @@ from oppload_cli.errors import FrameError, ParameterError
 from oppload_cli.models.detector import Box
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, preset_named
 from oppload_cli.models.registry import DetectorBank, default_names, detector_of, parameters_of
-from oppload_cli.models.timebase import NEARLY_ONE, FrameTimes, TimeParams, time_params
+from oppload_cli.models.timebase import NEARLY_ONE, TimeParams, time_params
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics
 from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
 from oppload_cli.pipeline.sources import ArrayLuminance, check_type, checked_rate, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.results.table import FrameRecord
-from oppload_cli.video.frames import Frame, InputFacts, frames_ahead, working_size
+from oppload_cli.video.frames import Frame, FrameTimes, InputFacts, frames_ahead, working_size
 from oppload_cli.video.optics import Optics, parse_fov
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ class Analysis:
         optics = None if degrees is None else Optics.of_fov(columns, rows, degrees)
         self._shape = rows, columns
         self._luminance = ArrayLuminance(working)
-        self._eye = _Eye(rmo, Repeats(repeats or RepeatParams()))
+        self._prepared = _Preparation(rmo, Repeats(repeats or RepeatParams()), facts.frame_rate)
         chosen = _resolved(params, preset, alarm, places, time)
         self._detectors = _Detectors(working, facts.frame_rate, chosen, optics)
         self._first_s = 0.0
@@ -147,8 +147,8 @@ class Analysis:
         if not self._count:
             self._first_s = float(time_s)
         luma = self._luminance(values, f"frame {self._count}")
-        seen = self._eye.step(Frame(self._count, float(time_s) - self._first_s, luma))
-        record = self._detectors.answer(seen, self._count)
+        prepared = self._prepared.step(Frame(self._count, float(time_s) - self._first_s, luma))
+        record = self._detectors.answer(prepared, self._count)
         self._count += 1
         return record
 
@@ -221,16 +221,16 @@ def analyse(
     chosen = _resolved(params, preset, alarm, places, time)
     copies = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())
     with open_source(source, rate=rate, times=times, height=height, preset=preset) as video:
-        eye = _Eye(rmo, copies)
+        preparation = _Preparation(rmo, copies, video.facts.frame_rate)
         detectors = _Detectors(video.working, video.facts.frame_rate, chosen, optics)
         # The flow runs in a thread of its own: it costs about as much as the detectors.
-        frames = (eye.step(frame) for frame in video)
-        seen = Prefetch(frames, frames_ahead(video.facts, video.working))
+        frames = (preparation.step(frame) for frame in video)
+        prepared = Prefetch(frames, frames_ahead(video.facts, video.working))
         try:
-            for count, each in enumerate(seen):
+            for count, each in enumerate(prepared):
                 yield detectors.answer(each, count)
         finally:
-            seen.close()
+            prepared.close()
 
 
 def _preset_of(params: Sequence[Parameters]) -> str:
@@ -266,29 +266,35 @@ def _resolved(
     )
 
 
-class _Seen(NamedTuple):
-    """A frame, the picture that it repeats, and its radial motion opponency."""
+class _Prepared(NamedTuple):
+    """A frame at the time that counts, the picture that it repeats, and its motion."""
 
     frame: Frame
     repeat: Repeat
     opponency: RmoMetrics | None
 
 
-class _Eye:
-    """Tells the repeats among the frames of one video, and measures the motion between them."""
+class _Preparation:
+    """All that is done to a frame before the detectors: its time, repeats, and motion."""
 
-    def __init__(self, rmo: RmoParams | bool | None, repeats: Repeats) -> None:
+    def __init__(
+        self, rmo: RmoParams | bool | None, repeats: Repeats, rate: Fraction | None
+    ) -> None:
+        self._times = FrameTimes(rate)
         params = DEFAULT_RMO if rmo is True else rmo or None
         self._flow = DenseFlow(params) if params else None
         self._repeats = repeats
 
-    def step(self, frame: Frame) -> _Seen:
+    def step(self, frame: Frame) -> _Prepared:
         """Take the next frame."""
+        time_s = self._times.step(frame.time_s)
+        if time_s != frame.time_s:
+            frame = replace(frame, time_s=time_s)
         flow, repeat = self._flow, self._repeats.step(frame.luma, frame.time_s)
         opponency = flow.step(frame.luma) if flow and not repeat.passed_over else None
         if flow and repeat.kind:
             opponency = RmoMetrics()
-        return _Seen(frame, repeat, opponency)
+        return _Prepared(frame, repeat, opponency)
 
 
 class _Detectors:
@@ -301,7 +307,7 @@ class _Detectors:
         stated = float(rate) if rate else None
         self._working, self._optics = working, optics
         self._bank = DetectorBank(working.shape, params, stated, time)
-        self._times, self._per_second = FrameTimes(stated), time.per_second
+        self._per_second = time.per_second
         self._first_s: float | None = None
         self._cuts = Cuts(alarm)
         self._alarms = {name: Alarm(name, alarm) for name in self._bank.detectors}
@@ -313,18 +319,18 @@ class _Detectors:
             if each.places and places
         }
 
-    def answer(self, seen: _Seen, count: int) -> FrameRecord:
+    def answer(self, prepared: _Prepared, count: int) -> FrameRecord:
         """Take the next frame; `count` frames came before it."""
-        time_s = self._times.step(seen.frame.time_s)
-        if seen.repeat.held and self._latest is not None:
-            return _held(self._latest, seen)
-        answers = self._answers(seen, count, time_s)
-        change = 0.0 if seen.repeat.kind else self._bank.luma_change
+        time_s = prepared.frame.time_s
+        if prepared.repeat.held and self._latest is not None:
+            return _held(self._latest, prepared)
+        answers = self._answers(prepared, count, time_s)
+        change = 0.0 if prepared.repeat.kind else self._bank.luma_change
         blind = False
-        if change is not None and not seen.repeat.passed_over:
+        if change is not None and not prepared.repeat.passed_over:
             blind = self._cuts.step(self._bank.photoreceptors, change, time_s)
         found = {
-            name: () if seen.repeat.kind else self._found(name, answers[name], seen, time_s)
+            name: () if prepared.repeat.kind else self._found(name, answers[name], prepared, time_s)
             for name in self._places
         }
         alarms = {
@@ -342,44 +348,46 @@ class _Detectors:
             for name, each in found.items()
         }
         record = FrameRecord(
-            seen.frame.index,
-            seen.frame.time_s,
+            prepared.frame.index,
+            prepared.frame.time_s,
             change,
             {name: _in_source(answer, self._working) for name, answer in answers.items()},
             alarms,
-            seen.opponency,
-            seen.repeat.kind,
+            prepared.opponency,
+            prepared.repeat.kind,
             thresholds,
             next(iter(found.values()), ()),
             {name: each[0] if each else None for name, each in found.items()},
             blind,
         )
-        if not seen.repeat.passed_over:
+        if not prepared.repeat.passed_over:
             self._latest = record
         return record
 
-    def _answers(self, seen: _Seen, count: int, time_s: float) -> dict[str, Response | None]:
-        bank, luma = self._bank, seen.frame.luma
+    def _answers(
+        self, prepared: _Prepared, count: int, time_s: float
+    ) -> dict[str, Response | None]:
+        bank, luma = self._bank, prepared.frame.luma
         if self._first_s is None:
             self._first_s = time_s
         answers: dict[str, Response | None] = {}
-        if seen.repeat.passed_over:
+        if prepared.repeat.passed_over:
             self._passed_s.append(time_s)
         else:
-            if seen.repeat.still_begins:
+            if prepared.repeat.still_begins:
                 # No repeats after all: the detectors are now shown the frames that they missed.
                 for passed_s in self._passed_s:
                     bank.step(luma, passed_s)
             self._passed_s.clear()
-            answers = bank.step(luma, time_s + seen.repeat.shift_s)
-        if not seen.repeat.kind:
+            answers = bank.step(luma, time_s + prepared.repeat.shift_s)
+        if not prepared.repeat.kind:
             return answers
         # Where nothing changed every detector answers 0, whatever came before.
         lasted = (time_s - self._first_s) * self._per_second if self._per_second else count
         return bank.at_rest(lasted + NEARLY_ONE)
 
     def _found(
-        self, name: str, answer: Response | None, seen: _Seen, time_s: float
+        self, name: str, answer: Response | None, prepared: _Prepared, time_s: float
     ) -> tuple[Detection, ...]:
         if answer is None:
             return ()
@@ -388,8 +396,8 @@ class _Detectors:
             found = places.of_box(answer)
         else:
             # An object grows from picture to picture; its contact counts from the frame on.
-            shift_s = seen.repeat.shift_s
-            shown = places.step(units, seen.frame.luma, time_s + shift_s)
+            shift_s = prepared.repeat.shift_s
+            shown = places.step(units, prepared.frame.luma, time_s + shift_s)
             found = tuple(each.after(-shift_s) for each in shown) if shift_s else shown
         return tuple(each.seen_through(self._optics) for each in found) if self._optics else found
 
@@ -399,15 +407,15 @@ def _contact_s(found: Sequence[Detection] | None) -> float | None:
     return found[0].time_to_contact_s if found else None
 
 
-def _held(record: FrameRecord, seen: _Seen) -> FrameRecord:
+def _held(record: FrameRecord, prepared: _Prepared) -> FrameRecord:
     """Return the record of a frame that repeats the picture of an earlier record."""
-    passed_s = seen.frame.time_s - record.time_s
+    passed_s = prepared.frame.time_s - record.time_s
     return replace(
         record,
-        frame=seen.frame.index,
-        time_s=seen.frame.time_s,
+        frame=prepared.frame.index,
+        time_s=prepared.frame.time_s,
         luma_change=0.0,
-        repeat=seen.repeat.kind,
+        repeat=prepared.repeat.kind,
         detections=tuple(each.after(passed_s) for each in record.detections),
         objects={name: each and each.after(passed_s) for name, each in record.objects.items()},
     )

@@ -17,7 +17,6 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason_of
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
-from oppload_cli.models.timebase import FrameTimes
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.outputs import Writing, begun
 from oppload_cli.pipeline.repeats import Repeats
@@ -218,8 +217,6 @@ class _Run:
         self._summaries = {name: ModelSummary() for name in task.settings.models}
         self._alarms = {name: AlarmLog(name) for name in task.settings.models}
         self._repeats = Repeats(task.settings.repeats)
-        rate = video.facts.frame_rate
-        self._times = FrameTimes(float(rate) if rate else None)
         self._stimulus = stimulus or _ground_truth(Path(task.name))
         self._optics = _optics(task.settings.fov, video.facts, self._stimulus)
         self._settings = task.settings.seen_through(self._optics, video.working)
@@ -254,7 +251,6 @@ class _Run:
         for record in records:
             writing.write(record)
             self.frames += 1
-            self._times.step(record.time_s)
             for name, summary in self._summaries.items():
                 summary.add(record, name)
                 self._alarms[name].add(record)
@@ -290,14 +286,14 @@ class _Run:
         return self._repeats.pictures_per_s(float(rate)) if rate else None
 
     def _remarks(self) -> tuple[str, ...]:
-        remarks = self._times.notes()
+        remarks = self.video.times.notes()
         pictures, rate = self._pictures_per_s(), self.video.facts.frame_rate
         if pictures is not None and rate is not None:
             remarks.append(
                 f"holds about {pictures:.3g} different pictures/s in {float(rate):.4g} frames/s; "
                 "the repeats are left out"
             )
-        seconds = self._times.seconds
+        seconds = self.video.times.seconds
         if self.frames and seconds < self._settings.alarm.blind_s:
             remarks.append(
                 f"lasts {seconds:.2f} s: too short for an alarm, as the first "
@@ -356,7 +352,7 @@ class _Run:
                 "complete": decode.complete,
                 "messages": decode.messages,
             },
-            "time": self._times.as_dict(),
+            "time": self.video.times.as_dict(),
             "threads": {
                 "decoder": decode.threads,
                 "decoder_apart": decode.own_process,

@@ -15,7 +15,14 @@ from oppload_cli import stimulus
 from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.files.reading import is_there
 from oppload_cli.models.presets import DEFAULT_PRESET, parse_height, preset_named
-from oppload_cli.video.frames import DecodeFacts, Frame, InputFacts, Picture, working_size
+from oppload_cli.video.frames import (
+    DecodeFacts,
+    Frame,
+    FrameTimes,
+    InputFacts,
+    Picture,
+    working_size,
+)
 from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.source import DEFAULT_IMAGE_RATE, open_video
 
@@ -43,13 +50,14 @@ class StimulusVideo:
         The stimulus.
     height : int or None
         Working height in pixels; None keeps the native size.
-    times : int
+    showings : int
         How often it is shown, each time at once after the time before.
     """
 
-    def __init__(self, protocol: Protocol, height: int | None, times: int = 1) -> None:
+    def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:
         display = protocol.display
-        self.protocol, self.times = protocol, times
+        self.protocol, self._showings = protocol, showings
+        self.times = FrameTimes(display.frame_rate)
         self.decode = DecodeFacts()
         self.facts = InputFacts(
             protocol.name,
@@ -57,18 +65,20 @@ class StimulusVideo:
             display.width,
             display.height,
             display.frame_rate,
-            protocol.frame_count * times,
+            protocol.frame_count * showings,
         )
         self.working = working_size(self.facts, height)
         self._luminance = Luminance(self.working, 0)
 
     def __iter__(self) -> Iterator[Frame]:
-        for first in range(0, self.protocol.frame_count * self.times, self.protocol.frame_count):
+        for first in range(
+            0, self.protocol.frame_count * self._showings, self.protocol.frame_count
+        ):
             for shown in stimulus.frames(self.protocol):
                 index = first + shown.index
                 picture = Picture(index, self.protocol.time_of(index), shown.grey)
                 self.decode.decoded += 1
-                yield Frame(index, picture.time_s, self._luminance(picture))
+                yield Frame(index, self.times.step(picture.time_s), self._luminance(picture))
 
 
 class ArrayLuminance:
@@ -154,27 +164,28 @@ class _ArrayVideo:
         count, rows, columns = self._frames.shape[:3]
         declared = checked_rate(rate)
         if times is not None:
-            self._times = _checked_times(times, count)
-            steps = np.diff(self._times)
+            self._times_s = _checked_times(times, count)
+            steps = np.diff(self._times_s)
             usual_s = float(np.median(steps)) if len(steps) else 0.0
             if declared is None and usual_s * _HIGHEST_RATE >= 1:
                 declared = checked_rate(1 / usual_s)
         elif declared is not None:
-            self._times = [float(index / declared) for index in range(count)]
+            self._times_s = [float(index / declared) for index in range(count)]
         else:
             raise ParameterError(
                 "an array of frames has no times; give its rate, e.g. rate=30, or the times"
             )
+        self.times = FrameTimes(declared)
         self.decode = DecodeFacts()
         self.facts = InputFacts("array", "array", columns, rows, declared, count)
         self.working = working_size(self.facts, height)
         self._luminance = ArrayLuminance(self.working)
 
     def __iter__(self) -> Iterator[Frame]:
-        for index, (values, time_s) in enumerate(zip(self._frames, self._times, strict=True)):
+        for index, (values, time_s) in enumerate(zip(self._frames, self._times_s, strict=True)):
             self.decode.decoded += 1
             luma = self._luminance(values, f"array: frame {index}")
-            yield Frame(index, time_s - self._times[0], luma)
+            yield Frame(index, self.times.step(time_s - self._times_s[0]), luma)
 
 
 def checked_rate(rate: float | Fraction | None) -> Fraction | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import math
 import os
 import re
 from collections import deque
@@ -114,7 +115,7 @@ class ContainerSource:
         except BaseException:
             self.close()
             raise
-        self._last_time = 0.0
+        self._last_time = self._latest_time = 0.0
         self._longest_gap = 0.0
 
     def pictures(self) -> Iterator[Picture]:
@@ -127,6 +128,7 @@ class ContainerSource:
             time = self._time(frame, index)
             self._longest_gap = max(self._longest_gap, time - self._last_time)
             self._last_time = time
+            self._latest_time = max(self._latest_time, time)
             if (frame.width, frame.height) != size:
                 size = (frame.width, frame.height)
                 self.decode.note(f"the size becomes {size[0]} x {size[1]} at frame {index}")
@@ -172,8 +174,12 @@ class ContainerSource:
             return 0
         # Durations are rounded, some writers count the last frame's and some do not, and
         # how long the last frame of a variable rate lasts cannot be known.
-        lost = end - self._first.time - self._last_time
-        return round(lost * rate - 1) if lost > 1.5 * max(1 / rate, self._longest_gap) else 0
+        lost = end - self._first.time - self._latest_time
+        if lost <= 1.5 * max(1 / rate, self._longest_gap):
+            return 0
+        # A declared rate may be far too high, as that of a Matroska file without one.
+        measured = (self.decode.decoded - 1) / (self._latest_time or math.inf)
+        return max(1, round(lost * (min(rate, measured) or rate) - 1))
 
     def _opened(self) -> InputContainer:
         if not self._remote:

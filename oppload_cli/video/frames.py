@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
+from collections import deque
 from dataclasses import dataclass, field
+from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from oppload_cli.errors import ParameterError, SourceError
@@ -15,6 +18,15 @@ if TYPE_CHECKING:
     import numpy as np
     from av.video.frame import VideoFrame
     from numpy.typing import NDArray
+
+
+_USUAL_RATE = 30.0  # frames/s, where nothing is known
+_LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
+_MOST_STEPS = 1 << 10  # between frames, of which the rate is the median
+_LATEST_STEPS = 15  # whose median is the usual step
+_CONTRADICTION = 0.1  # of the declared rate
+_LEAST_LASTING_S = 1.0  # a longer shift stays: the clock was set anew
+_TAKEN_BACK = 0.1  # of a shift, as a share of the step between two frames
 
 
 @dataclass(frozen=True)
@@ -64,6 +76,8 @@ class FrameSource(Protocol):
 
 class DecodedSource(FrameSource, Protocol):
     """A source of frames that says how decoding went, once its frames were taken."""
+
+    times: FrameTimes
 
     @property
     def decode(self) -> DecodeFacts:
@@ -193,6 +207,120 @@ class DecodeFacts:
         """Keep a message of one line if it is one of the first."""
         if len(self.messages) < 5 and message not in self.messages:
             self.messages.append(message)
+
+
+class FrameTimes:
+    """The presentation times of the frames of one input, in the order of the frames.
+
+    A time that does not lie after that of the frame before is replaced: the frame comes one usual
+    step later, which is the median of the latest steps. Where the clock goes on from such a time,
+    as after a camera's clock was set back, or after one time far ahead, the later times are
+    shifted to go on from there. A shift of less than a second is then taken back little by little.
+
+    Parameters
+    ----------
+    rate : float or Fraction, optional
+        Frames per second as the input declares them.
+
+    Source: ``docs/time.md``.
+    """
+
+    def __init__(self, rate: float | Fraction | None = None) -> None:
+        usable = rate is not None and math.isfinite(rate) and rate > 0
+        self._declared = float(rate) if rate is not None and usable else None
+        self._steps: list[float] = []
+        self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
+        self._first_s: float | None = None
+        self._now_s = self._given_s = self._shift_s = 0.0
+        self._frames = self._wrong = 0
+        self._first_wrong = 0
+        self._longest_s = 0.0
+
+    def step(self, time_s: float) -> float:
+        """Take the time of the next frame.
+
+        Parameters
+        ----------
+        time_s : float
+            Presentation time in seconds, as the input gives it.
+
+        Returns
+        -------
+        float
+            The time that counts, always after that of the frame before; `time_s` itself where
+            the times are right.
+        """
+        before_s, now_s = self._now_s, time_s + self._shift_s
+        if self._first_s is None:
+            self._first_s = now_s
+        elif now_s > before_s:
+            step_s = now_s - before_s
+            if 0 < self._shift_s < _LEAST_LASTING_S:
+                taken_back_s = min(self._shift_s, _TAKEN_BACK * step_s)
+                self._shift_s -= taken_back_s
+                now_s -= taken_back_s
+            self._longest_s = max(self._longest_s, step_s)
+            self._latest.append(step_s)
+            if len(self._steps) < _MOST_STEPS:
+                self._steps.append(step_s)
+        else:
+            self._first_wrong = self._first_wrong if self._wrong else self._frames
+            self._wrong += 1
+            usual_s = median(self._latest) if self._latest else 1 / (self._declared or _USUAL_RATE)
+            now_s = before_s + usual_s
+            if time_s > self._given_s:  # the clock goes on
+                self._shift_s = now_s - time_s
+        self._now_s, self._given_s = now_s, time_s
+        self._frames += 1
+        return now_s
+
+    @property
+    def seconds(self) -> float:
+        """Time from the first frame to the latest one, in seconds."""
+        return self._now_s - (self._first_s or 0.0)
+
+    @property
+    def rate(self) -> float | None:
+        """Frames per second by the median step of the first 1024 frames; None for one frame."""
+        return 1 / median(self._steps) if self._steps else None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the facts for the sidecar."""
+        return {
+            "frames_per_s": None if self.rate is None else round(self.rate, 3),
+            "longest_step_s": round(self._longest_s, 6),
+            "not_after_the_one_before": self._wrong,
+            "notes": self.notes(),
+        }
+
+    def notes(self) -> list[str]:
+        """Return remarks about the times, a sentence each."""
+        notes = []
+        if self._wrong:
+            frames, have = ("frame", "has") if self._wrong == 1 else ("frames", "have")
+            notes.append(
+                f"{self._wrong} {frames} {have} a time that is not later than that of the frame "
+                f"before (the earliest is {self._first_wrong} after the first frame); each is "
+                "taken one usual step after the frame before, and the clock goes on from there"
+            )
+        rate = self.rate
+        if rate is None:
+            return notes
+        if self._declared and abs(rate / self._declared - 1) > _CONTRADICTION:
+            notes.append(
+                f"{_in_digits(self._declared)} frames/s are declared, but the times of most frames "
+                f"say {_in_digits(rate)}; the times count"
+            )
+        if rate < _LEAST_RATE:
+            notes.append(
+                f"{rate:.3g} frames/s are too few for the models, whose interval is 1/30 s; "
+                f"below {_LEAST_RATE:.0f} expect missed approaches"
+            )
+        return notes
+
+
+def _in_digits(rate: float) -> str:
+    return f"{rate:.0f}" if rate >= 1000 else f"{rate:.4g}"
 
 
 class PictureSource(Protocol):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.threads import Call, Prefetch
-from oppload_cli.video.frames import LEAST_AHEAD, Frame, frames_ahead, working_size
+from oppload_cli.video.frames import LEAST_AHEAD, Frame, FrameTimes, frames_ahead, working_size
 from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, Span
 from oppload_cli.video.luminance import Luminance
 
@@ -43,6 +43,11 @@ class Video:
     ahead : bool
         Whether a thread asks for pictures ahead of the caller.
 
+    Attributes
+    ----------
+    times : FrameTimes
+        Of the frames so far.
+
     Examples
     --------
     >>> import pathlib, tempfile
@@ -75,6 +80,7 @@ class Video:
         except BaseException:
             source.close()
             raise
+        self.times = FrameTimes(source.facts.frame_rate)
         self._luminance = Luminance(self.working, source.facts.rotation)
         self._colour: Colour | None = None
         if colour:
@@ -126,7 +132,8 @@ class Video:
     def _frames(self) -> Iterator[Frame]:
         for picture in self._span.within(self._source):
             colour = self._colour(picture) if self._colour else None
-            yield Frame(picture.index, picture.time_s, self._luminance(picture), colour)
+            time_s = self.times.step(picture.time_s)
+            yield Frame(picture.index, time_s, self._luminance(picture), colour)
 
 
 def open_video(

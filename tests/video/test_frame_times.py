@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from oppload_cli.models.timebase import FrameTimes
+from oppload_cli.video.frames import FrameTimes
 
 
 def taken(times: list[float], rate: float | None = None) -> tuple[list[float], FrameTimes]:
@@ -25,7 +26,40 @@ def test_equal_and_backward_times_follow_by_a_step() -> None:
     found, kept = taken([0, 0.04, 0.04, 0.02, 0.16, 0.2], 25)
     assert found == pytest.approx([0, 0.04, 0.08, 0.12, 0.16, 0.2])
     (note,) = kept.notes()
-    assert note.startswith("2 frames, the first one 2 after the first, have a time that does not")
+    assert note.startswith("2 frames have a time that is not later than that of the frame before")
+    assert kept.as_dict()["not_after_the_one_before"] == 2
+
+
+STEADY = [t / 25 for t in range(60)]
+
+
+@pytest.mark.parametrize("late_s", [0.05, 0.2, 5, 1000])
+def test_one_time_too_late_shifts_the_later_ones(late_s: float) -> None:
+    """The clock goes on from the wrong time, and a short shift is taken back."""
+    given = [*STEADY[:20], STEADY[20] + late_s, *STEADY[21:]]
+    found, kept = taken(given, 25)
+    steps = np.diff(found)
+    assert (steps > 0).all()
+    assert steps[20:] == pytest.approx(0.04, rel=0.11)
+    shift_s = found[-1] - given[-1]
+    assert shift_s == pytest.approx(late_s if late_s > 1 else max(0, late_s - 0.15), abs=0.02)
+    assert kept.as_dict()["not_after_the_one_before"] <= 2
+
+
+def test_two_frames_that_change_places_shift_nothing_for_long() -> None:
+    given = [*STEADY[:20], STEADY[21], STEADY[20], *STEADY[22:]]
+    found, _ = taken(given, 25)
+    steps = np.diff(found)
+    assert (steps > 0).all()
+    assert steps[25:] == pytest.approx(0.04, rel=0.11)
+    assert found[-20:] == pytest.approx(given[-20:])
+
+
+def test_a_clock_that_is_set_back_goes_on() -> None:
+    given = [*STEADY[:30], *(each - 3 for each in STEADY[30:])]
+    found, kept = taken(given, 25)
+    assert found[30:] == pytest.approx(STEADY[30:])
+    assert np.diff(found)[32:] == pytest.approx(0.04)
     assert kept.as_dict()["not_after_the_one_before"] == 2
 
 
