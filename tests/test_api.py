@@ -85,6 +85,11 @@ def test_every_kind_of_source_gives_the_same(kind: str, tmp_path: Path) -> None:
         source.close()
 
 
+def test_a_video_keeps_its_own_rate(tmp_path: Path) -> None:
+    with pytest.raises(ParameterError, match="has times of its own; give a rate for an array"):
+        oppload.run(as_path(tmp_path), rate=60, **NATIVE)
+
+
 def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:
     protocol = oppload.stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-10")
     options: dict[str, Any] = {"models": ["dlgmd"], "rmo": False, "preset": "reference"}

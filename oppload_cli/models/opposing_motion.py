@@ -60,10 +60,11 @@ class Judgement(NamedTuple):
 # ---- The equations -------------------------------------------------------------------------
 
 
-def cell_centres(length: int, cell: int) -> Floats:
+def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
     """Return where the centres of the cells lie along one side of the frame.
 
-    As many complete cells as fit, at least one, stand centred in the frame.
+    As many complete cells as fit, at least one, stand centred in the frame. Where an odd number
+    of units is asked for, so is the number of cells: the unit in the middle then has a cell there.
 
     Parameters
     ----------
@@ -71,8 +72,12 @@ def cell_centres(length: int, cell: int) -> Floats:
         Side of the frame in pixels.
     cell : int
         Spacing of the cells in pixels.
+    units : int, optional
+        How many of the cells are units; None where each is one.
     """
     count = max(1, length // cell)
+    if units and units % 2 and count % 2 == 0:
+        count -= 1
     return np.asarray((length - count * cell) / 2 + (np.arange(count) + 0.5) * cell, np.float64)
 
 
@@ -288,7 +293,11 @@ def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMap
         The weights of :func:`pool`.
     """
     cell, field = params.cell or 1, params.receptive_field or 0
-    centres_y, centres_x = (cell_centres(length, cell) for length in shape)
+    columns, rows = params.grid() or (None, None)
+    centres_y, centres_x = (
+        cell_centres(length, cell, units)
+        for length, units in zip(shape, (rows, columns), strict=True)
+    )
     none = np.zeros((len(centres_y), len(centres_x)), np.float32)
     maps = UnitMaps(none, {}, centres_y, centres_x, float(field), params.pool_sigma * cell)
     down, across = _pooling(maps, shape, params)

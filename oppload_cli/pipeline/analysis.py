@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -95,9 +96,13 @@ class Analysis:
         time: TimeParams | None = None,
         fov: float | None = None,
     ) -> None:
+        sides: tuple[int, ...] = shape  # a user's may be that of an image in colour
+        if len(sides) != 2 or min(sides) < 1:
+            raise ParameterError(
+                f"shape must be height and width in pixels, not {shape}; of an image in colour "
+                "give image.shape[:2]"
+            )
         rows, columns = shape
-        if min(shape) < 1:
-            raise ParameterError(f"shape must be height and width in pixels, not {shape}")
         preset = preset or _preset_of(params or ())
         facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
         pixels = parse_height(preset_named(preset).height if height is None else height)
@@ -141,8 +146,11 @@ class Analysis:
                 f"frame {self._count}: a frame must be of shape {self._shape}, with or without "
                 f"an axis of 3 colours, not of shape {values.shape}"
             )
-        if not math.isfinite(time_s):
-            raise FrameError(f"frame {self._count}: its time must be finite, not {time_s}")
+        given: object = time_s  # a user's may be None
+        if not isinstance(given, Real) or not math.isfinite(time_s):
+            raise FrameError(
+                f"frame {self._count}: its time must be a finite number of seconds, not {time_s}"
+            )
         check_type(values)
         if not self._count:
             self._first_s = float(time_s)

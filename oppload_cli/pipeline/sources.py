@@ -264,7 +264,7 @@ def open_source(
         of shape (frames, height, width), or with a last axis of red, green and blue: uint8 or
         uint16 over their full range, or float from 0 (black) to 1 (white).
     rate : float or Fraction, optional
-        Frames per second of an array, or of images (else 30).
+        Frames per second of an array, or of images (else 30); others have their own.
     times : sequence of float, optional
         The presentation time of each frame of an array in seconds, instead of a rate.
     height : int or str, optional
@@ -303,9 +303,12 @@ def open_source(
             "only an array of frames takes times; other sources have times of their own"
         )
     if isinstance(source, str | Path):
-        with open_video(
-            source, height=size, image_rate=checked_rate(rate) or DEFAULT_IMAGE_RATE
-        ) as video:
+        image_rate = checked_rate(rate)
+        with open_video(source, height=size, image_rate=image_rate or DEFAULT_IMAGE_RATE) as video:
+            if image_rate not in {None, video.facts.frame_rate}:
+                raise ParameterError(
+                    f"{source}: has times of its own; give a rate for an array or images only"
+                )
             yield video
     elif hasattr(source, "facts") and hasattr(source, "working"):
         yield source  # type: ignore[misc]

@@ -100,6 +100,8 @@ class Verdict(NamedTuple):
             "" if contact_s is None else f", contact about {contact_s:.1f} s later by its estimate"
         )
         strongest = f", strongest {times(self.strongest)} times the threshold"
+        if self.strongest <= 1:
+            strongest += ", which is enough so near to a contact"
         return (
             f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{strongest}"
         )
@@ -127,9 +129,9 @@ def uncounted(blind: bool | None) -> str:
         As `peak_blind` of :class:`Verdict`.
     """
     reasons = {
-        True: "it came at the start, a cut or a flash",
+        True: "it came at the start, a cut, a flash or the end of a rest",
         False: "it was too short",
-        None: "it came at the start, a cut or a flash, or was too short",
+        None: "it came at the start, a cut, a flash or the end of a rest, or was too short",
     }
     return f"which did not count: {reasons[blind]}"
 
@@ -191,7 +193,7 @@ def in_words(verdicts: Iterable[Verdict]) -> str:
 
 def times(value: float) -> str:
     """Return a multiple of a threshold in few digits, without an exponent unless it is tiny."""
-    return f"{value:.0f}" if value >= 100 else f"{value:.2g}"
+    return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"
 
 
 def label_of(model: str) -> str:

@@ -28,6 +28,10 @@ SHAPE = (40, 61)
 def test_cells_lie_centred_in_the_frame() -> None:
     np.testing.assert_allclose(cell_centres(427, 8)[[0, -1]], [1.5 + 4, 427 - 5.5])
     np.testing.assert_allclose(cell_centres(3, 8), [1.5])
+    # An odd number of units has one in the middle.
+    np.testing.assert_allclose(cell_centres(32, 8, 3), [8, 16, 24])
+    np.testing.assert_allclose(cell_centres(32, 8, 2), [4, 12, 20, 28])
+    np.testing.assert_allclose(cell_centres(8, 8, 1), [4])
     assert list(cell_centres(61, 5)) == reference.centres(61, 5)
 
 
@@ -142,7 +146,7 @@ def test_the_winning_unit_is_the_best_one_of_the_maps(axes: int) -> None:
 def test_units_below_the_threshold_and_beside_the_grid_answer_zero() -> None:
     frames = looming(240, 120, 120, 12)
     answers = {}
-    for params in (REFERENCE, REFERENCE.replaced(threshold=0.1), REFERENCE.replaced(units="3x3")):
+    for params in (REFERENCE, REFERENCE.replaced(threshold=0.1), REFERENCE.replaced(units="4x4")):
         model = Opplod((240, 240), params)
         for frame in frames:
             model.step(frame)
@@ -151,8 +155,8 @@ def test_units_below_the_threshold_and_beside_the_grid_answer_zero() -> None:
     expected = np.where(every > 0.1**2, every, 0)
     assert 0 < (expected > 0).sum() < (every > 0).sum()
     np.testing.assert_array_equal(answers[0.1, "every"], expected)
-    grid = answers[0.0, "3x3"]
-    assert (grid > 0).sum() <= 9
+    grid = answers[0.0, "4x4"]
+    assert 0 < (grid > 0).sum() <= 16
     np.testing.assert_array_equal(grid[grid > 0], every[grid > 0])
 
 

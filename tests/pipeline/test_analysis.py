@@ -213,6 +213,24 @@ def test_frames_one_by_one_give_what_the_array_gives() -> None:
     assert left.time_to_contact_s == pytest.approx(1.2 - TIMES[-3], rel=0.1)
 
 
+@pytest.mark.parametrize("frame", [10, 18])
+@pytest.mark.parametrize("late_s", [0.08, 5.0, -3.0])
+def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(frame: int, late_s: float) -> None:
+    """After a jump by seconds the models begin anew, which takes six frames."""
+    right, wrong = Analysis((180, 320)), Analysis((180, 320))
+    alarms, contacts = [], []
+    for index, picture in enumerate(approach()):
+        given = TIMES[index], TIMES[index] + (late_s if index == frame else 0)
+        records = [each.step(picture, t) for each, t in zip((right, wrong), given, strict=True)]
+        alarms.append([record.alarms["opplod"] for record in records])
+        found = [record.objects["opplod"] for record in records]
+        contacts.append([each.time_to_contact_s for each in found if each])
+    first, other = ([each[which] for each in alarms].index(True) for which in (0, 1))
+    assert first - 1 <= other <= first + 6
+    for expected, after in contacts[25:33]:
+        assert after == pytest.approx(expected, rel=0.13)
+
+
 def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
     analysis = Analysis((180, 320), height=90, fov=60)
     for index, frame in enumerate(approach()):
@@ -227,6 +245,7 @@ def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
     ("options", "sentence"),
     [
         ({"shape": (0, 9)}, "shape must be"),
+        ({"shape": (90, 120, 3)}, r"give image.shape\[:2\]"),
         ({"rate": "30"}, "rate must be"),
         ({"fov": 0}, "fov must be"),
         ({"height": "tall"}, "height must be"),
@@ -240,12 +259,15 @@ def test_wrong_uses_of_frames_one_by_one(options: dict[str, Any], sentence: str)
 
 def test_wrong_frames_one_by_one() -> None:
     analysis = Analysis((90, 120))
-    for frame, time_s, kind, sentence in (
+    wrong: Any
+    for wrong in (
         (np.zeros((120, 90)), 0.0, FrameError, r"must be of shape \(90, 120\)"),
-        (np.zeros((90, 120)), np.nan, FrameError, "time must be finite"),
+        (np.zeros((90, 120)), np.nan, FrameError, "time must be a finite number"),
+        (np.zeros((90, 120)), None, FrameError, "finite number of seconds, not None"),
         (np.zeros((90, 120), np.int64), 0.0, SourceError, "type is int64"),
         (np.full((90, 120), 200.0), 0.0, SourceError, "frame 0 holds values outside"),
     ):
+        frame, time_s, kind, sentence = wrong
         with pytest.raises(kind, match=sentence):
             analysis.step(frame, time_s)
     assert analysis.step(np.zeros((90, 120)), 5.0).time_s == 0  # none of them counted

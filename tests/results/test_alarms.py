@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box, Response
-from oppload_cli.results.alarms import AlarmLog, Verdict, in_words, verdicts_in, write_alarms
+from oppload_cli.results.alarms import (
+    AlarmLog,
+    Verdict,
+    in_words,
+    times,
+    verdicts_in,
+    write_alarms,
+)
 from oppload_cli.results.table import FrameRecord
 
 if TYPE_CHECKING:
@@ -52,11 +59,22 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     )
 
 
+def test_an_alarm_below_its_threshold_has_its_reason() -> None:
+    assert str(verdict([0, 1.2, 1], on=[1, 2])) == (
+        "alarm at 0.10 s (frame 1), strongest 0.6 times the threshold, which is enough so near to "
+        "a contact"
+    )
+
+
+def test_multiples_have_no_exponent() -> None:
+    assert [times(value) for value in (0.26, 99.4, 99.5, 1207)] == ["0.26", "99", "100", "1207"]
+
+
 def test_no_alarm_tells_how_near_it_came() -> None:
     assert str(verdict([0, 0.5, 0], on=[])) == "no alarm, peak at 0.25 of the threshold"
     assert str(verdict([0, 0.5, 9], on=[], blind=(2,))) == (
         "no alarm, peak at 4.5 times the threshold, which did not count: it came at the start, "
-        "a cut or a flash"
+        "a cut, a flash or the end of a rest"
     )
     assert str(verdict([0, 8, 0, 9], on=[], blind=(1,))) == (
         "no alarm, peak at 4.5 times the threshold, which did not count: it was too short"
