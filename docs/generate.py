@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from oppload_cli.cli.models import parameter_sets
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
+from oppload_cli.models.columns import ALARM_DETAILS, COMMON, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detectors
-from oppload_cli.results.table import ALARM_DETAILS, COMMON, RMO, VIEW, columns_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -34,11 +34,11 @@ def formats() -> str:
     """Return the page of file formats and exit codes."""
     parts = [(DOCS / "formats.in.md").read_text(encoding="utf-8")]
     parts += ["### Every result", columns(COMMON)]
-    for name in detectors():
-        usual = columns_of(name)
+    for name, detector in detectors().items():
+        usual = columns_of(detector)
         parts += [f"### With model `{name}`", columns(usual)]
         general = {f"{name}_{each.name}" for each in ALARM_DETAILS}
-        details = columns_of(name, details=True)[len(usual) :]
+        details = columns_of(detector, details=True)[len(usual) :]
         details = tuple(each for each in details if each.name not in general)
         parts += ["With `--columns all` also:\n", columns(details)] if details else []
     seen = "Each detector with a box has also, with its name in front:\n"

@@ -11,6 +11,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ParameterError, suggestion
+from oppload_cli.models.columns import COMMON, RMO, columns_of
 from oppload_cli.models.dlgmd import Dlgmd
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod import Opplod
@@ -31,11 +32,7 @@ _TAKEN_NAMES = {
     *("alarm", "places", "rmo", "repeats", "time"),
     *("preset", "models", "height", "measure_rmo", "fov", "columns", "all"),
 }
-_COMMON_COLUMNS = {"frame", "time_s", "luma_change"}
-_RMO_COLUMNS = {"flow_vectors", "rom_pairs", "rom_share", "rmo_mean", "rmo_max", "rmo_index"}
 ALL, _LITERAL = "all", "literal"  # words for detectors in `names_of`
-_EVERYONES = ("response", "alarm", "over_threshold", "time_to_contact_s", "time_to_contact_error_s")
-_SIDES = ("x", "y", "width", "height", "unit_x", "unit_y")
 
 # The detectors that run by default, and where to find each of the others once it is asked for:
 # declaring them all would take a tenth of the start of a run.
@@ -101,7 +98,7 @@ def register(detector: type[Detector]) -> type[Detector]:
             f"detector; give it a class of its own"
         )
     taken = {column for each in others for column in _columns_of(each)}
-    taken |= _COMMON_COLUMNS | _RMO_COLUMNS
+    taken |= {column.name for column in (*COMMON, *RMO)}
     for column in _columns_of(detector):
         if column in taken:
             raise ParameterError(f"{where}: its column '{column}' is taken; choose another name")
@@ -243,9 +240,7 @@ def alarm_floor_of(name: str, preset: str = DEFAULT_PRESET) -> float:
 
 
 def _columns_of(detector: type[Detector]) -> tuple[str, ...]:
-    everyones = (*_EVERYONES, *(_SIDES if detector.places else ()))
-    own = (column.name for column in (*detector.columns, *detector.details))
-    return tuple(f"{detector.name}_{column}" for column in (*everyones, *own))
+    return tuple(each.name for each in columns_of(detector, details=True, degrees=True))
 
 
 class DetectorBank:

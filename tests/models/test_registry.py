@@ -9,6 +9,7 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import registry
+from oppload_cli.models.columns import COMMON, RMO, columns_of
 from oppload_cli.models.detector import Column, Detector, Response
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams
 from oppload_cli.models.dpc import DpcParams
@@ -16,7 +17,6 @@ from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.presets import PRESETS, preset_named
 from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
-from oppload_cli.results.table import COMMON, RMO, columns_of
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def test_a_registered_detector_is_known_everywhere() -> None:
     assert registry.default_names() == ("opplod", "dlgmd")
     assert registry.detector_of(OtherParams()) is Other
     assert registry.alarm_floor_of("other", "reference") == 0
-    names = [column.name for column in columns_of("other")]
+    names = [column.name for column in columns_of(registry.detector_named("other"))]
     assert names == ["other_response", "other_alarm", "other_left", "other_y_left"]
     registry.register(Other)  # once more, as when a module is loaded twice
     assert list(registry.detectors()) == [*NAMES, "other"]
@@ -167,6 +167,7 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
         ({"label": ""}, "it needs a label and a meaning"),
         ({"meaning": ""}, "it needs a label and a meaning"),
         ({"columns": (Column("x", "", "a"),), "places": True}, "its column 'other_x' is taken"),
+        ({"columns": (Column("azimuth_deg", "", "a"),), "places": True}, "azimuth_deg' is taken"),
         ({"details": (Column("left", "", "a"),)}, "its column 'other_left' is taken; choose"),
         ({"details": (Column("right", "", "a"),)}, "its column 'right' must be a field"),
         ({"columns": (Column("response", "", "a"),)}, "its column 'other_response' is taken"),
