@@ -14,7 +14,7 @@ import click
 from oppload_cli.cli import on_terminal, progress_bar, say
 from oppload_cli.errors import printable
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.alarms import in_words, label_of, times
+from oppload_cli.results.alarms import in_words, label_of, times, uncounted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -183,7 +183,8 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
 class AlarmTable:
     """The rows of many inputs, printed as they end: first alarm and peak of every detector.
 
-    A peak is a multiple of the threshold.
+    A peak is the largest response of an input over its threshold, with a star where it did not
+    count.
 
     Parameters
     ----------
@@ -196,6 +197,7 @@ class AlarmTable:
     def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:
         self._wide = max(5, min(_WIDEST_NAME, max(map(len, names), default=0)))
         self._models, self._is_new = models, True
+        self._stars = False
 
     def lines(self, name: str, outcome: Outcome) -> Iterator[str]:
         """Yield the row of an input that is done, below the header if it is the first one."""
@@ -203,6 +205,13 @@ class AlarmTable:
             yield from self._header()
         self._is_new = False
         yield self._row(name, outcome)
+
+    def legend(self) -> Iterator[str]:
+        """Yield what the peaks of the rows are; nothing where there is no row."""
+        if not self._is_new:
+            yield "peak: largest response of the input, as a multiple of its threshold (x)"
+        if self._stars:
+            yield f"*: a peak {uncounted(None)}"
 
     def _header(self) -> Iterator[str]:
         labels = (f"{label_of(name):<{_CELL}}" for name in self._models)
@@ -212,6 +221,7 @@ class AlarmTable:
 
     def _row(self, name: str, outcome: Outcome) -> str:
         cells = {each.model: _cell(each) for each in outcome.verdicts}
+        self._stars = self._stars or any(map(_is_uncounted, outcome.verdicts))
         shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
         row = "".join(f"{cells.get(model, ''):<{_CELL}}" for model in self._models)
         end = "kept" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
@@ -219,9 +229,15 @@ class AlarmTable:
 
 
 def _cell(verdict: Verdict) -> str:
-    none = "not counted" if (verdict.peak or 0) > 1 else "-"  # at a cut, or too short
-    first = f"{verdict.alarms[0].start_s:.2f} s" if verdict.alarms else none
-    return f"{first:<13}{f'{times(verdict.strongest)} x' if verdict.peak is not None else '-'}"
+    first = f"{verdict.alarms[0].start_s:.2f} s" if verdict.alarms else "-"
+    star = "*" if _is_uncounted(verdict) else ""
+    return f"{first:<13}{'-' if verdict.peak is None else f'{times(verdict.peak)} x{star}'}"
+
+
+def _is_uncounted(verdict: Verdict) -> bool:
+    """Tell whether the peak lies above the threshold, and in no alarm."""
+    counted = max((each.peak_over_threshold for each in verdict.alarms), default=1.0)
+    return (verdict.peak or 0.0) > max(counted, 1.0)
 
 
 def _speed(outcome: Outcome) -> str:

@@ -93,7 +93,7 @@ def run(
     options = RunOptions(**{name: others.pop(name) for name in RunOptions._fields})
     if not inputs and not options.files_from:
         raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
-    span = Span(*(parse_position(text) if text else None for text in (start, end, duration)))
+    span = _span(start, end, duration)
     rate = _rate(image_rate)
     opening = None
     with ExitStack() as stack:
@@ -125,6 +125,20 @@ def _begun(name: str, span: Span, image_rate: Fraction, settings: dict[str, Any]
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
     return Opening(name, height=pixels, span=span, image_rate=image_rate, own_process=True)
+
+
+def _span(start: str | None, end: str | None, duration: str | None) -> Span:
+    """Return the part of each input; raise ParameterError for one without any frame."""
+    span = Span(*(parse_position(text) if text else None for text in (start, end, duration)))
+    begin, stop = span.start, span.end
+    if begin is None or stop is None or (begin.frame is None) != (stop.frame is None):
+        return span  # a frame and a time cannot be compared before the input is read
+    if (stop.frame or stop.seconds or 0) <= (begin.frame or begin.seconds or 0):
+        raise ParameterError(
+            f"--end {end} is not after --start {start}; give a later end, or --duration for a "
+            "length"
+        )
+    return span
 
 
 def _rate(text: str) -> Fraction:

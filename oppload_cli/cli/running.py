@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 
 _STANDARD_OUTPUT = "-"
-_LISTED = 10  # inputs with alarms that are printed
+_LISTED = 10  # inputs with alarms, or with remarks, that are printed
 _NAMES_INPUTS = {"recursive", "files_from", "null", "shard", "dry_run", "if_exists"}
 
 
@@ -241,6 +241,7 @@ class _Batch:
         self._alarms = folder / f"alarms{part}.csv"
         self._rows = AlarmTable((each.stem for each in plan.inputs), models)
         self._tally = Tally(plan.failures)
+        self._remarked = 0
         for failure in plan.failures:
             say(f"oppload: {failure.message}")
         self._begun = time.monotonic()
@@ -289,9 +290,11 @@ class _Batch:
             yield incomplete(task, result)
         elif result.notes and self._verbosity >= 0:
             yield f"oppload: {task.name}: {'; '.join(result.notes)}"
-        if self._verbosity > 0:
-            for remark in result.remarks:
-                yield f"oppload: {task.name}: {remark}"
+        if not result.remarks or self._verbosity < 0:
+            return
+        self._remarked += 1
+        if self._remarked <= _LISTED or self._verbosity > 0:
+            yield f"oppload: {task.name}: {'; '.join(result.remarks)}"
 
     def _report(self) -> None:
         self._progress.close()
@@ -305,8 +308,15 @@ class _Batch:
             wall_s = time.monotonic() - self._begun
             shown = {each.name: each.stem for each in self._plan.inputs}
             alarms = self._tally.alarms(_LISTED, self._alarms, shown)
-            for line in (*self._tally.table(wall_s), *alarms):
+            for line in (*self._rows.legend(), *self._tally.table(wall_s), *alarms):
                 say(line)
+            more = self._remarked - _LISTED
+            if more > 0 and not self._verbosity:
+                inputs = "input has" if more == 1 else "inputs have"
+                say(
+                    f"oppload: {more} more {inputs} remarks such as those above; they are in the "
+                    f"sidecars (time and decode), and -v prints them all"
+                )
         if self._tally.failures and self._failures.exists():
             say(f"oppload: the failed ones are in {self._failures}; try them again with:")
             say(f"  {_retry_command(click.get_current_context(), self._failures)}")

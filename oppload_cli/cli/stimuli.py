@@ -17,7 +17,7 @@ from oppload_cli.cli.options import (
     quiet_option,
 )
 from oppload_cli.errors import ExitCode, OpploadError
-from oppload_cli.stimulus.catalogue import Entry, entries, find, parsed_setting
+from oppload_cli.stimulus.catalogue import Entry, entries, find, in_toml, parsed_setting
 from oppload_cli.stimulus.protocol import json_schema
 
 if TYPE_CHECKING:
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-# the keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help
+_INDENT = "\n" + 13 * " "  # of further values of a fact
+# The keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help.
 FORMATS = ("ffv1", "mkv", "mp4", "png", "npz", "gif")
 
 
@@ -61,14 +62,15 @@ def list_stimuli(patterns: tuple[str, ...], as_json: bool) -> None:
 @click.option("--json", "as_json", is_flag=True, help="The resolved protocols as a JSON list.")
 @change_option
 def show(name: str, as_json: bool, changes: tuple[str, ...]) -> None:
-    """Show a protocol: its description, its stimuli and its file."""
-    found = [entry.with_settings(_settings(changes)) for entry in find(name)]
+    """Show a protocol: its description, its stimuli, the changed values and its file."""
+    found = [(entry, entry.with_settings(_settings(changes))) for entry in find(name)]
     if as_json:
-        tables = [protocol.as_table() for entry in found for protocol in entry.protocols()]
+        changed = [entry.telling_changes() for _, entry in found]
+        tables = [protocol.as_table() for entry in changed for protocol in entry.protocols()]
         click.echo(json.dumps(tables, indent=2, ensure_ascii=False))
         return
-    for entry in found:
-        click.echo(_shown(entry))
+    for original, entry in found:
+        click.echo(_shown(original, entry))
 
 
 @stimuli.command()
@@ -164,11 +166,17 @@ def _table(listed: Sequence[Entry]) -> str:
     return "\n".join([*lines, "", f"{len(rows)} protocols, {total} stimuli"])
 
 
-def _shown(entry: Entry) -> str:
+def _shown(original: Entry, entry: Entry) -> str:
+    """Return an entry, with the values that differ from the original one, and its file."""
     protocols = entry.protocols()
     first = protocols[0]
     display = first.display
+    changes = [
+        f"{dotted} = {in_toml(value)}, {_before(original.held(dotted))}"
+        for dotted, value in entry.changes.items()
+    ]
     facts = {
+        "changed": _INDENT.join(changes),
         "description": entry.description,
         "source": entry.source,
         "tags": ", ".join(entry.tags),
@@ -176,7 +184,13 @@ def _shown(entry: Entry) -> str:
         f"{display.projection}, {float(display.frame_rate):g} Hz",
         "frames": f"{first.frame_count} ({first.timing.total_s:g} s)",
         "file": str(entry.path),
-        "stimuli": "\n             ".join(protocol.name for protocol in protocols),
+        "stimuli": _INDENT.join(protocol.name for protocol in protocols),
     }
     lines = [entry.name, *(f"{name + ':':<13}{value}" for name, value in facts.items() if value)]
+    if changes:
+        lines += ["", "The file, without the changes:"]
     return "\n".join([*lines, "", entry.path.read_text(encoding="utf-8")])
+
+
+def _before(value: object) -> str:
+    return "which the file leaves out" if value is None else f"in the file {in_toml(value)}"

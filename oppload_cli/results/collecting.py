@@ -102,14 +102,15 @@ def collect(
         If the table exists already, or cannot be written.
     """
     refuse_existing([output], if_exists)
-    results = [path for folder in folders for path in _found_results(folder)]
-    columns = _frame_columns(results) if of_frames else _SUMMARY_COLUMNS
+    results = [(path, folder) for folder in folders for path in _found_results(folder)]
+    columns = _frame_columns(path for path, _ in results) if of_frames else _SUMMARY_COLUMNS
     good = bad = rows = 0
     with open_table(output, columns, new=if_exists == "error") as table:
-        for path in results:
+        for path, folder in results:
             stop_if_asked()
+            name = _name_in(folder, path)
             try:
-                for row in (_frame_rows if of_frames else _summary_rows)(path):
+                for row in (_frame_rows if of_frames else _summary_rows)(path, name):
                     table.write(row)
                     rows += 1
             except ResultError as error:
@@ -166,6 +167,12 @@ def _found_results(folder: Path) -> Iterator[Path]:
             yield Path(place, stem + (_TABLE if stem in alone else _SIDECAR))
 
 
+def _name_in(folder: Path, path: Path) -> str:
+    """Return the name of a result within a folder, such as ``cam1/a``, as the column has it."""
+    suffix = _TABLE if path.name.endswith(_TABLE) else _SIDECAR
+    return _text(path.relative_to(folder).as_posix().removesuffix(suffix))
+
+
 def tables_in(path: Path) -> Iterator[Path]:
     """Yield the tables that a name stands for: a file itself, or a folder's to any depth.
 
@@ -190,11 +197,14 @@ def _table_of(path: Path) -> Path:
     return path.with_name(path.name.removesuffix(_SIDECAR) + _TABLE)
 
 
-def _summary_rows(path: Path) -> Iterator[Row]:
-    """Yield a row per detector from a sidecar; raise ResultError if it is none."""
+def _summary_rows(path: Path, name: str) -> Iterator[Row]:
+    """Yield a row per detector from a sidecar of a named result.
+
+    Raise ResultError if it is none.
+    """
     content = _sidecar(path)
     try:
-        yield from list(_summaries(path, content))
+        yield from list(_summaries(name, content))
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
         raise ResultError(
             f"{path}: lacks something of a sidecar ({type(error).__name__}: {error}); "
@@ -202,15 +212,14 @@ def _summary_rows(path: Path) -> Iterator[Row]:
         ) from error
 
 
-def _frame_rows(path: Path) -> Iterator[Row]:
-    """Yield the frames of the table beside a sidecar, as text.
+def _frame_rows(path: Path, name: str) -> Iterator[Row]:
+    """Yield the frames of the table beside a sidecar, as text, with the name of the result.
 
     Raise ResultError if that table does not exist, or is none of ``oppload run``.
     """
     facts = _sidecar(path).get("input")
-    name = str(facts.get("name", "")) if isinstance(facts, dict) else ""
+    source = str(facts.get("name", "")) if isinstance(facts, dict) else ""
     table = _table_of(path)
-    stem = table.name.removesuffix(_TABLE)
     kinds = _frame_columns([path])
     try:
         if not is_file(table):  # a pipe would make it wait
@@ -222,7 +231,7 @@ def _frame_rows(path: Path) -> Iterator[Row]:
             for row in reader:
                 for column, text in row.items():
                     typed(text, kinds[column])
-                yield {"result": _text(stem), "input": _text(name), **row}
+                yield {"result": name, "input": _text(source), **row}
     except (OSError, TypeError, ValueError, LookupError, ArithmeticError, csv.Error) as error:
         reason = reason_of(error)
         raise ResultError(f"{table}: cannot be read ({reason}); run its input again") from error
@@ -239,20 +248,20 @@ def _sidecar(path: Path) -> dict[str, Any]:
     return content
 
 
-def _summaries(path: Path, content: dict[str, Any]) -> Iterator[Row]:
+def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:
     facts, decode, working = content["input"], content["decode"], content["working"]
     stimulus = content["stimulus"] or {}
     rate = facts["frame_rate"]
     about: Row = {
-        "result": path.name.removesuffix(_SIDECAR),
+        "result": name,
         "input": facts["name"],
-        **{name: facts[name] for name in ("kind", "codec", "width", "height")},
+        **{key: facts[key] for key in ("kind", "codec", "width", "height")},
         "frame_rate": float(parsed_fraction(rate)) if rate else None,
         "working_width": working["width"],
         "working_height": working["height"],
         "preset": content["preset"],
-        **{name: decode[name] for name in ("decoded", "analysed", "missing", "repeats")},
-        **{name: decode.get(name) for name in ("near_repeats", "pictures_per_s")},
+        **{key: decode[key] for key in ("decoded", "analysed", "missing", "repeats")},
+        **{key: decode.get(key) for key in ("near_repeats", "pictures_per_s")},
         "complete": decode["complete"],
         "wall_s": content["wall_s"],
         "frames_per_s": content["frames_per_s"],
@@ -263,12 +272,12 @@ def _summaries(path: Path, content: dict[str, Any]) -> Iterator[Row]:
     }
     for model in content["models"]:
         summary = content["summary"][model]
-        row = {**about, "model": model, **{name: summary[name] for name in _OF_MODEL}}
-        for name, kind in _SUMMARY_COLUMNS.items():
+        row = {**about, "model": model, **{column: summary[column] for column in _OF_MODEL}}
+        for column, kind in _SUMMARY_COLUMNS.items():
             # A wrong kind is found here, not in the middle of a file, and so is a byte of a name
             # that is no text.
-            value = typed(row[name], kind)
-            row[name] = _text(value) if isinstance(value, str) else row[name]
+            value = typed(row[column], kind)
+            row[column] = _text(value) if isinstance(value, str) else row[column]
         yield row
 
 

@@ -88,7 +88,11 @@ class Result:
 
     def need(self, columns: Sequence[str]) -> None:
         """Raise a ResultError that names the first of these columns that is missing."""
-        _need(self.path, self.frames, columns, _ANOTHER_RESULT)
+        held = ", ".join(self.models)
+        other = f"its detectors are {held}; choose among them, or run the input again with this one"
+        for name in columns:
+            of_detector = held and name.endswith("_response")
+            _need(self.path, self.frames, [name], other if of_detector else _ANOTHER_RESULT)
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import fnmatch
 import itertools
+import json
 import math
 import re
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from oppload_cli.stimulus.tables import SURROUNDINGS
 
 _TABLES = ("display", "timing", "scene", "camera", "effects")
 _MOST_MEMBERS = 10_000
+_LONGEST = 80  # characters of a value in a message
 _DEEPEST = 20  # dots in a swept key
 
 
@@ -38,6 +40,8 @@ class Entry:
         Values by dotted key.
     only : str
         A pattern that picks some members; ``*`` for all.
+    changes : dict
+        The values that differ from the file, by dotted key.
     """
 
     name: str
@@ -45,6 +49,12 @@ class Entry:
     table: dict[str, Any]
     sweep: dict[str, list[Any]]
     only: str = "*"
+    changes: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def label(self) -> str:
+        """The words for it in messages: the file, or the name and the changes, if any."""
+        return f"{self.name} with {_listed(self.changes)}" if self.changes else str(self.path)
 
     @property
     def description(self) -> str:
@@ -78,14 +88,14 @@ class Entry:
         Raises
         ------
         StimulusError
-            If the file is not a valid protocol; the message names the key and the file.
+            If it is not a valid protocol; the message names the key, and the file or the changes.
         """
         made = []
         for name, values in self.values().items():
             table = self.table
             for dotted, value in values.items():
                 table = _with_value(table, dotted, value, f"{self.path}: sweep")
-            made.append(Protocol.from_table({**table, "name": name}, str(self.path)))
+            made.append(Protocol.from_table({**table, "name": name}, self.label))
         return made
 
     def with_settings(self, settings: dict[str, Any]) -> Entry:
@@ -109,8 +119,28 @@ class Entry:
                 sweep[dotted] = value if several and value else [value]
                 only = "*"
             else:
-                table = _with_value(table, dotted, value, f"{self.path}: --change {dotted}")
-        return replace(self, table=table, sweep=sweep, only=only)
+                table = _with_value(table, dotted, value, f"{self.name}: --change {dotted}")
+        changes = {**self.changes, **settings}
+        return replace(self, table=table, sweep=sweep, only=only, changes=changes)
+
+    def telling_changes(self) -> Entry:
+        """Return a copy whose description names the changed values, as it may not fit them."""
+        if not self.changes or "description" in self.changes:
+            return self
+        told = f"{self.description} (changed: {_listed(self.changes)})".lstrip()
+        return replace(self, table={**self.table, "description": told})
+
+    def held(self, dotted: str) -> object:
+        """Return the value of a dotted key, the list of a swept one, or None without any."""
+        if dotted in self.sweep:
+            return self.sweep[dotted]
+        first, _, rest = dotted.partition(".")
+        objects = self.table.get("object", [])
+        named = [one for one in objects if isinstance(one, dict) and one.get("id") == first]
+        part: object = named[0] if named else self.table.get(first)
+        for key in rest.split(".") if rest else ():
+            part = part.get(key) if isinstance(part, dict) else None
+        return part
 
 
 def catalogue_directory() -> Path:
@@ -308,9 +338,8 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
         If there is no such stimulus, or if one is not valid.
     """
     found = [read_entry(wanted)] if isinstance(wanted, Path) else find(wanted)
-    return [
-        protocol for entry in found for protocol in entry.with_settings(settings or {}).protocols()
-    ]
+    changed = [entry.with_settings(settings or {}).telling_changes() for entry in found]
+    return [protocol for entry in changed for protocol in entry.protocols()]
 
 
 def parsed_setting(text: str) -> tuple[str, Any]:
@@ -363,6 +392,16 @@ def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any
     if members > _MOST_MEMBERS:
         raise StimulusError(f"{where}: sweep makes {members} stimuli; the most is {_MOST_MEMBERS}")
     return flat
+
+
+def in_toml(value: object) -> str:
+    """Return a value of a protocol nearly as TOML has it, for a message; a long one is cut."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
+
+
+def _listed(changes: dict[str, Any]) -> str:
+    return ", ".join(f"{dotted} = {in_toml(value)}" for dotted, value in changes.items())
 
 
 def _label_of(values: dict[str, Any]) -> str:

@@ -163,8 +163,9 @@ def named(
     for name in names:
         try:
             for entry in find(name):
-                for protocol in entry.with_settings(settings).protocols():
-                    _check_fits(protocol, form, str(entry.path))
+                changed = entry.with_settings(settings).telling_changes()
+                for protocol in changed.protocols():
+                    _check_fits(protocol, form, changed.label)
                     same = found.setdefault(protocol.name, protocol)
                     if same != protocol:
                         raise OutputError(
@@ -224,7 +225,8 @@ def _difference(truth: Path, protocol: Protocol) -> str:
     except (StimulusError, KeyError, TypeError, ValueError):
         return "but its ground truth cannot be read"
     own = json.loads(json.dumps(protocol.as_table()))  # as it comes back from the file
-    different = [key for key in {**own, **held} if held.get(key) != own.get(key)]
+    shown = [key for key in {**own, **held} if key != "description"]
+    different = [key for key in shown if held.get(key) != own.get(key)]
     return f"with another {different[0]}" if different else ""
 
 

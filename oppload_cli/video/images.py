@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
 # An image file may have this many bytes for each of its pixels, and besides them.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
+_GAP = 1.5  # usual steps from a number to the next one, where one is missing between
 T = TypeVar("T")
 _DEEP_GREY = {
     "I",
@@ -180,8 +181,9 @@ def _gap(paths: Sequence[Path]) -> str:
     if len(paths) < 3 or len(named) < len(paths) or len({before for before, _ in named}) > 1:
         return ""
     steps = [after - before for (_, before), (_, after) in pairwise(named)]
-    usual = statistics.mode(steps)  # 1, or 2 where every second frame was kept
-    wide = [at for at, step in enumerate(steps) if step > usual]
+    # 1, 2 where every second frame was kept, or about the frame's duration of a clock
+    usual = statistics.median_low([step for step in steps if step] or [1])
+    wide = [at for at, step in enumerate(steps) if step >= _GAP * usual]
     if not wide:
         return ""
     often = "" if len(wide) == 1 else f"in {len(wide)} places, first "

@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import pytest
 
 from oppload_cli.cli.progress import AlarmTable
 from oppload_cli.pipeline.task import Outcome
-from oppload_cli.results.alarms import Verdict
+from oppload_cli.results.alarms import verdicts_in
 from tests.cli import process
 from tests.cli.inside import oppload
 from tests.media import grey_frames, write_video
@@ -327,8 +328,49 @@ def test_a_batch_says_who_alarmed_and_lists_the_alarms(clips: Path, tmp_path: Pa
     assert list(csv.DictReader((tmp_path / "alarms.csv").read_text().splitlines())) == rows
 
 
-def test_the_table_tells_a_peak_that_did_not_count_from_a_weak_one() -> None:
-    verdicts = (Verdict("opplod", (), 50.0), Verdict("dlgmd", (), 0.5))
-    table = AlarmTable(["clip"], ["opplod", "dlgmd"])
-    row = list(table.lines("clip", Outcome(frames=10, wall_s=1.0, verdicts=verdicts)))[-1]
-    assert row.split() == ["clip", "not", "counted", "50", "x", "-", "0.5", "x", "10"]
+def test_the_table_marks_peaks_that_did_not_count() -> None:
+    weak, strong = (
+        {"start_frame": 3, "start_s": 0.1, "end_s": 0.2, "peak_over_threshold": peak}
+        for peak in (2.0, 50.0)
+    )
+    rows: dict[str, tuple[list[Any], float | None, str]] = {
+        "none": ([], 0.5, "- 0.5 x"),
+        "silent": ([], 50.0, "- 50 x*"),
+        "within": ([weak, strong], 50.0, "0.10 s 50 x"),
+        "before": ([weak], 2444.0, "0.10 s 2444 x*"),
+        "off": ([], None, "- -"),
+    }
+    table = AlarmTable(rows, ["opplod"])
+    assert list(table.legend()) == []
+    for name, (alarms, peak, cells) in rows.items():
+        verdicts = verdicts_in({"alarms": {"opplod": {"alarms": alarms, "peak": peak}}})
+        row = list(table.lines(name, Outcome(frames=10, wall_s=1.0, verdicts=verdicts)))[-1]
+        assert " ".join(row.split()) == f"{name} {cells} 10"
+        assert len(list(table.legend())) == (1 if name == "none" else 2)
+    meaning, star = table.legend()
+    assert meaning == "peak: largest response of the input, as a multiple of its threshold (x)"
+    assert star.startswith("*: a peak which did not count: it came at the start, a cut, a flash")
+
+
+def test_remarks_on_frame_rates_belong_to_every_batch(tmp_path: Path) -> None:
+    slow = write_video(tmp_path / "slow0.avi", grey_frames(8), rate=5)
+    for number in range(1, 12):
+        shutil.copy(slow, tmp_path / f"slow{number}.avi")
+    write_video(tmp_path / "usual.avi", grey_frames(40))
+    words = ("run", tmp_path, "-o", tmp_path / "out", "-j", "1", "--if-exists", "overwrite", *FAST)
+    remark = "oppload: {}: 5 frames/s are too few for the models"
+    for more, told, others in (((), 10, 1), (("-v",), 12, 0), (("-q",), 0, 0)):
+        said = oppload(*words, "--model", "dlgmd", *more).stderr
+        assert said.count("5 frames/s are too few") == told
+        assert said.count("2 more inputs have remarks such as those above") == others
+        assert (remark.format(slow) in said) == bool(told)
+        assert "usual.avi: " not in said
+
+
+def test_an_end_before_the_start_is_refused_before_anything_is_read(tmp_path: Path) -> None:
+    for start, end in (("5", "4"), ("f5", "f5"), ("00:00:05", "0")):
+        done = oppload("run", tmp_path / "any.mp4", "--start", start, "--end", end)
+        assert done.returncode == 2
+        assert f"--end {end} is not after --start {start}; give a later end" in done.stderr
+    done = oppload("run", tmp_path / "any.mp4", "--start", "f5", "--end", "4")
+    assert done.returncode == 3  # no such file: a frame and a time cannot be compared

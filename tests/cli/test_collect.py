@@ -47,6 +47,13 @@ def test_a_row_per_input_and_model(results: Path, clip: Path, tmp_path: Path) ->
         assert row["first_alarm_frame"] == ("" if alarm is None else str(alarm))
 
 
+def test_results_of_one_name_are_told_apart_by_their_folders(results: Path, tmp_path: Path) -> None:
+    for words in ((), ("--frames",)):
+        target = tmp_path / f"{len(words)}.csv"
+        assert oppload("collect", results, "-o", target, *words).returncode == 0
+        assert {row["result"] for row in rows(target)} == {"loom", "deep/loom"}
+
+
 def test_what_was_collected_is_counted(results: Path, tmp_path: Path) -> None:
     for folder, said in ((results, "2 results, 3 rows"), (results / "deep", "1 result, 1 row")):
         target = tmp_path / f"{folder.name}.csv"

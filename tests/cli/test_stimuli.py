@@ -95,6 +95,30 @@ def test_show_as_json_is_the_resolved_protocol() -> None:
     assert table["display"]["frame_rate"] == "60/1"
 
 
+def test_show_names_the_changes_with_the_values_before() -> None:
+    changes = ("display.frame_rate=60", "bar.axis_deg=45")
+    words = [word for change in changes for word in ("--change", change)]
+    shown = run("show", "klapoetke2017/bar-expand-10", *words).stdout.splitlines()
+    assert shown[1] == "changed:     display.frame_rate = 60, in the file 30"
+    assert shown[2].startswith(f"{'':13}bar.axis_deg = 45, in the file [0, 15, 30, ")
+    assert any(line.endswith("flat, 60 Hz") for line in shown)
+    assert "The file, without the changes:" in shown
+    shown = run("show", "klapoetke2017/loom", "--change", "effects.noise=0.1").stdout.splitlines()
+    assert shown[1] == "changed:     effects.noise = 0.1, which the file leaves out"
+
+
+def test_the_truth_of_a_changed_stimulus_says_so(tmp_path: Path) -> None:
+    run("generate", "klapoetke2017/loom", "-o", tmp_path, *SMALL)
+    truth = stimulus.read_ground_truth(tmp_path / "klapoetke2017_loom.stimulus.json")
+    before = stimulus.load("klapoetke2017/loom").description
+    assert truth["protocol"]["description"] == (
+        f"{before} (changed: display.width = 48, display.height = 40, "
+        "display.pixels_per_degree = 0.6, timing.motion_s = 0.2)"
+    )
+    own = {"disk.luminance": 0.2, "description": "darker"}
+    assert stimulus.load("klapoetke2017/loom", own).description == "darker"
+
+
 def test_generate_writes_video_truth_and_preview(tmp_path: Path) -> None:
     name = "opplod2023/looming-disk-centre"
     result = run("generate", name, "-o", tmp_path / "new", "--preview", *SMALL)
@@ -163,7 +187,10 @@ def test_existing_files(tmp_path: Path) -> None:
         (["klapoetke2017/lom"], "did you mean 'klapoetke2017/loom'?"),
         (["gone.toml"], "gone.toml: cannot be read (no such file or directory); check the path"),
         (["klapoetke2017/loom", "--change", "disk.size_deg"], "--change takes key=value"),
-        (["klapoetke2017/loom", "--change", "disk.size_deg=-3"], "size_deg must be at least 0 deg"),
+        (
+            ["klapoetke2017/loom", "--change", "disk.size_deg=-3"],
+            "klapoetke2017/loom with disk.size_deg = -3: object 'disk': size_deg must be",
+        ),
         (["klapoetke2017/loom", "--change", "dsik.size_deg=3"], "did you mean 'disk'?"),
         (
             ["klapoetke2017/loom", "--change", "display.frame_rate=0"],
@@ -177,7 +204,7 @@ def test_existing_files(tmp_path: Path) -> None:
         (["klapoetke2017/bar-expand-10", "--change", "bar.axis_deg=[]"], "takes a number"),
         (
             ["klapoetke2017/loom", "--format", "mp4", "--change", "display.width=361"],
-            "loom.toml: display.width = 361 is odd",
+            "klapoetke2017/loom with display.width = 361: display.width = 361 is odd",
         ),
         (["klapoetke2017"], "did you mean 'klapoetke2017/*'?"),
     ],

@@ -119,7 +119,9 @@ def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Pat
     assert content.alarms == []
     assert "did not count" in content.silence
     index = write_report([table, table], table.parent).first.read_text()
-    reason = "did not count: it came at the start, a cut or a flash, or was too short"
+    reason = (
+        "did not count: it came at the start, a cut, a flash or the end of a rest, or was too short"
+    )
     assert index.count(f'title="{reason}">not counted<') == 2
 
 
@@ -142,6 +144,23 @@ def test_a_table_that_was_cut_is_told(table: Path, capsys: Capture) -> None:
         done = run(capsys, command, table, *(["-j", "1"] if command == "report" else []))
         assert (done.returncode, said in done.stderr) == (0, True)
     assert said.replace("'", "&#39;") in table.with_name("clip.report.html").read_text()
+
+
+def test_remarks_on_the_times_are_warnings(table: Path) -> None:
+    content = sidecar_of(table.with_name("clip.mkv"))
+    said = "5 frames/s are too few for the models"
+    content["time"] = {"notes": [said]}
+    content["decode"] = {"complete": True, "messages": [], "pictures_per_s": 22.31}
+    write_sidecar(table, content)
+    assert content_of(read_result(table)).notes == [
+        said,
+        "the video holds about 22.3 different pictures/s; the repeats are left out",
+    ]
+    assert said in write_report([table], table.parent).first.read_text()
+    content["time"] = {"notes": "damaged"}
+    content["decode"]["pictures_per_s"] = "many"
+    write_sidecar(table, content)
+    assert content_of(read_result(table)).notes == []
 
 
 def test_settings_are_words(table: Path) -> None:

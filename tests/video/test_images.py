@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from fractions import Fraction
+from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -62,6 +63,30 @@ def test_numbers_that_are_missing_are_told(folder: Path) -> None:
         (folder / f"frame_{odd}.png").unlink()
     cv2.imwrite(str(folder / "frame_8.png"), grey_frames(1)[0])
     with open_video(folder) as video:
+        assert [len(list(video)), video.decode.messages] == [6, []]
+
+
+@pytest.mark.parametrize(
+    ("steps_ns", "told"),
+    [
+        ([33333333, 33333333, 33333334] * 3, False),
+        ([34100000, 33000000, 31000000, 38000000], False),
+        ([33333333, 33333334, 66666667, 33333333], True),
+    ],
+)
+def test_numbers_that_are_times_may_vary(tmp_path: Path, steps_ns: list[int], told: bool) -> None:
+    for time_ns in accumulate(steps_ns, initial=1700000000123456789):
+        cv2.imwrite(str(tmp_path / f"cam_{time_ns}.png"), grey_frames(1)[0])
+    with open_video(tmp_path) as video:
+        assert len(list(video)) == len(steps_ns) + 1
+        assert bool(video.decode.messages) == told
+
+
+def test_two_images_of_one_number_are_no_gap(tmp_path: Path) -> None:
+    for number in range(3):
+        for suffix in ("png", "bmp"):
+            cv2.imwrite(str(tmp_path / f"f{number}.{suffix}"), grey_frames(1)[0])
+    with open_video(tmp_path) as video:
         assert [len(list(video)), video.decode.messages] == [6, []]
 
 
