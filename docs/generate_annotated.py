@@ -10,9 +10,8 @@ import cv2
 
 from oppload_cli import stimulus
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.outputs import Outputs
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.pipeline.task import Task
+from oppload_cli.pipeline.task import Outputs, Task
 
 STIMULUS = "controls/looming-perspective"
 PICTURE = Path(__file__).parent / "annotated.png"

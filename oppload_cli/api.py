@@ -16,9 +16,9 @@ from oppload_cli.files.reading import is_there, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected
-from oppload_cli.pipeline.outputs import IfExists, Outputs
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
+from oppload_cli.pipeline.task import IfExists, Outputs
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading as tables

@@ -24,8 +24,7 @@ from oppload_cli.batch.plan import Failure
 from oppload_cli.errors import ExitCode, OpploadError, ParameterError, reason_of, shortage
 from oppload_cli.files.reading import is_file
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.outputs import IfExists
-from oppload_cli.pipeline.task import exists_already
+from oppload_cli.pipeline.task import IfExists, exists_already
 from oppload_cli.processes import cores
 from oppload_cli.processes.pool import TELL_EVERY_S, Kind, Seldom, ended_from_outside, events
 from oppload_cli.processes.signals import stop_if_asked

@@ -27,9 +27,8 @@ def demo(output: Path, if_exists: str) -> None:
     """
     from oppload_cli.cli.progress import report
     from oppload_cli.pipeline.execute import run_task
-    from oppload_cli.pipeline.outputs import IfExists, Outputs
     from oppload_cli.pipeline.settings import resolve
-    from oppload_cli.pipeline.task import Task, exists_already
+    from oppload_cli.pipeline.task import IfExists, Outputs, Task, exists_already
     from oppload_cli.plots.style import save
 
     stem, settings = stimulus.file_stem(_STIMULUS), resolve()

@@ -33,9 +33,8 @@ from oppload_cli.errors import (
 from oppload_cli.files.atomic import make_folder
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.outputs import IfExists, Outputs
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.pipeline.task import Interrupted, Task, exists_already
+from oppload_cli.pipeline.task import IfExists, Interrupted, Outputs, Task, exists_already
 from oppload_cli.results.alarms import write_alarms
 
 if TYPE_CHECKING:

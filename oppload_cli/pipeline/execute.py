@@ -18,10 +18,9 @@ from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
 from oppload_cli.pipeline.analysis import analyse
-from oppload_cli.pipeline.outputs import Writing, begun
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL
-from oppload_cli.pipeline.task import Interrupted, Outcome, Task, exists_already
+from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, begun, exists_already
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for

@@ -81,9 +81,9 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
     peak = "OppLoD's response peaks near frame 22."
     notes = [
         "The paper prints no size and no speed: radius 5 + 4 t px at 600 x 600, t in frames, is "
-        "chosen here. The detectors see it at this native size, and preset reference has the paper's "
-        "field: oppload run --height native --preset reference --set opplod.receptive_field=200 "
-        "--set opplod.cell=10 gives these curves.",
+        "chosen here. The detectors see it at this native size, and preset reference has the "
+        "paper's field: oppload run --height native --preset reference "
+        "--set opplod.receptive_field=200 --set opplod.cell=10 gives these curves.",
         "The peak comes when the edge of the disk leaves the receptive field, and D-LGMD sees the "
         "entire frame: an earlier peak is a statement about the size of the field. Figure "
         "'thresholds' compares at equal false alarms.",

@@ -11,9 +11,8 @@ import pytest
 from oppload_cli.errors import BusyError
 from oppload_cli.files.atomic import PartFile
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.outputs import IfExists, Outputs
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.pipeline.task import Task
+from oppload_cli.pipeline.task import IfExists, Outputs, Task
 from oppload_cli.video.inputs import Span
 from tests.media import grey_frames, write_video
 

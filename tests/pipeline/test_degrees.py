@@ -10,9 +10,8 @@ import pytest
 
 from oppload_cli.errors import OutputError, ParameterError
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.outputs import IfExists, Outputs
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.pipeline.task import Task
+from oppload_cli.pipeline.task import IfExists, Outputs, Task
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.files import write
 from oppload_cli.video.frames import WorkingSize

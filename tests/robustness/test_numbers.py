@@ -16,9 +16,8 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.outputs import Outputs
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.pipeline.task import Task
+from oppload_cli.pipeline.task import Outputs, Task
 from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, working_size
 from oppload_cli.video.inputs import Span, parse_position
 from oppload_cli.video.luminance import Luminance, luminance_table
