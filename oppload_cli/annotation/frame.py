@@ -37,11 +37,29 @@ _LEAST_WINDOW_S = 0.1
 _MOST_COPIES = 5  # repeats in a row; more of them are a scene at rest
 _MOST_FRAMES = 1 << 16  # that the strip keeps, in case times do not advance
 _GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # the ground is shaded while an alarm is on
-_BELOW, _ABOVE = 1.5, 2.5  # decades of the threshold that the plot shows
-_LEVELS = {0: "threshold", 1: "10 x", 2: "100 x"}
+_DECADES = 4  # that the plot shows
 _FINE = 4  # binary digits of a fraction of a pixel
 _FURTHEST = 20_000  # columns from the plot that a curve is drawn to
 _MOST_TICKS = 6  # numbers on the time axis
+
+
+class _Scale(NamedTuple):
+    """What the height of the plot means.
+
+    Attributes
+    ----------
+    top : float
+        Decades of the upper edge above that over which responses are drawn.
+    levels : dict of int to str
+        The names of the lines, by their decades.
+    """
+
+    top: float
+    levels: dict[int, str]
+
+
+OVER_THRESHOLD = _Scale(2.5, {0: "threshold", 1: "10 x", 2: "100 x"})
+OVER_LARGEST = _Scale(0.5, {0: "largest", -1: "1/10", -2: "1/100", -3: "1/1000"})
 
 
 def _paint_of(name: str) -> Paint:
@@ -169,8 +187,9 @@ class Point(NamedTuple):
     time_s : float
         Presentation time.
     ratio : float or None
-        Response over the alarm's threshold; above 1 the frame counts for the alarm. None
-        during warm-up and where the threshold is 0.
+        Response over the alarm's threshold; above 1 the frame counts for the alarm. Where the
+        alarms are off, response over the largest one so far. None during warm-up and where the
+        threshold is 0.
     alarm : bool
         Whether the alarm is on.
     """
@@ -183,6 +202,8 @@ class Point(NamedTuple):
 class History:
     """The last seconds of each detector's response relative to its alarm threshold.
 
+    Where the alarms are off, the responses are relative to the largest one so far in the video.
+
     Parameters
     ----------
     detectors : sequence of str
@@ -194,6 +215,8 @@ class History:
     ----------
     points : dict of str to deque of Point
         By detector, in the order of the frames.
+    scale : _Scale
+        Of the plot.
     """
 
     def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
@@ -201,6 +224,8 @@ class History:
             name: deque(maxlen=_MOST_FRAMES) for name in detectors
         }
         self.window_s = max(_LEAST_WINDOW_S, min(_WINDOW_S, duration_s or _WINDOW_S))
+        self.scale = OVER_THRESHOLD
+        self._largest = dict.fromkeys(detectors, 0.0)
         self._first_s: float | None = None
         self._now_s = 0.0
         self._copies = 0
@@ -210,17 +235,33 @@ class History:
         self._first_s = record.time_s if self._first_s is None else self._first_s
         self._now_s = record.time_s
         self._copies = self._copies + 1 if record.repeat else 0
+        if record.thresholds and all(map(math.isinf, record.thresholds.values())):
+            self.scale = OVER_LARGEST
         if not 0 < self._copies <= _MOST_COPIES:
             for name, points in self.points.items():
                 response, threshold = record.responses.get(name), record.thresholds.get(name)
                 ratio = None
                 if response is not None and threshold:
-                    ratio = response.response / threshold
+                    over = threshold
+                    if self.scale is OVER_LARGEST:
+                        over = self._over_largest(name, response.response)
+                    ratio = response.response / over
                 points.append(Point(record.time_s, ratio, record.alarms.get(name, False)))
         for points in self.points.values():
             # One point more than is visible, so that the curve comes from beyond the edge.
             while len(points) > 1 and points[1].time_s < self.start_s:
                 points.popleft()
+
+    def _over_largest(self, name: str, response: float) -> float:
+        """Return the largest response so far, and draw the earlier ones over it too."""
+        largest = self._largest[name]
+        if response > largest:
+            points = self.points[name]
+            for at, point in enumerate(points):
+                if point.ratio is not None:
+                    points[at] = point._replace(ratio=point.ratio * largest / response)
+            self._largest[name] = response
+        return self._largest[name] or 1.0
 
     @property
     def start_s(self) -> float:
@@ -229,19 +270,16 @@ class History:
 
 
 def draw_ground(canvas: Bgr, layout: Layout) -> None:
-    """Draw the constant part of the strip: its white ground and the names of its levels."""
+    """Draw the constant part of the strip: its white ground."""
     canvas[layout.header.y :] = WHITE
-    for level, name in _LEVELS.items():
-        row = layout.plot.y + round(level_row(10.0**level, layout))
-        x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
-        write(canvas, name, (x, row), layout.text, DARK if level == 0 else _DIM)
 
 
 def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecord) -> None:
     """Draw the strip of one frame on its ground.
 
-    The curves are logarithmic, 1/30 to 300 times the alarm's threshold. While an alarm is on,
-    the ground is shaded, and the curve of its detector is thicker.
+    The curves are logarithmic, 1/30 to 300 times the alarm's threshold; where the alarms are off,
+    1/3000 to 3 times the largest response so far. While an alarm is on, the ground is shaded, and
+    the curve of its detector is thicker.
 
     Parameters
     ----------
@@ -259,7 +297,7 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
     plot = canvas[layout.plot.slices]
     for points in history.points.values():
         _shade(plot, layout, history, list(points))
-    _grid(plot, layout)
+    _grid(canvas, layout, history.scale)
     _ticks(canvas, layout, history)
     for name, points in reversed(history.points.items()):
         _curve(plot, layout, history, list(points), _paint_of(name))
@@ -267,11 +305,11 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
     canvas[layout.header.y : layout.header.y + line] = edge
 
 
-def level_row(ratio: float, layout: Layout) -> float:
-    """Return the row of the plot for a response over its threshold, cut to its range."""
-    level = max(-_BELOW, min(_ABOVE, math.log10(ratio))) if ratio > 0 else -_BELOW
+def level_row(ratio: float, layout: Layout, scale: _Scale = OVER_THRESHOLD) -> float:
+    """Return the row of the plot for a ratio of the scale, cut to its range."""
+    below = min(_DECADES, max(0.0, scale.top - math.log10(ratio))) if ratio > 0 else _DECADES
     margin = 2 * layout.line  # for half of a dot
-    return margin + (layout.plot.height - 1 - 2 * margin) * (_ABOVE - level) / (_ABOVE + _BELOW)
+    return margin + (layout.plot.height - 1 - 2 * margin) * below / _DECADES
 
 
 def column_of(time_s: float, layout: Layout, history: History) -> float:
@@ -336,11 +374,15 @@ def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) 
     write(canvas, word, (x + text // 2, middle), text, WHITE, bold=True)
 
 
-def _grid(plot: Bgr, layout: Layout) -> None:
-    """Draw a line per level, and the time axis at the foot."""
-    for level in _LEVELS:
-        row, line = round(level_row(10.0**level, layout)), layout.line if level == 0 else 1
+def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
+    """Draw a line per level with its name, and the time axis at the foot."""
+    plot = canvas[layout.plot.slices]
+    for level, name in scale.levels.items():
+        row, line = round(level_row(10.0**level, layout, scale)), layout.line if level == 0 else 1
         plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else _GRID
+        x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
+        ink = DARK if level == 0 else _DIM
+        write(canvas, name, (x, layout.plot.y + row), layout.text, ink)
     plot[-1] = _DIM
 
 
@@ -382,7 +424,10 @@ def _curve(plot: Bgr, layout: Layout, history: History, points: list[Point], pai
             continue
         stretch = list(group)
         places = [
-            (column_of(each.time_s, layout, history), level_row(each.ratio or 0.0, layout))
+            (
+                column_of(each.time_s, layout, history),
+                level_row(each.ratio or 0.0, layout, history.scale),
+            )
             for each in stretch
         ]
         # Times of a damaged file may jump far beyond the plot.

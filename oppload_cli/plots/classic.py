@@ -13,14 +13,15 @@ from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import (
     COLUMN,
-    DASHES,
     FAINT,
     INK,
     MOST_HEIGHT,
     PAGE,
     SHADES,
     TITLE_WIDTH,
+    begin_at_zero,
     described,
+    looks_of,
     styled_figure,
     wrapped,
 )
@@ -67,13 +68,15 @@ class Request(NamedTuple):
 
     def curves(self) -> Iterator[tuple[Tuning, str, str, dict[str, Any]]]:
         """Yield table, detector, name of the curve and its look, for each curve."""
-        for number, tuning in enumerate(self.tunings):
-            for model in self.models or tuning.models:
-                detector = detector_named(model)
-                name = f"{self.names[number]}: " * (len(self.tunings) > 1) + detector.label
-                look = {"color": detector.colour, "linestyle": DASHES[number % 4]}
-                if len(tuning.of(model)):
-                    yield tuning, model, name, look
+        shown = [
+            (tuning, model, f"{table}: " * (len(self.tunings) > 1) + detector_named(model).label)
+            for tuning, table in zip(self.tunings, self.names, strict=True)
+            for model in self.models or tuning.models
+            if len(tuning.of(model))
+        ]
+        looks = looks_of([model for _, model, _ in shown])
+        for curve, look in zip(shown, looks, strict=True):
+            yield *curve, look
 
 
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
@@ -259,7 +262,7 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
             panel.set_xlabel(described(axis))
             panel.set_ylabel("peak / largest peak")
             panel.label_outer()
-        axes[0].set_ylim(bottom=0)  # of all: they share it
+        begin_at_zero(max(axes, key=lambda panel: panel.dataLim.y1))  # of all: they share it
         legend_above(figure, axes[0], wrapped(request.title, TITLE_WIDTH) + note)
     return figure, axes
 
@@ -310,11 +313,15 @@ def _range(values: Sequence[float]) -> str:
     """Return a range of ratios in words; above `_MOST_RATIO` the number means little."""
     if not values:
         return "not known: no response"
-    least, most = (
-        f"over {_MOST_RATIO}" if value > _MOST_RATIO else f"{value:.2g}"
-        for value in (min(values), max(values))
-    )
+    least, most = (_ratio(value) for value in (min(values), max(values)))
     return least if least == most else f"{least} to {most}"
+
+
+def _ratio(value: float) -> str:
+    """Return a ratio with two digits, and without an exponent where it is of three or four."""
+    if value > _MOST_RATIO:
+        return f"over {_MOST_RATIO}"
+    return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
 
 
 # ---- Contrast and habituation ---------------------------------------------------------------
@@ -336,6 +343,7 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
             label = f"{name}, largest peak {largest:.3g} ({detector_named(model).unit})"
             share = peaks[order] / (largest or 1.0)
             panel.plot(contrast[order], share, marker="o", markersize=3, **look, label=label)
+        begin_at_zero(panel)
         panel.axvline(0, color=FAINT, lw=0.7)
         panel.set_xlabel("contrast to the ground (%), below 0: darker")
         panel.set_ylabel("peak / largest peak")

@@ -170,8 +170,10 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
                 _draw_line(axes[0], fit, x.max(), look, limits=few)
             if top is not None and len(x) and 1000 * before.min() > top:
                 label += " (above)"
-            points = {"color": look["color"], "linestyle": "", "marker": "o", "markersize": 3}
-            axes[0].plot(x, 1000 * before, **points, label=label)
+            dots: dict[str, Any] = {"marker": "o", "markersize": 3}
+            points = {"color": look["color"], "linestyle": "", **dots}
+            axes[0].plot(x, 1000 * before, **points)
+            axes[0].plot([], [], **(points if fit is None else look | dots), label=label)
             if sizes is not None:
                 axes[-1].plot(x, sizes, **points)
         _draw_field(axes, curves[0][0] if curves else None)
@@ -180,7 +182,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         axes[0].set_ylabel("peak before contact (ms)")
         if sized:
             axes[-1].set_ylabel("size at peak (deg)")
-            axes[-1].set_ylim(0, 180)
+            axes[-1].set_ylim(0, 190)  # a point at 180 is not cut
             axes[-1].set_yticks(range(0, 181, 45))
         axes[-1].set_xlabel(described("l_over_v_ms"))
         axes[-1].set_xlim(left=0)

@@ -13,6 +13,7 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.panels import (
     BAR_STEP,
     FLOOR,
+    NOT_DOTTED,
     SCALES,
     CurveOptions,
     bars_of,
@@ -59,10 +60,12 @@ if TYPE_CHECKING:
 
 _MOST_CURVES = 6  # in a figure with a legend for each; more are small multiples
 _MOST_PANELS = 24  # of small multiples; more results are a heat map
+_MOST_LONGER = 4  # times as long as the shortest input of panels with one time axis
 _MOST_BINS = 400  # of time, in a heat map
 _MOST_NAMES = 60  # along a heat map
 _ALARM = "#D55E00"
 _LETTER = 0.02  # of a panel's width, for each letter of a label
+_NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
 _LINE = 0.09  # inches of height for each line of a legend
 
 
@@ -181,20 +184,32 @@ def _draw_few(
     with styled_figure(COLUMN, 1) as figure:
         axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
         free, lines = iter(axes), 0
-        for curves, truth, strip in zip(panels, shared, strips, strict=True):
+        one_time = _of_like_length(panels)
+        drawn: list[list[Axes]] = []
+        for curves, strip in zip(panels, strips, strict=True):
             panel = [next(free)]
+            if drawn and one_time:
+                panel[0].sharex(axes[0])
             lines += _draw_panel(panel[0], curves, options, title=len(panels) == 1)
             if strip is not None:
                 panel.append(next(free))
                 panel[1].sharex(panel[0])
                 _draw_truth(panel[1], strip, curves[0].zero_s)
                 panel[0].tick_params(labelbottom=False)
+            drawn.append(panel)
+        for panel, curves, truth in zip(drawn, panels, shared, strict=True):
             _mark(panel, curves, options, truth)
         axes[-1].set_xlabel(time_label(options))
         figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
         if options.title and len(panels) > 1:
             figure.suptitle(wrapped(options.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
     return figure, axes
+
+
+def _of_like_length(panels: Sequence[Sequence[Curve]]) -> bool:
+    """Tell whether the inputs can share a time axis: the shortest one is still seen on it."""
+    lasting = [float(np.ptp(curve.time)) for curves in panels for curve in curves]
+    return max(lasting) <= _MOST_LONGER * min(lasting)
 
 
 def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> None:
@@ -359,7 +374,8 @@ def _draw_multiples(
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.6 + 1.35 * rows)) as figure:
         shared = scale != "raw" and len(set(scales)) == 1
         truths = [find_truth(curves[0].result) for curves in panels]
-        grid = figure.subplots(rows, columns, squeeze=False, sharey=shared).ravel()
+        one_time = _of_like_length(panels)
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=one_time, sharey=shared).ravel()
         axes, free = list(grid[: len(panels)]), grid[len(panels) :]
         several = len({curves[0].number for curves in panels}) > 1
         notes: dict[str, None] = {}
@@ -381,11 +397,13 @@ def _draw_multiples(
             _mark([panel], curves, options, truth)
         for panel in free:
             panel.set_visible(False)
+        for panel in axes[-columns:]:  # also above an empty place
+            panel.tick_params(labelbottom=True)
         legend = panels if several else []
         title = options.title or ("" if several else panels[0][0].result.title)
         shown_notes = [note for note in notes if "above the panel" not in note]
         if len(shown_notes) < len(notes):
-            shown_notes.append("no dotted line: threshold above the panel")
+            shown_notes.append(NOT_DOTTED)
         _legend(figure, legend, shown_notes, wrapped(title, 2 * TITLE_WIDTH))
         label = _value_label(scale, panels[0][0])
         if rows == 1:  # in two lines, as one would be longer than the panel is high
@@ -414,13 +432,15 @@ def _legend(
         for curves in panels
         for curve in curves
     }
-    blank = [Line2D([], [], linestyle="none", label=wrapped(note, LEGEND_WIDTH)) for note in notes]
+    # Four columns of short names fit into a page, or three with notes.
+    columns = 3 if notes else 4
+    blank = [Line2D([], [], linestyle="none", label=wrapped(note, _NOTE_WIDTH)) for note in notes]
     entries = [*lines.values(), *blank]
     figure.legend(
-        handles=entries, loc="outside upper left", ncols=4,
+        handles=entries, loc="outside upper left", ncols=columns,
         title=title or None, title_fontsize=8, alignment="left",
     )  # fmt: skip
-    more = _LINE * 1.5 * (-(-len(entries) // 4) - 1)  # lines; the panels keep their height
+    more = _LINE * 1.5 * (-(-len(entries) // columns) - 1)  # lines; the panels keep their height
     figure.set_figheight(min(MOST_HEIGHT, figure.get_figheight() + more))
 
 

@@ -12,12 +12,11 @@ from matplotlib.ticker import FixedLocator, FuncFormatter
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import (
-    CYCLE,
-    DASHES,
     INK,
     LEGEND_WIDTH,
     in_number_order,
     labels_of,
+    looks_of,
     wrapped,
 )
 from oppload_cli.results.reading import result_threshold
@@ -38,6 +37,7 @@ SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; responses below it are drawn at it
 HEADROOM = 1.25  # over the peak
 BAR, BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
+NOT_DOTTED = "no dotted line: threshold above the panel"
 UNCOUNTED = "above the threshold without an alarm: at the start, a cut or a flash, or too short"
 
 
@@ -166,15 +166,15 @@ def panels_of(
     order = in_number_order(labels)
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
         name = detectors[0][0]
+        looks = looks_of([name] * len(order))
         return [
             [
                 Curve(
-                    results[at], at, name, labels[at], CYCLE[rank % 7], zeros[at],
-                    DASHES[rank // 7 % 4],
+                    results[at], at, name, labels[at], look["color"], zeros[at], look["linestyle"]
                 )
-                for rank, at in enumerate(order)
+                for at, look in zip(order, looks, strict=True)
             ]
-        ]  # fmt: skip
+        ]
     groups = [
         [
             Curve(
@@ -318,18 +318,21 @@ def _described(curve: Curve, scale: str, best: int) -> str:
 def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
     """Draw the threshold of an alarm where it is in the panel; return the notes for the legend."""
     threshold, peak = curve.threshold, float(np.nanmax(curve.response))
-    if threshold is None or peak <= 0:
+    if threshold is None:
         return []
+    label = detector_named(curve.detector).label
+    if peak <= 0:
+        return [f"threshold of {label} above the panel: no response"]
     over = peak if scale == "peak" else 1.0
     shown = np.where(threshold > HEADROOM * peak, np.nan, threshold) / over
     if not np.isfinite(shown).any():
         times = float(np.nanmin(threshold)) / peak
-        label = detector_named(curve.detector).label
         return [f"threshold of {label} above the panel: {times:.3g} times the peak or more"]
     axes.plot(
         curve.time, shown, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)), drawstyle="steps-mid"
     )
-    return ["dotted: threshold of the alarm"]
+    notes = ["dotted: threshold of the alarm"]
+    return [*notes, NOT_DOTTED] if (threshold > HEADROOM * peak).any() else notes
 
 
 def log_axis(axes: Axes, top: float) -> None:

@@ -13,12 +13,12 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.plots.style import (
     COLUMN,
-    DASHES,
     FAINT,
     LPLC2,
     MOST_HEIGHT,
     PAGE,
     TITLE_WIDTH,
+    looks_of,
     styled_figure,
     told_apart,
     wrapped,
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 _TURN = 2 * np.pi
 _MOST_CURVES = 6  # in one plot; more get a small plot each
+_SCENE = "scene.rotation_deg"
+_MOTION, _TURNED = "direction of motion", "rotation of the scene"
 _ROUNDING = 1e-6  # of a peak: equal responses differ by less
 _NOTHING = 1e-6  # of the alarm's floor: rounding errors of pathways that cancel are below
 
@@ -136,6 +138,8 @@ class DirectionTuning:
         Line properties of matplotlib.
     symmetric : bool
         Whether half a turn gives the same stimulus, so that half of the curve is a copy.
+    angle : str
+        What the angles are.
     """
 
     name: str
@@ -144,6 +148,7 @@ class DirectionTuning:
     unit: str
     look: dict[str, Any]
     symmetric: bool = False
+    angle: str = _MOTION
 
     @property
     def numbers(self) -> _Selectivity:
@@ -202,10 +207,15 @@ def direction_tunings(
         If a table has no direction, more than one parameter, or lacks a detector.
     """
     names = names_of(tunings, labels)
-    made = [
-        _of_detector(tuning, name, number, names)
-        for number, tuning in enumerate(tunings)
+    shown = [
+        (tuning, name, table)
+        for tuning, table in zip(tunings, names, strict=True)
         for name in detectors or tuning.models
+    ]
+    looks = looks_of([name for _, name, _ in shown])
+    made = [
+        _of_detector(tuning, name, table if len(names) > 1 else "", look)
+        for (tuning, name, table), look in zip(shown, looks, strict=True)
     ]
     width = _bar_width(tunings) if lplc2 == "auto" else int(lplc2) if lplc2.isdigit() else None
     reference = bar_tuning(width) if width else {}
@@ -218,8 +228,9 @@ def direction_tunings(
 
 
 def _of_detector(
-    tuning: Tuning, detector: str, number: int, names: Sequence[str]
+    tuning: Tuning, detector: str, table: str, look: dict[str, Any]
 ) -> DirectionTuning:
+    """Return the curve of a detector, named after its table too if that has a name."""
     direction = tuning.direction
     if direction is None:
         raise ResultError(
@@ -240,20 +251,20 @@ def _of_detector(
     if tuning.symmetric:
         angles, values = full_circle(angles, values)
     label = detector_named(detector).label
-    name = label if len(names) == 1 else f"{label}, {names[number]}"
-    look = {
-        "color": detector_named(detector).colour, "linestyle": DASHES[number % len(DASHES)],
-        "marker": "o", "markersize": 2.2,
-    }  # fmt: skip
+    name = f"{label}, {table}" if table else label
+    look = {**look, "marker": "o", "markersize": 2.2}
     unit = detector_named(detector).unit
-    return DirectionTuning(name, angles, values, unit, look, tuning.symmetric)
+    angle = _TURNED if direction == _SCENE else _MOTION
+    return DirectionTuning(name, angles, values, unit, look, tuning.symmetric, angle)
 
 
 def _bar_width(tunings: Sequence[Tuning]) -> int | None:
-    """Return the width of the study's expanding bar, if all stimuli show it.
+    """Return the width of the study's expanding bar, if all stimuli show it along its axis.
 
     The name tells it, and the sidecar that the bar was not changed.
     """
+    if any(tuning.direction == _SCENE for tuning in tunings):
+        return None
     found = {re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings}
     widths = {int(match[1]) if match else None for match in found}
     width = widths.pop() if len(widths) == 1 else None
@@ -335,7 +346,7 @@ def _draw_multiples(
             figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
         radius = "response" if raw else "response / peak"
         figure.supxlabel(
-            f"radius: {radius}; angle: direction of motion, to the right: 0°", fontsize=7.5
+            f"radius: {radius}; angle: {_angle_of(curves)}, to the right: 0°", fontsize=7.5
         )
     return figure, axes
 
@@ -367,8 +378,12 @@ def draw_polar(axes: PolarAxes, curves: Sequence[DirectionTuning], *, raw: bool 
     axes.spines["polar"].set_color(FAINT)
     axes.tick_params(pad=0)
     label = f"response ({curves[0].unit})" if raw else "response / peak"
-    axes.set_xlabel(f"radius: {label}; angle: direction of motion")
+    axes.set_xlabel(f"radius: {label}; angle: {_angle_of(curves)}")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), borderaxespad=0)
+
+
+def _angle_of(curves: Sequence[DirectionTuning]) -> str:
+    return " or ".join(dict.fromkeys(curve.angle for curve in curves))
 
 
 def _free_direction(axes: PolarAxes) -> float:

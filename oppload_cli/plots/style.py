@@ -23,11 +23,13 @@ from matplotlib.figure import Figure
 from oppload_cli import palette
 from oppload_cli.errors import ParameterError, printable
 from oppload_cli.files.atomic import write_atomic
+from oppload_cli.models.registry import detector_named
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
+    from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
     from oppload_cli.results.reading import Result, Tuning
@@ -44,6 +46,7 @@ COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
 PAGE = 17.8 / 2.54  # inches: two columns
 MOST_HEIGHT = 23 / 2.54  # inches: that of a page
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
+_HEADROOM = 1.06  # over the highest point, for half of its marker
 DECADES = 4  # of a logarithmic heat map
 _PARAMETER_UNITS = {
     "_deg_s": "deg/s",
@@ -105,6 +108,34 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
 def as_list(results: T | Sequence[T]) -> list[T]:
     """Return one result, or some, as a list."""
     return list(results) if isinstance(results, Sequence) else [results]
+
+
+def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the colour and the dashes of each curve of a figure.
+
+    Parameters
+    ----------
+    detectors : sequence of str
+        The detector of each curve.
+
+    Returns
+    -------
+    list of dict
+        Line properties of matplotlib: each detector's own colour; or, where a detector has several
+        curves, colours in turn, so that no two of up to 28 curves look alike.
+    """
+    if len(set(detectors)) == len(detectors):
+        return [{"color": detector_named(name).colour, "linestyle": "-"} for name in detectors]
+    count = len(CYCLE)
+    return [
+        {"color": CYCLE[number % count], "linestyle": DASHES[number // count % len(DASHES)]}
+        for number in range(len(detectors))
+    ]
+
+
+def begin_at_zero(axes: Axes) -> None:
+    """Begin the vertical axis at 0, and end it where the highest marker is not cut."""
+    axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)
 
 
 def norm_of(values: NDArray[np.float64], bounds: tuple[float, float] | None = None) -> Normalize:

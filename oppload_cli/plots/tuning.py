@@ -13,7 +13,6 @@ from oppload_cli.plots.contact import contact_lines, plot_contact
 from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
-    DASHES,
     DECADES,
     LEGEND_WIDTH,
     MOST_HEIGHT,
@@ -21,7 +20,9 @@ from oppload_cli.plots.style import (
     SHADES,
     TITLE_WIDTH,
     as_list,
+    begin_at_zero,
     described,
+    looks_of,
     norm_of,
     styled_figure,
     wrapped,
@@ -179,29 +180,38 @@ def _plot_line(
     """Draw the peak over one swept parameter; a panel for each detector if raw."""
     parameter = _parameter(tunings)
     names = list(detectors) or list(dict.fromkeys(m for each in tunings for m in each.models))
+    for name in names:
+        if all(tuning.of(name).empty for tuning in tunings):
+            raise ResultError(
+                f"{tunings[0].path}: column 'model' never holds '{name}'; leave it out"
+            )
     groups = [[name] for name in names] if raw else [names]
     height = 0.3 + len(groups) * 1.9 + 0.13 * len(names) * len(tunings)
     with styled_figure(COLUMN, min(MOST_HEIGHT, height)) as figure:
         axes = figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0]
         for panel, group in zip(axes, groups, strict=True):
-            for number, tuning in enumerate(tunings):
-                for name in group:
-                    rows = tuning.of(name)
-                    largest = float(rows["peak"].max()) if len(rows) else 0.0
-                    detector = detector_named(name)
-                    label = f"{detector.label}, largest peak {largest:.3g} ({detector.unit})"
-                    if len(tunings) > 1:
-                        label = f"{tables[number]}: {label}"
-                    panel.plot(
-                        rows[parameter], rows["peak"] / (1.0 if raw or largest <= 0 else largest),
-                        "o", markersize=3, color=detector.colour,
-                        linestyle=DASHES[number % 4], label=wrapped(label, LEGEND_WIDTH),
-                    )  # fmt: skip
+            shown = [
+                (tuning.of(name), name, table)
+                for tuning, table in zip(tunings, tables, strict=True)
+                for name in group
+                if len(tuning.of(name))
+            ]
+            looks = looks_of([name for _, name, _ in shown])
+            for (rows, name, table), look in zip(shown, looks, strict=True):
+                largest = float(rows["peak"].max())
+                detector = detector_named(name)
+                label = f"{detector.label}, largest peak {largest:.3g} ({detector.unit})"
+                label = f"{table}: " * (len(tunings) > 1) + label
+                share = rows["peak"] / (1.0 if raw or largest <= 0 else largest)
+                panel.plot(
+                    rows[parameter], share, marker="o", markersize=3, **look,
+                    label=wrapped(label, LEGEND_WIDTH),
+                )  # fmt: skip
             unit = (
                 f"peak response ({detector_named(group[0]).unit})" if raw else "peak / largest peak"
             )
             panel.set_ylabel(unit)
-            panel.set_ylim(bottom=0)
+            begin_at_zero(panel)
             panel.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1)
         axes[-1].set_xlabel(described(parameter))
         lines = sum(each.count("\n") + 1 for each in axes[0].get_legend_handles_labels()[1])

@@ -50,11 +50,14 @@ class Condition:
         Swept values by dotted key.
     measures : dict of str to Measures
         By detector.
+    indicator_s : float
+        Time constant of the calcium indicator that showed the responses; 0 for none.
     """
 
     stimulus: str
     values: dict[str, Any]
     measures: dict[str, Measures]
+    indicator_s: float = 0.0
 
 
 def tune(
@@ -105,10 +108,13 @@ def tune(
         progress=lambda _: progress() if progress else None,
     )
     return [
-        Condition(name, values, measures)
+        Condition(name, values, measures, indicator_s)
         if presentations == 1
         else Condition(
-            f"{name}/{_PRESENTATION}-{number}", {**values, _PRESENTATION: number}, measures
+            f"{name}/{_PRESENTATION}-{number}",
+            {**values, _PRESENTATION: number},
+            measures,
+            indicator_s,
         )
         for (name, values), times in zip(entry.values().items(), shown, strict=True)
         for number, measures in enumerate(times, 1)
@@ -133,7 +139,18 @@ def _measured(
 
 
 def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[str]:
-    """Name the detectors that hardly respond: the shape of such a curve tells little."""
+    """Name the detectors that hardly respond: the shape of such a curve tells little.
+
+    None is named where an indicator showed the responses: it makes every peak smaller, and the
+    floors are those of responses without one.
+    """
+    if any(each.indicator_s for each in conditions):
+        return
+    floor_of = (
+        "the floor of its alarm"
+        if settings.alarm.on
+        else ("what its alarm needs under other presets (here the alarms are off)")
+    )
     for name in settings.models:
         peak = max(each.measures[name].peak or 0 for each in conditions)
         floor = alarm_floor_of(name, settings.preset)
@@ -141,7 +158,7 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[str]:
             yield (
                 f"{detector_named(name).label} hardly responds to this stimulus under "
                 f"preset {settings.preset}: its largest response, {peak:.2g}, is below a tenth of "
-                f"the floor of its alarm, {floor:g}, so that the shape of its curve means little; "
+                f"{floor_of}, {floor:g}, so that the shape of its curve means little; "
                 f"try a faster stimulus or another preset ('oppload models')"
             )
 

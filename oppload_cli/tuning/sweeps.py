@@ -229,9 +229,10 @@ def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str] = (
 
 
 # Words that stand for a key, and the keys that each may mean, with {id} for an object.
+_DIRECTIONS = ("{id}.axis_deg", "{id}.motion.direction_deg", "scene.rotation_deg")
 _WORDS = {
-    "axis": ("{id}.axis_deg", "scene.rotation_deg"),
-    "direction": ("scene.rotation_deg",),
+    "axis": _DIRECTIONS,
+    "direction": _DIRECTIONS,
     "speed": ("{id}.growth.speed_deg_s", "{id}.motion.speed_deg_s"),
     "width": ("{id}.width_deg",),
     "size": ("{id}.size_deg",),

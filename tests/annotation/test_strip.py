@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.annotation.frame import (
+    OVER_LARGEST,
     History,
     Point,
     column_of,
@@ -220,3 +222,25 @@ def test_repeats_are_passed_over_and_a_scene_at_rest_is_not() -> None:
     for frame in range(12, 20):
         history.add(record(frame, {"opplod": 0.0}, repeat="exact"))
     assert [point.ratio for point in history.points["opplod"]][4:] == [0] * 5
+
+
+def test_without_alarms_responses_are_over_the_largest_so_far() -> None:
+    records = [
+        replace(record(t, {"opplod": value}), thresholds={"opplod": math.inf})
+        for t, value in enumerate([2.0, 1.0] * 15 + [20.0] + [5.0] * 29)
+    ]
+    canvas, history = drawn(records[:30])
+    assert [point.ratio for point in history.points["opplod"]][:2] == [1, 0.5]
+    canvas, history = drawn(records)
+    ratios = [point.ratio for point in history.points["opplod"]]
+    assert ratios == pytest.approx([0.1, 0.05] * 15 + [1] + [0.25] * 29)
+    plot = canvas[LAYOUT.plot.slices]
+    column = round(column_of(50 / 30, LAYOUT, history))
+    assert near(plot[round(level_row(0.25, LAYOUT, OVER_LARGEST)), column], OPPLOD, 12)
+    # The dark line is at the largest one, and not where the threshold would be.
+    lines = {row: (plot[row, -50:] == 34).all() for row in range(len(plot))}
+    assert lines[round(level_row(1, LAYOUT, OVER_LARGEST))]
+    assert not lines[round(level_row(1, LAYOUT))]
+    names = slice(LAYOUT.plot.y, LAYOUT.plot.y + LAYOUT.plot.height), slice(0, LAYOUT.plot.x - 2)
+    usual, _ = drawn([record(t, {"opplod": 1.0}) for t in range(9)])
+    assert (canvas[names] != usual[names]).any()

@@ -10,9 +10,8 @@ import pytest
 
 from oppload_cli.compute import loops
 from oppload_cli.pipeline.execute import run_task
-from oppload_cli.pipeline.outputs import Outputs
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.pipeline.task import Task
+from oppload_cli.pipeline.task import Outputs, Task
 from tests.media import disk, texture, write_video
 
 if TYPE_CHECKING:

@@ -130,7 +130,7 @@ def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> No
         f"locust DCMD, example\n24 deg, 27 ms {study}",
         "fly giant fibre, excitation by size\n42 deg, 11.9 ms (von Reyn et al. 2017)",
     ]
-    edge, example, fibre = times.lines[2:]
+    edge, example, fibre = times.lines[3:]
     right = times.get_xlim()[1]
     assert y_of(edge)[1] == pytest.approx(right / math.tan(math.radians(30)))
     assert y_of(example) == pytest.approx([-27, right / math.tan(math.radians(12)) - 27])
@@ -323,3 +323,13 @@ def test_the_sum_of_single_ends_is_inside_the_axes(tmp_path: Path) -> None:
     for panel in plot_tuning(tuning, "ends")[1]:
         assert panel.get_ylim()[0] == 0
         assert panel.get_ylim()[1] > 2
+
+
+def test_ratios_of_three_digits_have_no_exponent(tmp_path: Path) -> None:
+    axes = [0.0, 90]
+    values: dict[str, list[Any]] = {
+        "bar.axis_deg": axes * 2, "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
+    }  # fmt: skip
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [6.7, 12.3, 0.1, 0.1]})
+    _, (panel,) = plot_tuning(tuning, "ends")
+    assert panel.get_title(loc="left") == "OppLoD, peak 12\nboth / one 67 to 123"

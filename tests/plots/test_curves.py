@@ -375,3 +375,60 @@ def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> No
     path.with_name("clip.oppload.json").write_text(json.dumps(older))
     with pytest.raises(ResultError, match=r"is of schema oppload\.result/1"):
         plot_curves(read_result(path))
+
+
+def test_panels_have_one_time_axis(tmp_path: Path) -> None:
+    """Warm-ups differ, so that the curves of a result begin at different times."""
+    rows = frame_rows()
+    for late, name in enumerate(list(detectors())[:8]):
+        for at, row in enumerate(rows):
+            row[f"{name}_response"] = "" if at < 3 * late else "0.5"
+    result = read_result(write_rows(tmp_path / "a.frames.csv", rows))
+    _, many = plot_curves(result)
+    assert len(many) == 8
+    _, two = plot_curves(result, models=["opplod", "dlgmd"], scale="raw")
+    assert len(two) == 2
+    for axes in (many, two):
+        assert len({panel.get_xlim() for panel in axes}) == 1
+        assert axes[0].get_xlim()[0] <= 0
+
+
+def test_inputs_of_very_different_lengths_have_a_time_axis_each(tmp_path: Path) -> None:
+    for frames, count in ((80, 1), (400, 2)):
+        pair = [result_in(tmp_path, "a", 40), result_in(tmp_path, f"b-{frames}", frames)]
+        _, axes = plot_curves(pair)
+        assert len({panel.get_xlim() for panel in axes}) == count
+
+
+def test_the_legend_says_where_a_dotted_line_is_above_the_panel(tmp_path: Path) -> None:
+    rows = frame_rows()
+    for at, row in enumerate(rows):
+        row["opplod_response"] = "0.1" if at < 20 else "0.9"
+    path = write_rows(tmp_path / "a.frames.csv", rows)
+    # The threshold rises to 3 times the earlier responses, above the panel.
+    alarm = {"opplod_floor": 0.25, "factor": 3.0, "background_s": 1.0, "guard_s": 0.1}
+    path.with_name("a.oppload.json").write_text(json.dumps({"parameters": {"alarm": alarm}}))
+    _, (panel,) = plot_curves(read_result(path), models=["opplod"], scale="raw")
+    assert "dotted: threshold of the alarm" in labels(panel)
+    assert "no dotted line: threshold above the panel" in labels(panel)
+    for row in rows:
+        row["opplod_response"] = "0"
+    write_rows(path, rows)
+    _, (panel,) = plot_curves(read_result(path), models=["opplod"], scale="raw")
+    assert "threshold of OppLoD above the panel: no response" in labels(panel)
+
+
+def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> None:
+    rows = frame_rows()
+    for row in rows:
+        for number, name in enumerate(list(detectors())[:8]):
+            row[f"{name}_response"], row[f"{name}_alarm"] = f"{1e6 * (number > 3)}", "0"
+    rows[20]["opplod_alarm"] = "1"
+    figure, _ = plot_curves(read_result(write_rows(tmp_path / "a.frames.csv", rows)), scale="raw")
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    assert {"dotted: threshold of the alarm", "shaded: alarm on"} <= {
+        text.get_text() for text in legend.get_texts()
+    }
+    assert len(legend.get_texts()) == 4
+    assert legend.get_window_extent().x1 <= figure.bbox.x1

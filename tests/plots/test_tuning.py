@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from matplotlib.artist import getp
 from matplotlib.colors import LogNorm
 from matplotlib.projections.polar import PolarAxes
 from scipy import stats
@@ -13,7 +14,7 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.contact import PeakTimes, student_t
 from oppload_cli.plots.polar import direction_tunings
-from oppload_cli.plots.style import MOST_HEIGHT, described
+from oppload_cli.plots.style import CYCLE, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference.published import bar_tuning, lplc2_peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
@@ -267,3 +268,79 @@ def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
 )
 def test_swept_parameters_have_their_unit(parameter: str, label: str) -> None:
     assert described(parameter) == label
+
+
+def presets(folder: Path, values: dict[str, list[float]]) -> list[Tuning]:
+    """Two tables of OppLoD over the same values, of two presets."""
+    tables = []
+    for preset in ("reference", "lplc2"):
+        path = write_tuning(folder / f"{preset}.tuning.csv", values, {"opplod": [1.0, 2, 4, 4]})
+        content = json.loads(path.with_suffix(".json").read_text())
+        content["stimulus"].setdefault("first", {})["display"] = {"background": 0.5}
+        path.with_suffix(".json").write_text(json.dumps({**content, "preset": preset}))
+        tables.append(read_tuning(path))
+        tables[-1].rows["peak_before_contact_s"] = [0.03, 0.05, 0.09, 0.11]
+        tables[-1].rows["size_at_peak_deg"] = [40.0, 40, 40, 180]
+    return tables
+
+
+@pytest.mark.parametrize(
+    ("kind", "key"),
+    [
+        ("contact", "disk.growth.l_over_v_ms"),
+        ("contrast", "disk.luminance"),
+        ("habituation", "presentation"),
+        ("line", "disk.size_deg"),
+        ("polar", "bar.axis_deg"),
+    ],
+)
+def test_two_tables_of_one_detector_have_two_colours(tmp_path: Path, kind: str, key: str) -> None:
+    tables = presets(tmp_path, {key: [0.2, 0.4, 0.8, 1.0]})
+    _, axes = plot_tuning(tables, kind, published=False, lplc2="none")
+    for panel in axes:
+        marked = [line for line in panel.lines if line.get_marker() == "o"]
+        colours = {line.get_color(): line for line in marked}
+        assert list(colours) == list(CYCLE[:2])
+    handles, labels = axes[0].get_legend_handles_labels()
+    assert [getp(handle, "color") for handle in handles[:2]] == list(CYCLE[:2])
+    assert ["reference" in label for label in labels[:2]] == [True, False]
+    _, axes = plot_tuning(tables[0], kind, published=False, lplc2="none")
+    assert axes[0].lines[0].get_color() == detector_named("opplod").colour
+
+
+def test_a_detector_in_one_of_two_tables_keeps_its_colour() -> None:
+    assert [look["color"] for look in looks_of(["dlgmd", "opplod"])] == [
+        detector_named(name).colour for name in ("dlgmd", "opplod")
+    ]
+    many = looks_of(["opplod"] * 28)
+    assert len({(look["color"], look["linestyle"]) for look in many}) == 28
+
+
+def test_the_axis_begins_at_zero_and_cuts_no_marker(tmp_path: Path) -> None:
+    tables = presets(tmp_path, {"disk.luminance": [0.2, 0.4, 0.8, 1.0]})
+    tables[0].rows["peak"] = [0.8, 0.9, 0.9, 1.0]
+    for kind in ("contrast", "line"):
+        _, (panel,) = plot_tuning(tables[0], kind)
+        assert panel.get_ylim() == pytest.approx((0, 1.06))
+    l_over_v = presets(tmp_path, {"disk.growth.l_over_v_ms": [10.0, 20, 40, 50]})
+    assert plot_tuning(l_over_v[0], "contact")[1][1].get_ylim() == (0, 190)
+
+
+def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
+    for key, angle in (
+        ("scene.rotation_deg", "rotation of the scene"),
+        ("bar.axis_deg", "direction of motion"),
+    ):
+        path = write_tuning(tmp_path / "a.tuning.csv", {key: AXES["bar.axis_deg"]}, PEAKS)
+        tuning = read_tuning(path)
+        _, (panel,) = plot_tuning(tuning)
+        assert panel.get_xlabel() == f"radius: response / peak; angle: {angle}"
+        names = [curve.name for curve in direction_tunings([tuning])]
+        assert any(name.startswith("LPLC2") for name in names) == (key == "bar.axis_deg")
+
+
+def test_a_detector_that_no_table_holds_draws_no_line(tmp_path: Path) -> None:
+    values = {"disk.size_deg": [5.0, 9]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2]}))
+    with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'; leave it out"):
+        plot_tuning(tuning, models=["dlgmd"])

@@ -14,7 +14,14 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.tuning.present import Measures, Responses, measure, present
-from oppload_cli.tuning.run import to_onset, tune, write_tuning, write_tuning_sidecar
+from oppload_cli.tuning.run import (
+    Condition,
+    faint,
+    to_onset,
+    tune,
+    write_tuning,
+    write_tuning_sidecar,
+)
 from oppload_cli.tuning.sweeps import sweeps
 
 if TYPE_CHECKING:
@@ -168,6 +175,10 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     [
         ("klapoetke2017/bar-expand-10", "axis", "bar.axis_deg"),
         ("controls/translating-disk-direction", "direction", "scene.rotation_deg"),
+        ("klapoetke2017/bar-expand-10/axis-45", "direction", "bar.axis_deg"),
+        ("controls/sine-grating", "direction", "grating.axis_deg"),
+        ("controls/texture-pan", "direction", "ground.motion.direction_deg"),
+        ("klapoetke2017/loom", "direction", "scene.rotation_deg"),
         ("klapoetke2017/bar-expand-10", "width", "bar.width_deg"),
         ("klapoetke2017/loom-speed", "speed", "disk.growth.speed_deg_s"),
         ("controls/translating-disk-speed", "speed", "disk.motion.speed_deg_s"),
@@ -187,6 +198,8 @@ def test_a_member_of_a_sweep_keeps_its_values() -> None:
     assert list(entry.sweep) == ["scene.rotation_deg"]
     disks = [each.as_table()["object"][0] for each in entry.protocols()]
     assert [disk["growth"]["l_over_v_ms"] for disk in disks] == [80] * 4
+    grating = swept("controls/sine-grating", ["direction"])
+    assert grating.sweep == find("controls/sine-grating")[0].sweep
     again = swept("klapoetke2017/bar-expand-10/axis-45", ["axis=0,90"])
     assert again.sweep == {"bar.axis_deg": [0, 90]}
 
@@ -283,3 +296,15 @@ def test_two_frames_decide_whether_a_stimulus_is_symmetric(
     path = tmp_path / "a.tuning.json"
     write_tuning_sidecar(path, swept(stimulus, []), resolve(), command=[])
     assert json.loads(path.read_text())["stimulus"]["symmetric"] is symmetric
+
+
+def test_an_indicator_and_alarms_that_are_off_change_what_is_said_of_faint_responses() -> None:
+    measures = {"dlgmd": Measures(peak=1e-4)}
+    for preset, words in (
+        ("reference", "a tenth of the floor of its alarm, 0.01"),
+        ("lplc2", "its alarm needs under other presets (here the alarms are off), 0.01"),
+    ):
+        settings = resolve(preset=preset, models=["dlgmd"])
+        (line,) = faint([Condition("a", {}, measures)], settings)
+        assert words in line
+        assert not list(faint([Condition("a", {}, measures, 1.0)], settings))
