@@ -85,7 +85,7 @@ class Plgmd(ChangeDetector):
     )
     answers = PlgmdResponse
     parameters = PlgmdParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 19.0}
+    alarm_floors: ClassVar = {DEFAULT_PRESET: 20.0}
     year = 2023
     reference = "Fu, pLGMD"
     answers_to = "moving edges in clusters, and where they were; weak motion drowns"
