@@ -44,7 +44,7 @@ RMO = (
         "0 for translation, rotation and noise",
     ),
 )
-# Of each detector that has places.
+# Of each detector with places: the box and the winning unit.
 PLACE = (
     Column("x", "source px", "left edge of the strongest looming object's box"),
     Column("y", "source px", "top edge of the strongest looming object's box"),
@@ -53,7 +53,7 @@ PLACE = (
     Column("unit_x", "source px", "centre of the winning unit's field, from the left"),
     Column("unit_y", "source px", "centre of the winning unit's field, from the top"),
 )
-# The same with a field of view (`--fov`).
+# Of each detector with places, where the field of view is known (`--fov`).
 VIEW = (
     Column("azimuth_deg", "deg", "direction of its focus of expansion, right of the middle"),
     Column(

@@ -295,6 +295,7 @@ class _Preparation:
 
     def step(self, frame: Frame) -> _Prepared:
         """Take the next frame."""
+        # An open video has put its times right; those of a caller's own frames may be wrong.
         time_s = self._times.step(frame.time_s)
         if time_s != frame.time_s:
             frame = replace(frame, time_s=time_s)

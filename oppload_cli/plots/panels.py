@@ -38,7 +38,7 @@ FLOOR = 0.01  # of the threshold; responses below it are drawn at it
 HEADROOM = 1.25  # over the peak
 BAR, BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
 NOT_DOTTED = "no dotted line: threshold above the panel"
-UNCOUNTED = "above the threshold without an alarm: at the start, a cut or a flash, or too short"
+UNCOUNTED = "above the threshold without an alarm: start, cut, flash, after rest, too short"
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def test_a_peak_that_did_not_count_is_explained(tmp_path: Path) -> None:
     silent = read_result(write_rows(tmp_path / "cut.frames.csv", rows))
     _, (panel,) = plot_curves(silent, models=["opplod"])
     assert labels(panel)[1].replace("\n", " ") == (
-        "above the threshold without an alarm: at the start, a cut or a flash, or too short"
+        "above the threshold without an alarm: start, cut, flash, after rest, too short"
     )
 
 
