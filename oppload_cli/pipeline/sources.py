@@ -68,7 +68,7 @@ class StimulusVideo:
             protocol.frame_count * showings,
         )
         self.working = working_size(self.facts, height)
-        self._luminance = Luminance(self.working, 0)
+        self._luminance = Luminance(self.working)
 
     def __iter__(self) -> Iterator[Frame]:
         for first in range(
@@ -92,7 +92,7 @@ class ArrayLuminance:
 
     def __init__(self, working: WorkingSize) -> None:
         self._working = working
-        self._of_plane = Luminance(working, 0)
+        self._of_plane = Luminance(working)
 
     def __call__(self, values: Frames, name: str) -> NDArray[np.float32]:
         """Return the luminance of a picture, 0 to 1, in memory of its own.

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from av.video.reformatter import VideoReformatter
 
-from oppload_cli.video.luminance import TURNS, luminance_table
+from oppload_cli.video.luminance import as_displayed, luminance_table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,14 +39,14 @@ class Colour:
     Parameters
     ----------
     facts : InputFacts
-        Gives the displayed size and the rotation.
+        Give the displayed size, and how the pictures are mirrored and turned.
     size : tuple of int, optional
         Width and height of the pictures; those of :func:`colour_size` if left out.
     """
 
     def __init__(self, facts: InputFacts, size: tuple[int, int] | None = None) -> None:
         width, height = size or colour_size(facts)
-        self._turn = TURNS.get(facts.rotation)
+        self._facts = facts
         self._coded = (height, width) if facts.rotation in (90, 270) else (width, height)
         self._converter = VideoReformatter()
 
@@ -59,18 +59,16 @@ class Colour:
             Blue, green and red of the displayed picture; grey where the source is grey,
             or where a damaged colour space cannot be converted.
         """
-        colour = self._converted(picture)
-        if self._turn is None:
-            return colour
-        return np.asarray(cv2.rotate(colour, self._turn), np.uint8)
+        return as_displayed(self._converted(picture), self._facts)
 
     def planes(self, picture: Picture) -> av.VideoFrame:
         """Return a picture as H.264 takes it: yuv420p, BT.709, limited range.
 
-        Where nothing has to be turned it is scaled as it was coded, at a quarter of the cost.
+        A picture that is displayed as it is coded is scaled in its own planes, at a quarter of
+        the cost.
         """
-        original = picture.original
-        if isinstance(original, av.VideoFrame) and self._turn is None:
+        original, facts = picture.original, self._facts
+        if isinstance(original, av.VideoFrame) and not (facts.mirrored or facts.rotation):
             with suppress(av.error.FFmpegError, ValueError):
                 return self._converter.reformat(
                     original, *self._coded, "yuv420p", self._assumed(original), BT709,

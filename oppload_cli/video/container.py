@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
+import numpy as np
 from av.codec.context import Flags
 
 from oppload_cli.errors import SourceError, reason_of, remedy_of
@@ -408,8 +409,7 @@ class ContainerSource:
 
     def _facts(self) -> InputFacts:
         frame, stream = self._first, self._stream
-        rotation = int(frame.rotation) % 360
-        rotation = rotation if rotation % 90 == 0 else 0
+        mirrored, rotation = _orientation(frame)
         sideways = rotation in (90, 270)
         aspect = stream.sample_aspect_ratio
         return InputFacts(
@@ -419,6 +419,7 @@ class ContainerSource:
             height=frame.width if sideways else frame.height,
             frame_rate=_rate(stream),
             frames_declared=_declared_frames(self._container, stream),
+            mirrored=mirrored,
             rotation=rotation,
             codec=self._codec,
             pixel_format=frame.format.name,
@@ -426,6 +427,16 @@ class ContainerSource:
             pixel_aspect=Fraction(aspect) if aspect else None,
             bytes=None if self._remote else self._container.size,
         )
+
+
+def _orientation(frame: VideoFrame) -> tuple[bool, int]:
+    """Return whether a frame is to be mirrored, and its turn after that in degrees."""
+    # The turn is that of the first axis alone, which points the other way in a mirrored frame.
+    matrix: Any = frame.side_data.get("DISPLAYMATRIX")
+    terms = np.zeros(9) if matrix is None else np.frombuffer(matrix, np.int32).astype(float)
+    mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
+    rotation = (int(frame.rotation) + 180 * mirrored) % 360
+    return mirrored, rotation if rotation % 90 == 0 else 0
 
 
 def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:

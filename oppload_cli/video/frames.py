@@ -126,6 +126,8 @@ class InputFacts:
         Frames per second.
     frames_declared : int or None
         As the container says; None where it does not.
+    mirrored : bool
+        Whether left and right were exchanged, before the picture was turned.
     rotation : int
         Counter-clockwise turn in degrees that was applied: 0, 90, 180 or 270.
     codec, pixel_format, colour_range : str
@@ -142,6 +144,7 @@ class InputFacts:
     height: int
     frame_rate: Fraction | None
     frames_declared: int | None
+    mirrored: bool = False
     rotation: int = 0
     codec: str = ""
     pixel_format: str = ""

@@ -11,30 +11,30 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.video.frames import Picture, WorkingSize
+    from oppload_cli.video.frames import InputFacts, Picture, WorkingSize
     from oppload_cli.video.planes import Resizing
 
 
-TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
+_TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_CLOCKWISE}
 
 
 class Luminance:
     """Brings pictures to luminance at the working size.
 
-    The plane is resized as it is coded (area averaging), then turned, then its
+    The plane is resized as it is coded (area averaging), then mirrored and turned, then its
     range is expanded, so that most work is done on few pixels of 8 bits.
 
     Parameters
     ----------
     size : WorkingSize
         The target.
-    rotation : int
-        Counter-clockwise turn to apply, in degrees.
+    facts : InputFacts, optional
+        Say how the pictures are mirrored and turned; without them they are displayed as coded.
     """
 
-    def __init__(self, size: WorkingSize, rotation: int) -> None:
-        self._coded = size.coded(rotation)
-        self._turn = TURNS.get(rotation)
+    def __init__(self, size: WorkingSize, facts: InputFacts | None = None) -> None:
+        self._coded = size.coded(facts.rotation if facts else 0)
+        self._facts = facts
         self._resizing: Resizing | None = None
 
     def __call__(self, picture: Picture) -> NDArray[np.float32]:
@@ -46,8 +46,8 @@ class Luminance:
             0 to 1: ``(Y - 16) / 219`` of a limited range, ``Y / 255`` of a full one.
         """
         plane = self._resized(picture.plane)
-        if self._turn is not None:
-            plane = np.asarray(cv2.rotate(plane, self._turn), plane.dtype)
+        if self._facts:
+            plane = as_displayed(plane, self._facts)
         table = luminance_table(picture.bits, picture.full_range)
         if plane.dtype != np.uint8:
             return np.asarray(table[plane], np.float32)
@@ -61,6 +61,22 @@ class Luminance:
 
             self._resizing = Resizing(*self._coded)
         return self._resizing(plane)
+
+
+def as_displayed(picture: NDArray[Any], facts: InputFacts) -> NDArray[Any]:
+    """Mirror and turn a picture from the way it is coded to the way it is displayed.
+
+    Parameters
+    ----------
+    picture : ndarray, shape (rows, columns) or (rows, columns, 3)
+        As coded; returned itself where nothing is to be done.
+    facts : InputFacts
+        With `mirrored` and `rotation`.
+    """
+    if facts.mirrored:
+        picture = np.asarray(cv2.flip(picture, 1))
+    turn = _TURNS.get(facts.rotation)
+    return picture if turn is None else np.asarray(cv2.rotate(picture, turn))
 
 
 @lru_cache(maxsize=16)

@@ -81,7 +81,7 @@ class Video:
             source.close()
             raise
         self.times = FrameTimes(source.facts.frame_rate)
-        self._luminance = Luminance(self.working, source.facts.rotation)
+        self._luminance = Luminance(self.working, source.facts)
         self._colour: Colour | None = None
         if colour:
             from oppload_cli.video.colour import Colour  # only for annotated videos

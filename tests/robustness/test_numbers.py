@@ -264,7 +264,5 @@ def test_luminance_stays_within_its_range(full: bool) -> None:
         assert values.max() == 1
         assert np.isfinite(values).all()
     facts = InputFacts("a", "container", 3, 5, None, None)
-    luminance = Luminance(working_size(facts, 2), 0)(
-        Picture(0, 0.0, np.full((5, 3), 255, np.uint8))
-    )
+    luminance = Luminance(working_size(facts, 2))(Picture(0, 0.0, np.full((5, 3), 255, np.uint8)))
     assert luminance.max() <= 1

@@ -18,6 +18,8 @@ from tests.media import grey_frames, write_video
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from oppload_cli.video.frames import Frame
 
 
@@ -117,25 +119,37 @@ def turned(path: Path, matrix: tuple[int, ...]) -> Path:
 
 
 ONE = 1 << 16
+# As cameras write them: how far the picture is to be turned clockwise.
 MATRICES = {
-    # As cameras write them: how far the picture is to be turned clockwise.
+    0: (ONE, 0, 0, 0, ONE, 0, 0, 0, 1 << 30),
     90: (0, ONE, 0, -ONE, 0, 0, 0, 0, 1 << 30),
     180: (-ONE, 0, 0, 0, -ONE, 0, 0, 0, 1 << 30),
     270: (0, -ONE, 0, ONE, 0, 0, 0, 0, 1 << 30),
 }
 
 
-@pytest.mark.parametrize("clockwise", MATRICES)
-def test_rotation_is_applied(tmp_path: Path, clockwise: int) -> None:
+def oriented(path: Path, clockwise: int, *, mirrored: bool) -> NDArray[np.bool_]:
+    """Write a video with a display matrix; return where it is bright as it is displayed."""
     image = np.full((48, 64), 40, np.uint8)
     image[:16, :16] = 220  # a bright corner, left and top as coded
-    path = write_video(tmp_path / "a.mp4", [image] * 3, codec="libx264", pixel_format="yuv420p")
-    turned(path, MATRICES[clockwise])
-    with open_video(path, height=None) as video:
+    write_video(path, [image] * 3, codec="libx264", pixel_format="yuv420p")
+    terms = MATRICES[clockwise]
+    if mirrored:  # the first axis of the coded picture points the other way
+        terms = (-terms[0], -terms[1], *terms[2:])
+    turned(path, terms)
+    return np.rot90(image[:, ::-1] if mirrored else image, -clockwise // 90) > 128
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("clockwise", MATRICES)
+def test_the_orientation_is_that_of_the_display(
+    tmp_path: Path, clockwise: int, mirrored: bool
+) -> None:
+    expected = oriented(tmp_path / "a.mp4", clockwise, mirrored=mirrored)
+    with open_video(tmp_path / "a.mp4", height=None) as video:
         frame = next(iter(video))
-        assert video.facts.rotation == 360 - clockwise
+        assert (video.facts.rotation, video.facts.mirrored) == (-clockwise % 360, mirrored)
         assert (video.facts.width, video.facts.height) == (frame.luma.shape[1], frame.luma.shape[0])
-    expected = np.rot90(image, -clockwise // 90) > 128
     np.testing.assert_array_equal(frame.luma > 0.5, expected)
 
 

@@ -58,13 +58,13 @@ def test_every_code_has_the_luminance_of_the_table(
     codes = np.arange(120 * 37).astype(np.uint8).reshape(120, 37)[part]
     assert np.unique(codes).size == 256
     height, width = codes.shape
-    convert = Luminance(WorkingSize(width, height, 1.0, 1.0), 0)
+    convert = Luminance(WorkingSize(width, height, 1.0, 1.0))
     found = convert(Picture(0, 0.0, codes, 8, full_range))
     np.testing.assert_array_equal(found, luminance_table(8, full_range)[codes])
 
 
 def test_enlarging_is_allowed() -> None:
-    convert = Luminance(WorkingSize(8, 8, 0.5, 0.5), 0)
+    convert = Luminance(WorkingSize(8, 8, 0.5, 0.5))
     luma = convert(Picture(0, 0.0, np.full((4, 4), 255, np.uint8)))
     assert luma.shape == (8, 8)
     assert (luma == 1).all()
@@ -85,7 +85,7 @@ def test_shrinking_averages_areas(
     rng = np.random.default_rng(3)
     plane: Any = rng.integers(0, 2**bits, source, np.uint8 if bits == 8 else np.uint16)
     size = WorkingSize(working[1], working[0], 1.0, 1.0)
-    luma = Luminance(size, 0)(Picture(0, 0.0, plane, bits=bits))
+    luma = Luminance(size)(Picture(0, 0.0, plane, bits=bits))
     down, across = (areas(a, b) for a, b in zip(source, working, strict=True))
     exact = down @ plane.astype(np.float64) @ across.T
     error = luma * (2**bits - 1) - exact
