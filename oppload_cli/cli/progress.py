@@ -157,10 +157,7 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
         there = table and os.path.lexists(table)
         reason = f"{table} exists" if there else "another run is writing it"
         yield f"{task.name}: skipped, {reason}"
-        if not outcome.complete:
-            yield incomplete(task, outcome)
-        return
-    if not task.settings.alarm.on:
+    elif not task.settings.alarm.on:
         yield f"{task.name}: alarms are off; the responses are in the table"
     elif len(outcome.verdicts) <= _MOST_IN_A_LINE:
         yield f"{task.name}: {in_words(outcome.verdicts)}"
@@ -168,7 +165,7 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
         yield f"{task.name}:"
         for each in outcome.verdicts:
             yield f"  {label_of(each.model):<26}{each}"
-    if task.outputs:
+    if task.outputs and not outcome.skipped:
         first, *others = task.outputs.paths()
         names = [str(first), *(each.name for each in others)]
         yield f"  {outcome.frames} frames{_speed(outcome)} -> {', '.join(names)}"

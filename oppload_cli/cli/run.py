@@ -47,7 +47,7 @@ from oppload_cli.video.opening import Opening, is_video_file
 @click.option("--end", metavar="POSITION", help="Stop before this.")
 @click.option("--duration", metavar="POSITION", help="Stop this long after the start.")
 @click.option(
-    "--image-rate", default="30", metavar="HZ", show_default=True, help="Frames/s of images."
+    "--image-rate", metavar="HZ", help="Frames/s of images, which have no times.  [default: 30]"
 )
 @click.option(
     "--annotate", is_flag=True, help="Write {stem}.annotated.mp4 too: boxes, responses and alarms."
@@ -78,7 +78,7 @@ def run(
     start: str | None,
     end: str | None,
     duration: str | None,
-    image_rate: str,
+    image_rate: str | None,
     **others: Any,
 ) -> int:
     """Run OppLoD and D-LGMD on videos, frame by frame.
@@ -94,11 +94,11 @@ def run(
     if not inputs and not options.files_from:
         raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
     span = _span(start, end, duration)
-    rate = _rate(image_rate)
+    rate = _rate(image_rate) if image_rate else None
     opening = None
     with ExitStack() as stack:
         if len(inputs) == 1 and not (options.annotate or options.for_many or options.dry_run):
-            opening = _begun(inputs[0], span, rate, others)
+            opening = _begun(inputs[0], span, others)
             if opening is not None:
                 stack.callback(opening.close)
         # Not before: this loads the detectors, while the video is decoded already.
@@ -107,7 +107,7 @@ def run(
         return run_inputs(inputs, options, others, span, rate, opening)
 
 
-def _begun(name: str, span: Span, image_rate: Fraction, settings: dict[str, Any]) -> Opening | None:
+def _begun(name: str, span: Span, settings: dict[str, Any]) -> Opening | None:
     """Begin to decode a single video file, while the detectors are loaded.
 
     None for other inputs, and where a setting is wrong: resolving it gives the error.
@@ -124,7 +124,7 @@ def _begun(name: str, span: Span, image_rate: Fraction, settings: dict[str, Any]
         pixels = None if wanted == NATIVE else int(wanted)
     except (OSError, ValueError, TypeError, KeyError, RecursionError):
         return None
-    return Opening(name, height=pixels, span=span, image_rate=image_rate, own_process=True)
+    return Opening(name, height=pixels, span=span, own_process=True)
 
 
 def _span(start: str | None, end: str | None, duration: str | None) -> Span:

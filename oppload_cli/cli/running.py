@@ -60,7 +60,7 @@ def run_inputs(
     options: RunOptions,
     chosen: dict[str, Any],
     span: Span,
-    image_rate: Fraction,
+    image_rate: Fraction | None,
     opening: Opening | None,
 ) -> int:
     """Run the detectors on inputs; return the exit code.
@@ -75,8 +75,8 @@ def run_inputs(
         The settings, as for :func:`oppload_cli.pipeline.settings.resolve`.
     span : Span
         The part of each input.
-    image_rate : Fraction
-        Frames per second of images.
+    image_rate : Fraction or None
+        Frames per second of images, where the user states it.
     opening : Opening or None
         The only input, where it is being decoded already.
     """

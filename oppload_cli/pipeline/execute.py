@@ -26,7 +26,7 @@ from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.video.inputs import Span
 from oppload_cli.video.opening import Opening
-from oppload_cli.video.optics import Optics
+from oppload_cli.video.optics import FOV, Optics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.schema import Parameters
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
+
+
+_CONTRADICTION = 0.01  # of the field of view in the ground truth
 
 
 def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None = None) -> Outcome:
@@ -285,8 +288,24 @@ class _Run:
         return self._repeats.pictures_per_s(float(rate)) if rate else None
 
     def _remarks(self) -> tuple[str, ...]:
-        remarks = self.video.times.notes()
-        pictures, rate = self._pictures_per_s(), self.video.facts.frame_rate
+        facts = self.video.facts
+        remarks = self.video.times.remarks()
+        if facts.rate_assumed:
+            remarks.append(
+                f"{facts.frame_rate} frames/s are assumed, as images carry no times; --image-rate "
+                "states another rate"
+            )
+        elif self._task.image_rate and facts.kind != "images":
+            remarks.append("has times of its own: --image-rate has no effect on it")
+        shown = _of_display(facts, self._stimulus)
+        if self._optics and shown and self._optics.origin == FOV:
+            stated, true = (each.degrees(facts.width) for each in (self._optics, shown))
+            if abs(stated / true - 1) > _CONTRADICTION:
+                remarks.append(
+                    f"--fov says {stated:.4g} degrees, but its ground truth {true:.4g}: --fov "
+                    "counts"
+                )
+        pictures, rate = self._pictures_per_s(), facts.frame_rate
         if pictures is not None and rate is not None:
             remarks.append(
                 f"holds about {pictures:.3g} different pictures/s in {float(rate):.4g} frames/s; "
@@ -357,6 +376,7 @@ class _Run:
                 "decoder_apart": decode.own_process,
                 "models": cv2.getNumThreads(),
             },
+            "remarks": list(self._remarks()),
             "stimulus": self._stimulus,
             "wall_s": round(wall_s, 3),
             "frames_per_s": round(self.frames / wall_s, 1) if wall_s else None,
@@ -375,6 +395,10 @@ def _optics(
     """
     if fov is not None:
         return Optics.of_fov(facts.width, facts.height, fov)
+    return _of_display(facts, stimulus)
+
+
+def _of_display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics | None:
     try:
         return Optics.of_display((stimulus or {})["display"], facts.width, facts.height)
     except (KeyError, TypeError, ValueError, ZeroDivisionError):

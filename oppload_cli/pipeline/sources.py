@@ -24,7 +24,7 @@ from oppload_cli.video.frames import (
     working_size,
 )
 from oppload_cli.video.luminance import Luminance
-from oppload_cli.video.source import DEFAULT_IMAGE_RATE, open_video
+from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -304,7 +304,7 @@ def open_source(
         )
     if isinstance(source, str | Path):
         image_rate = checked_rate(rate)
-        with open_video(source, height=size, image_rate=image_rate or DEFAULT_IMAGE_RATE) as video:
+        with open_video(source, height=size, image_rate=image_rate) as video:
             if image_rate not in {None, video.facts.frame_rate}:
                 raise ParameterError(
                     f"{source}: has times of its own; give a rate for an array or images only"

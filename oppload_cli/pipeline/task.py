@@ -19,7 +19,7 @@ from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import placing_detector
 from oppload_cli.results.alarms import verdicts_in
 from oppload_cli.results.table import SCHEMA, DetectionsFile, write_sidecar
-from oppload_cli.video.frames import WorkingSize
+from oppload_cli.video.frames import USUAL_RATE, WorkingSize
 from oppload_cli.video.inputs import ANNOTATED, Span
 from oppload_cli.video.optics import FOV, Optics
 
@@ -136,8 +136,8 @@ class Task:
         The files to write; None streams the CSV to standard output.
     span : Span
         The part of the input.
-    image_rate : Fraction
-        Frames per second of images.
+    image_rate : Fraction or None
+        Frames per second of images; None assumes 30.
     if_exists : IfExists
         What to do where a file exists already.
     command : sequence of str
@@ -154,7 +154,7 @@ class Task:
     settings: Settings
     outputs: Outputs | None = None
     span: Span = field(default_factory=Span)
-    image_rate: Fraction = Fraction(30)
+    image_rate: Fraction | None = None
     if_exists: IfExists = IfExists.ERROR
     command: Sequence[str] = ()
     threads: int = 0
@@ -247,11 +247,18 @@ def _kept_result(task: Task) -> Outcome:
     try:
         difference, verdicts = next(_differences(task, content), None), verdicts_in(content)
         complete, notes = bool(content["decode"]["complete"]), content["decode"]["messages"]
+        remarks = content.get("remarks", ())  # results before 1.0 lack them
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise OutputError(f"{path}: is damaged; {_REMEDY}") from error
     if difference:
         raise OutputError(f"{path}: is a result {difference}; {_REMEDY}")
-    return Outcome(skipped=True, complete=complete, notes=tuple(notes), verdicts=verdicts)
+    return Outcome(
+        skipped=True,
+        complete=complete,
+        notes=tuple(notes),
+        remarks=tuple(remarks),
+        verdicts=verdicts,
+    )
 
 
 def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
@@ -261,6 +268,9 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     made = os.path.basename(facts["name"]), facts.get("bytes")  # noqa: PTH119
     if own[0] != made[0] or (None not in {own[1], made[1]} and own[1] != made[1]):
         yield f"of another input, {facts['name']}"
+    rate = facts["frame_rate"]
+    if facts["kind"] == "images" and Fraction(rate) != (task.image_rate or USUAL_RATE):
+        yield f"of images at {rate} frames/s; see --image-rate"
     if list(settings.models) != content["models"]:
         yield f"of the models {', '.join(content['models'])}, not {', '.join(settings.models)}"
     if settings.columns != content["columns"]:

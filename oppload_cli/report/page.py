@@ -17,8 +17,6 @@ from oppload_cli.results.reading import check_numbers, check_schema, find_truth,
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from oppload_cli.results.reading import Result
@@ -363,24 +361,14 @@ def _notes(result: Result, curves: list[Curve]) -> list[str]:
         notes.append(f"the video was not read completely ({said or 'damaged frames'})")
     if result.shortfall:
         notes.append(result.shortfall)
-    notes += _on_times(result)
+    remarks = result.sidecar.get("remarks")
+    notes += map(str, remarks if isinstance(remarks, list) else ())
     off = [curve.label for curve in curves if not curve.thresholded]
     if off:
         preset = PRESETS.get(str(result.sidecar.get("preset")))
         why = f" ({preset.name}: {preset.no_alarm})" if preset and preset.no_alarm else ""
         notes.append(f"no alarm of {', '.join(off)}{why}: curves are drawn over their peaks")
     return notes
-
-
-def _on_times(result: Result) -> Iterator[str]:
-    """Yield the remarks about frame rate and times that the run printed, a sentence each."""
-    remarks = result.part("time").get("notes")
-    yield from map(str, remarks if isinstance(remarks, list) else ())
-    pictures = result.part("decode").get("pictures_per_s")
-    if isinstance(pictures, int | float):
-        yield (
-            f"the video holds about {pictures:.3g} different pictures/s; the repeats are left out"
-        )
 
 
 def _said(value: Any) -> str:

@@ -18,7 +18,7 @@ from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.colour import BT709, Colour, colour_size
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.recording import Recording
-from oppload_cli.video.source import DEFAULT_IMAGE_RATE, source_of
+from oppload_cli.video.source import source_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -153,11 +153,11 @@ def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
     return max(2, width - width % 2), max(2, height - height % 2)
 
 
-def _image_rate(result: Result) -> Fraction:
+def _image_rate(result: Result) -> Fraction | None:
     try:
         return Fraction(result.part("input")["frame_rate"])
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        return DEFAULT_IMAGE_RATE
+        return None
 
 
 def _jpeg(frame: av.VideoFrame) -> bytes:

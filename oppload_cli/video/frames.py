@@ -6,6 +6,7 @@ import math
 import os
 from collections import deque
 from dataclasses import dataclass, field
+from fractions import Fraction
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -13,14 +14,13 @@ from oppload_cli.errors import ParameterError, SourceError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from fractions import Fraction
 
     import numpy as np
     from av.video.frame import VideoFrame
     from numpy.typing import NDArray
 
 
-_USUAL_RATE = 30.0  # frames/s, where nothing is known
+USUAL_RATE = Fraction(30)  # frames/s, assumed where an input states none
 _LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
 _MOST_STEPS = 1 << 10  # between frames, of which the rate is the median
 _LATEST_STEPS = 15  # whose median is the usual step
@@ -124,6 +124,8 @@ class InputFacts:
         Size in source pixels, after rotation.
     frame_rate : Fraction or None
         Frames per second.
+    rate_assumed : bool
+        Whether the frame rate is an assumption, as that of images without a stated one.
     frames_declared : int or None
         As the container says; None where it does not.
     mirrored : bool
@@ -151,6 +153,7 @@ class InputFacts:
     colour_range: str = "full"
     pixel_aspect: Fraction | None = None
     bytes: int | None = None
+    rate_assumed: bool = False
 
     @property
     def live(self) -> bool:
@@ -231,6 +234,7 @@ class FrameTimes:
     def __init__(self, rate: float | Fraction | None = None) -> None:
         usable = rate is not None and math.isfinite(rate) and rate > 0
         self._declared = float(rate) if rate is not None and usable else None
+        self._declared_step_s = 1 / (self._declared or float(USUAL_RATE))
         self._steps: list[float] = []
         self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
         self._first_s: float | None = None
@@ -269,8 +273,7 @@ class FrameTimes:
         else:
             self._first_wrong = self._first_wrong if self._wrong else self._frames
             self._wrong += 1
-            usual_s = median(self._latest) if self._latest else 1 / (self._declared or _USUAL_RATE)
-            now_s = before_s + usual_s
+            now_s = before_s + (median(self._latest) if self._latest else self._declared_step_s)
             if time_s > self._given_s:  # the clock goes on
                 self._shift_s = now_s - time_s
         self._now_s, self._given_s = now_s, time_s
@@ -293,33 +296,32 @@ class FrameTimes:
             "frames_per_s": None if self.rate is None else round(self.rate, 3),
             "longest_step_s": round(self._longest_s, 6),
             "not_after_the_one_before": self._wrong,
-            "notes": self.notes(),
         }
 
-    def notes(self) -> list[str]:
+    def remarks(self) -> list[str]:
         """Return remarks about the times, a sentence each."""
-        notes = []
+        remarks = []
         if self._wrong:
             frames, have = ("frame", "has") if self._wrong == 1 else ("frames", "have")
-            notes.append(
+            remarks.append(
                 f"{self._wrong} {frames} {have} a time that is not later than that of the frame "
                 f"before (the earliest is {self._first_wrong} after the first frame); each is "
                 "taken one usual step after the frame before, and the clock goes on from there"
             )
         rate = self.rate
         if rate is None:
-            return notes
+            return remarks
         if self._declared and abs(rate / self._declared - 1) > _CONTRADICTION:
-            notes.append(
+            remarks.append(
                 f"{_in_digits(self._declared)} frames/s are declared, but the times of most frames "
                 f"say {_in_digits(rate)}; the times count"
             )
         if rate < _LEAST_RATE:
-            notes.append(
+            remarks.append(
                 f"{rate:.3g} frames/s are too few for the models, whose interval is 1/30 s; "
                 f"below {_LEAST_RATE:.0f} expect missed approaches"
             )
-        return notes
+        return remarks
 
 
 def _in_digits(rate: float) -> str:

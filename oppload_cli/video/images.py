@@ -20,6 +20,7 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from oppload_cli.errors import SourceError, reason_of, remedy_of
 from oppload_cli.video.frames import (
     MAX_PIXELS,
+    USUAL_RATE,
     DecodeFacts,
     InputFacts,
     Picture,
@@ -57,8 +58,8 @@ class ImageSource:
     ----------
     name : str
         A folder, or a pattern such as ``frames_%04d.png``.
-    frame_rate : Fraction
-        Frames per second: images carry no times.
+    frame_rate : Fraction or None
+        Frames per second: images carry no times. None assumes 30.
 
     Raises
     ------
@@ -66,10 +67,10 @@ class ImageSource:
         If no image exists, or none can be read.
     """
 
-    def __init__(self, name: str, frame_rate: Fraction) -> None:
+    def __init__(self, name: str, frame_rate: Fraction | None) -> None:
         self.decode = DecodeFacts()
         self.stopping = False
-        self._rate = frame_rate
+        self._rate = frame_rate or USUAL_RATE
         self._paths = _image_paths(name)
         height, width = self._first_readable().shape[:2]
         self.facts = InputFacts(
@@ -77,7 +78,8 @@ class ImageSource:
             kind="images",
             width=width,
             height=height,
-            frame_rate=frame_rate,
+            frame_rate=self._rate,
+            rate_assumed=frame_rate is None,
             frames_declared=len(self._paths),
             codec=self._paths[0].suffix.lower().lstrip("."),
             pixel_format="gray",

@@ -66,7 +66,7 @@ class Opening:
         *,
         height: int | None,
         span: Span,
-        image_rate: Fraction,
+        image_rate: Fraction | None = None,
         threads: int = 0,
         colour: bool = False,
         own_process: bool = False,

@@ -11,6 +11,7 @@ import av
 from av.video.reformatter import VideoReformatter
 
 from oppload_cli.errors import OutputError
+from oppload_cli.video.frames import USUAL_RATE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -77,7 +78,6 @@ class Sink:
 _TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
 _MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
 _CLOCK_BACK_S, _CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
-_USUAL_RATE = Fraction(30)  # frames/s where the source states none
 BT709, _LIMITED = 1, 1  # AVCOL_*_BT709, AVCOL_RANGE_MPEG
 # By itself x264 chooses algorithms by the processor, some of which only approximate.
 ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
@@ -132,7 +132,7 @@ class Recording:
     ) -> None:
         self._hz = _ticks_hz(rate)
         self._tick = Fraction(1, self._hz)
-        self._frame_s = float(1 / (rate or _USUAL_RATE))
+        self._frame_s = float(1 / (rate or USUAL_RATE))
         self.frames = 0
         self._origin_s = 0.0
         self._last = -1
@@ -140,7 +140,7 @@ class Recording:
         self._sink = Sink(part.raw)
         try:
             self._container: Any = av.open(self._sink, "w", format="mp4", options=_CONTAINER)
-            self._stream = self._added(width, height, rate or _USUAL_RATE, codec)
+            self._stream = self._added(width, height, rate or USUAL_RATE, codec)
         except BaseException as error:
             self._sink.fail(OSError("abandoned"))
             if isinstance(error, av.codec.codec.UnknownCodecError):

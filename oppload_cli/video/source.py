@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -15,6 +14,7 @@ from oppload_cli.video.luminance import Luminance
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from fractions import Fraction
     from types import TracebackType
 
     from oppload_cli.video.colour import Colour
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 
 _DEFAULT_HEIGHT = 240
-DEFAULT_IMAGE_RATE = Fraction(30)
 
 
 class Video:
@@ -141,7 +140,7 @@ def open_video(
     *,
     height: int | None = _DEFAULT_HEIGHT,
     span: Span | None = None,
-    image_rate: Fraction = DEFAULT_IMAGE_RATE,
+    image_rate: Fraction | None = None,
     threads: int = 0,
     colour: bool = False,
 ) -> Video:
@@ -157,8 +156,8 @@ def open_video(
         native size.
     span : Span, optional
         The part of the input to read.
-    image_rate : Fraction
-        Frames per second of images, which carry no times.
+    image_rate : Fraction, optional
+        Frames per second of images, which carry no times; 30 are assumed if it is left out.
     threads : int
         Decoder threads; 0 chooses by the codec, the size and the cores.
     colour : bool
@@ -184,7 +183,7 @@ def open_video(
     return Video(source, height, span or Span(), colour=colour)
 
 
-def source_of(name: str, image_rate: Fraction, threads: int) -> PictureSource:
+def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:
     """Return the source of an input's pictures, with the arguments of :func:`open_video`.
 
     Raises

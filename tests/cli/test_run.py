@@ -5,6 +5,7 @@ import io
 import json
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import pytest
 
 from tests.cli import process
@@ -132,6 +133,31 @@ def test_a_cadence_of_repeats_is_told(tmp_path: Path) -> None:
         words = ("--repeats", handling, "--height", "48", "--no-rmo", "--if-exists", "overwrite")
         done = oppload("run", tmp_path / "cadence.avi", "-o", tmp_path, *words)
         assert (done.returncode, said in done.stderr) == (0, told)
+
+
+def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    for number, image in enumerate(grey_frames(12)):
+        cv2.imwrite(str(folder / f"{number}.png"), image)
+    write_video(tmp_path / "video.avi", grey_frames(12))
+    assumed = "frames: 30 frames/s are assumed, as images carry no times; --image-rate states"
+    ignored = "video.avi: has times of its own: --image-rate has no effect on it"
+    words = ("-o", tmp_path, "--height", "48", "--no-rmo")
+    for name, more, told in (
+        ("frames", (), assumed),
+        ("video.avi", (), None),
+        ("frames", ("--image-rate", "25", "--if-exists", "overwrite"), None),
+        ("video.avi", ("--image-rate", "25", "--if-exists", "overwrite"), ignored),
+        ("video.avi", ("--if-exists", "skip"), ignored),  # also of a result that is kept
+    ):
+        done = oppload("run", tmp_path / name, *words, *more)
+        assert done.returncode == 0
+        assert [each for each in (assumed, ignored) if each in done.stderr] == [told] * bool(told)
+    facts = json.loads((tmp_path / "frames.oppload.json").read_text())["input"]
+    assert (facts["frame_rate"], facts["rate_assumed"]) == ("25/1", False)
+    refused = oppload("run", folder, *words, "--if-exists", "skip")
+    assert (refused.returncode, "of images at 25/1 frames/s" in refused.stderr) == (2, True)
 
 
 def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:

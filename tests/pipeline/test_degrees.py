@@ -45,6 +45,13 @@ def stimulus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(protocol, tmp_path_factory.mktemp("stimulus")).video
 
 
+def test_a_field_of_view_against_the_ground_truth_is_told(stimulus: Path, tmp_path: Path) -> None:
+    for fov, told in ((60.0, False), (90.0, True)):  # 300 px at 5 px/deg
+        _, sidecar = done(stimulus, tmp_path / f"{fov}", fov=fov)
+        said = "--fov says 90 degrees, but its ground truth 60: --fov counts"
+        assert (said in sidecar["remarks"]) == told
+
+
 def test_a_stimulus_is_seen_in_the_degrees_of_its_ground_truth(
     stimulus: Path, tmp_path: Path
 ) -> None:

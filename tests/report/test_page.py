@@ -146,19 +146,14 @@ def test_a_table_that_was_cut_is_told(table: Path, capsys: Capture) -> None:
     assert said.replace("'", "&#39;") in table.with_name("clip.report.html").read_text()
 
 
-def test_remarks_on_the_times_are_warnings(table: Path) -> None:
+def test_remarks_of_the_run_are_warnings(table: Path) -> None:
     content = sidecar_of(table.with_name("clip.mkv"))
     said = "5 frames/s are too few for the models"
-    content["time"] = {"notes": [said]}
-    content["decode"] = {"complete": True, "messages": [], "pictures_per_s": 22.31}
+    content["remarks"] = [said]
     write_sidecar(table, content)
-    assert content_of(read_result(table)).notes == [
-        said,
-        "the video holds about 22.3 different pictures/s; the repeats are left out",
-    ]
+    assert content_of(read_result(table)).notes == [said]
     assert said in write_report([table], table.parent).first.read_text()
-    content["time"] = {"notes": "damaged"}
-    content["decode"]["pictures_per_s"] = "many"
+    content["remarks"] = "damaged"
     write_sidecar(table, content)
     assert content_of(read_result(table)).notes == []
 
