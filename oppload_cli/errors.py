@@ -166,13 +166,15 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     Returns
     -------
     str
-        ``"; did you mean 'receptive_field'?"``, or all known words where none is near.
+        ``"; did you mean 'receptive_field'?"``, the words that end in this one, or all known
+        words where none is near.
     """
     names = sorted(known)
     import difflib  # noqa: PLC0415 - only for a misspelt word
 
     begun = [name for name in names if len(word) > 2 and name.startswith(word)]
-    near = begun[:1] or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
-    if near:
+    ended = [name for name in names if name.endswith(f"_{word}")]
+    near = begun[:1] or ended or difflib.get_close_matches(word, names, n=1, cutoff=0.6)
+    if len(near) == 1:
         return f"; did you mean '{near[0]}'?"
-    return f"; choose {', '.join(names)}" if names else ""
+    return f"; choose {', '.join(near or names)}" if names else ""

@@ -77,6 +77,7 @@ def test_a_wrong_file_is_named_with_its_mistake(tmp_path: Path, text: str, messa
         ("gain=3", "write set.parameter=value"),
         ("opplod.gain", "write set.parameter=value"),
         ("olod.gain=3", "no parameter set 'olod'; did you mean 'opplod'"),
+        ("alarm.floor=3", "no parameter 'floor' of alarm; choose area_growth_floor, ci_lmd_floor,"),
         ("opplod.recepive_field=3", "did you mean 'receptive_field'"),
         ("opplod.receptive_field=0", "must be at least 2"),
         ("opplod.gain=nan", "finite"),
