@@ -15,17 +15,23 @@ from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write
 from oppload_cli.files.reading import is_there, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
-from oppload_cli.pipeline.execute import collected
+from oppload_cli.pipeline.execute import collected, facts_of_truth
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.pipeline.task import IfExists, Outputs
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading as tables
-from oppload_cli.results.table import detection_line, detection_values, write_sidecar
+from oppload_cli.results.table import (
+    DETECTIONS,
+    TABLE,
+    detection_line,
+    detection_values,
+    write_sidecar,
+)
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
-from oppload_cli.video.inputs import result_stem
+from oppload_cli.video.inputs import GROUND_TRUTH, result_stem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -186,10 +192,9 @@ class Result(tables.Result):
         sidecar = dict(self.sidecar)
         truth = sidecar.get("stimulus")
         if isinstance(truth, dict) and "frames" in truth:
-            beside = folder / f"{stem}.stimulus.json"
+            beside = folder / f"{stem}{GROUND_TRUTH}"
             write_atomic(beside, json.dumps(truth) + "\n")
-            kept = ("name", "looming", "contact_time_s", "display")
-            sidecar["stimulus"] = {"path": str(beside), **{key: truth[key] for key in kept}}
+            sidecar["stimulus"] = facts_of_truth(beside, truth)
         with PartFile(outputs.csv) as file, output_errors(outputs.csv):
             table = Table(file.stream, self.frames.columns)
             for row in _plain(self.frames):
@@ -272,7 +277,7 @@ def run(
     named = isinstance(source, str | Path) and is_there(Path(source))
     stem = result_stem(name) if named else file_stem(name)
     table = _table([record.values() for record in records], columns)
-    return Result(Path(f"{stem}.frames.csv"), table, sidecar, _detections(found))
+    return Result(Path(f"{stem}{TABLE}"), table, sidecar, _detections(found))
 
 
 def read_result(path: str | Path) -> Result:
@@ -301,7 +306,7 @@ def read_result(path: str | Path) -> Result:
     oppload_cli.errors.ResultError: missing.frames.csv: cannot be read (no such file...
     """
     read = tables.read_result(Path(path))
-    beside = read.path.with_name(f"{read.stem}.detections.jsonl")
+    beside = read.path.with_name(f"{read.stem}{DETECTIONS}")
     found: list[dict[str, Any]] = []
     if beside.exists():
         with reading(beside, ResultError, form="JSON lines", repair="run the input again"):

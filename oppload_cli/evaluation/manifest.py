@@ -18,7 +18,7 @@ from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.stimulus.catalogue import parsed_setting
 from oppload_cli.stimulus.objects import PICTURE
-from oppload_cli.video.inputs import is_video
+from oppload_cli.video.inputs import GROUND_TRUTH, is_video
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -34,7 +34,6 @@ _IGNORED = ("fps", "frames", "width", "height", "source", "licence")
 _KNOWN = (*_REQUIRED, "motion", *_IGNORED)
 _LOOMING, _NONE = "looming", "none"
 _USUAL_BOXES = "boxes.json"
-_TRUTH = ".stimulus.json"
 _FOOTAGE = {
     "scene.background_fit": "cover",
     "scene.background_rate": "own",
@@ -366,7 +365,7 @@ def _takes_footage(table: Table) -> bool:
 
 def _truth_beside(video: Path) -> Path:
     """Return the file of a video's ground truth."""
-    return video.with_name(f"{video.stem}{_TRUTH}")
+    return video.with_name(video.stem + GROUND_TRUTH)
 
 
 def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:

@@ -24,7 +24,7 @@ from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, begun
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
-from oppload_cli.video.inputs import Span
+from oppload_cli.video.inputs import GROUND_TRUTH, Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import FOV, Optics
 
@@ -407,12 +407,17 @@ def _of_display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics
 
 def _ground_truth(video: Path) -> dict[str, Any] | None:
     """Return the main facts of the ground truth beside a stimulus's video, if it exists."""
-    path = video.with_name(f"{video.stem}.stimulus.json")
+    path = video.with_name(video.stem + GROUND_TRUTH)
     if not os.path.lexists(path):  # False also for a name that is too long to look up
         return None
     try:
         truth = stimuli.read_ground_truth(path)
     except OpploadError as error:
         return {"path": str(path), "error": str(error)}
+    return facts_of_truth(path, truth)
+
+
+def facts_of_truth(path: Path, truth: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the main facts of a ground truth and its file, for the sidecar."""
     kept = ("name", "looming", "contact_time_s", "display")
     return {"path": str(path), **{key: truth[key] for key in kept}}

@@ -13,12 +13,18 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from oppload_cli.errors import BusyError, OutputError
 from oppload_cli.files.atomic import PartFile, output_errors, part_of
-from oppload_cli.files.reading import reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import placing_detector
 from oppload_cli.results.alarms import verdicts_in
-from oppload_cli.results.table import SCHEMA, DetectionsFile, write_sidecar
+from oppload_cli.results.table import (
+    DETECTIONS,
+    SIDECAR,
+    TABLE,
+    DetectionsFile,
+    read_sidecar,
+    write_sidecar,
+)
 from oppload_cli.video.frames import USUAL_RATE, WorkingSize
 from oppload_cli.video.inputs import ANNOTATED, Span
 from oppload_cli.video.optics import FOV, Optics
@@ -83,9 +89,9 @@ class Outputs:
             Whether an annotated video is written.
         """
         return cls(
-            folder / f"{stem}.frames.csv",
-            folder / f"{stem}.oppload.json",
-            folder / f"{stem}.detections.jsonl" if placing_detector(models) else None,
+            folder / f"{stem}{TABLE}",
+            folder / f"{stem}{SIDECAR}",
+            folder / f"{stem}{DETECTIONS}" if placing_detector(models) else None,
             folder / f"{stem}{ANNOTATED}" if annotate else None,
         )
 
@@ -240,10 +246,7 @@ def _kept_result(task: Task) -> Outcome:
     path = task.outputs.sidecar if task.outputs else None
     if path is None:
         return Outcome(skipped=True)
-    with reading(path, OutputError, form="JSON", check="check its rights", repair=_REMEDY):
-        content = json.loads(path.read_text(encoding="utf-8"))
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise OutputError(f"{path}: is of another version of oppload; {_REMEDY}")
+    content = read_sidecar(path, OutputError, _REMEDY)
     try:
         difference, verdicts = next(_differences(task, content), None), verdicts_in(content)
         complete, notes = bool(content["decode"]["complete"]), content["decode"]["messages"]

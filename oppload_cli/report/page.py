@@ -14,6 +14,7 @@ from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.alarms import uncounted
 from oppload_cli.results.reading import check_numbers, check_schema, find_truth, result_threshold
+from oppload_cli.results.table import DETECTIONS
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -274,7 +275,7 @@ def _contact_s(times: Series, rows: range, boxes: dict[int, list[list[Any]]]) ->
 def _boxes(result: Result, name: str) -> dict[int, list[list[Any]]]:
     """Return the boxes by row: from ``detections.jsonl``, or else those of the table."""
     rows = {int(frame): row for row, frame in enumerate(result.frames["frame"])}
-    path = result.path.with_name(f"{result.stem}.detections.jsonl")
+    path = result.path.with_name(f"{result.stem}{DETECTIONS}")
     if result.path.name.endswith(".part"):
         path = path.with_name(f"{path.name}.part")
     boxes: dict[int, list[list[Any]]] = {}

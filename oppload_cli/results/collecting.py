@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import errno
-import json
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -12,11 +11,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ResultError, reason_of
 from oppload_cli.files.atomic import refuse_existing
-from oppload_cli.files.reading import is_file, is_folder, reading, text_of
+from oppload_cli.files.reading import is_file, is_folder, reading
 from oppload_cli.files.tables import open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.table import SCHEMA, ModelSummary, columns_for
+from oppload_cli.results.table import SIDECAR, TABLE, ModelSummary, columns_for, read_sidecar
 from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 
     Row = dict[str, Cell]
 
-
-_SIDECAR, _TABLE = ".oppload.json", ".frames.csv"
 
 _ABOUT_INPUT: dict[str, type] = {
     "result": str,
@@ -161,15 +158,15 @@ def _found_results(folder: Path) -> Iterator[Path]:
 
     for place, within, files in os.walk(folder, onerror=refuse):
         within.sort()
-        stems = {name.removesuffix(_SIDECAR) for name in files if name.endswith(_SIDECAR)}
-        alone = {name.removesuffix(_TABLE) for name in files if name.endswith(_TABLE)} - stems
+        stems = {name.removesuffix(SIDECAR) for name in files if name.endswith(SIDECAR)}
+        alone = {name.removesuffix(TABLE) for name in files if name.endswith(TABLE)} - stems
         for stem in sorted(stems | alone):
-            yield Path(place, stem + (_TABLE if stem in alone else _SIDECAR))
+            yield Path(place, stem + (TABLE if stem in alone else SIDECAR))
 
 
 def _name_in(folder: Path, path: Path) -> str:
     """Return the name of a result within a folder, such as ``cam1/a``, as the column has it."""
-    suffix = _TABLE if path.name.endswith(_TABLE) else _SIDECAR
+    suffix = TABLE if path.name.endswith(TABLE) else SIDECAR
     return _text(path.relative_to(folder).as_posix().removesuffix(suffix))
 
 
@@ -192,9 +189,9 @@ def tables_in(path: Path) -> Iterator[Path]:
 
 def _table_of(path: Path) -> Path:
     """Return the table of a sidecar or table that `_found_results` has yielded."""
-    if path.name.endswith(_TABLE):
+    if path.name.endswith(TABLE):
         return path
-    return path.with_name(path.name.removesuffix(_SIDECAR) + _TABLE)
+    return path.with_name(path.name.removesuffix(SIDECAR) + TABLE)
 
 
 def _summary_rows(path: Path, name: str) -> Iterator[Row]:
@@ -238,14 +235,9 @@ def _frame_rows(path: Path, name: str) -> Iterator[Row]:
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
-    if path.name.endswith(_TABLE):
+    if path.name.endswith(TABLE):
         raise ResultError(f"{path}: has no sidecar beside it; run its input again")
-    again = "run its input again"
-    with reading(path, ResultError, form="JSON", check="check its rights", repair=again):
-        content = json.loads(text_of(path))
-    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise ResultError(f"{path}: is no sidecar of schema {SCHEMA}; {again}")
-    return content
+    return read_sidecar(path, ResultError, "run its input again")
 
 
 def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:

@@ -19,8 +19,8 @@ from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError, SourceError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.models.registry import default_names, detector_named, known_names
-from oppload_cli.results.table import SCHEMA, columns_for
-from oppload_cli.video.inputs import NUMBER, is_video
+from oppload_cli.results.table import SCHEMA, SIDECAR, TABLE, columns_for
+from oppload_cli.video.inputs import GROUND_TRUTH, NUMBER, is_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Truth = dict[str, Any]
 
 
-SUFFIXES = (".frames.csv.part", ".frames.csv", ".csv")
+SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
 _LARGEST = 1e15  # of a number that a curve may have
@@ -173,7 +173,7 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
     """
     ends = ("frame", "time_s", "_response", *needed)
     frames = _read_table(path, _ANOTHER_RESULT, lambda name: name.endswith(ends))
-    result = Result(path, frames, _sidecar(path.with_name(f"{stem_of(path)}.oppload.json")))
+    result = Result(path, frames, _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}")))
     result.need(("frame", "time_s"))
     if not result.models:
         result.need((f"{default_names()[0]}_response",))
@@ -459,7 +459,7 @@ def find_truth(result: Result) -> Truth | None:
             return stated
         stated = stated.get("path")
     named = [Path(stated), result.path.parent / stated] if isinstance(stated, str) else []
-    for path in (*named, result.path.with_name(f"{result.stem}.stimulus.json")):
+    for path in (*named, result.path.with_name(result.stem + GROUND_TRUTH)):
         if is_file(path):
             return stimulus.read_ground_truth(path)
     return None

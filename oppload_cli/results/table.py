@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
+from oppload_cli.files.reading import reading, text_of
 from oppload_cli.files.tables import formatted
 from oppload_cli.models.columns import COMMON, PLACE, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detector_named
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from oppload_cli.detection.places import Detection
+    from oppload_cli.errors import OpploadError
     from oppload_cli.files.tables import Value
     from oppload_cli.models.detector import Box, Column, Response
     from oppload_cli.motion.rmo import RmoMetrics
@@ -238,6 +240,32 @@ class ModelSummary:
 
 
 SCHEMA = "oppload.result/2"
+# Ends of the names of a result's files.
+TABLE, DETECTIONS, SIDECAR = ".frames.csv", ".detections.jsonl", ".oppload.json"
+
+
+def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str, Any]:
+    """Read the sidecar of a result of this version.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : type
+        Of the error to raise.
+    remedy : str
+        What the user can do where it is none, such as ``run its input again``.
+
+    Raises
+    ------
+    OpploadError
+        Of `kind`, if it cannot be read, is no JSON, or is of another version.
+    """
+    with reading(path, kind, form="JSON", check="check its rights", repair=remedy):
+        content = json.loads(text_of(path))
+    if not isinstance(content, dict) or content.get("schema") != SCHEMA:
+        raise kind(f"{path}: is no sidecar of schema {SCHEMA}; {remedy}")
+    return content
 
 
 def write_sidecar(path: Path, content: dict[str, Any]) -> None:

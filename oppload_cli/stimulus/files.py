@@ -20,6 +20,7 @@ from oppload_cli.processes.pool import Seldom, outcomes
 from oppload_cli.stimulus.catalogue import find
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import ground_truth_text, read_ground_truth
+from oppload_cli.video.inputs import GROUND_TRUTH
 from oppload_cli.video.writers import FORMATS, open_writer, png_bytes, target_of
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ def _targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = 
     stem = file_stem(protocol.name)
     return Written(
         target_of(directory, stem, form),
-        directory / f"{stem}.stimulus.json",
+        directory / f"{stem}{GROUND_TRUTH}",
         directory / f"{stem}.preview.png" if preview else None,
         protocol.frame_count,
     )

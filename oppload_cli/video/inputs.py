@@ -33,6 +33,7 @@ IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tif
 NUMBER = re.compile(r"%0?([0-9]{0,3})d")  # in a pattern of images
 # Ends of the names of results: in a folder these are no inputs.
 ANNOTATED, REPORTED = ".annotated.mp4", ".report.mp4"
+GROUND_TRUTH = ".stimulus.json"  # end of the name of the file beside a stimulus's video
 _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
 _CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
 _LONGEST_STEM = 200  # bytes; a name may have 255 in all
