@@ -46,9 +46,9 @@ class AreaGrowthResponse(Response):
 class AreaGrowth(Detector):
     """The relative growth of the area that differs from frame 0.
 
-    ``area = count |L(t) - L(0)| > 0.1``, ``size = sqrt(area)``, and the growth is
-    ``(size(t) - size(t-3)) / 3`` over the size: one over the time to contact in frames. For a
-    camera that stands still, and a scene that was empty at first.
+    ``area = count |L(t) - L(0)| > 0.1`` and ``size = sqrt(area)``. The growth, ``(size(t) -
+    size(t-3)) / 3`` over the size, is one over the time to contact in frames. The detector is made
+    for a camera that stands still and a scene that is empty in frame 0.
 
     Source: ``docs/detectors.md``.
     """
@@ -71,7 +71,7 @@ class AreaGrowth(Detector):
     alarm_floors: ClassVar = {DEFAULT_PRESET: 0.1}
     evaluated = False
     reference = "defined here"
-    answers_to = "what grows before a still camera, by light or by approach"
+    answers_to = "areas that grow before a still camera, by light or by approach"
     made_for = "any size and rate, a still camera"
     cost_ms = 0.05
     warm_up = 0
@@ -96,7 +96,7 @@ class AreaGrowth(Detector):
             self._start = self._before = now
         pixels = self.shape[0] * self.shape[1]
         levels = self.params.least * 255
-        # Whole grey levels above a threshold are those above its whole part.
+        # Grey levels are integers: those above a threshold are those above its integer part.
         _, changed = cv2.threshold(
             cv2.absdiff(now, self._start), math.floor(levels), 255, cv2.THRESH_BINARY
         )

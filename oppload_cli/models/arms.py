@@ -56,11 +56,12 @@ class _Motion(NamedTuple):
 
 
 def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
-    """Return the motion whose direction the directional inhibitions tell together.
+    """Return the motion at every pixel, with the direction that both axes give together.
 
-    S_phi passes or blocks; the differences ``J_phi = I_(phi+180) - I_phi`` of two axes form a
-    vector J that points where the edge moves, by a graded angle. ``(I - |J|) / 2`` is I_phi for
-    the pathway of exactly this direction, so that S of it is ``max(0, E - (I - |J|) / 2)``.
+    A single S_phi only passes an edge or blocks it. The differences ``J_phi = I_(phi+180) - I_phi``
+    of two axes form a vector J, whose angle is the direction in which the edge moves. A pathway of
+    exactly this direction would have the inhibition ``(I - |J|) / 2``, and so the sum ``S = max(0,
+    E - (I - |J|) / 2)``.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
 
 
 def arm_weights(reach: float, direction: float, cone: float) -> Map:
-    """Weigh the cells about a unit that an arm sees.
+    """Return the weights with which an arm sees the cells about its unit.
 
     Parameters
     ----------
@@ -111,14 +112,14 @@ def arm_weights(reach: float, direction: float, cone: float) -> Map:
 
 
 def field_weights(reach: float) -> Map:
-    """Weigh the cells of a unit's complete field as `arm_weights` does those of an arm."""
+    """Return the weights of the cells in a unit's complete field, as `arm_weights` for an arm."""
     weights = arm_weights(reach, 0, 360)
     weights[len(weights) // 2, len(weights) // 2] = 1
     return weights
 
 
 def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -> Map:
-    """Return ``o^g / (o^g + (s + q)^g)``: saturation, and division by what suppresses.
+    """Return ``o^g / (o^g + (s + q)^g)``: excitation that saturates and is divided by suppression.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -
 
 
 def smoothing(elapsed: float, constant: float) -> float:
-    """Return the share of a first-order low-pass that is new after some time; 1 without one."""
+    """Return the weight of a new value in a first-order low-pass; 1 for a constant of 0."""
     return 1 - math.exp(-elapsed / constant) if constant else 1.0
 
 
@@ -187,7 +188,7 @@ class ArmsJudgement:
         self._calcium = np.zeros_like(self.maps.responses)
         nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
         self._now = 0.0  # intervals
-        # Of the latest frame that is an interval old and of all later ones, with their times.
+        # Times and suppressions of the latest frame that is an interval old and of all later ones.
         self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, nothing)])
 
     def judge(self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels) -> Judgement:
@@ -213,8 +214,8 @@ class ArmsJudgement:
         self.maps = self.maps._replace(pathways=dict(zip(DIRECTIONS, moving, strict=True)))
         amount = _over(everywhere, self._field)
         self._now += seen.elapsed
-        # From the suppression of an interval ago, so that frames between change nothing. Times
-        # add up with rounding: a hundredth of an interval decides nothing.
+        # Suppression goes on from its value an interval ago, so that frames in between change
+        # nothing. Times add up with rounding: 0.99 of an interval counts as one.
         while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
             self._suppressions.popleft()
         then, before = self._suppressions[0]

@@ -98,7 +98,7 @@ def columns_of(
     detector : type of Detector
         With its columns, and the name that they begin with.
     details : bool
-        Whether its inner values have columns too, and what its alarm goes by.
+        Whether its inner values and the values behind its alarm have columns too.
     degrees : bool
         Whether its strongest looming object has columns in degrees (``--fov``).
     presets : collection of str, optional

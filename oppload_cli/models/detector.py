@@ -77,14 +77,14 @@ class Column(NamedTuple):
 class Response:
     """The answer of a detector to one frame.
 
-    A detector with columns of its own extends it by a field for each.
+    A detector with columns of its own extends this class by a field for each.
 
     Attributes
     ----------
     response : float
         At least 0; the larger, the more the frame looks like an approach.
     box : Box or None
-        Where it comes from, in working pixels; None where it comes from nowhere in particular.
+        The place of the response, in working pixels; None if it has none.
 
     Examples
     --------
@@ -144,8 +144,8 @@ class Detector(ABC):
     frame_rate : float, optional
         Frames per second of the video, where it is known.
     layers : Layers, optional
-        Where it gets photoreceptors and DPC layers from; detectors that are given the same
-        ones compute a layer that they have in common once.
+        Holds photoreceptors and DPC layers; detectors that are given the same `layers` compute a
+        layer that they have in common once.
 
     Attributes
     ----------
@@ -171,8 +171,8 @@ class Detector(ABC):
     presets : mapping of str to Parameters
         Its parameters under the presets that differ from the defaults.
     alarm_floors : mapping of str to float
-        By preset, the response at or below which it never alarms; ``default`` serves the
-        presets that are not named.
+        By preset, the response at or below which it never alarms; ``default`` holds for the presets
+        that are not named.
     by_default : bool
         Whether it runs where no detector is chosen.
     variant_of : str
@@ -294,7 +294,7 @@ class Detector(ABC):
             )
 
     def at_rest(self) -> Response:
-        """Return the answer to a frame in which nothing changed: no response."""
+        """Return the answer to a frame in which nothing changed: a response of 0."""
         return self.answers(0.0)
 
     @property

@@ -1,7 +1,8 @@
 """Photoreceptors, DPC and MDE: the equations that several detectors share.
 
-They stand in the order of ``docs/model.md``, sections 1, 2 and 4: the kernels, then what is
-summed with them. :mod:`oppload_cli.models.layers` applies them to the frames of a video.
+They stand in the order of ``docs/model.md``, sections 1, 2 and 4: first the kernels, then the
+layers that are summed with them. :mod:`oppload_cli.models.layers` applies them to the frames of a
+video.
 """
 
 from __future__ import annotations
@@ -25,18 +26,17 @@ if TYPE_CHECKING:
 
 
 # ---- The kernels ---------------------------------------------------------------------------
-#
-# All are square arrays of side 2 r + 1 over the OFFSET d = (x, y) from source to target, x right
-# and y down, with d = 0 in the middle.
+# Kernels are square arrays of side 2 r + 1 over the OFFSET d = (x, y) from source to target, x
+# right and y down, with d = 0 in the middle.
 
 
 @dataclass(frozen=True, kw_only=True)
 class DpcParams(Parameters):
     """Constants of the distributed presynaptic connections (DPC).
 
-    They are in pixels of the working size and do not scale with it: this ties the speed
-    selectivity to the working size. Values: the MATLAB code of the D-LGMD authors
-    (``docs/model.md``, section 2).
+    Lengths are in pixels of the working size and do not scale with it, unless OppLoD's
+    `kernel_height` is set: the preferred speed thus depends on the working size. The values are
+    those of the D-LGMD authors' MATLAB code (``docs/model.md``, section 2).
     """
 
     sigma_excitation: float = parameter(
@@ -210,8 +210,8 @@ def inhibition(p: Sequence[Map], kernels: Kernels) -> Map:
 def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map:
     """Return ``I_phi = (W_I1 M_phi) * P(t-1) + (W_I2 M_phi) * P(t-2)``, section 4.
 
-    `axis` is the direction phi in degrees. Opposite pathways need one of these only, as
-    ``I_phi + I_(phi+180) = I``.
+    `axis` is the direction phi in degrees. One inhibition serves two opposite pathways, as ``I_phi
+    + I_(phi+180) = I``.
     """
     mask = kernels.odd_masks[axis] + 0.5
     one, two = kernels.inhibition
@@ -220,8 +220,8 @@ def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map
 
 def rectified(excitation: Map, inhibition: Map) -> Map:
     """Return ``S = max(0, E - I)``, eq. (S)."""
-    # At most E: OpenCV convolves with large kernels by Fourier transform, whose rounding leaves
-    # I a little below 0, and S must be exactly 0 where nothing changed.
+    # S is at most E: OpenCV convolves with large kernels by Fourier transform, whose rounding
+    # leaves I a little below 0, and S must be exactly 0 where nothing changed.
     return np.asarray(np.minimum(np.maximum(excitation - inhibition, 0), excitation), np.float32)
 
 
@@ -243,8 +243,8 @@ class PresynapticSums:
     ) -> PresynapticSums:
         """Return zeros, for both pathways of each axis."""
         directions = [*axes, *(phi + 180 for phi in axes)]
-        # In one piece: maps of their own would all begin at the same place of a memory page, and
-        # push each other out of the cache.
+        # One array holds all maps: separate arrays would all begin at the same place of a memory
+        # page, and push each other out of the cache.
         presynaptic, *pathways = np.zeros((1 + len(directions), *shape), np.float32)
         return cls(presynaptic, dict(zip(directions, pathways, strict=True)), only_pathways)
 
@@ -280,11 +280,11 @@ _Values = TypeVar("_Values", float, "Map")
 def referred(s: _Values, excitation: _Values, share: float, *, directional: bool) -> _Values:
     """Refer S over an interval of another length to S over the reference interval.
 
-    E grows in proportion to the displacement of an edge, and inhibition takes a loss off it that
-    is constant once the edge moves by a few pixels: S over the reference interval is
-    ``share E - (E - S)``. Below 2 px, S of a pathway that passes the edge is about
-    proportional to the square of the displacement: then ``share^2 S`` is the larger one
-    (``docs/time.md`` measures both).
+    E grows in proportion to the displacement of an edge, and inhibition reduces it by an amount
+    that is constant once the edge moves by a few pixels: S over the reference interval is ``share E
+    - (E - S)``. Below 2 px, S of a pathway that passes the edge is about proportional to the square
+    of the displacement: then ``share^2 S`` is larger, and is returned (``docs/time.md`` measures
+    both).
 
     Parameters
     ----------

@@ -36,7 +36,7 @@ class FlowDivergenceParams(Parameters):
 
     window: float = parameter(
         5 / 12,
-        "side of the window of which the divergence is averaged, as a share of the working height",
+        "side of the window over which divergence is averaged, as a share of the working height",
         low=0.01,
         high=1,
     )
@@ -67,8 +67,8 @@ def largest_divergence(flow: NDArray[np.float32], side: int) -> float:
 class FlowDivergence(Detector):
     """The largest mean divergence of the flow over any window of the frame.
 
-    Dense inverse search flow (OpenCV's preset "ultrafast") between consecutive frames; the
-    response is the rate of expansion of areas, 0 for a frame under 16 px on a side.
+    The flow between consecutive frames is OpenCV's dense inverse search (preset "ultrafast"). The
+    response is the rate at which areas expand; it is 0 for frames under 16 px on a side.
 
     Source: Kroeger et al. 2016 for the flow; ``docs/evaluation.md`` for the measure.
 

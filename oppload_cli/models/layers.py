@@ -1,7 +1,7 @@
 """The layers of one video: photoreceptors and DPC, computed once for all detectors.
 
-Which frames are compared, and what becomes of the frames between, is decided here
-(``docs/time.md``); the equations stand in :mod:`oppload_cli.models.dpc`.
+This module decides which frames are compared with each other (``docs/time.md``); the equations
+stand in :mod:`oppload_cli.models.dpc`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import DpcParams, Map
 
 MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
-# P compares with the frame just younger than an interval, instead of the one just older, if it
-# is too young by at most a quarter of the interval, and by at most 0.4 of the time by which the
-# other one is too old. Measured at 20 to 144 frames/s.
+# P compares with the oldest frame that is younger than an interval, instead of the youngest that is
+# older, if the younger frame lacks at most a quarter of the interval, and at most 0.4 of the time
+# that the older frame has in excess. Measured at 20 to 144 frames/s.
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
 _MOST_KEPT = 16.5  # frames kept per interval; at higher rates some are skipped
@@ -56,9 +56,9 @@ class _PastFrame:
 class Photoreceptors:
     """P of a video, now and one and two intervals ago.
 
-    P(t) compares a frame with the youngest one that is an interval old, or with the next one, if
-    that lacks a quarter of the interval at most, and is much nearer to it (``docs/time.md``). One
-    interval ago is when the frame was that it is compared with.
+    P(t) compares a frame with the youngest frame that is at least an interval old, or with the next
+    younger frame, if that frame lacks at most a quarter of the interval and comes much nearer to it
+    (``docs/time.md``). "One interval ago" is the time of the frame compared with.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class Photoreceptors:
     def luma_change(self) -> float | None:
         """Mean of P(t) over the frame, 0 to 1; None where no earlier frame was compared.
 
-        Changes add up over time, so that it is referred to the length of an interval.
+        Changes add up over time: the mean is scaled to the length of an interval.
         """
         return None if self._latest.change is None else self._latest.mean * self.share
 
@@ -133,7 +133,7 @@ class Photoreceptors:
     def motion_lasts(self) -> bool:
         """Whether the luminance kept changing since before the three intervals of `maps`.
 
-        It is not so at the start of a video, nor for as long after the complete scene was at rest.
+        False at the start of a video, and for the same time after a rest of the complete scene.
         """
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
@@ -145,8 +145,8 @@ class Photoreceptors:
         """Reference intervals from frame to frame, as a rule: the median of the latest steps.
 
         Where repeats are left out, pictures come at a lower rate than the video says. A lower rate
-        counts soon, a higher one later: short steps may come from missed repeats. A single step
-        is no rule; before the second one the declared rate counts.
+        counts after a few steps, a higher one after many: short steps may come from missed repeats.
+        Before the second step the declared rate counts.
         """
         latest = list(self._steps)
         return max(median(latest[-_FEW:]), median(latest)) if len(latest) > 1 else self._clock.step
@@ -154,8 +154,8 @@ class Photoreceptors:
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
 
-        They are as large as fit, and centred in the frame. Where the frame has fewer pixels than
-        squares, it is resized instead.
+        The squares are as large as fit, and centred in the frame. Where the frame has fewer pixels
+        than squares, it is resized instead.
         """
         (height, width), (rows, columns) = self.shape, shape
         side = min(height // rows, width // columns)  # OpenCV is fast where all are equal
@@ -191,8 +191,8 @@ class Photoreceptors:
         ------
         FrameError
             If the array is not float32 of that shape, or holds a value that is not finite, or
-            one of the first three frames is not in the range from 0 to 1. The frame is not taken
-            then.
+            one of the first three frames is not in the range from 0 to 1. Such a frame is not
+            taken.
         """
         if luma.shape != self.shape or luma.dtype != np.float32:
             raise FrameError(
@@ -305,7 +305,7 @@ class Dpc:
         self.sums = PresynapticSums.zeros(self._shape, axes, only_pathways=only_pathways)
 
     def add_axes(self, axes: tuple[int, ...]) -> None:
-        """Compute the pathways of these axes too, or S for no axes, from the next frame on."""
+        """From the next frame on, compute the pathways of these axes too; for no axes, S."""
         wanted = axes or self.axes, self.sums.only_pathways and bool(axes)
         if wanted != (self.axes, self.sums.only_pathways):
             self._set_up(*wanted)
@@ -431,7 +431,7 @@ class Layers:
 
     @property
     def time_s(self) -> float | None:
-        """Presentation time of the frame that is given now; None where nobody tells it."""
+        """Presentation time of the frame that is given now; None if it is not known."""
         return self.clock.time_s
 
     def photoreceptors(self, stride: int = 1) -> _Hold[Photoreceptors]:
@@ -446,9 +446,9 @@ class Layers:
         Parameters
         ----------
         params : DpcParams
-            The DPC constants; others that it holds do not matter.
+            Only its DPC constants count.
         axes : tuple of int
-            As for :class:`Dpc`; S itself is computed where one holder gives none.
+            As for :class:`Dpc`; S itself is computed if one holder gives no axes.
         stride : int
             Reference intervals between the frames that are compared, at least 1.
         """

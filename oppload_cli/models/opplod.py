@@ -276,7 +276,7 @@ class Opplod(Detector):
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
 
     def _in_smaller(self, judgement: PooledJudgement) -> Map | None:
-        """Return R in the frame at half its size, once it answers (``docs/presets.md``)."""
+        """Return R in the frame at half its size; None while its motion is too new to judge."""
         frames = self._smaller
         if not frames or not judgement.answers_to(frames.photoreceptors):
             return None

@@ -156,11 +156,15 @@ class OpplodParams(_ArmParams):
         high=1e9,
     )
     adaptation_s: float = parameter(
-        4.0, "length of this background, back from the latest frame", unit="s", low=0.1, high=60
+        4.0,
+        "length of this background, which ends adaptation_guard_s before the latest frame",
+        unit="s",
+        low=0.1,
+        high=60,
     )
     adaptation_guard_s: float = parameter(
         0.25,
-        "latest part of this time that does not yet count as background",
+        "time before the latest frame that does not yet count as background",
         unit="s",
         low=0,
         high=60,
@@ -225,7 +229,7 @@ class OpplodParams(_ArmParams):
             )
 
     def resolved(self, height: int) -> OpplodParams:
-        """Return these parameters with the values that the video decides filled in.
+        """Return these parameters with the values that depend on the video filled in.
 
         `receptive_field` and `cell` become their shares of the working height (240 and 12 px at
         240, and 100 and 8 px under preset ``reference``), but at least 2 and 1 px.

@@ -1,7 +1,8 @@
 """Opposing motion judgement (OMJ), made to work (``docs/model.md``, section 5).
 
-Pool the S maps over cells, multiply what moves apart on opposite sides of each unit, take
-outward minus inward. :class:`PixelwiseJudgement` is the paper to the letter instead.
+It pools the S maps over cells, multiplies opposite motion on opposite sides of each unit, and
+subtracts the inward products from the outward ones. :class:`PixelwiseJudgement` follows the paper
+to the letter instead.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 
 _BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
-_MOST_ELAPSED = 1.3  # intervals for which one picture counts at most; 24 frames/s go by time
+_MOST_ELAPSED = 1.3  # intervals that one picture counts at most: at 24 frames/s, 1.25 in full
 _POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
 
 
@@ -63,8 +64,8 @@ class Judgement(NamedTuple):
 def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
     """Return where the centres of the cells lie along one side of the frame.
 
-    As many complete cells as fit, at least one, stand centred in the frame. Where an odd number
-    of units is asked for, so is the number of cells: the unit in the middle then has a cell there.
+    As many complete cells as fit, at least one, stand centred in the frame. For an odd number of
+    units the number of cells is odd too, so that the unit in the middle has a cell there.
 
     Parameters
     ----------
@@ -133,7 +134,7 @@ def pool(maps: Sequence[Map], down: Map, across: Map) -> Maps:
 
 
 def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
-    """Weigh the offsets u of the opponent products, steps 2 and 3 of section 5.
+    """Return the weights of the offsets u of the opponent products, steps 2 and 3 of section 5.
 
     Parameters
     ----------
@@ -185,7 +186,7 @@ def opponent_products(pooled: Maps, weights: Maps) -> Maps:
     sums = np.zeros_like(pooled[:axes])
     rows, columns = sums.shape[1:]
     for axis, dy, dx in np.argwhere(weights) - (0, reach, reach):
-        y, x = abs(dy), abs(dx)  # beyond these margins one of the two is outside the frame
+        y, x = abs(dy), abs(dx)  # beyond these margins one of the two places is outside
         if 2 * y < rows and 2 * x < columns:
             ahead = pooled[axis, y + dy : rows - y + dy, x + dx : columns - x + dx]
             behind = pooled[axes + axis, y - dy : rows - y - dy, x - dx : columns - x - dx]
@@ -195,7 +196,7 @@ def opponent_products(pooled: Maps, weights: Maps) -> Maps:
 
 
 def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
-    """Tell where S has an inhibition that belongs to it: where motion has not just begun.
+    """Tell in which cells motion has lasted for long enough that S has its inhibition.
 
     The first edges that move after a rest meet no inhibition, in no direction, and excite all
     pathways alike. The history of a cell is the largest change within 6 cells.
@@ -381,7 +382,7 @@ class PooledJudgement:
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees, of the working frame or of a smaller one.
         seen : Photoreceptors, optional
-            From which they were made, for what depends on the interval and on what came before.
+            The photoreceptors that S was made from; they give the interval and the history.
         times : int
             How many times as high and wide the working frame is, at least 1.
 
@@ -434,7 +435,7 @@ class PooledJudgement:
         seen : Photoreceptors, optional
             As for `opponency`.
         smaller : ndarray of float32, shape (2, rows, columns), optional
-            R in the frame at half its size, which is added.
+            R in the frame at half its size, which is added with the weight `halved_weight`.
 
         Returns
         -------
@@ -474,7 +475,7 @@ class PooledJudgement:
         )
 
     def _adaptation(self, best: float, elapsed: float) -> float:
-        """Return what R is multiplied by: 1, or less in a scene full of opponent motion.
+        """Return the factor of R: 1, or less in a scene full of opponent motion.
 
         ``min(1, level / B)``, with B the background of the best unit's R (``docs/presets.md``).
         """
@@ -520,7 +521,7 @@ class PixelwiseJudgement:
         )
 
     def reset(self) -> None:
-        """Forget the frames that have passed: this judgement remembers none."""
+        """Do nothing: this judgement remembers no frames."""
 
     def judge(self, pathways: Mapping[int, Map], share: float = 1.0) -> Judgement:
         """Judge the S maps of the four pathways.
@@ -535,8 +536,8 @@ class PixelwiseJudgement:
         Returns
         -------
         Judgement
-            The response is the sum of S_E over all units; the place is that of the unit with
-            the largest part of it.
+            The response is the sum of S_E over all units; the place is that of the unit with the
+            largest S_E.
         """
         if share != 1:
             pathways = {phi: s * np.float32(share) for phi, s in pathways.items()}

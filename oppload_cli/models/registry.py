@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from oppload_cli.schema import Parameters
 
 
-# Names and columns that mean something else in settings and tables.
+# Names that mean something else in settings and tables.
 _TAKEN_NAMES = {
     *("alarm", "places", "rmo", "repeats", "time"),
     *("preset", "models", "height", "measure_rmo", "fov", "columns", "all"),
@@ -343,7 +343,7 @@ class DetectorBank:
         Parameters
         ----------
         intervals : float
-            How long the video lasts already; a detector in its warm-up has no answer.
+            Intervals since the start of the video; a detector in its warm-up has no answer.
         """
         return {
             name: each.at_rest() if intervals >= each.warm_up else None

@@ -73,13 +73,13 @@ class Clock:
     params : TimeParams, optional
         The time base.
     frame_rate : float, optional
-        Frames per second of the video, for frames whose time nobody tells; without it each of
-        them lasts one interval.
+        Frames per second of the video, for frames without a presentation time; if it is left out,
+        each of them lasts one interval.
 
     Attributes
     ----------
     time_s : float or None
-        Presentation time in seconds of the frame that is given now; None where nobody tells it.
+        Presentation time in seconds of the frame that is given now; None if it is not known.
     per_second : float
         Intervals per second.
     step : float
@@ -125,10 +125,10 @@ class Background:
     Parameters
     ----------
     reach : float
-        How far back it reaches, in the unit of the times, above 0.
+        Length of the background, in the unit of the times, above 0.
     guard : float
-        The latest time that is not yet background, at least 0: an event must not raise the
-        background that it is compared with.
+        Time before the latest value in which values are not yet background, at least 0: an event
+        must not raise the background that it is compared with.
     """
 
     def __init__(self, reach: float, guard: float) -> None:

@@ -79,7 +79,7 @@ class TtcGradient(Detector):
     details = (
         Column("a", "px/frame", "horizontal motion at the centre of the frame"),
         Column("b", "px/frame", "vertical motion at the centre of the frame"),
-        Column("c", "1/frame", "expansion of the whole frame; 1/c is the time to contact"),
+        Column("c", "1/frame", "expansion of the complete frame; 1/c is the time to contact"),
         Column("r2", "0 to 1", "share of the change that this motion explains"),
         Column("best_score", "1/frame", "max(c, 0) r2 of the best window"),
         Column("best_x", "px", "column of the centre of the best window"),

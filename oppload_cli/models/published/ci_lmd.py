@@ -40,7 +40,7 @@ class CiLmdParams(Parameters):
 
 @dataclass(frozen=True)
 class CiLmdResponse(Response):
-    """The answer of ci_lmd, with its output."""
+    """The answer of ci_lmd, with the value that its authors publish."""
 
     ci_lmd: float = 0.5
 

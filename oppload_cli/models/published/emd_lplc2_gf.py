@@ -108,7 +108,7 @@ def _lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Pla
 
 
 def _arms(motion: Plane, length: int, width: int, threshold: float) -> Plane:
-    """Return the product of the two arms along the rows: motion forwards after, and back before."""
+    """Return the product of both arms along the rows: motion away from each pixel, at least 0."""
     height, columns = motion.shape
     padded = cv2.copyMakeBorder(motion, width, width, length, length, cv2.BORDER_CONSTANT)
     table = cv2.integral(padded)
@@ -146,7 +146,7 @@ class EmdLplc2Gf(ChangeDetector):
     """Reichardt motion detectors, LPLC2 units with four arms, and a spiking giant fibre.
 
     All constants count frames, as the authors wrote them for 100 frames/s. Taller frames are
-    reduced to the authors' 150 rows. A literal alarm is the first spike.
+    reduced to the authors' 150 rows. The authors' alarm is the first spike.
 
     Source: Zhao J. et al. 2023 (iScience) and the authors' published code; ``docs/detectors.md``.
     """
@@ -198,7 +198,7 @@ class EmdLplc2Gf(ChangeDetector):
         self._voltage, self._input, self._active, self._collision = _REST_MV, 0.0, 0, 0
 
     def at_rest(self) -> EmdLplc2GfResponse:
-        """Return the answer to a frame in which nothing changed: no response."""
+        """Return the answer to a frame in which nothing changed: a response of 0."""
         return EmdLplc2GfResponse(0.0, v_end=self._voltage, collision=self._collision)
 
     def answer(self, p: Plane) -> EmdLplc2GfResponse:

@@ -24,7 +24,7 @@ _LOW_PASS_MS = 30.0
 _QUADRANTS = "right_down", "left_down", "left_up", "right_up"
 _EXPONENTS = 0.9, 0.5  # of T4 (ON) and T5 (OFF)
 _RIGHT, _LEFT, _DOWN, _UP = range(4)
-_FIRST_FRAME = 2  # the authors' code passes over the difference of the first two frames
+_FIRST_FRAME = 2  # the authors' code skips the difference of the first two frames
 _SMALLEST = np.float32(1e-22)
 _LEAST = np.float32(1e-30)
 
@@ -69,7 +69,7 @@ class _Pathway:
         self._spread = _gaussian_line(5, 5.0)
         self._room, self._other, self._s = np.empty((3, *shape), np.float32)
         self._signal, self._delayed, self._contrast = np.zeros((3, *shape), np.float32)
-        # T of neighbours, low-passed: of each pixel with that to its right, and with that below.
+        # Low-passed T of each pixel with its neighbour to the right, and with the one below.
         self._across, self._down = np.zeros((2, *shape), np.float32)
         self._motion = np.zeros((4, *shape), np.float32)
 
@@ -92,8 +92,8 @@ class _Pathway:
         rise = self._rise(s)
         self._low_pass(self._across[:, :-1], s[:, :-1], s[:, 1:], d[:, :-1], d[:, 1:])
         self._low_pass(self._down[:-1], s[:-1], s[1:], d[:-1], d[1:])
-        # T of a pixel and its neighbour is that of the neighbour and the pixel with the other
-        # sign; beyond the frame the edge is repeated, so that T is 0 there.
+        # T changes its sign if a pixel and its neighbour are exchanged; beyond the frame the edge
+        # is repeated, so that T is 0 there.
         bias, motion = self._bias, self._motion
         np.multiply(bias, self._across, out=motion[_RIGHT])
         np.multiply(bias[:, 1:], self._across[:, :-1], out=motion[_LEFT][:, 1:])
@@ -274,8 +274,8 @@ class HuaFixed(Detector):
     """Motion out of the middle of the frame in all four quadrants at once.
 
     Nine functions of the authors' code were never published: the assumptions that stand for
-    them are listed in ``docs/detectors.md``. This variant takes the vertical difference the
-    right way round, and each frame by itself.
+    them are listed in ``docs/detectors.md``. This variant corrects the sign of the vertical
+    difference, and does not add up the sums of all frames.
 
     Source: after Hua et al. 2022 and the published part of the authors' code.
     """

@@ -1,4 +1,4 @@
-"""LGMD1 with a grouping layer (Yue and Rind 2006; Fu's LGMD.m): the one meant by "LGMD1"."""
+"""LGMD1 with a grouping layer (Yue and Rind 2006; Fu's LGMD.m); its label is "LGMD1"."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
-# p1 and p2. The first pair makes Q an integral; the published 1 / (1 + e^i) forget.
+# p1 and p2. With the first pair Q is an integral; with the published 1 / (1 + e^i) it decays.
 _PERSISTENCE = {"literal": (0.5, 0.5), "paper": (1 / (1 + np.e), 1 / (1 + np.e**2))}
 _MEANING = (
     "weights of earlier Q: 'literal', as coded, keeps them; 'paper', 1 / (1 + e^i), lets them decay"
@@ -68,10 +68,10 @@ class Lgmd1Group(ChangeDetector):
     """The LGMD1 with persistence and grouping.
 
     ``Q(t) = P(t) + p1 Q(t-1) + p2 Q(t-2)``, ``S = Q(t) - 0.3 K3(0, 1/4, 1/8) * Q(t-1)``, and
-    ``G = S Ce / w`` where ``0.15 G >= 15``, blind to the sign: dark and bright objects are alike.
-    As coded, p1 = p2 = 0.5: Q integrates, and an edge that has passed stays for ever. The
-    change of frame 1 is not used. The code has no rule for spikes; Fu's papers take k from 0.78
-    or 0.8 during 4 to 5 frames.
+    ``G = S Ce / w`` where ``0.15 G >= 15``. Signs do not count: dark and bright objects give the
+    same. As coded, p1 = p2 = 0.5: Q integrates, and an edge that has passed stays for ever. The
+    change of frame 1 is not used. The code has no rule for spikes; Fu's papers take k from 0.78 or
+    0.8 during 4 to 5 frames.
 
     Source: fuqinbing's LGMD.m, after Yue and Rind 2006; ``docs/detectors.md``.
     """

@@ -63,11 +63,11 @@ class Lgmd1OnoffResponse(Response):
 class Lgmd1Onoff(ChangeDetector):
     """The LGMD1 with two pathways of Fu et al. 2018, in the default build of their open source.
 
-    ``S = (ON - 0.5 ST(ON)) + (ST(OFF) - 1.0 OFF)``, 0 where it is below 30, where ST spreads
-    with a delay. In the OFF pathway the direct signal inhibits and the spread one excites.
-    The membrane potential is the sum of ``A3 * S``; its sigmoid adapts and gives spikes.
+    ``S = (ON - 0.5 ST(ON)) + (ST(OFF) - 1.0 OFF)``, and 0 where this sum is below 30; ST spreads
+    with a delay. In the OFF pathway the direct signal inhibits and the spread one excites. The
+    membrane potential is the sum of ``A3 * S``; its sigmoid adapts and gives spikes.
 
-    ON and OFF lie in two slots, those of even and those of odd frames. A frame that the
+    ON and OFF are kept in two slots, one for even and one for odd frames. A frame that the
     feed-forward inhibition silences does not write its slot, so that "the frame before" is then
     two or more frames older.
 
@@ -109,7 +109,7 @@ class Lgmd1Onoff(ChangeDetector):
         self._nsp = self._collision = 0
 
     def at_rest(self) -> Lgmd1OnoffResponse:
-        """Return the answer to a frame in which nothing changed: no response."""
+        """Return the answer to a frame in which nothing changed: a response of 0."""
         return Lgmd1OnoffResponse(0.0, collision=self._collision)
 
     def answer(self, p: Plane) -> Lgmd1OnoffResponse:

@@ -108,7 +108,7 @@ class Lgmd1Single(ChangeDetector):
         self._nsp = self._collision = 0
 
     def at_rest(self) -> Lgmd1SingleResponse:
-        """Return the answer to a frame in which nothing changed: no response."""
+        """Return the answer to a frame in which nothing changed: a response of 0."""
         return Lgmd1SingleResponse(0.0, collision=self._collision)
 
     def answer(self, p: Plane) -> Lgmd1SingleResponse:

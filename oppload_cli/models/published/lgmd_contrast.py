@@ -56,7 +56,7 @@ class LgmdContrast(ChangeDetector):
     ``M = tanh(x / (g * x + 3))`` of brightening and of darkening, with g a Gaussian of 9 x 9 px
     and sigma 5; ``S = max(M - 0.4 I - C, 0)`` with I the M of the frame before, spread, and
     ``C = |K3(1, -1/8, -1/8) * M|`` the contrast of M; ``S_on + S_off + S_on S_off`` is grouped.
-    Its response hardly depends on contrast; a flash of the whole frame gives the largest one.
+    Its response hardly depends on contrast; a flash of the complete frame gives the largest one.
     No rule for spikes was published.
 
     Source: Fu and Li 2022; ``docs/detectors.md``.

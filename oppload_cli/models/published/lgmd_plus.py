@@ -70,9 +70,9 @@ class LgmdPlusResponse(Response):
 class LgmdPlus(ChangeDetector):
     """The LGMD+ of Fu et al. 2020, with the constants of their best evolved agent.
 
-    Each product of the smoothing of P is cut to a whole number: changes under 5 grey levels
-    vanish, and much noise with them. Inhibition grows with the mean change and away from the
-    centre of the view; G is low-passed, the faster the more changes.
+    Each product of the smoothing of P is cut to an integer: changes under 5 grey levels vanish, and
+    much noise with them. Inhibition grows with the mean change and away from the centre of the
+    view. G is low-passed, with a time constant that falls as the mean change grows.
 
     Source: Fu et al. 2020; ``docs/detectors.md``.
     """
@@ -119,7 +119,7 @@ class LgmdPlus(ChangeDetector):
         self._ffi, self._collision = 0.0, 0
 
     def at_rest(self) -> LgmdPlusResponse:
-        """Return the answer to a frame in which nothing changed: no response."""
+        """Return the answer to a frame in which nothing changed: a response of 0."""
         return LgmdPlusResponse(0.0, collision=self._collision)
 
     def answer(self, p: Plane) -> LgmdPlusResponse:
@@ -155,7 +155,7 @@ class LgmdPlus(ChangeDetector):
         return np.asarray(cv2.addWeighted(so, gains[0], sf, gains[1], 0))
 
     def _smoothed(self, p: Plane) -> Plane:
-        """Return b: the Gaussian of P with every product cut to a whole number."""
+        """Return b: the Gaussian of P with every product cut to an integer."""
         centre, nearest, diagonal = (np.trunc(p * tap) for tap in self._taps)
         b: Plane = centre + spread(nearest, k3(0, 1, 0))
         b += spread(diagonal, k3(0, 0, 1))

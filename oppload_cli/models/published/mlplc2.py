@@ -48,7 +48,7 @@ _FAINTEST_MOTION = 1e-12  # of which a power is taken
 
 
 def _corner_line(size: int, used: int, sigma: float) -> Plane:
-    """Return the first part of a Gaussian of sum 1, whose square the authors apply centred."""
+    """Return the first taps of a Gaussian of sum 1; the authors centre the square of these taps."""
     line = np.exp(-((np.arange(size) - size // 2) ** 2) / (2 * sigma**2))
     return np.asarray(line[:used] / line.sum(), np.float64)
 
@@ -326,7 +326,7 @@ class Mlplc2(ChangeDetector):
         return Mlplc2Response(output, box, *values)
 
     def _open(self, y: Places, x: Places, magnitude: Plane) -> None:
-        """Open a field at the largest motion that the authors' scan finds beyond the others."""
+        """Open a field at the largest motion that the authors' scan finds outside other fields."""
         # The place of the largest motion up to a pixel decides whether the pixel counts.
         records = np.flatnonzero(np.diff(np.maximum.accumulate(magnitude), prepend=0.0) > 0)
         y, x = y[records], x[records]

@@ -1,7 +1,7 @@
 """The functions that the models of Fu and colleagues share.
 
-They see grey levels 0 to 255 and their signed change, and count time in frames of a truncated
-number of milliseconds. Source: ``docs/detectors.md``.
+These models see grey levels 0 to 255 and their signed change, and count time in frames that last an
+integer number of milliseconds. Source: ``docs/detectors.md``.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     Plane = NDArray[np.floating[Any]]  # one value per pixel
 
 EDGE, ZERO, MIRROR = cv2.BORDER_REPLICATE, cv2.BORDER_CONSTANT, cv2.BORDER_REFLECT_101
-_MOST_EXACT = 2**24  # the whole numbers of single precision
+_MOST_EXACT = 2**24  # up to here single precision holds every integer
 USUAL_RATE = 30.0  # frames per second, where the rate is not known
-DECAY = 0.1  # share of ON and OFF that stays to the next frame
+DECAY = 0.1  # share of ON and OFF that remains in the next frame
 
 
 class ChangeDetector(Detector):
@@ -92,7 +92,7 @@ class ChangeDetector(Detector):
 
 
 def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return ``L8``, the luminance in whole grey levels, 0 to 255.
+    """Return ``L8``, the luminance in integer grey levels, 0 to 255.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def averaged(values: Plane, border: int = EDGE) -> Plane:
 
 
 def at_least(values: Plane, least: float) -> Plane:
-    """Return a map with 0 where it is below a threshold above 0."""
+    """Return a map in which values below a threshold, itself above 0, are 0."""
     # OpenCV keeps values above the threshold, not those that equal it.
     below = float(np.nextafter(values.dtype.type(least), values.dtype.type(-np.inf)))
     return np.asarray(cv2.threshold(values, below, 0, cv2.THRESH_TOZERO)[1])
@@ -184,7 +184,7 @@ def split(p: Plane, on_before: Plane, off_before: Plane) -> tuple[Plane, Plane]:
     """Return ON and OFF: brightening and darkening, with a tenth of those of the frame before.
 
     ``ON(t) = max(P, 0) + 0.1 ON(t-1)`` and ``OFF(t) = max(-P, 0) + 0.1 OFF(t-1)``; the authors
-    count P from 0.1 as ON, which is the same for whole grey levels.
+    count P from 0.1 as ON, which is the same for integer grey levels.
     """
     on = positive(p)
     off = on - p

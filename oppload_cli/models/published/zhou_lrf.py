@@ -201,7 +201,7 @@ class ZhouLrf(Detector):
         samples = self._samples(1 - grey_levels(luma, self.shape) / 255)
         before = self._delayed
         if before is None:
-            self._delayed = samples  # a settled start
+            self._delayed = samples  # as if it had been shown for long
             return None
         self._delayed = [
             _DELAY_KEPT * old + (1 - _DELAY_KEPT) * new
