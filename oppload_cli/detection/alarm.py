@@ -1,4 +1,4 @@
-"""A causal alarm: a response far above what the video has shown so far, or a near contact."""
+"""A causal alarm: it answers to a response far above the recent ones, or to a near contact."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 class Alarm:
     """The alarm of one detector over one video.
 
-    It uses only frames that have passed, so that it says the same on a robot as on a file. A
+    It uses only frames that have passed, so that it is the same on a robot and on a file. A
     frame counts when its evidence (:meth:`AlarmParams.evidence`) is above the threshold: `factor`
-    times the median response of the background, which is the last `background_s` seconds without
-    the latest `guard_s`, and at least the detector's floor.
+    times the median response of the background, and at least the detector's floor. The background
+    is `background_s` seconds long and ends `guard_s` before the frame.
 
     Parameters
     ----------
@@ -96,10 +96,10 @@ class Alarm:
         return self._on
 
     def _long_enough(self, above: bool, time_s: float) -> bool:
-        """Tell whether the responses were above for long enough: from the first such frame on."""
+        """Tell whether evidence was above the threshold for long enough, since its first frame."""
         before_s = time_s if self._before_s is None else self._before_s
         oldest = time_s - self.params.window_s
-        if self.params.enough_s:  # that takes two frames at least, at the lowest rates too
+        if self.params.enough_s:  # at least two frames must count, at the lowest rates too
             oldest = min(oldest, before_s)
         while self._above and self._above[0][0] < oldest:
             self._above.popleft()
@@ -150,7 +150,7 @@ class Cuts:
         Returns
         -------
         bool
-            Whether the detectors may answer to such a change, of this frame or of a recent one.
+            Whether the frame is blind: it shows such a change, or a recent frame did.
         """
         while len(self._changes) > 1 and self._changes[0][0] < time_s - self.MEMORY_S:
             self._changes.popleft()
@@ -165,6 +165,7 @@ class Cuts:
             return False
         if before <= self._params.rest:
             return True
-        # In a cut most pixels change about as much as the mean; near an object few change much.
+        # In a cut most pixels change about as much as the mean; near an approaching object few
+        # change much.
         changed = np.count_nonzero(photoreceptors > change / 4)
         return bool(changed >= self._params.cut_share * photoreceptors.size)

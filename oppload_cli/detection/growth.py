@@ -1,4 +1,4 @@
-"""How far an object reaches, how much it has grown, and when it will touch (``docs/places.md``)."""
+"""The extent of an object, its growth, and its time to contact (``docs/places.md``)."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Extent(NamedTuple):
 class Products:
     """The opponent products about any one unit of the latest frame, over all of the frame.
 
-    ``O(u) = S_phi(c + u) S_(phi+180)(c - u)``, summed over both axis pairs, as in
+    ``O(u) = S_phi(c + u) S_(phi+180)(c - u)``, summed over both axes, as in
     ``docs/model.md``, section 5, but not cut off by the receptive field.
 
     Parameters
@@ -120,7 +120,7 @@ class Products:
         return found
 
     def better_unit(self, row: int, column: int, extent: Extent) -> tuple[int, int]:
-        """Return the unit among one and its eight neighbours about which most moves outward.
+        """Return the unit with the most outward motion about it, among a unit and its 8 neighbours.
 
         Parameters
         ----------
@@ -197,7 +197,7 @@ class Growth(NamedTuple):
     Attributes
     ----------
     shrinkage : float
-        Earlier over later size, less 1: below 0 for what grew.
+        Earlier over later size, less 1: below 0 for an object that grew.
     error : float
         Its standard error.
     """
@@ -207,7 +207,7 @@ class Growth(NamedTuple):
 
 
 class Picture:
-    """A frame, and at half its size, a quarter and so on where that is asked for.
+    """A frame, and on demand the same frame at a half of its size, a quarter and so on.
 
     Parameters
     ----------
@@ -253,10 +253,10 @@ class Picture:
 
 
 def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) -> Growth | None:
-    """Measure how much what a region shows has grown since an earlier frame.
+    """Measure how much the content of a region has grown since an earlier frame.
 
-    What moves by (a, b) and shrinks by k on the way back to that frame is there at
-    ``p + (a, b) + k p``, with p from the middle of the region. Least squares over the
+    A point p of the region, counted from its middle, lies at ``p + (a, b) + k p`` in the earlier
+    frame: (a, b) is the displacement and k the shrinkage on the way back. Least squares over the
     region's ellipse give a, b and k; each round moves the earlier picture by them.
 
     Parameters
@@ -271,7 +271,7 @@ def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) ->
     Returns
     -------
     Growth or None
-        None where the earlier frame does not show it.
+        None where the earlier frame does not show the content of the region.
 
     Source: ``docs/places.md``, "Time to contact".
     """
@@ -326,16 +326,16 @@ def _grid() -> tuple[Map, Map, NDArray[np.bool_]]:
 
 
 class Contact:
-    """The growth of one object, and when it will touch.
+    """The growth of one object, and its time to contact.
 
-    In a camera's picture the size of what approaches at constant speed is
-    ``s = A / (T - t)``. So two of its sizes give the time of contact T, and the mean of
-    several such times, weighted by their standard errors, gives it better.
+    In a camera's picture the size of an object that approaches at constant speed is ``s = A / (T -
+    t)``. So two of its sizes give the time of contact T, and the mean of several such times,
+    weighted by their standard errors, gives it better.
 
     Parameters
     ----------
     params : PlaceParams
-        When the estimate is determined.
+        Gives the conditions under which the estimate is determined.
 
     Source: ``docs/places.md``, "Time to contact".
     """
@@ -354,8 +354,8 @@ class Contact:
         passed_s : float
             How long it grew until then, in seconds, above 0.
         growth : Growth
-            Within its standard error of none, nothing approaches: what was known is
-            forgotten. One that is uncertain by more than `largest_error` does not count.
+            If it is within its standard error of none, nothing approaches, and earlier growths are
+            forgotten. If its error is above the share `largest_error` of it, it does not count.
         """
         shrinkage, error = growth
         if shrinkage + error >= 0:
@@ -385,7 +385,7 @@ class Contact:
         tuple of float, or None
             Both in seconds, above 0; None unless it is determined: enough frames over a long
             enough time, enough growth, and a standard error of the mean below `largest_error`
-            of it. The error is that of the time by one growth: the growths of an object err
+            of it. The error is that of a time from a single growth: the growths of an object err
             alike, so that their mean is hardly better.
         """
         while self._samples and self._samples[0][0] < time_s - self._params.memory_s:

@@ -40,11 +40,15 @@ class AlarmParams(Parameters):
         high=1e6,
     )
     background_s: float = parameter(
-        4.0, "length of the background, back from the latest frame", unit="s", low=0.1, high=3600
+        4.0,
+        "length of the background, which ends guard_s before the latest frame",
+        unit="s",
+        low=0.1,
+        high=3600,
     )
     guard_s: float = parameter(
         0.2,
-        "latest part of this time that does not yet count as background",
+        "time before the latest frame that does not yet count as background",
         unit="s",
         low=0,
         high=60,
@@ -124,7 +128,7 @@ class AlarmParams(Parameters):
         return alarm_floor_of(name) if floor is None else floor
 
     def evidence(self, response: float, contact_s: float | None) -> float:
-        """Return what an alarm compares with its threshold.
+        """Return the evidence, the number that an alarm compares with its threshold.
 
         Parameters
         ----------
@@ -157,7 +161,7 @@ class AlarmParams(Parameters):
         return _restored, (names, self.as_dict())
 
 
-# Presets whose responses ask for another alarm than those of the default one.
+# Presets whose responses need another alarm than those of preset default.
 _TWO_OF_THREE = {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09, "contact_s": 0.0}
 _ALARMS: dict[str, dict[str, float]] = {
     "reference": _TWO_OF_THREE,
@@ -269,7 +273,7 @@ class PlaceParams(Parameters):
     )
 
 
-# Their responses are on another scale than those of the default one.
+# Responses under these presets are on another scale than those under preset default.
 _PLACES = dict.fromkeys(("reference", "paper"), PlaceParams(floor=1e-6))
 
 

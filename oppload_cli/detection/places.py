@@ -1,4 +1,4 @@
-"""Looming objects: where they are, which is which, and when they touch (``docs/places.md``)."""
+"""Looming objects: their places, their numbers, and their times to contact (``docs/places.md``)."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Detection(NamedTuple):
     time_to_contact_s : float or None
         Estimate in seconds, above 0; None where it is not determined.
     time_to_contact_error_s : float or None
-        Its error in seconds, by what the growths leave unexplained (``docs/places.md``).
+        Its error in seconds, from the residuals of the growths (``docs/places.md``).
     view : View or None
         The same in degrees; None where the field of view is not known.
 
@@ -74,7 +74,7 @@ class Detection(NamedTuple):
         return self._replace(view=optics.view(self.box, centre, self.time_to_contact_s))
 
     def after(self, passed_s: float) -> Detection:
-        """Return the same object so many seconds later, when nothing new was seen of it."""
+        """Return the same object so many seconds later, without a new measurement."""
         left = self.time_to_contact_s and self.time_to_contact_s - passed_s
         if left is None or left <= 0:
             return self._replace(time_to_contact_s=None, time_to_contact_error_s=None)
@@ -110,7 +110,7 @@ def peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     -------
     list of _Peak
         The largest response first: the winning unit of the frame, if it is above
-        the floor. None lies in the receptive field of one before it.
+        the floor. No peak lies in the receptive field of an earlier one.
     """
     responses = maps.responses
     largest = float(responses.max())
@@ -186,9 +186,9 @@ class Track:
     response : float
         Of the latest frame that showed it.
     seen_s : float
-        When that was.
+        Time of that frame in seconds.
     time_to_contact_s, time_to_contact_error_s : float or None
-        As estimated then, and its error.
+        As estimated in that frame, and its error.
     """
 
     identity: int
@@ -204,7 +204,7 @@ class Track:
     time_to_contact_error_s: float | None = None
 
     def holds(self, x: float, y: float, near: float) -> float | None:
-        """Return how far off its focus a point of it is, 0 to 1; None for one outside."""
+        """Return the distance of a point from the focus, 0 to 1; None for a point outside."""
         reach_x, reach_y = (max(near, _GROWTH * half) for half in (self.extent.x, self.extent.y))
         away = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
         return away if away <= 1 else None
@@ -213,7 +213,7 @@ class Track:
 class Places:
     """The looming objects of one video, from one frame to the next.
 
-    It uses only frames that have passed, and remembers nothing of them but the objects.
+    It uses only frames that have passed, and keeps those of the latest interval.
 
     Parameters
     ----------
@@ -321,7 +321,8 @@ class Places:
         x, y = focus(self._maps, row, column)
         extent = self._measured(row, column, track.extent.x, track.extent.y)
         if self._products and max(abs(row - track.row), abs(column - track.column)) > 1:
-            # An edge of an object larger than the field, or a new focus: where more moves apart.
+            # The peak is an edge of an object larger than the field, or a new focus: the unit with
+            # more outward motion about it counts.
             place = self._products.better_unit(track.row, track.column, track.extent)
             held = self._products.extent(*place, track.extent.x, track.extent.y)
             if held and (extent is None or held.opponency > extent.opponency):
@@ -420,7 +421,7 @@ class Detections:
         )
 
     def of_box(self, answer: Response) -> tuple[Detection, ...]:
-        """Return the one object of a detector without units: where its response comes from.
+        """Return the only object of a detector without units: the place of its response.
 
         Parameters
         ----------
