@@ -231,7 +231,7 @@ class DenseFlow:
         if min(self._reduced[1].shape) < _SHORTEST_SIDE:
             return _nothing()
         change = cv2.absdiff(*self._reduced)
-        # A cell may change by the least amount in one of its samples alone.
+        # A cell whose mean change is large enough has at least one sample that changes as much.
         _, moved = cv2.threshold(change, 255.0 * self.params.minimum_change, 255, cv2.THRESH_BINARY)
         left, top, width, height = cv2.boundingRect(moved)
         if not width:

@@ -1,8 +1,8 @@
 """Radial opponent motion (ROM) pairs and radial motion opponency (RMO).
 
-The metric alone: arrays of motion vectors in, numbers out. Vectors may come from
-anywhere and be in any unit. x grows right and y grows down, as in images; only
-angles between vectors matter, so that the direction of y changes no result.
+This module holds the metric alone: it takes arrays of motion vectors and returns numbers. Vectors
+may come from anywhere and be in any unit. x grows right and y grows down, as in images; only angles
+between vectors matter, so that the direction of y changes no result.
 """
 
 from __future__ import annotations
@@ -253,10 +253,6 @@ def metrics_of(
         Finite.
     params : RmoParams
         Tolerances and sides.
-
-    Returns
-    -------
-    RmoMetrics
 
     Source: ``docs/rmo.md``.
     """
