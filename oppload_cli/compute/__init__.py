@@ -1,1 +1,1 @@
-"""Compiled loops that replace functions of the models, and the one door to them."""
+"""Compiled loops that replace functions of the models, and the module that loads them."""

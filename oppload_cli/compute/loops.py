@@ -1,4 +1,4 @@
-"""The door to the compiled loops: one switch decides whether they replace the plain functions.
+"""Loads the compiled loops; one switch decides whether they replace the plain functions.
 
 A plain function says with :func:`with_twin` that :mod:`oppload_cli.compute.twins` holds its
 compiled twin. The twin has the same name, takes the same arguments and returns the same values,
@@ -62,7 +62,7 @@ _NUMBER: dict[str, tuple[Any, ...]] = {
 
 _Byte = ctypes.c_char
 
-# True leaves the compiled loops alone.
+# True: the plain functions run.
 portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
 
 
@@ -84,10 +84,6 @@ def with_twin(plain: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
 
 def loops() -> ctypes.CDLL:
     """Return the compiled loops for this processor.
-
-    Returns
-    -------
-    ctypes.CDLL
 
     Raises
     ------
@@ -127,7 +123,7 @@ def why_not_wide() -> str | None:
 
 def address(array: NDArray[Any]) -> int:
     """Return where the first value of an array stands in memory; the array must outlive it."""
-    try:  # half as long as by the interface of arrays, of which a frame needs some 40
+    try:  # half as long as by the array interface; a frame needs some 40 addresses
         return ctypes.addressof(_Byte.from_buffer(array.data))
     except (TypeError, ValueError):  # not contiguous, or for reading only
         return int(array.__array_interface__["data"][0])
@@ -219,7 +215,7 @@ def _path(build: str) -> Path:
 
 
 def _is_damaged(path: Path) -> bool:
-    """Tell whether a library is not the one that was built: a cut one can end the process."""
+    """Tell whether a library is not the one that was built: a truncated one can end the process."""
     try:
         stated = Path(f"{path}.sum").read_text(encoding="ascii").strip()
         return stated != f"{zlib.crc32(path.read_bytes()):08x}"
