@@ -126,7 +126,7 @@ class Analysis:
             Luma, or red, green and blue: uint8 or uint16 over their full range, or float from
             0 (black) to 1 (white). It is not kept.
         time_s : float
-            When it was taken, in seconds; the zero is yours.
+            When it was taken, in seconds from any zero.
 
         Returns
         -------
@@ -198,7 +198,7 @@ def analyse(
     rmo : RmoParams or bool, optional
         Parameters of radial motion opponency, or whether to measure it.
     repeats : RepeatParams or Repeats, optional
-        How repeats are taken; a `Repeats` knows the cadence in the end.
+        How repeats are taken; a `Repeats` can be asked for the cadence afterwards.
     time : TimeParams, optional
         The time base; else that of the preset.
     optics : Optics, optional
@@ -404,7 +404,8 @@ class _Detectors:
         if units is None:
             found = places.of_box(answer)
         else:
-            # An object grows from picture to picture; its contact counts from the frame on.
+            # Growth is measured between the times of pictures; time to contact counts from the
+            # frame.
             shift_s = prepared.repeat.shift_s
             shown = places.step(units, prepared.frame.luma, time_s + shift_s)
             found = tuple(each.after(-shift_s) for each in shown) if shift_s else shown

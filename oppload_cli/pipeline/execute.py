@@ -53,10 +53,6 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
     opening : Opening, optional
         Of the same input, at the same height and span; closed at the end.
 
-    Returns
-    -------
-    Outcome
-
     Raises
     ------
     SourceError
@@ -180,7 +176,7 @@ def _write_stream(run: _Run, stream: IO[str] | None) -> None:
         run.write(run.video, _Rows(stream, run.columns))
         stream.flush()
     except BrokenPipeError:
-        raise  # the reader has gone: not an error of ours
+        raise  # the reader has gone, which is no error
     except OSError as error:
         raise OutputError(
             f"standard output: cannot be written ({reason_of(error)}); free it"
@@ -388,7 +384,7 @@ class _Run:
 def _optics(
     fov: float | None, facts: InputFacts, stimulus: Mapping[str, Any] | None
 ) -> Optics | None:
-    """Return the optics of an input: as the user says, or as its ground truth does.
+    """Return the optics of an input, from the user or from its ground truth.
 
     No container states the field of view: focal lengths in the data of pictures hold for the
     uncropped sensor, which a video seldom uses.

@@ -37,7 +37,8 @@ class RepeatParams(Parameters):
 
     handling: str = parameter(
         NEAR,
-        "repeats that the detectors do not see: 'exact' ones, also 'near' ones, or 'keep' all",
+        "repeats that the detectors do not see: 'exact' ones only, 'near' ones too, or none "
+        "('keep')",
         choices=(EXACT, NEAR, KEEP),
     )
     longest_s: float = parameter(
@@ -115,13 +116,13 @@ _NONE = _Change(0.0, 0.0)
 class Repeats:
     """Tells pictures that a converter repeated from a scene that slows down or stands still.
 
-    Content of 10 frames/s in a file of 30 repeats each picture twice: fed to the detectors it
-    would stand still, and then jump. Exact repeats are recognised at once. A near repeat, which
-    the encoder has coded anew, is a drop of the change far below that of the latest pictures;
-    it is recognised only in a cadence: when such drops have ended `_ENOUGH` times with a rise as
-    steep. Where the scene comes to rest in a cadence, the detectors see it at the rate of the
-    pictures, and after `longest_s` every frame. All of this uses past frames only, so
-    that the first near repeats of a video are not recognised.
+    Content of 10 frames/s in a file of 30 frames/s repeats each picture twice: the detectors would
+    see it stand still, and then jump. Exact repeats are recognised at once. A near repeat, which
+    the encoder has coded anew, is a drop of the change far below that of the latest pictures; it is
+    recognised only in a cadence: when such drops have ended `_ENOUGH` times with a rise as steep.
+    Where the scene comes to rest in a cadence, the detectors see it at the rate of the pictures,
+    and after `longest_s` every frame. All of this uses past frames only, so that the first near
+    repeats of a video are not recognised.
 
     Parameters
     ----------
@@ -142,7 +143,7 @@ class Repeats:
         self._run, self._worst, self._since_s = 0, _NONE, 0.0
         self._proofs: deque[tuple[float, int]] = deque()  # times and lengths of proved runs
         self._before_s = 0.0
-        self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # how long pictures of a cadence did
+        self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # of pictures of a cadence
         self._picture_s = self._even_s = 0.0  # when the latest one was shown, and was taken
         self._told_s = 0.0  # when the latest frame that the detectors saw was taken
         self._passed_over = False

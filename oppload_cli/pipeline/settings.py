@@ -123,7 +123,7 @@ class Settings:
 
     @property
     def repeats(self) -> RepeatParams:
-        """How repeated pictures are taken."""
+        """The parameters of repeats."""
         return self.group("repeats", RepeatParams)
 
     @property
@@ -185,7 +185,7 @@ class Settings:
         return replace(self, groups={**sets, **self.groups, "alarm": alarm})
 
     def resolved(self, height: int) -> dict[str, Parameters]:
-        """Return all parameter sets with the values that the video decides filled in.
+        """Return all parameter sets with the values that depend on the video filled in.
 
         Parameters
         ----------
@@ -215,11 +215,11 @@ def resolve(
     preset : str, optional
         Name of the preset; else the file's, else `usual`.
     config : Path, optional
-        A TOML file with ``preset``, ``models``, ``height``, ``measure_rmo``, ``columns``
+        A TOML file with ``preset``, ``models``, ``height``, ``fov``, ``measure_rmo``, ``columns``
         and a table per parameter set.
     models : sequence of str
         Detectors to run, several of them also with commas between them, or ``all``; none
-        means OppLoD and D-LGMD. A preset after one, as ``opplod:reference``, is that of the
+        means OppLoD and D-LGMD. A preset after a name, as in ``opplod:reference``, is that of the
         run.
     height : str, optional
         Working height in pixels, or ``native``.
@@ -235,10 +235,6 @@ def resolve(
         The preset where none is chosen.
     columns : str, optional
         ``usual`` or ``all``; else the file's, else ``usual``.
-
-    Returns
-    -------
-    Settings
 
     Raises
     ------
@@ -281,7 +277,7 @@ def resolve(
 def _concerned(
     models: Sequence[str], content: Mapping[str, Any], assignments: Sequence[str]
 ) -> Sequence[str]:
-    """Return the detectors whose parameters are looked at: all, where a setting may be of any."""
+    """Return the detectors whose parameters are needed: all, if a setting may belong to any."""
     usual = {*models, "places", "rmo", "repeats", "time"}
     few = not content and all(each.partition(".")[0].strip() in usual for each in assignments)
     return [name for name in known_names() if name in models] if few else known_names()

@@ -51,7 +51,7 @@ class StimulusVideo:
     height : int or None
         Working height in pixels; None keeps the native size.
     showings : int
-        How often it is shown, each time at once after the time before.
+        How often it is shown, one showing directly after the other.
     """
 
     def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:
@@ -268,7 +268,7 @@ def open_source(
     times : sequence of float, optional
         The presentation time of each frame of an array in seconds, instead of a rate.
     height : int or str, optional
-        Working height in pixels, or ``native``; else the preset's. An open video has one.
+        Working height in pixels, or ``native``; else the preset's. An open video keeps its own.
     preset : str
         Gives the working height.
 

@@ -230,8 +230,8 @@ def exists_already(task: Task) -> Outcome | None:
     Raises
     ------
     OutputError
-        If a result exists and the task does not say what to do with it, or to skip it and it
-        is of another input or has other settings.
+        If a result exists and the task does not say what to do with it, or if the task skips it but
+        it is of another input or of other settings.
     """
     if task.outputs is None or not task.outputs.kept(task.if_exists):
         return None
