@@ -119,7 +119,7 @@ class InputFacts:
     name : str
         As the user wrote it.
     kind : str
-        ``container``, ``images``, ``camera`` or ``stream``.
+        ``container``, ``images``, ``camera``, ``stream``, ``stimulus`` or ``array``.
     width, height : int
         Size in source pixels, after rotation.
     frame_rate : Fraction or None

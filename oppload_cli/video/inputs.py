@@ -49,8 +49,8 @@ class _Found(NamedTuple):
     error : SourceError or None
         Why the name stands for no input.
     folder : str
-        Of its results, under that of all results: where the input lies under the folder or
-        the pattern that the user named.
+        Folder of its results, within that of all results: the place of the input under the folder
+        or the pattern that the user named.
     """
 
     name: str
@@ -153,7 +153,7 @@ def _cannot_read(name: str, error: OSError) -> SourceError:
 
 
 def is_video(name: str) -> bool:
-    """Tell whether a file is a video by its name, and none that oppload has annotated."""
+    """Tell by its name whether a file is a video, and not one that oppload has annotated."""
     return _suffix(name) in _VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
 
 
@@ -246,7 +246,7 @@ def _bytes(name: str) -> bytes:
 
 
 def _resolved(name: str) -> str:
-    """Return the path behind all links; unlike `Path.resolve`, it bears a link to itself."""
+    """Return the path behind all links; unlike `Path.resolve`, this accepts a link to itself."""
     return os.path.realpath(name)
 
 

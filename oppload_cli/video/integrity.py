@@ -89,7 +89,7 @@ def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) ->
     check = _CHECKS.get(container)
     if check is None:
         return None
-    # A file that has vanished, or is too short to tell, is not called faulty.
+    # A file that has vanished, or is too short for the check, is not called faulty.
     too_short = (OSError, struct.error, IndexError)
     with suppress(*too_short, _TooManyPartsError), Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END)
@@ -102,7 +102,7 @@ _CHECKSUM = b"\xbf\x84"  # of EBML: the first element of one that has a checksum
 
 
 def _matroska(reading: _Reading) -> str | None:
-    """Walk over the elements of the segment; one of unknown length is walked through."""
+    """Walk over the elements of the segment; an element of unknown length is entered."""
     position = 0
     while position < reading.size:
         head = reading.at(position, 12)

@@ -156,11 +156,11 @@ class Recording:
         ----------
         picture : ndarray of uint8, shape (height, width, 3)
             Blue, green and red; or a frame in the file's own format, from
-            :meth:`oppload_cli.video.luminance.Colour.planes`.
+            :meth:`oppload_cli.video.colour.Colour.planes`.
         time_s : float
-            Its presentation time in seconds; the first one's becomes 0. One that is
-            not later than the one before is put right after it; where the clock jumps
-            (back by a second, or on by a quarter of an hour) it goes on a frame later.
+            Its presentation time in seconds; the first frame's becomes 0. A time that is not later
+            than the one before is put directly after that one; where the clock jumps (back by a
+            second, or on by a quarter of an hour) the frame comes one frame later.
 
         Returns
         -------
