@@ -89,7 +89,7 @@ def collect(
     if_exists : str
         ``error`` or ``overwrite``.
     told : callable
-        Called with the error of each result that cannot be collected; the others are.
+        Called with the error of each result that cannot be collected; the others are collected.
 
     Raises
     ------

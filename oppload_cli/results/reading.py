@@ -265,7 +265,7 @@ def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.floa
         If a cell holds anything else than a finite number; its line is named.
     """
     cells = table[name]
-    if cells.dtype == object:  # it may hold whole numbers of any length
+    if cells.dtype == object:  # it may hold integers of any length
         cells = cells.where(cells.isna(), cells.astype(str))
     values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
     bad = cells.notna().to_numpy() & ~(np.abs(values) <= _LARGEST)
@@ -405,7 +405,7 @@ def _holds_images(path: Path) -> bool:
 
 
 def result_threshold(result: Result, name: str) -> NDArray[np.float64]:
-    """Return the threshold that a detector's alarm held each response of a result against.
+    """Return the threshold with which a detector's alarm compared each response of a result.
 
     Parameters
     ----------

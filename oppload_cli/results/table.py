@@ -73,7 +73,7 @@ class FrameRecord:
     Attributes
     ----------
     frame : int
-        Decode ordinal in the whole input, from 0.
+        Number of the frame in the complete input, in the order of decoding, from 0.
     time_s : float
         Presentation time minus that of frame 0.
     luma_change : float or None
@@ -135,10 +135,6 @@ class FrameRecord:
 
         A missing value is None: a response during warm-up, a box where nothing looms, RMO
         where it was not measured, degrees where the field of view is not known.
-
-        Returns
-        -------
-        dict of str to float, int or None
         """
         values: dict[str, Value] = {
             "frame": self.frame,
@@ -230,12 +226,7 @@ class ModelSummary:
                 self.first_alarm_frame, self.first_alarm_time_s = record.frame, record.time_s
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the summary ready for JSON.
-
-        Returns
-        -------
-        dict
-        """
+        """Return the summary ready for JSON."""
         return asdict(self)
 
 
@@ -269,7 +260,7 @@ def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str,
 
 
 def write_sidecar(path: Path, content: dict[str, Any]) -> None:
-    """Write all that a reader needs to trust or repeat a result.
+    """Write the sidecar: all that a reader needs to trust or repeat a result.
 
     Parameters
     ----------
