@@ -41,7 +41,7 @@ class EvaluatedDetector:
     alarm : AlarmParams
         Of its alarm.
     repeats : RepeatParams
-        How it takes repeated pictures.
+        Of repeats.
     time : TimeParams
         Its time base.
     """
@@ -80,10 +80,10 @@ def evaluated_detectors(
     ----------
     names : iterable of str
         ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, or ``all``.
-        Where none that presets change is named, they are evaluated under ``default`` and
-        ``reference``.
+        If no detector that presets change is named, all of these are evaluated under ``default``
+        and ``reference``.
     repeats : str, optional
-        How all of them take repeated pictures: ``near``, ``exact`` or ``keep``.
+        How all detectors take repeats: ``near``, ``exact`` or ``keep``.
 
     Raises
     ------
@@ -104,8 +104,8 @@ def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
     Parameters
     ----------
     names : iterable of str
-        As for `evaluated_detectors`. The detectors that presets change stand there under
-        ``default`` and ``reference`` where none or ``all`` is named.
+        As for `evaluated_detectors`. If none or ``all`` is named, the detectors that presets change
+        are returned under ``default`` and ``reference``.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def _usual(with_presets: Iterable[str]) -> list[str]:
 
 
 def _full_names(names: Iterable[str]) -> list[str]:
-    """Return each name once: presets that are left out filled in, variants as they are called."""
+    """Return each name once, with missing presets filled in and variants by their own names."""
     with_presets, others = _by_presets()
     known = [*(f"{name}:{preset}" for name in with_presets for preset in PRESETS), *others]
     full: list[str] = []

@@ -268,7 +268,7 @@ def outputs_of(
 
 
 def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetector]]:
-    """Group detectors that can share one analysis: different ones, alike in all else."""
+    """Group different detectors that have the same alarm, repeats and time: they share a pass."""
     groups: list[list[EvaluatedDetector]] = []
     for each in detectors:
         for group in groups:

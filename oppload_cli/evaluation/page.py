@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _MOST = 4  # stills of each kind, for each detector
 _PICTURE_HEIGHT = 270  # px, of a still
 _QUALITY = 82  # of a still as JPEG
-_RATE = 1.0  # false alarms per minute, at which a miss is a miss
+_RATE = 1.0  # false alarms per minute at which misses are shown
 WIDTH, HEIGHT = 300, 56  # of the strip below a still, in units of its drawing
 _HIGHEST = 3.0  # times the threshold at the top of a strip
 
@@ -61,9 +61,9 @@ class _Definition(NamedTuple):
 CONDITIONS = {
     "at 0.5, 1, 2 per minute": "The alarm is one fixed threshold on its evidence (the response; "
     "within `contact_s` of contact the response over `contact_share`): the lowest that, like every "
-    "higher one, gives no more false alarms per minute than that over all footage without an "
-    "approach. It is chosen on the same clips, so it flatters; in each draw of the bootstrap it is "
-    "chosen again.",
+    "higher one, gives at most this number of false alarms per minute over all footage without "
+    "an approach. It is chosen on the clips on which it is judged, so that its results are better "
+    "than on new clips; in each draw of the bootstrap it is chosen again.",
     "held out at 0.5, 1, 2 per minute": "The threshold for each clip is chosen on all "
     "other clips (leave one out): the figures to expect on a new clip.",
     "alarm as shipped": "The detector's own causal alarm, as `oppload run` has it; nothing is "
@@ -80,8 +80,8 @@ MEASURES = {
         "lead time",
         "s",
         "Time from the first such frame to contact, median over the detected approaches. Compare "
-        "it only at similar detection rates: a detector that finds only the easy ones is early. "
-        "n: detected approaches.",
+        "it only at similar detection rates: a detector that finds only the easy approaches finds "
+        "them early. n: detected approaches.",
     ),
     "false_alarms_per_minute": _Definition(
         "false alarms per minute",
@@ -113,7 +113,7 @@ MEASURES = {
     "ordered_pairs": _Definition(
         "ordered pairs within clips",
         "",
-        "The one-second window that ends some frames before contact is set against each earlier "
+        "The one-second window that ends some frames before contact is compared with each earlier "
         "window of the same clip, tiled back from its start. Share of pairs in which its largest "
         "response is the larger; ties count half; mean over clips. Chance is 0.5. n: pairs.",
     ),
@@ -129,7 +129,8 @@ MEASURES = {
         "winning unit inside the box",
         "",
         "Share of the boxed frames in which the centre of the winning unit's field lies in the "
-        "labelled box, made 1.5 times as large about its centre; without a winner it does not. "
+        "labelled box, made 1.5 times as large about its centre; a frame without a winner counts "
+        "as outside. "
         "'frame_centre' always points at the middle of the frame. n: frames.",
     ),
     "place_distance_px": _Definition(
@@ -166,8 +167,9 @@ MEASURES = {
     "contact_error": _Definition(
         "error of the time to contact",
         "",
-        "Median over the frames of the last half second with a time to contact, of its error over "
-        "the true time; median over the approaches with such frames. n: these approaches.",
+        "Error of the time to contact over the true time: median over those frames of the last "
+        "half second that have one, then median over the approaches with such frames. n: these "
+        "approaches.",
     ),
 }
 INTERVALS = (
@@ -175,7 +177,7 @@ INTERVALS = (
     "(`--draws`, 1000 by default, from a fixed seed); 95 % of the draws give a value in the "
     "interval. It says how far a figure depends on the choice of clips of these kinds, and nothing "
     "about other kinds. Where there was no false alarm in T minutes, the upper bound is 3 / T "
-    "(the rule of three): a detector with more would have had one with a chance of 95 %."
+    "(the rule of three): a detector with a higher rate would have had one with a chance of 95 %."
 )
 
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 SILENCE_S = 1.0
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
 _HIGHEST_RATE = 10.0  # false alarms per minute up to which they are counted
-RULE_OF_THREE = 3.0  # events that 95 % of all series would show, where this one shows none
+RULE_OF_THREE = 3.0  # upper bound (95 %) of the expected events where none was seen
 SHIPPED = "alarm as shipped"
 
 
@@ -101,7 +101,7 @@ class Thresholds:
         evidence = [clip.outputs[detector].evidence for clip in clips]
         calm = [each[part] for each, part in zip(evidence, quiet, strict=True)]
         self.levels = np.unique(np.concatenate([_maxima(each) for each in calm]))[::-1]
-        # A clip with more is over every rate, however often it is drawn.
+        # A clip with more alarms than this is over every rate, however often it is drawn.
         most = int(_HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
         self.counts = np.array(
             [
@@ -138,10 +138,11 @@ class Thresholds:
         Returns
         -------
         float
-            The lowest level with no more at it and at every higher one; NaN without
-            footage.
+            The lowest level at which, as at every higher one, there are no more false alarms; NaN
+            without footage.
         """
-        # Lower thresholds merge alarms into one that never ends, so the higher ones count.
+        # Very low thresholds merge alarms into one that never ends, and the rate falls again: only
+        # levels above the first excess count.
         over = self.rates(weights) > rate + 1e-9
         if not len(over) or not weights @ self.minutes:
             return float("nan")
@@ -197,7 +198,7 @@ def _maxima(evidence: Numbers) -> Numbers:
 def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers, most: int) -> NDArray[np.int64]:
     """Return the number of alarms at each of the falling levels.
 
-    It changes only at the clip's own values.
+    The number changes only at the clip's own values.
     """
     own = np.unique(evidence)[::-1]
     found: list[int] = []

@@ -31,7 +31,7 @@ AHEAD = (0, 4, 8, 12)  # frames before contact
 
 @dataclass(frozen=True)
 class Label:
-    """The manifest's knowledge of a clip.
+    """The facts that a manifest or a ground truth states about a clip.
 
     Attributes
     ----------
@@ -77,16 +77,17 @@ class Output:
     response : ndarray, shape (n,)
         Per frame, at least 0; NaN during warm-up.
     evidence : ndarray, shape (n,)
-        What an alarm compares with its threshold: the response, or more shortly before contact.
+        The numbers that an alarm compares with its threshold: the responses, or multiples of them
+        shortly before contact.
     alarm : ndarray of bool, shape (n,), or None
         The detector's own alarm; None where it has none.
     winner : ndarray, shape (n, 4), or None
         Left, top, width and height of the winning unit's receptive field in source
         pixels; NaN in frames without a winner; None for a detector without units.
     box : ndarray, shape (n, 4), or None
-        The same of the strongest looming object that it sees.
+        Box of the strongest looming object that it sees, in the same form.
     contact_s : ndarray, shape (n,), or None
-        Its time to contact; NaN where it is not determined.
+        Time to contact of that object; NaN where it is not determined.
     """
 
     response: Numbers

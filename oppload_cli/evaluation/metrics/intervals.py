@@ -122,12 +122,12 @@ def interval(values: Numbers) -> tuple[float, float]:
     Parameters
     ----------
     values : ndarray, shape (count,)
-        One for each draw; NaN where a draw does not determine it.
+        One for each draw; NaN where a draw does not determine the value.
 
     Returns
     -------
     tuple of float
-        NaN if fewer than half of the draws determine it.
+        NaN if fewer than half of the draws determine the value.
     """
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 NEAR_CONTACT = 15  # frames before contact
 GROWN = 1.5  # times as large as the box, about its centre
 FRAME_CENTRE = "frame_centre"  # for comparison
-KIND = "kind"  # the condition by which clips without an approach are told apart
+KIND = "kind"  # the condition by which clips without an approach are grouped
 _BEFORE_CONTACT = 5  # frames
 _LAST_S, _WITHIN = 0.5, 0.2
 
@@ -363,5 +363,5 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
 def _of_frames(
     middle: Callable[[Numbers, Weights], float], values: Numbers, owner: Weights, weights: Weights
 ) -> float:
-    """Return a statistic of frames, each of which counts as often as the clip that owns it."""
+    """Return a statistic of frames, each of which counts as often as its clip."""
     return middle(values, weights[owner])
