@@ -213,7 +213,7 @@ def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
     values, times = responses.response[valid], responses.time_s[valid]
     peak = float(responses.response[best])
     area = float(np.sum((values[1:] + values[:-1]) / 2 * np.diff(times)))
-    if peak <= 0:  # a peak of nothing has no time
+    if peak <= 0:  # a peak of 0 has no time
         return Measures(peak=peak, mean=float(values.mean()), area=area)
     onset = int(np.argmax(responses.response >= _ONSET_SHARE * peak))
     x, y = responses.centre[best]

@@ -26,12 +26,12 @@ _EVERY = "all"
 
 @dataclass(frozen=True)
 class _Classic:
-    """One figure.
+    """A classic figure: the sweep that its table needs, and how it is drawn.
 
     Attributes
     ----------
     title : str
-        What it shows.
+        Its title.
     kind : str
         The plot, as ``oppload plot --kind`` names it.
     stimulus : str
@@ -65,7 +65,7 @@ FIGURES: dict[str, _Classic] = {
         {"disk.growth.l_over_v_ms": [10, 20, 30, 40, 50, 60, 70, 80, 90, 100]},
         # A disk that stops growing has its largest edges just before: at 60 degrees, all
         # detectors whose response grows with the object would seem to have this threshold.
-        # A frame is the smallest difference in time that can be seen.
+        # A peak is timed to one frame, so that the frame rate is high.
         {"disk.growth.most_deg": 180, "display.frame_rate": 120},
     ),
     "size-speed": _Classic(
@@ -84,7 +84,7 @@ FIGURES: dict[str, _Classic] = {
         "klapoetke2017/loom-position",
         {"disk.centre_deg": [[right, up] for up, right in itertools.product(_PLACES, repeat=2)]},
         {"disk.growth.end_deg": 24, "disk.growth.speed_deg_s": 40, "timing.motion_s": 0.5},
-        # OppLoD has a unit everywhere: the field of one is mapped.
+        # OppLoD has a unit at every cell: the receptive field of a single unit is mapped.
         ("opplod.units=1x1",),
     ),
     "bar-ends": _Classic(
@@ -131,8 +131,8 @@ class Sweep(NamedTuple):
     figure : dict of str to str
         Name, title and kind of the figure; empty without one.
     held : dict
-        The stimulus's own sweep where another one takes its place: the value that each key
-        keeps, by dotted key.
+        The dotted keys of the stimulus's own sweep that another sweep replaces, each with the value
+        that it keeps.
     """
 
     entry: Entry
@@ -160,8 +160,9 @@ def sweeps(
     changes : dict
         Other values of the stimulus by dotted key.
     over : sequence of str
-        ``PARAMETER`` of the stimulus's own sweep, or ``PARAMETER=VALUES``; nothing keeps its own
-        sweep. A parameter is a key such as ``bar.axis_deg`` or a word such as ``axis``.
+        ``PARAMETER`` of the stimulus's own sweep, or ``PARAMETER=VALUES``; if empty, the stimulus
+        keeps its own sweep. A parameter is a key such as ``bar.axis_deg`` or a word such as
+        ``axis``.
     settings : mapping
         As for :func:`oppload_cli.pipeline.settings.resolve`.
 
@@ -206,13 +207,14 @@ def _figures_named(names: Sequence[str]) -> dict[str, _Classic]:
 
 
 def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str] = ()) -> Entry:
-    """Return the stimuli of a figure; `over` gives other values of what the figure sweeps."""
+    """Return the stimuli of a figure; `over` gives other values of the keys that it sweeps."""
     figure = FIGURES[name]
     entry = _entry_named(figure.stimulus).with_settings(dict(figure.changes))
     for key in changes:
         if key in figure.sweep:
             raise ParameterError(f"--change {key}: figure {name} sweeps it; give --over {key}=...")
-    # What is swept once is no sweep: its value would be a column, and its name in every title.
+    # Other keys of the stimulus's own sweep keep their first value: as sweeps of one value they
+    # would add a column to the table and a name to every title.
     settled = {key: values[0] for key, values in entry.sweep.items() if key not in figure.sweep}
     entry = replace(entry, sweep={}).with_settings({**settled, **changes})
     entry = replace(entry, sweep={key: list(values) for key, values in figure.sweep.items()})
