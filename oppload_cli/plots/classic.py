@@ -89,7 +89,7 @@ def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
     ending : str
         Of the column's name.
     wanted : str
-        What it sweeps and how to get it, for the message.
+        The column's meaning, and the command that makes such a table, for the message.
     of : int
         How many columns are swept.
 

@@ -193,7 +193,10 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
 
 
 def _top(l_over_v_ms: Iterable[Series]) -> float:
-    """Return when, in ms, an object is 10 deg large: before, no detector of many sets the axis."""
+    """Return the time before contact in ms at which an object spans 10 deg.
+
+    With many detectors, peaks before this time do not stretch the axis.
+    """
     longest = max((float(each.max()) for each in l_over_v_ms if len(each)), default=1.0)
     return longest / math.tan(math.radians(5))
 

@@ -83,7 +83,7 @@ def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
     responses : ndarray, shape (n,)
         At least 0.
     """
-    # The first of those that differ by rounding only.
+    # The first of the peaks that differ by rounding only.
     best = int(np.argmax(responses >= (1 - _ROUNDING) * responses.max()))
     peak, preferred = float(responses[best]), float(angles_deg[best])
     if peak <= 0:
@@ -139,7 +139,7 @@ class DirectionTuning:
     symmetric : bool
         Whether half a turn gives the same stimulus, so that half of the curve is a copy.
     angle : str
-        What the angles are.
+        Label of the angles.
     """
 
     name: str

@@ -243,7 +243,7 @@ def told_apart(names: Sequence[str], read: Sequence[Result | Tuning]) -> list[st
     Parameters
     ----------
     names : sequence of str
-        One for each: of its input, or its stimulus.
+        The name of the input or of the stimulus, for each.
     read : sequence of Result or Tuning
         As many.
 
@@ -284,7 +284,7 @@ def _flat(table: object, prefix: str = "") -> Iterable[tuple[str, Any]]:
 
 
 def differences(names: Sequence[str]) -> list[str]:
-    """Return names without the words that all begin with, and those that all end with.
+    """Return names without the words that all of them begin with or end with.
 
     A number keeps the word before it: ``loom-l-over-v-10.avi`` and ``loom-l-over-v-20.avi`` give
     ``l/v 10`` and ``l/v 20``. Names that differ in nothing stay as they are.

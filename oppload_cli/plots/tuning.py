@@ -143,7 +143,7 @@ def lines_of(
     lplc2: str = "auto",
     labels: Sequence[str] = (),
 ) -> list[str]:
-    """Return what a plot says in numbers: a line of text for each curve.
+    """Return the numbers of a plot in words: a line of text for each curve.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def lines_of(
 
 
 def _figure(tuning: Tuning) -> dict[str, Any]:
-    """Return what the sidecar says of the classic figure for which a table was made."""
+    """Return the sidecar's part on the classic figure for which a table was made."""
     figure = tuning.sidecar.get("figure")
     return figure if isinstance(figure, dict) else {}
 
