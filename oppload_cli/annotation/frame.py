@@ -44,12 +44,12 @@ _MOST_TICKS = 6  # numbers on the time axis
 
 
 class _Scale(NamedTuple):
-    """What the height of the plot means.
+    """The scale of the plot's height.
 
     Attributes
     ----------
     top : float
-        Decades of the upper edge above that over which responses are drawn.
+        Decades from a ratio of 1 to the upper edge.
     levels : dict of int to str
         The names of the lines, by their decades.
     """
