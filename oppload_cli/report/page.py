@@ -128,7 +128,7 @@ class Content:
 
     @property
     def strongest(self) -> Curve:
-        """The curve that goes highest over its threshold; one over its peak only if all are."""
+        """The curve that goes highest over its threshold; a curve without one only if none has one."""
         return max(self.curves, key=lambda each: (each.thresholded, each.peak))
 
     @property
@@ -264,7 +264,7 @@ def _alarms(result: Result, curve: Curve, boxes: dict[int, list[list[Any]]]) -> 
 
 
 def _contact_s(times: Series, rows: range, boxes: dict[int, list[list[Any]]]) -> float | None:
-    """Return the time from the first of some rows to the contact that they tell first."""
+    """Return the time from the first of some rows to contact, by the first estimate in them."""
     for row in rows:
         left_s = boxes[row][0][-1] if row in boxes else None
         if left_s is not None:

@@ -37,7 +37,7 @@ MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
 _STILL_SIDE, _QUALITY = 320, 80  # px and JPEG quality of the picture in the index
 _AHEAD = 4  # pictures that wait to be encoded
 # A key frame at least every half second at 30 frames/s: a step backwards decodes 15 frames at most.
-# Looking ahead, the encoder now and then gives other bytes for the same frames.
+# With look-ahead, the encoder sometimes gives other bytes for the same frames.
 _NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
 _CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
 
@@ -55,7 +55,7 @@ class VideoCopy:
     content : bytes or None
         The MP4; None where it is a file of its own.
     note : str
-        What may be wrong with it, as a sentence; else empty.
+        A possible fault of the copy, as a sentence; else empty.
     """
 
     times_s: NDArray[np.float64]
