@@ -1,4 +1,4 @@
-"""The inputs of a batch: which, in which order, the names of their results, and how each ended."""
+"""The inputs of a batch: their order, the names of their results, and their outcomes."""
 
 from __future__ import annotations
 
@@ -214,7 +214,8 @@ def read_list(source: str, *, null: bool = False) -> list[Listed | Failure]:
 def _failed_before(source: str, text: str) -> Iterator[Listed | Failure]:
     """Yield the rows of a ``failures.csv``.
 
-    It may come from elsewhere: a result stays in the folder of the batch, and apart from others.
+    The file may come from elsewhere: no stem may lead out of the folder of the batch, or to the
+    results of another input.
     """
     holders: dict[str, str] = {}
     with reading(f"--files-from {source}", ParameterError, form="CSV"):
@@ -283,7 +284,8 @@ class Tally:
         Parameters
         ----------
         fail_on : str or None
-            ``alarm``: an input had one; ``no-alarm``: one that is done had none.
+            ``alarm``: met if an input had an alarm; ``no-alarm``: met if an input that is done had
+            none.
         """
         quiet = self.silent > 0 and self.exit_code == ExitCode.DONE
         if (fail_on == "alarm" and self.alarmed) or (fail_on == "no-alarm" and quiet):

@@ -204,7 +204,7 @@ def _distributed() -> Any:
 def _connected(scheduler: str) -> Iterator[Any]:
     """Connect to a scheduler; yield a distributed.Client."""
     distributed = _distributed()
-    for name in _TALKATIVE:  # the sentences below say it
+    for name in _TALKATIVE:  # the errors below say the same
         logging.getLogger(name).setLevel(logging.CRITICAL)
     where = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
     if "://" not in scheduler and not is_file(Path(scheduler)):
@@ -223,7 +223,8 @@ def _connected(scheduler: str) -> Iterator[Any]:
     try:
         yield client
     finally:
-        # One that has gone must not hide the first error, and one that has stopped answers nothing.
+        # A scheduler that has gone must not hide the first error, and a stopped one does not
+        # answer.
         Call(partial(client.close, timeout=_STOP_WITHIN_S)).wait(_STOP_WITHIN_S)
 
 
@@ -274,7 +275,7 @@ def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
     if version != __version__:  # a worker that came later
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"
         return _failed(task, message)
-    cv2.setNumThreads(1)  # as dask counts: a task, a core
+    cv2.setNumThreads(1)  # dask counts one core for a task
     distributed = _distributed()
     worker = distributed.get_worker()
     stop = distributed.Event(topic)
