@@ -198,7 +198,8 @@ def _ctrl_c_held_back() -> Iterator[None]:
         return
     held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
     try:
-        # It would start with the first process, and lift the mask; Python warns where it is killed.
+        # The tracker would start with the first process and lift the mask; Python warns if it is
+        # killed.
         resource_tracker.getfd()
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         yield
