@@ -65,8 +65,8 @@ class _Cells(NamedTuple):
     Attributes
     ----------
     over_loom : float
-        Largest response of its stimuli over that to the looming disk; NaN where the detector
-        answers to none of both.
+        Largest response of its stimuli over that to the looming disk; 0 without a response to them,
+        infinite without a response to the disk alone.
     alarmed, stimuli : int
         How many of its stimuli alarmed, and how many there are.
     """
@@ -83,7 +83,7 @@ class _Summary(NamedTuple):
     ----------
     auc : float
         Chance that its peak is larger for a looming stimulus than for a control, 0 to 1;
-        0.5 tells nothing apart.
+        0.5 is chance.
     looming_alarmed, looming, controls_alarmed, controls : int
         How many stimuli alarmed, of how many.
     largest_control_over_loom : float
