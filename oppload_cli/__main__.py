@@ -14,7 +14,7 @@ def entry() -> NoReturn:
     """Run the command line and exit, without taking the interpreter down: 0.06 s, 4 % of a run."""
     # No large matrices are multiplied here, and starting threads for them takes 0.1 s.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Libraries print lines of their own where they get no thread: the error says it.
+    # Libraries print lines of their own where they get no thread: oppload's error says the same.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("JE_ARROW_MALLOC_CONF", "background_thread:false")

@@ -1,4 +1,4 @@
-"""Python's way in: run detectors on anything that holds frames, and work with the result."""
+"""The entry point from Python: run detectors on any frames, and work with the result."""
 
 from __future__ import annotations
 
@@ -227,7 +227,8 @@ def run(
     source : str, Path, FrameSource, Protocol or array
         As :func:`oppload_cli.open_source` takes it.
     preset : str
-        ``default`` for videos of cameras, ``reference`` for studies of the model, or ``paper``.
+        ``default`` for videos of cameras, ``reference`` for studies of the model, ``paper`` or
+        ``lplc2``.
     models : sequence of str
         Names of detectors; OppLoD and D-LGMD if left out.
     rate, times, height
@@ -242,7 +243,7 @@ def run(
     Returns
     -------
     Result
-        What ``oppload run`` writes for the same input.
+        The same as in the files that ``oppload run`` writes for this input.
 
     Raises
     ------
@@ -287,10 +288,6 @@ def read_result(path: str | Path) -> Result:
     ----------
     path : str or Path
         A ``frames.csv``; its sidecar and its detections are beside it, or are missing.
-
-    Returns
-    -------
-    Result
 
     Raises
     ------

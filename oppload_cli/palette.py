@@ -5,7 +5,7 @@ Those of the detectors stand with each detector.
 
 from __future__ import annotations
 
-# Okabe and Ito's palette, as for the detectors: told apart by the colour-blind, and in grey.
+# For text and main lines, and for lines in the background.
 INK, FAINT = "#222222", "#999999"
 
 

@@ -58,7 +58,7 @@ def parameter(
     kinds : tuple of str
         The kinds of the table that take this value; empty for all of them.
     needed_by : tuple of str
-        The kinds that cannot do without it.
+        The kinds of the table that need this value.
     """
     metadata = {
         "meaning": meaning,
@@ -80,7 +80,7 @@ class Parameter:
     Attributes
     ----------
     type : type
-        The type of the value, None taken out of it.
+        The type of the value, without None.
     optional : bool
         Whether None is a value.
     """
@@ -281,7 +281,7 @@ class Parameters(Table):
     _none: ClassVar[str] = " or none"
 
     def resolved(self, height: int) -> Self:  # noqa: ARG002
-        """Return these parameters with the values that the video decides filled in.
+        """Return these parameters with the values that depend on the video filled in.
 
         Parameters
         ----------
@@ -291,7 +291,7 @@ class Parameters(Table):
         Returns
         -------
         Self
-            These parameters themselves, for a set in which nothing follows from the video.
+            These parameters themselves, if none of them depends on the video.
         """
         return self
 

@@ -108,7 +108,7 @@ def refuse_existing(paths: Iterable[Path], if_exists: str) -> None:
     """Raise OutputError if a result exists and `if_exists` is ``error``."""
     if if_exists == "error":
         for path in paths:
-            if os.path.lexists(path):  # which, unlike `Path.exists`, bears any name
+            if os.path.lexists(path):  # which, unlike `Path.exists`, accepts any name
                 raise _exists_already(path)
 
 
@@ -119,10 +119,10 @@ def _exists_already(path: Path) -> OutputError:
 
 @contextmanager
 def claimed(path: Path, if_exists: str) -> Iterator[PartFile]:
-    """Hold the name of a result while it is worked for; the work writes and commits it.
+    """Hold the name of a result while its content is computed; the caller writes and commits it.
 
-    Minutes of work are not spent on a file that cannot be written, and of several runs at
-    once with ``error`` one alone makes it. Without a commit, nothing is left of it.
+    So a file that cannot be written is refused before minutes of work, and of several runs at once
+    with ``error`` only one makes the file. Without a commit, nothing remains of it.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ class PartFile(_Part):
             return
         with output_errors(self.path):
             self.stream.flush()
-            os.fsync(self.binary.fileno())  # a name without its content helps nobody
+            os.fsync(self.binary.fileno())  # or a crash may leave the name without the content
             if not os.path.samestat(os.fstat(self.binary.fileno()), os.lstat(self.part)):
                 raise FileExistsError(errno.EEXIST, f"{self.part.name} is another file now")
             if sys.platform == "win32":  # where an open file keeps its name
@@ -388,7 +388,7 @@ def _opened(part: Path) -> tuple[FileIO, bool]:
 
     with suppress(FileExistsError):
         return FileIO(part, "r+", opener=opener(os.O_CREAT | os.O_EXCL)), True
-    _check_alone(os.lstat(part), part)  # opening some devices does something
+    _check_alone(os.lstat(part), part)  # to open some devices has an effect
     file = FileIO(part, "r+", opener=opener(0))
     try:
         _check_alone(os.fstat(file.fileno()), part)

@@ -1,6 +1,6 @@
 """Files that are read: their names, their content, and the sentences on their errors.
 
-A name that comes from data (a list, a sidecar or a manifest) must not lead elsewhere.
+A name that comes from data (a list, a sidecar or a manifest) must not lead out of its folder.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from oppload_cli.errors import OpploadError
 
 
-_MOST_BYTES = 1 << 30  # of a file that is read as a whole
+_MOST_BYTES = 1 << 30  # of a file that is read at once
 _SEPARATORS = "/\\" + ('<>:"|?*' if sys.platform == "win32" else "")
 _DRIVE = re.compile(r"[A-Za-z]:")
 # Windows opens a device under these names, whatever the folder and the suffix.
@@ -163,7 +163,7 @@ def is_folder(path: Path) -> bool:
 
 
 def is_there(path: Path) -> bool:
-    """Tell whether anything of a name is there; unlike `Path.exists`, raise no error."""
+    """Tell whether a file or folder of any name is there; unlike `Path.exists`, raise no error."""
     with suppress(OSError, ValueError):
         return path.exists()
     return False

@@ -36,8 +36,9 @@ def formatted(value: Value) -> str:
 class _PlainEnds:
     """A stream of rows that end in a line feed alone.
 
-    A CSV writer quotes only what ends its own lines: by its default, both. Without quotes a
-    name with a carriage return would end its row where it is read.
+    A CSV writer quotes a cell only if it holds a character of the writer's own line end. The
+    default line end, carriage return and line feed, makes it quote both: without quotes, a carriage
+    return in a name would end the row for a reader.
     """
 
     def __init__(self, stream: IO[str]) -> None:
