@@ -102,7 +102,7 @@ class Drawn:
         """Return the surroundings and the camera at a time."""
         protocol = self._protocol
         cut = protocol.scene.cut_s
-        # a second place, of which no other protocol with a near seed has the first
+        # a second place, which no protocol with a nearby seed has as its first
         seed = protocol.seed + (1_000_003 if cut is not None and time >= cut else 0)
         kind = str(protocol.scene.background)
         return _surroundings(kind, seed, camera_of(protocol).height_m), view_of(protocol, time)
@@ -149,7 +149,7 @@ class _Video:
         return self._index(frame_s)
 
     def picture(self, _time: float, frame_s: float) -> Picture:
-        # its own shutter has been open already, so that all times of a frame show one picture
+        # the video's own camera has blurred its motion: all times of a frame show one picture
         picture = self._pictures[self._index(frame_s)].astype(np.float32)
         return np.asarray(picture / np.float32(255))
 
@@ -234,7 +234,7 @@ class _Surroundings:
     pieces : tuple of _Piece
         Its surfaces.
     haze : float
-        Luminance of what is too far away.
+        Luminance of the haze, and of all that is too far away.
     """
 
     pieces: tuple[_Piece, ...]
@@ -265,8 +265,8 @@ class _Surroundings:
         Returns
         -------
         ndarray
-            float64 (h, w, 2): pixels right and down by which what each pixel shows moves; NaN
-            where nothing is drawn, or where it leaves the space before the camera.
+            float64 (h, w, 2): displacement of the content of each pixel, right and down, in pixels;
+            NaN where nothing is drawn, or where the content leaves the space before the camera.
         """
         x = np.arange(width)[None, :] + 0.5
         y = np.arange(height)[:, None] + 0.5
@@ -341,7 +341,7 @@ def _ground(values: Floats | Picture, down: float, tile_m: float, clear_m: float
 def _wall(
     values: Floats | Picture, at: Vector, along: Vector, size: tuple[float, float, float]
 ) -> _Piece:
-    """Return an upright wall from its lower corner `at`: so long, so high, its tile so large."""
+    """Return an upright wall from its lower corner `at`; `size` is its length, height and tile."""
     long, high, tile_m = size
     extent = (0.0, 0.0, long, high)
     surface = Surface(at, along, _UP, _repeated(values), _SIDE / tile_m, (0.0, high), extent)

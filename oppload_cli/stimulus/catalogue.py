@@ -193,7 +193,7 @@ def read_entry(path: Path, name: str | None = None) -> Entry:
 
 
 def _beside(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Take the files that a protocol names from its own folder."""
+    """Look for the files that a protocol names in the folder of the protocol."""
 
     def there(key: str, value: object) -> object:
         own = isinstance(value, str) and value and "\0" not in value
@@ -238,8 +238,8 @@ def find(wanted: str) -> list[Entry]:
     Raises
     ------
     StimulusError
-        If there is no such file or entry, and the nearest name is suggested; or if there are
-        several, and they are named.
+        If there is no such file or entry, or several; the message suggests the nearest name, or
+        names all of them.
     """
     if wanted.endswith(".toml"):
         return [read_entry(Path(wanted))]
@@ -268,12 +268,12 @@ def find(wanted: str) -> list[Entry]:
 
 
 def _by_part(wanted: str, known: tuple[Entry, ...]) -> list[Entry]:
-    """Return the entry, or the member, that ends with a text or else alone holds it.
+    """Return the only entry or member whose name ends with a text, or else the only one with it.
 
     Raises
     ------
     StimulusError
-        If several do.
+        If there are several.
     """
     entry_of = {entry.name: entry for entry in known}
     if any(name.startswith(f"{wanted}/") for name in entry_of):  # a folder

@@ -1,7 +1,7 @@
 """Courses: how an object moves in three dimensions, as a table and in closed form.
 
 Positions are ``(right, up, ahead)`` in metres from the camera, along the axes of its first look.
-A camera that moves takes them with it: speeds are those towards the camera.
+A moving camera takes these axes with it: speeds are those towards the camera.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ _LARGEST = 2048
 
 
 class _Cutout(NamedTuple):
-    """A picture with transparency, cut to what is not transparent.
+    """A picture with transparency, cut to its opaque part.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class _Cutout(NamedTuple):
     width, height : float
         Of the picture in its size (the longer side is 1).
     mean : float
-        Mean luminance of what is not transparent.
+        Mean luminance of the opaque part.
     """
 
     texture: Texture
@@ -86,7 +86,7 @@ def _from_file(identity: str, path: str) -> _Cutout:
 
 
 def _cut(luminance: Picture, opacity: Picture) -> _Cutout:
-    """Cut a picture to the rectangle around what is at least half opaque."""
+    """Cut a picture to the rectangle around the part that is at least half opaque."""
     solid = opacity >= 0.5
     rows, columns = np.flatnonzero(solid.any(axis=1)), np.flatnonzero(solid.any(axis=0))
     part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -63,7 +63,7 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Sight:
-    """A picture at one time, as the camera meets it.
+    """A picture at one time, in relation to the camera.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Sight:
     offset, velocity : tuple of float
         Of its middle from the camera, in metres and m/s, in the world's axes.
     contact_in_s : float or None
-        Until it hits, while it moves on a course to hit.
+        Time until it hits the camera, while it moves on a course to hit.
     view : View
         The camera.
     """

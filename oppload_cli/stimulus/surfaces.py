@@ -1,8 +1,8 @@
 """Flat textured surfaces in three dimensions, seen by a pinhole camera in exact perspective.
 
 A point of a surface is ``origin + u right + v up``. Its pixel follows from a matrix of 3 x 3,
-and so does the derivative of the texture's coordinates by the pixel: how many texels a pixel
-covers is exact too, and the texture is averaged over them.
+and so does the derivative of the texture's coordinates by the pixel: the number of texels that a
+pixel covers is exact too, and the texture is averaged over them.
 """
 
 from __future__ import annotations
@@ -157,7 +157,8 @@ class Surface:
     def window(self, view: View, height: int, width: int) -> Window:
         """Return the part of the display that the surface may touch.
 
-        It is empty where the camera lies in the surface's own plane, or the surface behind it.
+        It is empty if the camera lies in the plane of the surface, or the surface behind the
+        camera.
         """
         away = np.subtract(self.origin, view.place) @ np.cross(self.right, self.up)
         if abs(away) < _NEAREST_M:

@@ -199,7 +199,7 @@ class Effects(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolTables(Table):
-    """All tables of a stimulus, each right by itself; a protocol checks them together."""
+    """All tables of a stimulus, each valid by itself; a protocol checks them together."""
 
     name: str = parameter("stimulus", "its name")
     description: str = parameter("", "one line on what it shows")

@@ -77,8 +77,8 @@ class PictureTruth(ObjectTruth):
     Attributes
     ----------
     box_px : tuple of float or None
-        Left, top, width and height around what is not transparent; it may reach beyond the
-        display. None while it is not drawn.
+        Left, top, width and height around its opaque part; it may reach beyond the display. None
+        while it is not drawn.
     offset_m : tuple of float
         Position [right, up, ahead] from the camera, along the axes of its first look.
     miss_sizes : float or None
