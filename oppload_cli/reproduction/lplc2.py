@@ -229,7 +229,7 @@ def likeness(rows: Sequence[Row]) -> tuple[float, float]:
 
 
 def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
-    """Measure what LPLC2 neurons do, as ratios of peaks.
+    """Measure the phenomena of LPLC2 neurons, as ratios of peaks.
 
     Returns
     -------
@@ -292,7 +292,7 @@ def _ratio(one: float, other: float) -> float:
 
 
 def battery() -> Built:
-    """Show the whole battery to three presets and to the other LPLC2 models."""
+    """Show the complete battery to three presets and to the other LPLC2 models."""
     shown = {name: show(name) for name in (*_SETTINGS, *_MODELS)}
     claims = (
         Claim(
@@ -303,7 +303,8 @@ def battery() -> Built:
             {name: _alike(each.rows) for name, each in shown.items()},
         ),
         Claim(
-            "What LPLC2 neurons do with ends, crosses, inward motion and wide fields.",
+            "Ends, crosses, inward motion and wide fields have the effects that they have on LPLC2 "
+            "neurons.",
             "holds: all ratios are in the range of the neurons; in part: at least half of them",
             {name: _does(each.rows) for name, each in shown.items()},
         ),
@@ -318,7 +319,7 @@ def battery() -> Built:
         (
             f"Neurons: {SOURCE}.",
             "Response of the one unit in the middle of the stimulus (preset paper and the other "
-            "models: of the whole detector), low-passed with the time constant of preset lplc2.",
+            "models: of the complete detector), low-passed with the time constant of preset lplc2.",
         ),
         {"lplc2.csv": table(row for each in shown.values() for row in each.rows)},
     )
