@@ -128,7 +128,7 @@ class Content:
 
     @property
     def strongest(self) -> Curve:
-        """The curve that goes highest over its threshold; a curve without one only if none has one."""
+        """The curve highest over its threshold; a curve without one only if none has one."""
         return max(self.curves, key=lambda each: (each.thresholded, each.peak))
 
     @property
