@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 
-# Of address space; both are fewer than the commands take in the end.
+# Of address space; the commands take more than either of them in the end.
 _LIBRARY_BYTES = 150 << 20
 _ARROW_BYTES = 800 << 20  # of commands that read tables, where Arrow is installed
 _READING_TABLES = {
@@ -251,7 +251,7 @@ def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -
     Parameters
     ----------
     total : int or None
-        At which it is full; None if that is not known.
+        Count at which it is full; None if it is not known.
     unit : str
         The word for the things that are counted.
     quiet : bool

@@ -48,7 +48,7 @@ def benchmark(
     jobs: int,
     quiet: bool,
 ) -> int:
-    """Compare all detectors: what each answers to, when it alarms, what it costs.
+    """Compare all detectors: their responses, their alarms and their cost.
 
     Every detector sees a battery of looming stimuli and controls. DIR gets benchmark.html, one
     page with everything, stimuli.csv and summary.csv, a PDF per table, benchmark.json with all

@@ -36,7 +36,10 @@ def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
     return {
         **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
         "alarm": ("the alarm of each model", type(alarm_params())),
-        "places": ("looming objects: which, where, and when they touch", PlaceParams),
+        "places": (
+            "looming objects: their number, their places and their times to contact",
+            PlaceParams,
+        ),
         "rmo": ("radial motion opponency of motion vectors", RmoParams),
         "repeats": ("pictures that a file repeats", RepeatParams),
         "time": ("the time base of the models", TimeParams),

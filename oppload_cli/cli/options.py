@@ -243,8 +243,8 @@ models_option = click.option(
 repeats_option = click.option(
     "--repeats",
     type=click.Choice(["near", "exact", "keep"]),
-    help="Repeated pictures that are left out: exact copies and copies coded anew (near), exact "
-    "copies only, or none (keep).  [default: near]",
+    help="Repeats of a picture that are left out: exact ones and those coded anew (near), exact "
+    "ones only, or none (keep).  [default: near]",
 )
 
 change_option = click.option(
@@ -320,7 +320,7 @@ def settings_options(
             click.option(
                 "--columns",
                 metavar="usual|all",
-                help="Columns of the table; all: also inner values, and what the alarm goes by.",
+                help="Columns of the table; all: also inner values, and details of the alarm.",
             ),
         ]
 

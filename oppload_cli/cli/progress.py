@@ -72,7 +72,7 @@ class Progress:
             click.echo(f"{self._name}: {self._frames} frames, {record.time_s:.1f} s", err=True)
 
     def close(self) -> None:
-        """Take the bar away; its total was only the container's word."""
+        """Remove the bar; its total was only the number of frames that the container declares."""
         if self._bar is not None:
             self._bar.total = self._frames
             self._bar.close()
@@ -127,7 +127,7 @@ class BatchProgress:
             self._bar.update()
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
 
@@ -204,7 +204,7 @@ class AlarmTable:
         yield self._row(name, outcome)
 
     def legend(self) -> Iterator[str]:
-        """Yield what the peaks of the rows are; nothing where there is no row."""
+        """Yield the meaning of the peaks in the rows; nothing where there is no row."""
         if not self._is_new:
             yield "peak: largest response of the input, as a multiple of its threshold (x)"
         if self._stars:
@@ -245,5 +245,5 @@ def incomplete(task: Task, outcome: Outcome) -> str:
     """Return the sentence that says why a result is incomplete."""
     return (
         f"oppload: {task.name}: incomplete ({'; '.join(outcome.notes) or 'damaged frames'}); "
-        f"the rows that are there hold"
+        f"the rows in the table are valid"
     )

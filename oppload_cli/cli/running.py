@@ -317,7 +317,7 @@ class _Batch:
                     f"sidecars (time and decode), and -v prints them all"
                 )
         if self._tally.failures and self._failures.exists():
-            say(f"oppload: the failed ones are in {self._failures}; try them again with:")
+            say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
             say(f"  {_retry_command(click.get_current_context(), self._failures)}")
 
 

@@ -105,10 +105,9 @@ def generate(
 ) -> None:
     """Generate videos with their ground truth, NAME.stimulus.json.
 
-    NAME is an entry of the catalogue (all stimuli of its sweep) or one of its stimuli, or
-    its last part or any part of it that no other has,
-    FILE your own .toml, GLOB a pattern such as 'klapoetke2017/*'. The paths of the
-    videos are printed.
+    NAME is an entry of the catalogue (all stimuli of its sweep) or one of its stimuli; the last
+    part of a name is enough, or any part that no other name has. FILE is a .toml of your own, GLOB
+    a pattern such as 'klapoetke2017/*'. The paths of the videos are printed.
     """
     from oppload_cli.stimulus.files import named, not_made_yet, write_all
 
