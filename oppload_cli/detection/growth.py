@@ -328,9 +328,9 @@ def _grid() -> tuple[Map, Map, NDArray[np.bool_]]:
 class Contact:
     """The growth of one object, and its time to contact.
 
-    In a camera's picture the size of an object that approaches at constant speed is ``s = A / (T -
-    t)``. So two of its sizes give the time of contact T, and the mean of several such times,
-    weighted by their standard errors, gives it better.
+    In a camera's picture the size of an object that approaches at constant speed is
+    ``s = A / (T - t)``. So two of its sizes give the time of contact T, and the mean of several
+    such times, weighted by their standard errors, gives it better.
 
     Parameters
     ----------

@@ -46,9 +46,9 @@ class AreaGrowthResponse(Response):
 class AreaGrowth(Detector):
     """The relative growth of the area that differs from frame 0.
 
-    ``area = count |L(t) - L(0)| > 0.1`` and ``size = sqrt(area)``. The growth, ``(size(t) -
-    size(t-3)) / 3`` over the size, is one over the time to contact in frames. The detector is made
-    for a camera that stands still and a scene that is empty in frame 0.
+    ``area = count |L(t) - L(0)| > 0.1`` and ``size = sqrt(area)``. The growth,
+    ``(size(t) - size(t-3)) / 3`` over the size, is one over the time to contact in frames. The
+    detector is made for a camera that stands still and a scene that is empty in frame 0.
 
     Source: ``docs/detectors.md``.
     """

@@ -60,8 +60,8 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
 
     A single S_phi only passes an edge or blocks it. The differences ``J_phi = I_(phi+180) - I_phi``
     of two axes form a vector J, whose angle is the direction in which the edge moves. A pathway of
-    exactly this direction would have the inhibition ``(I - |J|) / 2``, and so the sum ``S = max(0,
-    E - (I - |J|) / 2)``.
+    exactly this direction would have the inhibition ``(I - |J|) / 2``, and so the sum
+    ``S = max(0, E - (I - |J|) / 2)``.
 
     Parameters
     ----------

@@ -210,8 +210,8 @@ def inhibition(p: Sequence[Map], kernels: Kernels) -> Map:
 def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map:
     """Return ``I_phi = (W_I1 M_phi) * P(t-1) + (W_I2 M_phi) * P(t-2)``, section 4.
 
-    `axis` is the direction phi in degrees. One inhibition serves two opposite pathways, as ``I_phi
-    + I_(phi+180) = I``.
+    `axis` is the direction phi in degrees. One inhibition serves two opposite pathways, as
+    ``I_phi + I_(phi+180) = I``.
     """
     mask = kernels.odd_masks[axis] + 0.5
     one, two = kernels.inhibition
@@ -281,10 +281,10 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
     """Refer S over an interval of another length to S over the reference interval.
 
     E grows in proportion to the displacement of an edge, and inhibition reduces it by an amount
-    that is constant once the edge moves by a few pixels: S over the reference interval is ``share E
-    - (E - S)``. Below 2 px, S of a pathway that passes the edge is about proportional to the square
-    of the displacement: then ``share^2 S`` is larger, and is returned (``docs/time.md`` measures
-    both).
+    that is constant once the edge moves by a few pixels: S over the reference interval is
+    ``share E - (E - S)``. Below 2 px, S of a pathway that passes the edge is about proportional to
+    the square of the displacement: then ``share^2 S`` is larger, and is returned (``docs/time.md``
+    measures both).
 
     Parameters
     ----------
