@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _LONGEST = 4  # intervals over which smaller frames are compared
 _LACKING = 1 / 8  # a step between frames that is shorter by this share still counts as n intervals
+_HELD = 6  # frames in a row for which another interval must be wanted
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,7 @@ class _SmallerFrames:
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
+        self._frames = self._wanting = 0
         self._begin(_longest_interval(self._clock.step))
 
     def _begin(self, intervals: int) -> None:
@@ -94,7 +96,12 @@ class _SmallerFrames:
         `usual_step` is the number of intervals from frame to frame, as a rule.
         """
         intervals = _longest_interval(usual_step)
-        if intervals != self._intervals:
+        self._wanting = self._wanting + 1 if intervals != self._intervals else 0
+        self._frames += 1
+        # Each change costs three frames: steps that alternate about a limit must cause none. The
+        # first frames have nothing to lose.
+        if self._wanting and (self._wanting >= _HELD or self._frames <= _HELD):
+            self._wanting = 0
             self._begin(intervals)
         return self._dpc.step(smaller(luma, self.times))
 

@@ -296,22 +296,29 @@ def test_pictures_rarer_than_the_video_says_are_seen_at_their_own_rate(
     assert (one == pytest.approx(other, rel=1e-6)) == (alike_from == 0)
 
 
-def test_a_few_missed_repeats_do_not_change_the_size() -> None:
-    """After a change the smaller frames would have no answer for three frames."""
-    times = np.cumsum([1 / 12] * 13 + [1 / 30] * 3)
+@pytest.mark.parametrize(
+    "steps",
+    [[1 / 12] * 13 + [1 / 30] * 3, [1 / 30, 2 / 30] * 8, [1 / 30, 3 / 30] * 8],
+    ids=["missed repeats", "steps 1, 2", "steps 1, 3"],
+)
+def test_a_step_that_comes_and_goes_does_not_change_the_size(steps: list[float]) -> None:
+    """After a change the smaller frames have no answer for three frames."""
+    times = np.cumsum(steps)
     found = []
     for weight in (0.0, 2.0):
-        clock = Clock(frame_rate=12)
+        clock = Clock(frame_rate=1 / steps[0])
         params = DEFAULT.replaced(
             persistence=0, adaptation_level=0, history=0, halved_weight=weight
         )
         model = Opplod((SIZE, SIZE), params, layers=Layers((SIZE, SIZE), clock))
+        opponency = []
         for time_s in times:
             clock.time_s = time_s
             answer = model.step(disk(SIZE, 60, 60, 3 + 20 * time_s**2))
-        assert answer is not None
-        found.append(answer.opponency)
-    assert found[1] > 1.2 * found[0] > 0
+            opponency.append(answer.opponency if answer else 0.0)
+        found.append(opponency[-4:])
+    for without, added in zip(*found, strict=True):
+        assert added > 1.2 * without > 0
 
 
 # ---- Rest ----------------------------------------------------------------------------------
