@@ -31,7 +31,13 @@ if TYPE_CHECKING:
     from oppload_cli.models.opplod import Opplod, OpplodResponse
     from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.models.presets import PRESETS
-    from oppload_cli.models.registry import DetectorBank, detectors, parameters_of, register
+    from oppload_cli.models.registry import (
+        DetectorBank,
+        detectors,
+        forget,
+        parameters_of,
+        register,
+    )
     from oppload_cli.motion.rmo import RmoMetrics, RmoParams
     from oppload_cli.pipeline.analysis import Analysis, analyse
     from oppload_cli.pipeline.sources import open_source
@@ -41,6 +47,7 @@ if TYPE_CHECKING:
     from oppload_cli.plots.tuning import plot_tuning
     from oppload_cli.results.reading import Tuning, read_tuning
     from oppload_cli.results.table import FrameRecord
+    from oppload_cli.schema import Parameters, parameter
     from oppload_cli.video.frames import Frame
     from oppload_cli.video.inputs import Position, Span
     from oppload_cli.video.source import Video, open_video
@@ -70,6 +77,7 @@ __all__ = [
     "Opplod",
     "OpplodParams",
     "OpplodResponse",
+    "Parameters",
     "PlaceParams",
     "Position",
     "Response",
@@ -84,8 +92,10 @@ __all__ = [
     "alarm_params",
     "analyse",
     "detectors",
+    "forget",
     "open_source",
     "open_video",
+    "parameter",
     "parameters_of",
     "plot_curves",
     "plot_places",
@@ -112,7 +122,7 @@ _MODULES = {
     "models.opplod": ("Opplod", "OpplodResponse"),
     "models.opplod_parameters": ("OpplodParams",),
     "models.presets": ("PRESETS",),
-    "models.registry": ("DetectorBank", "detectors", "parameters_of", "register"),
+    "models.registry": ("DetectorBank", "detectors", "forget", "parameters_of", "register"),
     "motion.rmo": ("RmoMetrics", "RmoParams"),
     "pipeline.analysis": ("Analysis", "analyse"),
     "pipeline.sources": ("open_source",),
@@ -122,6 +132,7 @@ _MODULES = {
     "plots.tuning": ("plot_tuning",),
     "results.reading": ("Tuning", "read_tuning"),
     "results.table": ("FrameRecord",),
+    "schema": ("Parameters", "parameter"),
     "video.frames": ("Frame",),
     "video.inputs": ("Position", "Span"),
     "video.source": ("Video", "open_video"),

@@ -57,6 +57,10 @@ class ParameterError(OpploadError, ValueError):
     """A parameter has an unknown name, or a value outside its range."""
 
 
+class DetectorError(OpploadError):
+    """A detector that a user has registered fails, or gives no valid response."""
+
+
 class SourceError(OpploadError):
     """An input cannot be read at all."""
 

@@ -59,6 +59,16 @@ def parameter(
         The kinds of the table that take this value; empty for all of them.
     needed_by : tuple of str
         The kinds of the table that need this value.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> import oppload_cli as oppload
+    >>> @dataclass(frozen=True, kw_only=True)
+    ... class EdgeParams(oppload.Parameters):
+    ...     least: float = oppload.parameter(0.02, "least change of a pixel", low=0, high=1)
+    >>> EdgeParams().least
+    0.02
     """
     metadata = {
         "meaning": meaning,
@@ -129,6 +139,12 @@ class Table:
     def declared(cls) -> tuple[Parameter, ...]:
         """Return the descriptions of all values, in the order of their declaration."""
         hints = typing.get_type_hints(cls)
+        for each in fields(cls):
+            if not each.metadata:
+                raise cls._error(
+                    f"{cls.__name__}.{each.name} is declared without a meaning; write "
+                    f"{each.name}: ... = parameter(default, meaning)"
+                )
         return tuple(
             Parameter(each.name, *_without_none(hints[each.name]), each.default, **each.metadata)
             for each in fields(cls)
@@ -274,7 +290,16 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters(Table):
-    """Base of the parameter sets of detectors, alarms and the like; every value has a default."""
+    """Base of the parameter sets of detectors, alarms and the like; every value has a default.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> isinstance(oppload.DlgmdParams(), oppload.Parameters)
+    True
+    >>> oppload.DlgmdParams().replaced(threshold_limit=0.2).threshold_limit
+    0.2
+    """
 
     _error: ClassVar[type[OpploadError]] = ParameterError
     _units: ClassVar[bool] = False

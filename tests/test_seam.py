@@ -16,7 +16,7 @@ import pytest
 from oppload_cli import AlarmParams, Box, Column, Detector, Response, alarm_params
 from oppload_cli.annotation.frame import layout_of
 from oppload_cli.cli import main
-from oppload_cli.errors import ParameterError
+from oppload_cli.errors import DetectorError, ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.registry import DetectorBank
 from oppload_cli.palette import bgr
@@ -416,5 +416,5 @@ def test_a_column_that_its_answers_lack_is_an_error(monkeypatch: pytest.MonkeyPa
 def test_an_answer_of_another_class_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     bank = DetectorBank((9, 9), [ToyParams()])
     monkeypatch.setattr(Toy, "step", lambda *_: Response(0.0))
-    with pytest.raises(ParameterError, match="step returned Response, not a ToyResponse or None"):
+    with pytest.raises(DetectorError, match="step returned Response, not a ToyResponse or None"):
         bank.step(np.zeros((9, 9), np.float32))

@@ -13,6 +13,7 @@ import sys
 import threading
 from contextlib import suppress
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Never, NoReturn
 
 import click
@@ -28,6 +29,7 @@ from oppload_cli.errors import (
     shortage,
     suggestion,
 )
+from oppload_cli.models import LOAD
 from oppload_cli.processes import signals
 from oppload_cli.version import __version__
 
@@ -36,7 +38,6 @@ if sys.platform != "win32":
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
     from tqdm import tqdm
 
@@ -132,9 +133,24 @@ oppload plot video.frames.csv  writes video.frames.png
 """
 
 
+def _load(_ctx: click.Context, _option: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Have the registry load detectors, in this process and in others that it starts."""
+    if names:
+        files = (Path(each).absolute() if each.endswith(".py") else each for each in names)
+        os.environ[LOAD] = os.pathsep.join(map(str, files))
+    return names
+
+
 @click.group(cls=_LazyGroup, help=_HELP, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="oppload")
-def oppload() -> None:
+@click.option(
+    "--load",
+    multiple=True,
+    metavar="FILE.py|MODULE",
+    callback=_load,  # the module of a command, which is loaded next, may load the registry
+    help=f"Load detectors of your own; {LOAD} in the environment does the same.",
+)
+def oppload(**_options: object) -> None:
     """Take the options before the command."""
 
 

@@ -20,7 +20,7 @@ from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.repeats import RepeatParams
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -54,7 +54,7 @@ def _complete(_: click.Context, __: click.Parameter, text: str) -> list[Completi
 @click.command(short_help="list the models and presets; describe one with its parameters")
 @click.argument("names", nargs=-1, metavar="[NAME]...", shell_complete=_complete)
 @click.option("--measure", is_flag=True, help="Measure the cost of a frame on this machine.")
-@click.option("--json", "as_json", is_flag=True, help="Print all of it as JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
 def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     """List the models and the presets, a line for each.
 
@@ -65,8 +65,13 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     if measure:
         for each in [detector_named(name) for name in names] or list(detectors().values()):
             click.echo(f"{each.name:<20}{_measured_cost(each):>8.2f} ms per frame")
-    elif as_json:
-        click.echo(json.dumps(_described(), indent=2))
+        return
+    known = [*parameter_sets(), *PRESETS]
+    for name in names:
+        if name not in known:
+            raise ParameterError(f"no model, preset or settings '{name}'{suggestion(name, known)}")
+    if as_json:
+        click.echo(json.dumps(_described(names), indent=2))
     elif names:
         for name in names:
             _describe(name)
@@ -100,16 +105,13 @@ def _describe(name: str) -> None:
             for parameter, value in _changed(of_preset)
         ]
         click.echo("\n".join(changed) or "  every parameter has its default")
-    elif name in sets:
+    else:
         meaning, params = sets[name]
         click.secho(f"{name}  ({meaning})", bold=True)
         for line in _facts(detectors()[name]) if name in detectors() else ():
             click.echo(f"  {line}")
         for line in _lines(params):
             click.echo(f"  {line}")
-    else:
-        known = [*sets, *PRESETS]
-        raise ParameterError(f"no model, preset or settings '{name}'{suggestion(name, known)}")
     click.echo()
 
 
@@ -196,9 +198,10 @@ def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
         }
 
 
-def _described() -> dict[str, Any]:
+def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return all that is known of these models, presets and settings; of all without names."""
     sets = parameter_sets()
-    return {
+    everything: dict[str, dict[str, Any]] = {
         "models": {name: _about(each) for name, each in detectors().items()},
         "parameters": {name: list(_entries(params)) for name, (_, params) in sets.items()},
         "presets": {
@@ -209,4 +212,8 @@ def _described() -> dict[str, Any]:
             }
             for preset in PRESETS.values()
         },
+    }
+    return {
+        title: {name: each for name, each in table.items() if name in names or not names}
+        for title, table in everything.items()
     }

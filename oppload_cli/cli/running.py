@@ -323,7 +323,9 @@ class _Batch:
 
 def _retry_command(context: click.Context, failures: Path) -> str:
     """Return the command line, with every option given, that does just the failed inputs again."""
-    words = ["oppload", str(context.info_name), "--files-from", str(failures)]
+    loads = context.find_root().params.get("load", ())
+    words = ["oppload", *(word for name in loads for word in ("--load", name))]
+    words += [str(context.info_name), "--files-from", str(failures)]
     for option in context.command.params:
         name = option.name or ""
         given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE

@@ -5,26 +5,40 @@ A new detector is one file in this room and one line here.
 
 from __future__ import annotations
 
+import math
+import os
 import re
+import sys
+import traceback
+from dataclasses import make_dataclass
+from hashlib import sha256
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 from itertools import chain
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
-from oppload_cli.errors import ParameterError, suggestion
+import numpy as np
+
+from oppload_cli.errors import DetectorError, OpploadError, ParameterError, suggestion
+from oppload_cli.models import LOAD
 from oppload_cli.models.columns import COMMON, RMO, columns_of
+from oppload_cli.models.detector import Box, Column, Detector
 from oppload_cli.models.dlgmd import Dlgmd
 from oppload_cli.models.layers import Layers
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, preset_named
 from oppload_cli.models.timebase import Clock
+from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from importlib.abc import Loader
+    from importlib.machinery import ModuleSpec
 
-    from oppload_cli.models.detector import Detector, Response
+    from oppload_cli.models.detector import Response
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.timebase import TimeParams
-    from oppload_cli.schema import Parameters
 
 
 # Names that mean something else in settings and tables.
@@ -61,18 +75,25 @@ _detectors: dict[str, type[Detector] | str] = {
 }
 
 
+_loaded: dict[str, str] = {}  # checksums by name
+
+
 def register(detector: type[Detector]) -> type[Detector]:
     """Make a detector known everywhere: settings, tables, alarms, figures, `oppload models`.
+
+    A class that is defined again, as in a notebook, takes the place of the one before.
 
     Parameters
     ----------
     detector : type of Detector
-        Returned as it is, so that this can be used as a decorator.
+        Returned, so that this can be used as a decorator. A class without parameters of its own
+        gets an empty class of them.
 
     Raises
     ------
     ParameterError
-        If its name, its parameters or one of its columns is not valid, or is taken already.
+        If the class is not complete, or its name, its parameters or one of its columns is not
+        valid, or is taken already.
 
     Examples
     --------
@@ -80,18 +101,14 @@ def register(detector: type[Detector]) -> type[Detector]:
     >>> oppload.register(oppload.Dlgmd) is oppload.Dlgmd  # again: nothing changes
     True
     """
-    name = getattr(detector, "name", None)
-    where = f"detector '{name}' ({detector.__module__}.{detector.__qualname__})"
-    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
-        raise ParameterError(f"{where}: its name must be lower case, digits and underscores")
+    where = _check_class(detector)
+    name = detector.name
     known = detectors().get(name)
-    if name in _TAKEN_NAMES or (known is not None and known is not detector):
+    if name in _TAKEN_NAMES or (known is not None and not _is_again(known, detector)):
         raise ParameterError(f"{where}: its name is taken; choose another one")
-    if not re.fullmatch(r"#[0-9A-Fa-f]{6}", getattr(detector, "colour", "")):
-        raise ParameterError(f"{where}: its colour must be written as #RRGGBB")
-    if not getattr(detector, "label", "") or not getattr(detector, "meaning", ""):
-        raise ParameterError(f"{where}: it needs a label and a meaning")
-    others = [each for each in detectors().values() if each is not detector]
+    if detector.parameters is Parameters:
+        detector.parameters = _no_parameters(detector)
+    others = [each for each in detectors().values() if each is not known]
     if any(each.parameters is detector.parameters for each in others):
         raise ParameterError(
             f"{where}: its parameters, {detector.parameters.__name__}, are those of another "
@@ -114,8 +131,93 @@ def register(detector: type[Detector]) -> type[Detector]:
     return detector
 
 
+def load(name: str) -> None:
+    """Import a module that registers detectors, as ``oppload --load`` does.
+
+    Parameters
+    ----------
+    name : str
+        A file such as ``edges.py``, or the name of an installed module.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be imported.
+    """
+    path = Path(name)
+    try:
+        if path.suffix == ".py":
+            # Other processes, which load the same file, find its classes under this name.
+            title = f"loaded_{path.stem}"
+            spec = cast("ModuleSpec", spec_from_file_location(title, path.absolute()))
+            sys.modules[title] = module_from_spec(spec)
+            cast("Loader", spec.loader).exec_module(sys.modules[title])
+        else:
+            path = Path(import_module(name).__file__ or "")
+        _loaded[name] = sha256(path.read_bytes()).hexdigest()
+    except OpploadError:
+        raise
+    except Exception as error:
+        raise ParameterError(
+            f"--load {name}: cannot be imported ({type(error).__name__}: {error}); correct it"
+        ) from error
+
+
+def loaded() -> list[dict[str, str]]:
+    """Return the name and the checksum of each file that `load` has imported."""
+    return [{"name": name, "sha256": checksum} for name, checksum in _loaded.items()]
+
+
+def _check_class(detector: type[Detector]) -> str:
+    """Check what a detector is by itself; return its name and place for messages."""
+    given: object = detector
+    if not isinstance(given, type) or not issubclass(given, Detector):
+        raise ParameterError(f"{given!r} is no detector: register a class that extends Detector")
+    name = getattr(detector, "name", None)
+    where = f"detector '{name}' ({detector.__module__}.{detector.__qualname__})"
+    if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+        raise ParameterError(f"{where}: its name must be lower case, digits and underscores")
+    if missing := ", ".join(sorted(getattr(detector, "__abstractmethods__", ()))):
+        raise ParameterError(f"{where}: it lacks {missing}; define it")
+    if not re.fullmatch(r"#[0-9A-Fa-f]{6}", getattr(detector, "colour", "")):
+        raise ParameterError(f"{where}: its colour must be written as #RRGGBB")
+    if not getattr(detector, "label", "") or not getattr(detector, "meaning", ""):
+        raise ParameterError(f"{where}: it needs a label and a meaning")
+    if DEFAULT_PRESET not in detector.alarm_floors:
+        raise ParameterError(f"{where}: its alarm_floors need a floor of '{DEFAULT_PRESET}'")
+    for title in ("columns", "details"):
+        columns = getattr(detector, title)
+        if not isinstance(columns, tuple) or not all(isinstance(one, Column) for one in columns):
+            raise ParameterError(f"{where}: its {title} must be a tuple of Column")
+    detector.parameters.declared()
+    return where
+
+
+def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
+    """Tell whether a class is one that is registered already, or its definition anew."""
+    place = known.__module__, known.__qualname__
+    return known is detector or (
+        not _is_own(known) and place == (detector.__module__, detector.__qualname__)
+    )
+
+
+def _no_parameters(detector: type[Detector]) -> type[Parameters]:
+    """Return an empty class of parameters, which tells one detector from another."""
+    empty = make_dataclass(detector.__name__, [], bases=(Parameters,), frozen=True, kw_only=True)
+    # The place where other processes find the class.
+    empty.__module__ = detector.__module__
+    empty.__qualname__ = f"{detector.__qualname__}.parameters"
+    return empty
+
+
 def forget(name: str) -> None:
-    """Remove a registered detector again, as tests do."""
+    """Remove a registered detector again.
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.forget("never_registered")  # nothing to remove
+    """
     _detectors.pop(name, None)
 
 
@@ -330,12 +432,16 @@ class DetectorBank:
         ------
         FrameError
             If the array is not a luminance image of the right shape.
-        ParameterError
-            If a detector returns anything else than an instance of its `answers`.
+        DetectorError
+            If a detector returns anything else than a valid instance of its `answers`, or one
+            that a user has registered raises an error of its own.
         """
         self._layers.clock.time_s = time_s
+        # A detector that writes into the frame fails, instead of changing the others' frame.
+        luma = luma.view()
+        luma.flags.writeable = False
         self._photoreceptors.step(luma)
-        return {name: _checked(each, each.step(luma)) for name, each in self.detectors.items()}
+        return {name: _answer(each, luma) for name, each in self.detectors.items()}
 
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
         """Return every detector's answer to a frame in which nothing changed.
@@ -351,10 +457,40 @@ class DetectorBank:
         }
 
 
-def _checked(detector: Detector, answer: object) -> Response | None:
-    if answer is None or isinstance(answer, detector.answers):
-        return answer
-    raise ParameterError(
-        f"detector '{detector.name}': its step returned {type(answer).__name__}, "
-        f"not a {detector.answers.__name__} or None"
-    )
+def _answer(detector: Detector, luma: Map) -> Response | None:
+    """Return the answer of a detector to a frame, which must be valid."""
+    try:
+        answer = detector.step(luma)
+    except Exception as error:
+        if isinstance(error, OpploadError | MemoryError) or _is_own(type(detector)):
+            raise
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise DetectorError(
+            f"detector '{detector.name}': its step failed ({type(error).__name__}: {error}; "
+            f"{place.filename}, line {place.lineno}); correct the detector"
+        ) from error
+    if answer is not None and (fault := _fault(detector, answer)):
+        raise DetectorError(f"detector '{detector.name}': its step returned {fault}")
+    return answer
+
+
+def _fault(detector: Detector, answer: object) -> str:
+    """Return why an answer is not valid, in words; empty for a valid one."""
+    if not isinstance(answer, detector.answers):
+        return f"{type(answer).__name__}, not a {detector.answers.__name__} or None"
+    response: object = answer.response  # users may ignore types
+    box: object = answer.box
+    if not isinstance(response, int | float | np.floating) or not 0 <= response < math.inf:
+        return f"a response of {response!r:.60}, not a finite number of at least 0"
+    if box is not None and not (isinstance(box, Box) and all(map(math.isfinite, box))):
+        return f"a box of {box!r:.60}, not a Box of finite numbers or None"
+    return ""
+
+
+def _is_own(detector: type[Detector]) -> bool:
+    """Tell whether a detector is one of this package."""
+    return detector.__module__.startswith("oppload_cli.")
+
+
+for _name in filter(None, os.environ.get(LOAD, "").split(os.pathsep)):
+    load(_name)

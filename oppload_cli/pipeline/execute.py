@@ -17,6 +17,7 @@ from oppload_cli.environment import environment
 from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason_of
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
+from oppload_cli.models.registry import loaded
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL
@@ -337,6 +338,7 @@ class _Run:
         return {
             "tool": environment(),
             "command": list(task.command),
+            "loaded": loaded(),
             "preset": settings.preset,
             "models": list(settings.models),
             "height": settings.height,

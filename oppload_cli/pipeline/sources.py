@@ -145,8 +145,8 @@ class _ArrayVideo:
     SourceError
         If they are not frames of such a shape and type.
     ParameterError
-        If neither a rate nor times are given, the rate is not above 0, or there is not one
-        finite time for each frame.
+        If neither a rate nor times are given, the rate is not above 0, there is not one
+        finite time for each frame, or the times do not increase.
     """
 
     def __init__(
@@ -217,6 +217,13 @@ def _checked_times(times: Sequence[float], count: int) -> list[float]:
     if values.shape != (count,):
         raise ParameterError(
             f"times must hold one time for each of the {count} frames, not shape {values.shape}"
+        )
+    late = np.flatnonzero(np.diff(values) <= 0)
+    if late.size:
+        before, after = values[late[0] : late[0] + 2]
+        raise ParameterError(
+            f"times must increase: frame {late[0] + 1} has {after:g} s, and the frame before "
+            f"{before:g} s; put them right, or give a rate"
         )
     return [float(value) for value in values]
 

@@ -176,6 +176,7 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
     result = Result(path, frames, _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}")))
     result.need(("frame", "time_s"))
     if not result.models:
+        _alarm_params(result)  # says which detector is not known
         result.need((f"{default_names()[0]}_response",))
     for name in ("frame", "time_s"):
         _check_filled(path, frames, name, "run it again")
@@ -479,6 +480,13 @@ def _alarm_params(result: Result) -> AlarmParams:
     """Return the parameters of a result's alarms; the default ones without a sidecar."""
     check_schema(result)
     stated = result.part("parameters").get("alarm", {})
+    named = result.sidecar.get("models")
+    for name in named if isinstance(named, list) else ():
+        if name not in known_names():
+            raise ResultError(
+                f"{result.path}: its detector '{name}' is not known here; load it, as in "
+                "'oppload --load FILE.py plot ...'"
+            )
     try:
         return alarm_params(**stated)
     except (OpploadError, TypeError) as error:

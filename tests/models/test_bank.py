@@ -1,15 +1,16 @@
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.errors import ParameterError
+from oppload_cli.errors import DetectorError, ParameterError
 from oppload_cli.models import registry
-from oppload_cli.models.detector import Detector, Response
+from oppload_cli.models.detector import Box, Column, Detector, Response
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.opplod import Opplod, OpplodResponse
@@ -118,7 +119,7 @@ class Loose(Detector):
     """A detector that returns what it was told to."""
 
     name, label, colour, meaning = "loose", "Loose", "#000000", "for this test"
-    parameters = LooseParams
+    parameters: ClassVar[type[Parameters]] = LooseParams
     answer: Any = None
 
     def reset(self) -> None:
@@ -135,7 +136,7 @@ def test_an_answer_of_another_class_than_declared_is_refused(
     bank = DetectorBank((9, 9), [DlgmdParams()])
     monkeypatch.setattr(Dlgmd, "step", lambda *_: Response(1.0))
     message = "detector 'dlgmd': its step returned Response, not a DlgmdResponse or None"
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(DetectorError, match=message):
         bank.step(np.zeros((9, 9), np.float32))
 
 
@@ -152,10 +153,96 @@ def test_an_answer_that_is_not_a_response_is_refused(
         assert bank.step(np.zeros((9, 9), np.float32))["loose"] == Response(0.25)
         monkeypatch.setattr(Loose, "answer", answer)
         message = f"detector 'loose': its step returned {kind}, not a Response or None"
-        with pytest.raises(ParameterError, match=message):
+        with pytest.raises(DetectorError, match=message):
             bank.step(np.zeros((9, 9), np.float32))
     finally:
         registry.forget("loose")
+
+
+@pytest.mark.parametrize(
+    ("answer", "fault"),
+    [
+        (Response(np.nan), "a response of nan, not a finite number of at least 0"),
+        (Response(np.inf), "a response of inf, not a finite"),
+        (Response(-1e-9), "a response of -1e-09, not a finite"),
+        (Response("0.5"), "a response of '0.5', not a finite"),  # type: ignore[arg-type]
+        (Response(np.ones(9)), "a response of array"),  # type: ignore[arg-type]
+        (Response(1.0, (1, 2, 3, 4)), "a box of (1, 2, 3, 4), not a Box"),  # type: ignore[arg-type]
+        (Response(1.0, Box(1, 2, np.nan, 4)), "a box of Box(x=1, y=2, width=nan"),
+    ],
+)
+def test_an_answer_that_is_no_number_is_refused(
+    monkeypatch: pytest.MonkeyPatch, answer: Response, fault: str
+) -> None:
+    monkeypatch.setattr(Loose, "answer", answer)
+    registry.register(Loose)
+    try:
+        with pytest.raises(DetectorError) as refused:
+            DetectorBank((9, 9), [LooseParams()]).step(np.zeros((9, 9), np.float32))
+        assert f"detector 'loose': its step returned {fault}" in str(refused.value)
+    finally:
+        registry.forget("loose")
+
+
+class _Failing(Loose):
+    name = "failing"
+    parameters = Parameters
+    alarm_floors: ClassVar = {"default": 0.0}
+
+    def step(self, luma: Luma) -> Response | None:
+        luma -= luma.mean()
+        return None
+
+
+def test_a_detector_that_fails_or_changes_the_frame_is_named() -> None:
+    """The others see the frame as it was."""
+    registry.register(_Failing)
+    try:
+        params = [_Failing.parameters(), DlgmdParams()]
+        sent = pickle.loads(pickle.dumps(params[0]))  # noqa: S301 - to another process
+        assert type(sent) is _Failing.parameters
+        frame = np.full((9, 9), 0.5, np.float32)
+        with pytest.raises(DetectorError) as failed:
+            DetectorBank((9, 9), params).step(frame)
+        assert "detector 'failing': its step failed (ValueError: " in str(failed.value)
+        assert f"{__file__}, line " in str(failed.value)
+        assert (frame == 0.5).all()
+        assert frame.flags.writeable
+    finally:
+        registry.forget("failing")
+
+
+def again(**others: object) -> type[Detector]:
+    """Return a class like Loose, as a cell of a notebook defines it once more."""
+    fields = {"__qualname__": "Again", "name": "again", "parameters": Parameters, **others}
+    return type("Again", (Loose,), fields)
+
+
+def test_a_class_defined_again_takes_the_place_of_the_one_before() -> None:
+    try:
+        for label in ("one", "two"):
+            registry.register(again(label=label))
+        assert registry.detector_named("again").label == "two"
+        with pytest.raises(ParameterError, match="its name is taken"):
+            registry.register(again(__qualname__="Other"))
+    finally:
+        registry.forget("again")
+
+
+@pytest.mark.parametrize(
+    ("detector", "fault"),
+    [
+        (Loose((9, 9)), "is no detector: register a class that extends Detector"),
+        (again(step=Detector.step), "it lacks step; define it"),
+        (again(alarm_floors={"reference": 1.0}), "its alarm_floors need a floor of 'default'"),
+        (again(columns=("a", "b")), "its columns must be a tuple of Column"),
+        (again(details=Column("a", "", "b")), "its details must be a tuple of Column"),
+    ],
+)
+def test_a_class_that_is_not_complete_is_refused(detector: Any, fault: str) -> None:
+    with pytest.raises(ParameterError, match=fault):
+        registry.register(detector)
+    assert "again" not in registry.known_names()
 
 
 def test_detectors_read_the_time_of_the_frame() -> None:

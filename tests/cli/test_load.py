@@ -1,0 +1,89 @@
+"""Detectors of the user's own, by ``--load``."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import shlex
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from tests.cli.process import oppload
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+DETECTOR = """
+from typing import ClassVar
+
+import numpy as np
+
+import oppload_cli as oppload
+
+
+@oppload.register
+class Darkening(oppload.Detector):
+    name, label, colour = "darkening", "Darkening", "#117733"
+    meaning = "share of pixels that darkened"
+    alarm_floors: ClassVar = {"default": 0.1}
+    before = None
+
+    def reset(self):
+        self.before = None
+
+    def step(self, luma):
+        before, self.before = self.before, luma.copy()
+        return None if before is None else oppload.Response(np.mean(before > luma))
+"""
+
+
+def test_a_loaded_detector_runs_also_in_other_processes(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(DETECTOR)
+    frames = grey_frames(9)
+    for name in ("a.avi", "b.avi"):
+        write_video(tmp_path / name, frames)
+    words = ("run", "a.avi", "b.avi", "none.avi", "-j", "2", "-o", "out", "--model", "darkening")
+    done = oppload("--load", "own.py", *words, "--no-rmo", "--height", "native", cwd=tmp_path)
+    assert done.returncode == 4, done.stderr
+    shares = [float((before.astype(int) > now).mean()) for before, now in pairwise(frames)]
+    for stem in ("a", "b"):
+        table = (tmp_path / "out" / f"{stem}.frames.csv").read_text().splitlines()
+        found = [float(row["darkening_response"]) for row in csv.DictReader(table[0:1] + table[2:])]
+        assert [round(each, 6) for each in found] == [round(each, 6) for each in shares]
+        sidecar = json.loads((tmp_path / "out" / f"{stem}.oppload.json").read_text())
+        checksum = hashlib.sha256(DETECTOR.encode()).hexdigest()
+        assert sidecar["loaded"] == [{"name": str(tmp_path / "own.py"), "sha256": checksum}]
+    again = shlex.split(done.stderr.strip().splitlines()[-1])
+    assert again[:4] == ["oppload", "--load", "own.py", "run"]
+    result = tmp_path / "out" / "a.frames.csv"
+    refused = oppload("plot", result)
+    assert refused.returncode == 2
+    assert "its detector 'darkening' is not known here; load it, as in" in refused.stderr
+    assert oppload("plot", result, OPPLOAD_LOAD=str(tmp_path / "own.py")).returncode == 0
+
+
+def test_a_file_that_cannot_be_loaded_is_named(tmp_path: Path) -> None:
+    (tmp_path / "broken.py").write_text("x = (")
+    (tmp_path / "nameless.py").write_text(DETECTOR.replace('"darkening"', '"dlgmd"'))
+    for name, fault in (
+        ("broken.py", "broken.py: cannot be imported (SyntaxError: '(' was never closed"),
+        ("none.py", "none.py: cannot be imported (FileNotFoundError: "),
+        ("no_such_module", "no_such_module: cannot be imported (ModuleNotFoundError: "),
+        ("nameless.py", "detector 'dlgmd' (loaded_nameless.Darkening): its name is taken"),
+    ):
+        done = oppload("--load", name, "models", cwd=tmp_path)
+        assert (done.returncode, fault in done.stderr) == (2, True), done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+def test_a_step_that_fails_names_the_detector_and_its_line(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(DETECTOR.replace("np.mean(before > luma)", "[][0]"))
+    write_video(tmp_path / "a.avi", grey_frames(9))
+    words = ("run", "a.avi", "-o", "out", "--model", "darkening", "--no-rmo")
+    done = oppload("--load", "own.py", *words, cwd=tmp_path)
+    assert done.returncode == 2
+    line = 1 + DETECTOR.splitlines().index(DETECTOR.splitlines()[-1])
+    assert "detector 'darkening': its step failed (IndexError: list index" in done.stderr
+    assert f"own.py, line {line}); correct the detector" in done.stderr
