@@ -207,7 +207,7 @@ class History:
     Parameters
     ----------
     detectors : sequence of str
-        Their names.
+        Names of the detectors.
     duration_s : float or None
         Of the video, if it is known: a short video fills the plot.
 

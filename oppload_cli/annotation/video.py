@@ -76,7 +76,7 @@ class AnnotatedVideo:
     Parameters
     ----------
     path : Path
-        Its final name.
+        Final name of the video.
     video : Video
         Opened with ``colour=True``.
     detectors : sequence of str

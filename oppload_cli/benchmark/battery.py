@@ -215,7 +215,7 @@ class Measured:
     detector : str
         ``NAME`` or ``NAME:PRESET``.
     peak : float or None
-        Its largest response; None if it gave none.
+        Largest response; None if the detector gave none.
     peak_time_s : float or None
         When it was first reached.
     alarms : int

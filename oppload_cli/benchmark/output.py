@@ -89,7 +89,7 @@ class _Summary(NamedTuple):
     largest_control_over_loom : float
         Of all controls.
     largest_control : str
-        Its column.
+        Column of this control.
     cost_ms : float or None
         Per frame of 427 x 240 on one core.
     """
@@ -279,7 +279,7 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
     benchmark : Benchmark
         The measurements.
     table : Table
-        One of its tables.
+        One table of the benchmark.
     """
     labels, names = benchmark.labels(table), benchmark.names
     cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]

@@ -118,7 +118,7 @@ def _describe(name: str) -> None:
 def _measured_cost(detector: type[Detector]) -> float:
     """Return the processor time of a detector's step, in ms: the least median of some rounds.
 
-    It sees faint texture that moves, 427 x 240 px, on one core.
+    The detector sees faint texture that moves, 427 x 240 px, on one core.
     """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)

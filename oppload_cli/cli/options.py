@@ -97,7 +97,7 @@ def jobs_option(things: str) -> Callable[[Command], Command]:
     Parameters
     ----------
     things : str
-        Their name, for the help, such as ``Inputs``.
+        Name of the things, for the help, such as ``Inputs``.
     """
     return click.option(
         "-j",
@@ -261,7 +261,7 @@ def settings_options(
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds the options of a run's settings.
 
-    They have the names that :func:`oppload_cli.pipeline.settings.resolve` takes.
+    The options have the names that :func:`oppload_cli.pipeline.settings.resolve` takes.
 
     Parameters
     ----------

@@ -143,7 +143,7 @@ class Cuts:
         photoreceptors : ndarray of float32, shape (height, width)
             P(t), 0 to 1.
         change : float
-            Its mean, 0 to 1.
+            Mean of P over the frame, 0 to 1.
         time_s : float
             The frame's presentation time in seconds.
 

@@ -199,7 +199,7 @@ class Growth(NamedTuple):
     shrinkage : float
         Earlier over later size, less 1: below 0 for an object that grew.
     error : float
-        Its standard error.
+        Standard error of the shrinkage.
     """
 
     shrinkage: float
@@ -224,7 +224,7 @@ class Picture:
         Parameters
         ----------
         region : tuple of float
-            Its centre (x, y) and half sizes in pixels of the frame.
+            Centre (x, y) and half sizes in pixels of the frame.
         level : int
             0 for the frame, 1 for half its size and so on.
 

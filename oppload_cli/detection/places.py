@@ -45,7 +45,7 @@ class Detection(NamedTuple):
     time_to_contact_s : float or None
         Estimate in seconds, above 0; None where it is not determined.
     time_to_contact_error_s : float or None
-        Its error in seconds, from the residuals of the growths (``docs/places.md``).
+        Error of the estimate, in seconds, from the residuals of the growths (``docs/places.md``).
     view : View or None
         The same in degrees; None where the field of view is not known.
 
@@ -104,7 +104,7 @@ def peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     maps : UnitMaps
         Of the frame.
     params : PlaceParams
-        Their floor, share and number.
+        Floor and share of the responses, and the largest number of units.
 
     Returns
     -------
@@ -180,9 +180,9 @@ class Track:
     row, column : int
         The unit at its focus.
     x, y : float
-        Its focus.
+        Focus of expansion.
     extent : Extent
-        Its half sizes.
+        Half sizes.
     response : float
         Of the latest frame that showed it.
     seen_s : float
@@ -218,7 +218,7 @@ class Places:
     Parameters
     ----------
     params : PlaceParams, optional
-        Its parameters.
+        Parameters of the search.
     interval_s : float
         Time in seconds over which the units see motion; 0: from frame to frame.
     """

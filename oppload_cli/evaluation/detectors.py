@@ -43,7 +43,7 @@ class EvaluatedDetector:
     repeats : RepeatParams
         Of repeats.
     time : TimeParams
-        Its time base.
+        Time base of the detector.
     """
 
     name: str

@@ -49,7 +49,7 @@ class Entry:
     Attributes
     ----------
     row : int
-        Its number; the header is row 1.
+        Number of the row; the header is row 1.
     path : Path or Protocol
         The clip, or the stimulus to draw.
     label : Label
@@ -70,7 +70,7 @@ class Manifest:
     path : Path
         The file.
     entries : list of Entry
-        Its usable rows, in their order.
+        The usable rows, in the order of the file.
     faults : list of str
         A sentence for each row or box that cannot be used.
     rows : int
@@ -408,7 +408,7 @@ def _label_of(name: str, truth: Table) -> Label:
     name : str
         Of the clip.
     truth : dict
-        Its ground truth.
+        Ground truth of the clip.
     """
     looming = [frame["frame"] for frame in truth["frames"] if frame["looming"]]
     boxes: dict[int, Box] = {}

@@ -267,7 +267,7 @@ class _Still(NamedTuple):
     frame : int
         The frame.
     picture : str or None
-        Its address; None for a frame that could not be decoded again.
+        Address of the picture; None for a frame that could not be decoded again.
     label, winner : tuple of float, or None
         The labelled box, and the field of the winning unit, in source pixels.
     strip : Strip

@@ -48,7 +48,7 @@ def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
     Returns
     -------
     rates, detected : ndarray, shape (m,)
-        Both rise; empty without an approach or without other footage.
+        Both arrays rise; they are empty without an approach or without other footage.
     """
     thresholds = performance.thresholds
     once = np.ones(len(thresholds.minutes), np.int64)

@@ -87,7 +87,7 @@ def write_atomic(target: Path | PartFile, content: str | bytes | Iterable[bytes]
     Parameters
     ----------
     target : Path or PartFile
-        Its name, folders above which are made; or the file, where it was begun before.
+        Name of the file, whose missing folders are made; or a file that was begun before.
     content : str, bytes or iterable of bytes
         A text is written as UTF-8.
 
@@ -127,7 +127,7 @@ def claimed(path: Path, if_exists: str) -> Iterator[PartFile]:
     Parameters
     ----------
     path : Path
-        Its name.
+        Name of the result.
     if_exists : str
         With ``error``, it must not exist.
 

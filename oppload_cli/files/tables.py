@@ -91,7 +91,7 @@ def open_table(path: Path, columns: Mapping[str, type], *, new: bool = False) ->
     path : Path
         ``.csv`` or ``.parquet``.
     columns : mapping of str to type
-        Their names and types: str, int, float or bool. A bool is written as ``true``.
+        Names and types of the columns: str, int, float or bool. A bool is written as ``true``.
     new : bool
         Whether a file of this name is an error.
 

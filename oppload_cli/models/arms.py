@@ -199,7 +199,7 @@ class ArmsJudgement:
         pathways : dict of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees; used where the direction is not graded.
         seen : Photoreceptors
-            Their latest frames.
+            The photoreceptors, which hold the latest frames.
         kernels : Kernels
             With the masks of the axes 0 and 90 degrees.
 

@@ -150,9 +150,9 @@ class Detector(ABC):
     Attributes
     ----------
     name : str
-        Its name on the command line and in the columns: lower case, digits and underscores.
+        Name on the command line and in the columns: lower case, digits and underscores.
     label, colour : str
-        Its name and its colour (``#RRGGBB``) in figures and in annotated videos.
+        Name and colour (``#RRGGBB``) in figures and in annotated videos.
     meaning : str
         One line for the user.
     unit : str
@@ -160,7 +160,7 @@ class Detector(ABC):
     response_column : tuple of str
         Unit and meaning of the column ``NAME_response``.
     columns : tuple of Column
-        Its own columns; each is a field of `answers`, with a default.
+        The detector's own columns; each is a field of `answers`, with a default.
     details : tuple of Column
         Further columns of its own, which stand in the table with ``--columns all`` only: the
         inner values that its authors publish. Each is a field of `answers`, with a default.
@@ -169,7 +169,7 @@ class Detector(ABC):
     parameters : type of Parameters
         The class of its parameters.
     presets : mapping of str to Parameters
-        Its parameters under the presets that differ from the defaults.
+        Parameters of the detector under the presets that differ from the defaults.
     alarm_floors : mapping of str to float
         By preset, the response at or below which it never alarms; ``default`` holds for the presets
         that are not named.

@@ -149,7 +149,7 @@ def inhibition_kernels(params: DpcParams) -> tuple[Kernel, Kernel]:
 def direction_mask(params: DpcParams, direction: float) -> Kernel:
     """Return M_phi(d), the MDE mask on the inhibition kernel, eq. (mde), from 0 to 1.
 
-    It is named by the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
+    The mask is named by the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
     (``docs/model.md``, section 4).
 
     Parameters

@@ -469,7 +469,7 @@ class Layers:
         Parameters
         ----------
         key : hashable
-            Its kind and all its constants.
+            Kind of the layer and all its constants.
         make : callable
             Makes it, where nobody holds one with this key.
         """

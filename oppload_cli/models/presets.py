@@ -28,7 +28,7 @@ class Preset(NamedTuple):
     name : str
         As in ``--preset``.
     meaning : str
-        Its users and its purpose, in one line.
+        Users and purpose of the preset, in one line.
     height : int
         Working height in pixels that its parameters are made for.
     no_alarm : str

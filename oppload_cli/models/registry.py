@@ -421,7 +421,7 @@ class DetectorBank:
         luma : ndarray of float32, shape (height, width)
             Luminance, 0 to 1.
         time_s : float, optional
-            Its presentation time in seconds; detectors read it from their layers.
+            Presentation time of the frame in seconds; detectors read it from their layers.
 
         Returns
         -------

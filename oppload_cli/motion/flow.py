@@ -67,7 +67,7 @@ def reduce(frame: Grey, reduction: int, out: Grey) -> None:
     Parameters
     ----------
     frame : ndarray of uint8, shape (rows * reduction, columns * reduction)
-        Its rows may have a gap between them.
+        The frame; its rows may have a gap between them.
     reduction : int
         Side of a square: 1, 2 or 4 pixels.
     out : ndarray of uint8, shape (rows, columns)
@@ -190,7 +190,7 @@ class DenseFlow:
         Returns
         -------
         MotionVectors or None
-            Those of at least the minimum speed and change; None for the first frame.
+            The vectors of at least the minimum speed and change; None for the first frame.
 
         Raises
         ------

@@ -96,7 +96,7 @@ class Analysis:
         time: TimeParams | None = None,
         fov: float | None = None,
     ) -> None:
-        sides: tuple[int, ...] = shape  # a user's may be that of an image in colour
+        sides: tuple[int, ...] = shape  # a caller may give the shape of a colour image
         if len(sides) != 2 or min(sides) < 1:
             raise ParameterError(
                 f"shape must be height and width in pixels, not {shape}; of an image in colour "

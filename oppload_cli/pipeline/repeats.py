@@ -177,7 +177,7 @@ class Repeats:
         luma : ndarray of float32, shape (height, width)
             Luminance at the working size, 0 to 1; kept, not copied.
         time_s : float
-            Its presentation time in seconds.
+            Presentation time of the frame in seconds.
         """
         repeat = self._recognised(luma, time_s)
         self.exact += repeat.kind == EXACT

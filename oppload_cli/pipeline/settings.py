@@ -92,9 +92,9 @@ class Settings:
         Parameters
         ----------
         name : str
-            Its name in `groups`.
+            Name of the set in `groups`.
         kind : type of Parameters
-            Its class.
+            Class of the set.
 
         Raises
         ------
@@ -156,7 +156,7 @@ class Settings:
         optics : Optics or None
             Of the input; without it the settings stay as they are.
         working : WorkingSize
-            Its working size.
+            Working size of the video.
 
         Raises
         ------

@@ -80,7 +80,7 @@ class Outputs:
         Parameters
         ----------
         folder : Path
-            Their folder.
+            Folder of the files.
         stem : str
             The beginning of their names.
         models : sequence of str

@@ -55,7 +55,7 @@ class _Selectivity:
     peak : float
         Largest response.
     preferred_deg : float
-        Its direction.
+        Direction of the largest response.
     direction_index : float or None
         (R_p - R_o) / (R_p + R_o), with R_o the response to the opposite direction; None if
         that direction was not shown or nothing responded.

@@ -99,7 +99,7 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
     Yields
     ------
     matplotlib.figure.Figure
-        It needs no display.
+        The figure; it needs no display.
     """
     with mpl.rc_context(_STYLE):
         yield Figure(figsize=(width, height), layout="constrained")

@@ -127,7 +127,8 @@ def plot_tuning(
 def _kind_of(tuning: Tuning) -> str:
     """Return the kind of plot that suits a table.
 
-    It is that of the classic figure for which it was made, else ``heat``, ``polar`` or ``line``.
+    A table made for a classic figure has the kind of that figure; others ``heat``, ``polar`` or
+    ``line``.
     """
     made_for = _figure(tuning).get("kind")
     if made_for in KINDS:

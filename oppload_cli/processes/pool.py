@@ -52,7 +52,7 @@ class Kind(Enum):
 class Event(NamedTuple):
     """An event in the life of an item.
 
-    Its content is the message told, the result, the error raised, or how the process
+    The content is the message told, the result, the error raised, or how the process
     ended, for instance ``SIGKILL``; None for an item that is begun.
     """
 

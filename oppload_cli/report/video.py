@@ -72,7 +72,7 @@ def copy_video(
     Parameters
     ----------
     result : Result
-        Its rows say which frames.
+        The rows of this result say which frames.
     name : str
         The video, from :func:`~oppload_cli.results.reading.find_video`.
     path : Path

@@ -248,7 +248,7 @@ def chosen(only: Iterable[str]) -> list[str]:
     Parameters
     ----------
     only : iterable of str
-        Their names; none for all.
+        Names of the figures; none for all.
 
     Raises
     ------

@@ -54,7 +54,7 @@ class _Family(NamedTuple):
     width_deg : int or None
         Width of its bars.
     published : str
-        Its name among the published peaks; empty where there are none.
+        Name of the family among the published peaks; empty if none were published.
     """
 
     name: str

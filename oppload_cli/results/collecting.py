@@ -125,7 +125,7 @@ def collect(
 def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
     """Return the columns of the frames of some results, with the type of their values.
 
-    Those of the detectors that run by default are always among them.
+    The columns of the detectors that run by default are always among them.
     """
     used, presets, details, degrees = set(default_names()), set(), False, False
     for path in results:

@@ -265,7 +265,7 @@ def write_sidecar(path: Path, content: dict[str, Any]) -> None:
     Parameters
     ----------
     path : Path
-        Its final name; the file appears complete or not at all.
+        Final name of the sidecar, which appears complete or not at all.
     content : dict
         Ready for JSON; ``schema`` is added.
 

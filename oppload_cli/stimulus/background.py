@@ -232,7 +232,7 @@ class _Surroundings:
     Attributes
     ----------
     pieces : tuple of _Piece
-        Its surfaces.
+        Surfaces of the place.
     haze : float
         Luminance of the haze, and of all that is too far away.
     """

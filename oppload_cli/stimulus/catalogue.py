@@ -178,7 +178,7 @@ def read_entry(path: Path, name: str | None = None) -> Entry:
     path : Path
         A TOML file.
     name : str or None
-        Its name; the file's stem where None.
+        Name of the entry; the file's stem where None.
 
     Raises
     ------

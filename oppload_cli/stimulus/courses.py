@@ -176,9 +176,9 @@ def line_of(course: Course, size_m: float, lasts_s: float) -> Line:
     Parameters
     ----------
     course : Course
-        Its table.
+        Table of the course.
     size_m : float
-        Its size in metres.
+        Size of the object in metres.
     lasts_s : float
         Duration of its motion, the default of ``contact_s``.
 

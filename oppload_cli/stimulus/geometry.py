@@ -65,7 +65,7 @@ class Pose:
     zoom : float
         Scale of a pattern.
     travel_deg : tuple of float
-        Its own movement since the start, in the scene's frame before any turn.
+        The object's own movement since the start, in the scene's frame before any turn.
     contact_in_s : float or None
         Time to contact while it approaches.
     looming : bool
@@ -194,7 +194,7 @@ def corners_of(
     obj : Object
         A square, bar, cross or edge.
     pose : Pose
-        Its pose.
+        Pose of the shape.
     height, width : int
         The display in pixels.
 

@@ -307,7 +307,7 @@ class Object(Table):
     )
     size_m: float | None = parameter(
         None,
-        "longer side of what is not transparent",
+        "longer side of the opaque part",
         unit="m",
         above=0,
         high=1000,

@@ -34,7 +34,7 @@ class View(NamedTuple):
     Attributes
     ----------
     place : tuple of float
-        Its place in the world, in metres.
+        Place of the camera in the world, in metres.
     axes : tuple of tuple of float
         Right, up and ahead of the camera, in the world's axes.
     eye_px : float

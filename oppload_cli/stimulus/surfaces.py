@@ -124,11 +124,11 @@ class Surface:
     Attributes
     ----------
     origin : tuple of float
-        Its point ``u = v = 0`` in the world, in metres.
+        The surface's point ``u = v = 0`` in the world, in metres.
     right, up : tuple of float
         Directions of u and v, of length 1 and at right angles.
     texture : Texture
-        Its upper left corner lies at `corner`.
+        The texture, whose upper left corner lies at `corner`.
     per_metre : float
         Texels per metre.
     corner : tuple of float

@@ -36,7 +36,7 @@ class Responses:
     centre : ndarray, shape (n, 2)
         Centre (x, y) of the winning unit in stimulus pixels; NaN without a winner.
     box : ndarray, shape (n, 4)
-        Its receptive field: left, top, width and height in stimulus pixels.
+        Receptive field of this unit: left, top, width and height in stimulus pixels.
     """
 
     frame: Series

@@ -45,7 +45,7 @@ class Condition:
     Attributes
     ----------
     stimulus : str
-        Its name.
+        Name of the stimulus.
     values : dict
         Swept values by dotted key.
     measures : dict of str to Measures
@@ -237,7 +237,7 @@ def write_tuning_sidecar(
     Parameters
     ----------
     path : Path
-        Its name.
+        Name of the sidecar.
     entry : Entry
         The stimulus with its sweep.
     settings : Settings

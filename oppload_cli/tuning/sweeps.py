@@ -31,7 +31,7 @@ class _Classic:
     Attributes
     ----------
     title : str
-        Its title.
+        Title of the figure.
     kind : str
         The plot, as ``oppload plot --kind`` names it.
     stimulus : str

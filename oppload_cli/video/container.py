@@ -480,7 +480,7 @@ def _decoder_limit() -> str:
 def _declared_frames(container: InputContainer, stream: VideoStream) -> int | None:
     """Return how many frames a container declares; None without a credible number.
 
-    Its own count includes the samples that an edit list hides and the empty ones by
+    The container's own count includes the samples that an edit list hides and the empty ones by
     which AVI fills gaps, which are never shown. The index distinguishes them. IVF
     counts ticks.
     """

@@ -41,7 +41,7 @@ class _Reading:
     file : binary file
         Open for reading.
     size : int
-        Its size in bytes.
+        Size of the file in bytes.
     read_to : int
         The byte after the last packet of the video, or 0 where the demuxer does not say.
     stream : int

@@ -137,7 +137,7 @@ class Optics:
         box : tuple of float
             Left, top, width and height in source pixels.
         centre : tuple of float
-            Its focus of expansion, (x, y) in source pixels.
+            The object's focus of expansion, (x, y) in source pixels.
         time_to_contact_s : float or None
             Seconds, above 0.
         """

@@ -158,14 +158,14 @@ class Recording:
             Blue, green and red; or a frame in the file's own format, from
             :meth:`oppload_cli.video.colour.Colour.planes`.
         time_s : float
-            Its presentation time in seconds; the first frame's becomes 0. A time that is not later
-            than the one before is put directly after that one; where the clock jumps (back by a
-            second, or on by a quarter of an hour) the frame comes one frame later.
+            Presentation time of the frame in seconds; the first frame's becomes 0. A time that is
+            not later than the one before is put directly after that one; where the clock jumps
+            (back by a second, or on by a quarter of an hour) the frame comes one frame later.
 
         Returns
         -------
         float
-            Its presentation time in the file, in seconds.
+            Presentation time of the frame in the file, in seconds.
         """
         frame = picture if isinstance(picture, av.VideoFrame) else self._converted(picture)
         frame.pts, frame.time_base = self._ticks(time_s), self._tick

@@ -79,7 +79,7 @@ class Thresholds:
     clips : sequence of Clip
         All clips.
     detector : str
-        Its name.
+        Name of the detector.
 
     Attributes
     ----------

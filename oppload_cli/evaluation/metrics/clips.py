@@ -148,7 +148,7 @@ class Clip:
     def seconds(self, start: int, stop: int) -> float:
         """Return the duration of the frames from `start` to before `stop`, in seconds.
 
-        It counts from the frame before the first to the last.
+        The duration runs from the frame before the first one to the last one.
         """
         if stop <= start or len(self) < 2:
             return 0.0
@@ -178,7 +178,7 @@ class Window(NamedTuple):
 def _window_to(clip: Clip, stop: int, least: int) -> Window | None:
     """Return the window of one second that ends before the frame `stop`.
 
-    It holds no frame before `least`; None if it would be shorter than half a second.
+    The window holds no frame before `least`; None if it would be shorter than half a second.
     """
     if not least < stop <= len(clip):
         return None
@@ -214,7 +214,7 @@ def before_contact(clip: Clip, frames: int = 0) -> Window | None:
 def without_approach(clip: Clip) -> list[Window]:
     """Return the windows of a clip in which no object approaches.
 
-    They share no frame with the last second before contact.
+    These windows share no frame with the last second before contact.
     """
     start, stop = clip.quiet
     last = before_contact(clip)
@@ -232,7 +232,7 @@ def ordered_pairs(clip: Clip, detector: str, frames: int) -> tuple[float, int]:
         Of the clip's earlier windows, those with a largest response below that of the
         approach's window; ties count half. NaN without a pair.
     pairs : int
-        Their number.
+        Number of pairs.
     """
     approach = before_contact(clip, frames)
     earlier = tiled(clip, clip.first, approach.start) if approach else []

@@ -122,7 +122,7 @@ def interval(values: Numbers) -> tuple[float, float]:
     Parameters
     ----------
     values : ndarray, shape (count,)
-        One for each draw; NaN where a draw does not determine the value.
+        One value for each draw; NaN where a draw does not determine it.
 
     Returns
     -------

@@ -125,7 +125,7 @@ def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
     clips : sequence of Clip
         All clips.
     detector : str
-        Its name.
+        Name of the detector.
 
     Returns
     -------

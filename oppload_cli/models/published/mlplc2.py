@@ -56,7 +56,7 @@ def _corner_line(size: int, used: int, sigma: float) -> Plane:
 def _cut(p: Plane, line: Plane) -> Plane:
     """Return P convolved with the square of a line, as the authors' loop computes it.
 
-    Their running sum is set to 0 after every tap that lies in the outer band, in the order of
+    The loop sets its running sum to 0 after every tap that lies in the outer band, in the order of
     rows. So a pixel whose last tap lies there gets 0. Near the upper edge only the rows below
     the band count, and near the left edge only the part of the last row beyond it.
     """
@@ -130,7 +130,7 @@ class _Attention:
         y, x : ndarray of int, shape (n,)
             The pixels that move.
         net : ndarray of float64, shape (2, n)
-            Their net motion to the right and downwards.
+            Net motion of these pixels to the right and downwards.
         """
         dy, dx = y - self.y, x - self.x
         inside = np.abs(2 * dy + 1) < 2 * _HALF_FIELD

@@ -162,7 +162,7 @@ class DelayedSpread:
     weights : tuple of float
         Of the centre, the nearest neighbours and the diagonals.
     taus : tuple of float
-        Their time constants in ms.
+        Time constants of the three kinds of taps, in ms.
     ti : float
         Milliseconds per frame.
     """
