@@ -48,7 +48,7 @@ _IN_FLIGHT = 1000  # inputs that the scheduler knows of at a time: memory stays 
 
 
 class Observer(Protocol):
-    """An object that is told of the progress of a batch."""
+    """An object that receives the progress of a batch."""
 
     def started(self, name: str) -> None:
         """Take note that an input is begun."""

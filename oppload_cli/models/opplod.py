@@ -54,7 +54,7 @@ class OpplodResponse(Response):
 
 
 class _SmallerFrames:
-    """The DPC over a video made smaller, where the direction of faster edges can be told.
+    """The DPC over a reduced video, in which the direction of faster edges can be distinguished.
 
     Frames one interval apart are compared at half their size. Where frames come every n intervals
     only, they are compared over n intervals at 1/(2n) of their size: an edge then moves as many

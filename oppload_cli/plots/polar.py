@@ -325,7 +325,7 @@ def plot_polar(
 def _draw_multiples(
     curves: Sequence[DirectionTuning], *, raw: bool, title: str
 ) -> tuple[Figure, list[Axes]]:
-    """Draw a small plot for each curve; what the radius means is written once."""
+    """Draw a small plot for each curve; the meaning of the radius is written once."""
     columns = 4
     rows = -(-len(curves) // columns)
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.4 + 2.1 * rows)) as figure:

@@ -1,4 +1,4 @@
-"""Tables of ``oppload tune``: a plot that suits what is swept, or a classic figure."""
+"""Tables of ``oppload tune``: a plot that suits the swept keys, or a classic figure."""
 
 from __future__ import annotations
 

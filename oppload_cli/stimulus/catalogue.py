@@ -58,7 +58,7 @@ class Entry:
 
     @property
     def description(self) -> str:
-        """One line on what it shows."""
+        """The content of the stimulus in one line."""
         return str(self.table.get("description", ""))
 
     @property
@@ -405,7 +405,7 @@ def _listed(changes: dict[str, Any]) -> str:
 
 
 def _label_of(values: dict[str, Any]) -> str:
-    """Part of a member's name that tells it from the others, e.g. ``speed-20_width-10``."""
+    """Part of a member's name that the others do not have, e.g. ``speed-20_width-10``."""
     leaves = [dotted.rpartition(".")[2] for dotted in values]
     names = leaves if len(set(leaves)) == len(leaves) else list(values)
     parts = [

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Picture = NDArray[np.float32]
     Rectangle = tuple[float, float, float, float]
 
-_TAPS = 4  # samples along the longer side of what a pixel covers
+_TAPS = 4  # samples along the longer side of the area that a pixel covers
 _NEAREST_M, _FARTHEST_M = 1e-6, 1e4
 _LEAST = 1e-3  # weight below which a level of the pyramid is not read
 

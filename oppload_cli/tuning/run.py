@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 _SCHEMA = "oppload.tuning/1"
 _FAINT = 0.1  # of an alarm's floor: the largest response to a stimulus that is hardly seen
-_ONSET_S = 2.5 / 30  # from the end of a pause: two intervals, and what a frame may be late
+_ONSET_S = 2.5 / 30  # from the end of a pause: two intervals, and the delay of a late frame
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
 _MEASURES = tuple(field.name for field in fields(Measures))
 

@@ -110,7 +110,7 @@ class Opening:
 
 def is_video_file(name: str) -> bool:
     """Tell whether a name is that of a single file, and no image; any text is allowed."""
-    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - also for what is no path
+    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - also for text that is no path
     return os.path.isfile(name) and suffix not in IMAGE_SUFFIXES  # noqa: PTH113 - raises no error
 
 
