@@ -81,6 +81,12 @@ def run_inputs(
         The only input, where it is being decoded already.
     """
     settings = resolve(**chosen)
+    for given, option, needed in (
+        (options.boxes != "alarm", "--boxes", "--annotate"),
+        (options.null, "--null", "--files-from"),
+    ):
+        if given and not getattr(options, needed.removeprefix("--").replace("-", "_")):
+            raise ParameterError(f"{option} has no effect without {needed}; give both or neither")
     _check_alarms(settings, options.fail_on, quiet=options.quiet)
     _check_loops(quiet=options.quiet)
     if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from typing import Any
 
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.layers import Photoreceptors
+    from oppload_cli.models.layers import Dpc, Photoreceptors, _Hold
     from oppload_cli.models.timebase import Clock
 
 _LONGEST = 4  # intervals over which smaller frames are compared
 _LACKING = 1 / 8  # a step between frames that is shorter by this share still counts as n intervals
-_HELD = 6  # frames in a row for which another interval must be wanted
+_HELD = 6  # frames for which a size that is no longer wanted goes on
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,6 @@ class _SmallerFrames:
         With the DPC constants.
     clock : Clock
         Tells the time of the frames.
-
-    Attributes
-    ----------
-    times : int
-        How many times as high and wide the working frame is, at least 2.
     """
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams, clock: Clock) -> None:
@@ -81,39 +76,53 @@ class _SmallerFrames:
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._frames = self._wanting = 0
-        self._begin(_longest_interval(self._clock.step))
+        self._intervals = _longest_interval(self._clock.step)
+        self._dpcs = {self._intervals: self._begun(self._intervals)}
+        self._unwanted = {self._intervals: 0}  # for how many frames
+        self._frames = 0
 
-    def _begin(self, intervals: int) -> None:
-        self._intervals, self.times = intervals, 2 * intervals
-        height, width = (max(1, length // self.times) for length in self._shape)
+    def _begun(self, intervals: int) -> _Hold[Dpc]:
+        height, width = (max(1, length // (2 * intervals)) for length in self._shape)
         layers = Layers((height, width), self._clock)
-        self._dpc = layers.dpc(self._params, self._params.both_axes, intervals)
+        return layers.dpc(self._params, self._params.both_axes, intervals)
 
     def step(self, luma: Map, usual_step: float) -> bool:
         """Take the next frame; tell whether S is known.
 
-        `usual_step` is the number of intervals from frame to frame, as a rule.
+        `usual_step` is the number of intervals from frame to frame, as a rule. When another size is
+        wanted, the size in use goes on until the new one can answer.
         """
-        intervals = _longest_interval(usual_step)
-        self._wanting = self._wanting + 1 if intervals != self._intervals else 0
+        wanted = _longest_interval(usual_step)
         self._frames += 1
-        # Each change costs three frames: steps that alternate about a limit must cause none. The
-        # first frames have nothing to lose.
-        if self._wanting and (self._wanting >= _HELD or self._frames <= _HELD):
-            self._wanting = 0
-            self._begin(intervals)
-        return self._dpc.step(smaller(luma, self.times))
+        # The first frames have nothing to go on with, and their steps are not yet known.
+        most = _HELD if self._frames > _HELD else 0
+        kept = {n: count + 1 for n, count in self._unwanted.items() if count < most}
+        self._unwanted = kept | {wanted: 0}
+        self._dpcs = {n: self._dpcs.get(n) or self._begun(n) for n in self._unwanted}
+        for n, dpc in self._dpcs.items():
+            dpc.step(smaller(luma, 2 * n))
+        if self._lasts(wanted) or not self._lasts(self._intervals):
+            self._intervals = wanted
+        return self.photoreceptors.ready
+
+    def _lasts(self, intervals: int) -> bool:
+        dpc = self._dpcs.get(intervals)
+        return dpc is not None and dpc.layer.photoreceptors.motion_lasts
+
+    @property
+    def times(self) -> int:
+        """How many times as high and wide the working frame is, at least 2."""
+        return 2 * self._intervals
 
     @property
     def photoreceptors(self) -> Photoreceptors:
         """P of the smaller frames."""
-        return self._dpc.layer.photoreceptors
+        return self._dpcs[self._intervals].layer.photoreceptors
 
     @property
     def pathways(self) -> dict[int, Map]:
         """S_phi of the latest smaller frame, by direction phi in degrees."""
-        return self._dpc.layer.sums.pathways
+        return self._dpcs[self._intervals].layer.sums.pathways
 
 
 def _longest_interval(step: float) -> int:

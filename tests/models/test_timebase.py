@@ -302,7 +302,7 @@ def test_pictures_rarer_than_the_video_says_are_seen_at_their_own_rate(
     ids=["missed repeats", "steps 1, 2", "steps 1, 3"],
 )
 def test_a_step_that_comes_and_goes_does_not_change_the_size(steps: list[float]) -> None:
-    """After a change the smaller frames have no answer for three frames."""
+    """A new size has no answer for three frames: until then the one before goes on."""
     times = np.cumsum(steps)
     found = []
     for weight in (0.0, 2.0):
