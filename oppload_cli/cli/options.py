@@ -243,7 +243,7 @@ models_option = click.option(
 repeats_option = click.option(
     "--repeats",
     type=click.Choice(["near", "exact", "keep"]),
-    help="Repeats of a picture that are left out: exact ones and those coded anew (near), exact "
+    help="Repeats of a picture that are left out: exact and re-encoded ones (near), exact "
     "ones only, or none (keep).  [default: near]",
 )
 

@@ -91,7 +91,7 @@ class Repeat(NamedTuple):
 class _Change(NamedTuple):
     """Mean P of a frame against the picture shown before it: over the frame, and largest of a cell.
 
-    A picture that an encoder codes anew changes little in every cell. Where a scene slows
+    A re-encoded picture changes little in every cell. Where a scene slows
     down, or an encoder spares bits, some cells still change as before.
     """
 
@@ -101,7 +101,7 @@ class _Change(NamedTuple):
     def below(self, share: float, other: _Change, *, lenient: bool) -> bool:
         """Tell whether both changes are less than a share of the others.
 
-        In a cadence (`lenient`) an encoder may have coded much of a repeat anew, or one cell
+        In a cadence (`lenient`) an encoder may have re-encoded much of a repeat, or one cell
         of it: then their geometric mean counts.
         """
         each = share * _LENIENT if lenient else share
@@ -114,15 +114,15 @@ _NONE = _Change(0.0, 0.0)
 
 
 class Repeats:
-    """Tells pictures that a converter repeated from a scene that slows down or stands still.
+    """Distinguishes pictures that a converter repeated from scenes that slow down or stand still.
 
     Content of 10 frames/s in a file of 30 frames/s repeats each picture twice: the detectors would
     see it stand still, and then jump. Exact repeats are recognised at once. A near repeat, which
-    the encoder has coded anew, is a drop of the change far below that of the latest pictures; it is
-    recognised only in a cadence: when such drops have ended `_ENOUGH` times with a rise as steep.
-    Where the scene comes to rest in a cadence, the detectors see it at the rate of the pictures,
-    and after `longest_s` every frame. All of this uses past frames only, so that the first near
-    repeats of a video are not recognised.
+    the encoder has re-encoded, is a drop of the change far below that of the latest pictures; it is
+    recognised only in a cadence: when such drops have ended `_ENOUGH` times with an equally steep
+    rise. Where the scene comes to rest in a cadence, the detectors see it at the rate of the
+    pictures, and after `longest_s` every frame. All of this uses past frames only, so that the
+    first near repeats of a video are not recognised.
 
     Parameters
     ----------

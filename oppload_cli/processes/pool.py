@@ -2,7 +2,7 @@
 
 Unlike an executor of ``concurrent.futures``, a process that dies takes only its item along:
 each has a pipe of its own, and nothing is shared that it could leave locked. Each is started
-afresh (spawned): a forked copy of a process that has decoder threads may hang.
+from scratch (spawned): a forked copy of a process that has decoder threads may hang.
 """
 
 from __future__ import annotations

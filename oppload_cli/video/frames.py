@@ -25,7 +25,7 @@ _LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.m
 _MOST_STEPS = 1 << 10  # between frames, of which the rate is the median
 _LATEST_STEPS = 15  # whose median is the usual step
 _CONTRADICTION = 0.1  # of the declared rate
-_LEAST_LASTING_S = 1.0  # a longer shift stays: the clock was set anew
+_LEAST_LASTING_S = 1.0  # a longer shift stays: the clock was set to another time
 _TAKEN_BACK = 0.1  # of a shift, as a share of the step between two frames
 
 

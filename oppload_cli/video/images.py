@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
-# An image file may have this many bytes for each of its pixels, and besides them.
+# Bytes that an image file may have: for each of its pixels, and in addition to them.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
 _GAP = 1.5  # usual steps from a number to the next one, where one is missing between
 T = TypeVar("T")

@@ -76,7 +76,7 @@ def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: P
     motion : ndarray of float64, shape (2, height - 1, width - 1)
         To the right and downwards; is changed in place.
     room : ndarray of float64, shape (height - 1, width - 1)
-        Overwritten: to allocate it anew takes more time than to compute it.
+        Overwritten: a new allocation takes more time than the computation.
     """
     here, late = signal[:-1, :-1], delayed[:-1, :-1]
     neighbours = np.s_[:-1, 1:], np.s_[1:, :-1]

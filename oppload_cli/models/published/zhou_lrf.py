@@ -79,7 +79,7 @@ def _weights() -> Plane:
         reason = f"it holds {values.shape}, not ({_FIELD}, {_FIELD}) numbers"
     if values.shape != (_FIELD, _FIELD):
         raise OpploadError(
-            f"{path}: the weights of zhou_lrf cannot be read ({reason}); install anew"
+            f"{path}: the weights of zhou_lrf cannot be read ({reason}); reinstall oppload"
         )
     return values
 
@@ -148,7 +148,7 @@ class ZhouLrf(Detector):
     """Units over 12 x 12 motion detectors, with weights trained to tell hits from misses.
 
     Frames are taken at 30 per second, as in the training; the constants count frames. The
-    weights were trained anew after the paper, as its authors did not publish theirs.
+    weights were retrained after the paper, as its authors did not publish theirs.
 
     Source: Zhou et al. 2022 (eLife); ``docs/detectors.md``.
     """
@@ -167,7 +167,7 @@ class ZhouLrf(Detector):
         Column("motion_abs", "", "sum of the absolute horizontal and vertical motion"),
     )
     year = 2022
-    reference = "after Zhou et al. 2022, eLife; weights trained anew"
+    reference = "after Zhou et al. 2022, eLife; weights retrained"
     answers_to = "motion outward from a unit's middle, by contrast; not misses, retreats, rotation"
     made_for = "60 degrees over 12 elements, 30 frames/s"
     cost_ms = 2.0
