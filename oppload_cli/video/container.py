@@ -9,8 +9,9 @@ import re
 from collections import deque
 from fractions import Fraction
 from functools import partial
-from itertools import chain
+from itertools import chain, islice, pairwise
 from pathlib import Path
+from statistics import median_low
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import av
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 _NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, of pictures alone
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
+_SAMPLED_ENTRIES = 1000  # of an index
 _MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
 # With frame threads VP8 predicts from failed frames without an error; with threads for slices
 # MPEG-2 conceals damage without one.
@@ -59,6 +61,10 @@ _INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
 _QUICK_CODECS, _QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
 _FEW_CORES = 2
 _LONGEST_ERROR = 80  # characters
+# Their packets carry decode times alone, from which FFmpeg guesses presentation times: of H.264
+# with B-frames, or with gaps, wrong ones. But the decoder gives a frame out with the decode time of
+# the packet that it needed last, and these times are in order and as far apart as the frames.
+_DECODE_TIMES = {"avi", "mxf"}
 _HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
 # Decoders that log errors of intact files, with the beginnings of those that mean damage: H.264
 # does so of streams of cameras (it marks the frames that it conceals), MJPEG of data of cameras
@@ -372,6 +378,7 @@ class ContainerSource:
     def _packets(self) -> Iterator[Packet[Any] | None]:
         """Yield the packets, and None where the decoder is to give the frames that it holds."""
         packets = self._container.demux(self._stream)
+        next_dts: int | None = None
         errors = 0
         while not self.stopping:
             try:
@@ -389,6 +396,12 @@ class ContainerSource:
                 errors = 0
                 if packet.pos is not None:
                     self._read_to = max(self._read_to, packet.pos + packet.size)
+                reordered = self._stream.codec_context.has_b_frames
+                if packet.size and reordered and self._container.format.name in _DECODE_TIMES:
+                    # FFmpeg leaves some out then, and gives others twice.
+                    known = [dts for dts in (packet.dts, next_dts) if dts is not None]
+                    packet.dts = max(known, default=None)
+                    next_dts = None if packet.dts is None else packet.dts + 1
                 yield packet
 
     @staticmethod
@@ -399,13 +412,18 @@ class ContainerSource:
 
     def _time(self, frame: VideoFrame, index: int) -> float:
         """Return the presentation time minus that of the first frame, in seconds."""
-        if frame.pts is not None and self._first.pts is not None and self._stream.time_base:
+        now, first = self._clock(frame), self._clock(self._first)
+        if now is not None and first is not None and self._stream.time_base:
             base = self._stream.time_base  # a fraction: its terms give the nearest float too
-            return (frame.pts - self._first.pts) * base.numerator / base.denominator
+            return (now - first) * base.numerator / base.denominator
         rate = self.facts.frame_rate
         step = 1 / rate if rate else Fraction(1)
         # Where only some frames carry a time, the others follow the one before.
-        return float(index * step) if self._first.pts is None else self._last_time + float(step)
+        return float(index * step) if first is None else self._last_time + float(step)
+
+    def _clock(self, frame: VideoFrame) -> int | None:
+        """Return the time of a frame in ticks of the file; None where it has none."""
+        return frame.dts if self._container.format.name in _DECODE_TIMES else frame.pts
 
     def _facts(self) -> InputFacts:
         frame, stream = self._first, self._stream
@@ -461,10 +479,25 @@ def _rate(stream: VideoStream) -> Fraction | None:
     rates = [stream.average_rate, stream.guessed_rate, stream.base_rate]
     if stream.container.format.flags & _NO_TIMES:  # FFmpeg takes 25 then; the encoder may tell
         rates.insert(0, stream.codec_context.framerate)
+    ticks = _ticks_per_frame(stream)
+    if ticks > 1 and stream.time_base:
+        rates.insert(0, 1 / (ticks * stream.time_base))
     for rate in rates:
         if rate:
             return Fraction(rate)
     return None
+
+
+def _ticks_per_frame(stream: VideoStream) -> int:
+    """Return the usual distance of two frames in ticks of an AVI file; 1 for other files.
+
+    AVI counts ticks where it seems to count frames. They are frames in most files; but a tool that
+    copies a video from another container may keep its fine ticks, and leave out most of them.
+    """
+    if stream.container.format.name != "avi":
+        return 1
+    times = [entry.timestamp for entry in islice(stream.index_entries, _SAMPLED_ENTRIES)]
+    return max(1, median_low([after - before for before, after in pairwise(times)] or [1]))
 
 
 def _decoder_limit() -> str:
@@ -488,12 +521,19 @@ def _declared_frames(container: InputContainer, stream: VideoStream) -> int | No
     entries = stream.index_entries
     if kind.startswith("mov") and len(entries):
         return sum(not entry.is_discard for entry in entries)
-    # The index of a truncated AVI file is gone, or made from the frames read so far.
-    if kind == "avi" and len(entries) and entries[-1].timestamp + 2 >= stream.frames:
+    if kind == "avi":
+        return _declared_by_avi(stream)
+    return (stream.frames or None) if kind.startswith(("mov", "gif", "apng")) else None
+
+
+def _declared_by_avi(stream: VideoStream) -> int | None:
+    entries, ticks = stream.index_entries, _ticks_per_frame(stream)
+    # The index of a truncated file is gone, or made from the frames read so far.
+    if len(entries) and entries[-1].timestamp + 2 * ticks >= stream.frames:
         return len(entries)
-    if kind == "avi" and stream.frames >= _AVI_TO_A_PIPE:
+    if stream.frames >= _AVI_TO_A_PIPE:
         return None
-    return (stream.frames or None) if kind.startswith(("mov", "avi", "gif", "apng")) else None
+    return -(-stream.frames // ticks) or None
 
 
 def _declared_end(container: InputContainer, stream: VideoStream) -> float | None:

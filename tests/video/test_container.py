@@ -108,6 +108,76 @@ def test_presentation_times_are_those_of_the_file(tmp_path: Path) -> None:
     assert [f.time_s for f in frames_of(path)] == pytest.approx([0, 0.1, 0.4, 0.5, 0.9], abs=1e-3)
 
 
+CODED = {
+    "mpeg4": ("mpeg4", {}),
+    "mpeg4 with B-frames": ("mpeg4", {"bf": "2"}),
+    "mpeg2 with B-frames": ("mpeg2video", {"bf": "2"}),
+    "h264 without B-frames": ("libx264", {"bf": "0"}),
+    "h264 with one B-frame": ("libx264", {"bf": "1"}),
+    "h264 with B-frames": ("libx264", {"bf": "3", "b-adapt": "0"}),
+}
+TICKS = {
+    "even": (list(range(40)), 30),
+    "gap": ([t + 7 * (t > 20) for t in range(40)], 30),  # of empty packets
+    "fine": ([20 * t for t in range(40)], 600),
+}
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize(
+    ("suffix", "coded", "ticks"),
+    [
+        *(("avi", coded, ticks) for coded in CODED for ticks in ("even", "gap")),
+        *(("avi", coded, "fine") for coded in CODED if "mpeg2" not in coded),
+        *(("mxf", coded, "even") for coded in CODED if "mpeg4" not in coded),
+    ],
+)
+def test_times_of_files_that_carry_decode_times_alone(
+    tmp_path: Path, suffix: str, coded: str, ticks: str, threads: int
+) -> None:
+    """FFmpeg's presentation times of H.264 with B-frames in AVI are 0, 3, 2, 4, 1, 7 and so on."""
+    codec, options = CODED[coded]
+    times, rate = TICKS[ticks]
+    path = write_video(
+        tmp_path / f"a.{suffix}",
+        grey_frames(40),
+        codec=codec,
+        pixel_format="yuv420p",
+        rate=rate,
+        times=times,
+        time_base=Fraction(1, rate),
+        options=options,
+    )
+    with open_video(path, threads=threads) as video:
+        assert [frame.time_s * rate for frame in video] == pytest.approx(times, abs=1e-6)
+        assert video.decode.complete
+        assert video.facts.frame_rate == 30
+        assert video.times.remarks() == []
+
+
+def test_frames_of_an_avi_of_fine_ticks_are_counted_as_frames(tmp_path: Path) -> None:
+    path = write_video(
+        tmp_path / "a.avi",
+        grey_frames(40),
+        codec="mpeg4",
+        pixel_format="yuv420p",
+        rate=600,
+        times=[20 * t for t in range(40)],
+        time_base=Fraction(1, 600),
+    )
+    cut = tmp_path / "cut.avi"
+    data = path.read_bytes()
+    cut.write_bytes(data[: data.rindex(b"idx1") * 3 // 4])  # so that it has no index
+    with open_video(path) as video:
+        assert len(list(video)) == video.facts.frames_declared == 40
+        assert video.decode.complete
+    with open_video(cut) as video:
+        count = len(list(video))
+        assert 20 < count < 40
+        assert video.facts.frames_declared == 40
+        assert video.decode.missing == 40 - count
+
+
 def turned(path: Path, matrix: tuple[int, ...]) -> Path:
     """Write a display matrix into the track header of an MP4 file."""
     data = bytearray(path.read_bytes())
