@@ -281,6 +281,11 @@ class FrameTimes:
         return now_s
 
     @property
+    def wrong(self) -> int:
+        """How many times have been replaced so far."""
+        return self._wrong
+
+    @property
     def seconds(self) -> float:
         """Time from the first frame to the latest one, in seconds."""
         return self._now_s - (self._first_s or 0.0)

@@ -10,12 +10,13 @@ import math
 import os
 import re
 import stat
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ParameterError, SourceError, reason_of, remedy_of
 from oppload_cli.files.reading import fault_of_name, fault_of_stem, is_folder
+from oppload_cli.video.frames import FrameTimes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -321,25 +322,35 @@ class Span:
     def within(self, source: PictureSource) -> Iterator[Picture]:
         """Yield the pictures in this part; those before it are decoded and dropped.
 
+        Positions are compared with the times that count, of :class:`FrameTimes`. Pictures after a
+        start get them too, so that they agree with those of the complete input.
+
         Parameters
         ----------
         source : PictureSource
             Its `finish` is called if this part reaches its end.
         """
+        times = FrameTimes(source.facts.frame_rate)
         started, end = self.start is None, self.end
+        right_s = 0.0
         for picture in source.pictures():
             if source.stopping:
                 return
-            position = (picture.index, picture.time_s)
+            wrong_before = times.wrong
+            time_s = times.step(picture.time_s)
+            position = (picture.index, time_s)
             if not started:
                 if self.start is not None and not self.start.reached(*position):
                     continue
                 started = True
+            elif times.wrong > wrong_before:
+                time_s = right_s  # not later, so that the caller replaces and counts it too
             if end is None and self.duration is not None:
                 end = self.duration.after(*position)
             if end is not None and end.reached(*position):
                 return
-            yield picture
+            right_s = time_s
+            yield picture if self.start is None else replace(picture, time_s=time_s)
         source.finish()
 
 

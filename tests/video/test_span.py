@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.video.inputs import Position, Span, parse_position
+from oppload_cli.video.opening import Opening
+from oppload_cli.video.source import open_video
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @pytest.mark.parametrize(
@@ -30,3 +38,49 @@ def test_a_text_that_is_no_position(text: str) -> None:
 def test_end_and_duration_exclude_each_other() -> None:
     with pytest.raises(ParameterError, match="exclude each other"):
         Span(end=Position(frame=1), duration=Position(frame=1))
+
+
+def set_back(folder: Path, frames: int) -> Path:
+    """Write a transport stream whose clock is set back twice, after so many frames each."""
+    images = grey_frames(frames)
+    part = write_video(folder / "part.ts", images, codec="libx264", pixel_format="yuv420p", rate=25)
+    path = folder / "a.ts"
+    path.write_bytes(part.read_bytes() * 3)
+    return path
+
+
+@pytest.mark.parametrize("own_process", [False, True])
+@pytest.mark.parametrize(
+    ("span", "first", "last"),
+    [
+        (Span(end=Position(seconds=2)), 0, 49),
+        (Span(Position(seconds=2)), 50, 89),
+        (Span(Position(seconds=0.4), Position(seconds=1.6)), 10, 39),
+        (Span(Position(frame=65), duration=Position(seconds=0.2)), 65, 69),
+    ],
+)
+def test_positions_count_on_where_the_clock_was_set_back(
+    tmp_path: Path, span: Span, first: int, last: int, *, own_process: bool
+) -> None:
+    path = set_back(tmp_path, 30)
+    with Opening(str(path), height=240, span=span, own_process=own_process).result() as video:
+        frames = list(video)
+        assert [frame.index for frame in frames] == list(range(first, last + 1))
+        times = [frame.time_s for frame in frames]
+        assert times == pytest.approx([t / 25 for t in range(first, last + 1)])
+        assert video.times.wrong == sum(first < frame <= last for frame in (30, 31, 60, 61))
+
+
+@pytest.mark.parametrize("start", [20, 21, 33, 41])
+def test_a_part_has_the_times_of_the_complete_input(tmp_path: Path, start: int) -> None:
+    """Here a shift of less than a second is taken back step by step."""
+    path = set_back(tmp_path, 20)
+    with open_video(path) as video:
+        complete = [frame.time_s for frame in video]
+    assert complete[59] == pytest.approx(59 / 25 - 0.072, abs=0.01)
+    with open_video(path, span=Span(Position(frame=start))) as video:
+        error = {frame.index: frame.time_s - complete[frame.index] for frame in video}
+    # The usual step, by which wrong times follow, is that of the part.
+    wrong = [error.pop(frame) for frame in (40, 41) if frame > start]
+    assert wrong == pytest.approx([0] * len(wrong), abs=0.009)
+    assert set(error.values()) == {0}
