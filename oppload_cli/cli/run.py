@@ -20,7 +20,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.files.reading import text_of
 from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_in
 from oppload_cli.schema import parsed_fraction
-from oppload_cli.video.inputs import Span, parse_position
+from oppload_cli.video.inputs import Position, Span, parse_position
 from oppload_cli.video.opening import Opening, is_video_file
 
 
@@ -129,7 +129,9 @@ def _begun(name: str, span: Span, settings: dict[str, Any]) -> Opening | None:
 
 def _span(start: str | None, end: str | None, duration: str | None) -> Span:
     """Return the part of each input; raise ParameterError for one without any frame."""
-    span = Span(*(parse_position(text) if text else None for text in (start, end, duration)))
+    span = Span(
+        _position("--start", start), _position("--end", end), _position("--duration", duration)
+    )
     begin, stop = span.start, span.end
     if begin is None or stop is None or (begin.frame is None) != (stop.frame is None):
         return span  # a frame and a time cannot be compared before the input is read
@@ -139,6 +141,13 @@ def _span(start: str | None, end: str | None, duration: str | None) -> Span:
             "length"
         )
     return span
+
+
+def _position(option: str, text: str | None) -> Position | None:
+    try:
+        return None if text is None else parse_position(text)
+    except ParameterError as error:
+        raise ParameterError(f"{option}: {error}") from error
 
 
 def _rate(text: str) -> Fraction:
