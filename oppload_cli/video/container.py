@@ -191,13 +191,14 @@ class ContainerSource:
     def _opened(self) -> InputContainer:
         if not self._remote:
             self._check_file()
+        most_pixels = _decoder_limit()  # a wrong setting is no fault of the file
         try:
             return av.open(
                 # The prefix keeps a name such as "a:b.mp4" from being taken for an address.
                 self.name if self._remote else f"file:{self.name}",
                 timeout=(_OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
                 metadata_errors="replace",
-                options={"max_pixels": _decoder_limit()},
+                options={"max_pixels": most_pixels},
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise SourceError(

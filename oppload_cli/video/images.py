@@ -262,11 +262,12 @@ def _decoded(path: Path, taken: Callable[[Image.Image], T]) -> T:
     SourceError
         If it is no image, is damaged, or is too large.
     """
+    most_pixels = max_pixels()  # a wrong setting is no fault of the file
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             raise SourceError("no regular file")
-        _check_bytes(path, status.st_size, max_pixels())
+        _check_bytes(path, status.st_size, most_pixels)
         with _pillow_alone(), Image.open(path, formats=_FORMATS) as image:
             check_pixels(path.name, *image.size)
             _check_bytes(path, status.st_size, image.width * image.height)

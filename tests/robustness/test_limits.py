@@ -121,6 +121,21 @@ def test_a_wrong_limit(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
         max_pixels()
 
 
+def test_a_wrong_limit_is_no_fault_of_the_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = make(tmp_path / "a.avi", KINDS["mpeg4-avi"])
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    cv2.imwrite(str(folder / "0.png"), np.zeros((64, 96), np.uint8))
+    monkeypatch.setenv(MAX_PIXELS, "abc")
+    for path in (video, folder):
+        done = oppload("run", path, "-o", tmp_path / "out")
+        assert done.returncode == 2
+        sentence = "OPPLOAD_MAX_PIXELS must be an integer from 1 to 2147483647, not 'abc'"
+        assert done.stderr == f"oppload: {sentence}\n"
+
+
 def test_the_limit_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(MAX_PIXELS, raising=False)
     assert max_pixels() == DEFAULT_MAX_PIXELS == 8192 * 8192
