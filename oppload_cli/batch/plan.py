@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import os
@@ -195,7 +196,10 @@ def read_list(source: str, *, null: bool = False) -> list[Listed | Failure]:
         If it cannot be read, or names nothing.
     """
     entries: list[Listed | Failure]
-    text = os.fsdecode(_content(source))
+    content = _content(source).removeprefix(codecs.BOM_UTF8)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise ParameterError(f"--files-from {source}: is text in UTF-16; save it as UTF-8")
+    text = os.fsdecode(content)
     if null:
         entries = [Listed(name) for name in text.split("\0") if name]
     elif text.startswith(",".join(FAILURE_COLUMNS)):

@@ -117,6 +117,12 @@ def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read_list(str(path))
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"c.mp4\n")))
     assert read_list("-") == [("c.mp4", "")]
+    path.write_bytes("a.mp4\nb.mp4\n".encode("utf-8-sig"))
+    assert read_list(str(path)) == [("a.mp4", ""), ("b.mp4", "")]
+    for order in ("le", "be"):
+        path.write_bytes("\ufeffa.mp4\n".encode(f"utf-16-{order}"))
+        with pytest.raises(ParameterError, match="is text in UTF-16; save it as UTF-8"):
+            read_list(str(path))
     path.write_bytes(b"\n\n")
     with pytest.raises(ParameterError, match="names no input"):
         read_list(str(path))
