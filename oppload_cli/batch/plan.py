@@ -8,20 +8,21 @@ import io
 import os
 import re
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import ExitCode, ParameterError, printable
 from oppload_cli.files.reading import content_of, fault_of_stem, reading
 from oppload_cli.files.tables import open_table
 from oppload_cli.results.alarms import in_words, label_of
-from oppload_cli.video.inputs import each_once, found_inputs, result_stem
+from oppload_cli.video.inputs import each_once, found_inputs, is_image_file, result_stem
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
-    from pathlib import Path
 
     from oppload_cli.pipeline.task import Outcome
     from oppload_cli.results.alarms import Verdict
@@ -143,7 +144,18 @@ def planned(named: Iterable[str | Listed | Failure], *, recursive: bool = False)
                 failures.append(Failure(name, "", error.exit_code, str(error)))
     inputs: list[_Planned] = []
     holders: dict[str, str] = {}
-    for name in sorted(each_once(names)):
+    kept = sorted(each_once(names))
+    single_images = _single_images(kept)
+    for folder, images in single_images.items():
+        message = (
+            f"{folder}: {len(images)} of its images are given one by one, and a single image shows "
+            f"no motion; give the folder, or a pattern such as frame_%03d{Path(images[0]).suffix}"
+        )
+        failures.append(Failure(folder, "", ExitCode.NOTHING_READ, message))
+    left_out = set(chain.from_iterable(single_images.values()))
+    for name in kept:
+        if name in left_out:
+            continue
         stem = stems[name]
         holder = holders.setdefault(stem.casefold(), name)
         if holder == name:
@@ -155,6 +167,15 @@ def planned(named: Iterable[str | Listed | Failure], *, recursive: bool = False)
         )
         failures.append(Failure(name, "", ExitCode.USAGE, message))
     return Plan(inputs, list(dict.fromkeys(failures)))
+
+
+def _single_images(names: Iterable[str]) -> dict[str, list[str]]:
+    """Return the folders of which several images are named, as by a pattern, with their names."""
+    images: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        if is_image_file(name):
+            images[os.path.dirname(name) or "."].append(name)  # noqa: PTH120 - keeps "./"
+    return {folder: found for folder, found in images.items() if len(found) > 1}
 
 
 def parse_shard(text: str) -> tuple[int, int]:

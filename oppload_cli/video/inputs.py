@@ -158,6 +158,11 @@ def is_video(name: str) -> bool:
     return _suffix(name) in _VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
 
 
+def is_image_file(name: str) -> bool:
+    """Tell whether a name is that of a single image; any text is allowed."""
+    return _suffix(name) in IMAGE_SUFFIXES and os.path.isfile(name)  # noqa: PTH113 - raises no error
+
+
 def _suffix(name: str) -> str:
     return os.path.splitext(name)[1].lower()  # noqa: PTH122 - many times faster than a Path
 

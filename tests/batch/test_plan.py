@@ -85,6 +85,17 @@ def test_a_name_that_matches_nothing_fails_and_does_not_hide_the_others() -> Non
     assert "no video and no numbered images" in plan.failures[1].message
 
 
+def test_images_that_are_named_one_by_one_fail_once(tree: Path) -> None:
+    (tree / "c.png").touch()
+    plan = planned(["images/*.png", "images/f_1.png", "plots/curve.png", "b.mp4", "c.png"])
+    assert [each.name for each in plan.inputs] == ["b.mp4", "c.png", "plots/curve.png"]
+    message = (
+        "images: 2 of its images are given one by one, and a single image shows no motion; give "
+        "the folder, or a pattern such as frame_%03d.png"
+    )
+    assert plan.failures == [Failure("images", "", 3, message)]
+
+
 def test_a_name_with_brackets_is_itself_first(tree: Path) -> None:
     (tree / "c[1].mp4").touch()
     (tree / "c1.mp4").touch()
