@@ -145,9 +145,10 @@ class ContainerSource:
         """Count the declared frames that never came."""
         self.decode.missing = self._missing()
         if self.decode.corrupt:
-            self.decode.note(f"{self.decode.corrupt} frames are damaged")
+            self.decode.note(_counted(self.decode.corrupt, "frame is", "frames are") + " damaged")
         if self.decode.missing:
-            self.decode.note(f"{self.decode.missing} declared frames never came")
+            missing = _counted(self.decode.missing, "declared frame", "declared frames")
+            self.decode.note(f"{missing} never came")
         if fault := self._fault():
             self.decode.failed(fault)
 
@@ -446,6 +447,10 @@ class ContainerSource:
             pixel_aspect=Fraction(aspect) if aspect else None,
             bytes=None if self._remote else self._container.size,
         )
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
 
 
 def _orientation(frame: VideoFrame) -> tuple[bool, int]:

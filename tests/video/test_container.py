@@ -257,6 +257,21 @@ def test_a_truncated_file_is_incomplete(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("kept", "note"), [(7, "1 declared frame never came"), (6, "2 declared frames never came")]
+)
+def test_frames_that_never_came_are_counted(tmp_path: Path, kept: int, note: str) -> None:
+    path = write_video(tmp_path / "a.ivf", grey_frames(8), codec="libvpx", pixel_format="yuv420p")
+    data = path.read_bytes()
+    end = 32  # bytes of the head
+    for _ in range(kept):
+        end += 12 + int.from_bytes(data[end : end + 4], "little")
+    path.write_bytes(data[:end])
+    with open_video(path) as video:
+        assert len(list(video)) == kept
+        assert video.decode.messages == [note]
+
+
+@pytest.mark.parametrize(
     ("codec", "size", "cores", "threads", "expected"),
     [
         ("libx264", (48, 64), 2, 0, 1),
