@@ -223,12 +223,7 @@ class ContainerSource:
     def _video_stream(self, container: InputContainer) -> VideoStream:
         if not self._remote and container.format.name in _PLAYLISTS:
             raise SourceError(f"{self.name}: only names other files; give these instead")
-        # A container holds a cover picture as a video stream.
-        streams = [
-            stream
-            for stream in container.streams.video
-            if not stream.disposition.value & _COVER_PICTURE
-        ]
+        streams = _videos(container)
         if not streams:
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
         # The stubs promise a codec; a stream of an unknown one has none.
@@ -446,7 +441,17 @@ class ContainerSource:
             colour_range="full" if is_full_range(frame, self._codec) else "limited",
             pixel_aspect=Fraction(aspect) if aspect else None,
             bytes=None if self._remote else self._container.size,
+            video_streams=len(_videos(self._container)),
         )
+
+
+def _videos(container: InputContainer) -> list[VideoStream]:
+    """Return the video streams but for cover pictures, which a container holds as such."""
+    return [
+        stream
+        for stream in container.streams.video
+        if not stream.disposition.value & _COVER_PICTURE
+    ]
 
 
 def _counted(count: int, one: str, many: str) -> str:

@@ -126,6 +126,8 @@ class InputFacts:
         Frames per second.
     rate_assumed : bool
         Whether the frame rate is an assumption, as that of images without a stated one.
+    video_streams : int
+        How many videos a container holds; the first is read. Cover pictures are none.
     frames_declared : int or None
         As the container says; None where it does not.
     mirrored : bool
@@ -154,6 +156,7 @@ class InputFacts:
     pixel_aspect: Fraction | None = None
     bytes: int | None = None
     rate_assumed: bool = False
+    video_streams: int = 1
 
     @property
     def live(self) -> bool:

@@ -4,6 +4,7 @@ import struct
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+import av
 import numpy as np
 import pytest
 
@@ -358,9 +359,7 @@ def test_a_picture_of_many_bits_counts_as_more_pixels(
         open_video(path)
 
 
-def test_only_the_first_of_several_video_streams_is_read_and_sound_is_not(tmp_path: Path) -> None:
-    import av
-
+def test_sound_alone_is_no_video(tmp_path: Path) -> None:
     path = tmp_path / "sound.mkv"
     with av.open(str(path), "w") as container:
         stream: Any = container.add_stream("pcm_s16le", rate=8000)
@@ -370,6 +369,24 @@ def test_only_the_first_of_several_video_streams_is_read_and_sound_is_not(tmp_pa
             container.mux(packet)
     with pytest.raises(SourceError, match="holds no video stream"):
         open_video(path)
+
+
+@pytest.mark.parametrize("videos", [1, 2, 3])
+def test_videos_of_a_file_are_counted_and_the_first_is_read(tmp_path: Path, videos: int) -> None:
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as container:
+        streams: list[Any] = [container.add_stream("ffv1", rate=30) for _ in range(videos)]
+        for number, stream in enumerate(streams):
+            stream.width, stream.height, stream.pix_fmt = 64, 48 + 16 * number, "gray"
+        for number, stream in enumerate(streams):
+            image = np.full((48 + 16 * number, 64), 50 * number, np.uint8)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+            container.mux(stream.encode())
+    with open_video(path, height=None) as video:
+        assert video.facts.video_streams == videos
+        [frame] = video
+        assert frame.luma.shape == (48, 64)
+        assert frame.luma.max() == 0
 
 
 @pytest.mark.parametrize(
