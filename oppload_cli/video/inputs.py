@@ -159,6 +159,11 @@ def is_video(name: str) -> bool:
 
 
 def is_image_file(name: str) -> bool:
+def is_camera(name: str) -> bool:
+    """Tell whether a name is that of a camera; a file of such a name is written ./camera:0."""
+    return name.startswith("camera:")
+
+
     """Tell whether a name is that of a single image; any text is allowed."""
     return _suffix(name) in IMAGE_SUFFIXES and os.path.isfile(name)  # noqa: PTH113 - raises no error
 
@@ -247,7 +252,7 @@ def _with_hash(stem: str, name: str) -> str:
 
 
 def _bytes(name: str) -> bytes:
-    path = name if "://" in name or name.startswith("camera:") else _resolved(name)
+    path = name if "://" in name or is_camera(name) else _resolved(name)
     return path.encode("utf-8", "surrogateescape")
 
 
@@ -257,7 +262,7 @@ def _resolved(name: str) -> str:
 
 
 def _stem(name: str) -> str:
-    if "://" in name or name.startswith("camera:"):
+    if "://" in name or is_camera(name):
         return re.sub(r"[^A-Za-z0-9.]+", "-", name.partition("?")[0]).strip("-.")
     path = Path(_resolved(name)) if is_folder(Path(name)) else Path(name)
     if is_folder(path):

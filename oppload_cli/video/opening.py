@@ -26,7 +26,7 @@ from oppload_cli.processes import cores, signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.video.frames import DecodeFacts, Picture, working_size
-from oppload_cli.video.inputs import IMAGE_SUFFIXES, Span
+from oppload_cli.video.inputs import Span, is_camera, is_image_file
 
 if sys.platform != "win32":
     import resource
@@ -110,8 +110,8 @@ class Opening:
 
 def is_video_file(name: str) -> bool:
     """Tell whether a name is that of a single file, and no image; any text is allowed."""
-    suffix = os.path.splitext(name)[1].lower()  # noqa: PTH122 - also for text that is no path
-    return os.path.isfile(name) and suffix not in IMAGE_SUFFIXES  # noqa: PTH113 - raises no error
+    is_file = os.path.isfile(name)  # noqa: PTH113 - raises no error
+    return is_file and not is_camera(name) and not is_image_file(name)
 
 
 def _can_fork() -> bool:

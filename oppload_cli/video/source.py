@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.frames import LEAST_AHEAD, Frame, FrameTimes, frames_ahead, working_size
-from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, Span
+from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, Span, is_camera
 from oppload_cli.video.luminance import Luminance
 
 if TYPE_CHECKING:
@@ -150,7 +150,7 @@ def open_video(
     ----------
     name : str or Path
         A video file, a folder or pattern of images (``frames_%04d.png``),
-        ``camera:0``, or a stream's address.
+        ``camera:0`` (a file of this name is ``./camera:0``), or a stream's address.
     height : int or None
         Working height in pixels, at least 1; the width follows. None keeps the
         native size.
@@ -191,7 +191,7 @@ def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSo
     SourceError
         If nothing can be read from it.
     """
-    if name.startswith("camera:"):
+    if is_camera(name):
         # Each kind of input loads its own libraries: OpenCV, Pillow or PyAV.
         from oppload_cli.video.images import CameraSource
 

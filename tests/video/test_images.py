@@ -13,8 +13,10 @@ import pytest
 from PIL import Image
 
 from oppload_cli.errors import SourceError
+from oppload_cli.video.inputs import Span
+from oppload_cli.video.opening import Opening
 from oppload_cli.video.source import open_video
-from tests.media import grey_frames
+from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -237,6 +239,20 @@ def test_a_camera_is_a_source_like_any_other(monkeypatch: pytest.MonkeyPatch) ->
         assert not video.decode.complete
     assert [frame.index for frame in frames] == [0, 1, 2]
     assert (frames[0].luma.shape, frames[0].time_s) == ((24, 32), 0)
+
+
+@pytest.mark.parametrize("own_process", [False, True])
+def test_a_file_with_the_name_of_a_camera_is_given_with_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, own_process: bool
+) -> None:
+    write_video(tmp_path / "a.avi", grey_frames(5)).rename(tmp_path / "camera:0")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cv2, "VideoCapture", FakeCamera)
+    for name, kind, count in (("camera:0", "camera", 3), ("./camera:0", "container", 5)):
+        opening = Opening(name, height=24, span=Span(), own_process=own_process)
+        with opening.result() as video:
+            assert video.facts.kind == kind
+            assert len(list(video)) == count
 
 
 @pytest.mark.parametrize(
