@@ -94,7 +94,7 @@ def run(
     if not inputs and not options.files_from:
         raise click.UsageError("Missing argument 'INPUT...'; or give --files-from LIST")
     span = _span(start, end, duration)
-    rate = _rate(image_rate) if image_rate else None
+    rate = None if image_rate is None else _rate(image_rate)
     opening = None
     with ExitStack() as stack:
         if len(inputs) == 1 and not (options.annotate or options.for_many or options.dry_run):

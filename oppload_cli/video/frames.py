@@ -7,6 +7,7 @@ import os
 from collections import deque
 from dataclasses import dataclass, field
 from fractions import Fraction
+from numbers import Integral
 from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -401,6 +402,11 @@ class WorkingSize(NamedTuple):
         return (self.height, self.width) if sideways else (self.width, self.height)
 
 
+def is_integer(value: Any, least: int) -> bool:
+    """Tell whether a value is an integer, also one of NumPy, of at least `least`."""
+    return isinstance(value, Integral) and int(value) >= least
+
+
 def working_size(facts: InputFacts, height: int | None) -> WorkingSize:
     """Return the working size of an input.
 
@@ -416,8 +422,12 @@ def working_size(facts: InputFacts, height: int | None) -> WorkingSize:
     Raises
     ------
     ParameterError
-        If the working frame would be too large.
+        If the height is no integer of at least 1, or the working frame would be too large.
     """
+    if height is not None and not is_integer(height, 1):
+        raise ParameterError(
+            f"the working height must be None or an integer of at least 1, not {height!r}"
+        )
     if height is None:
         size = WorkingSize(facts.width, facts.height, 1.0, 1.0)
     else:

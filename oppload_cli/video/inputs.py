@@ -11,12 +11,13 @@ import os
 import re
 import stat
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, SourceError, reason_of, remedy_of
 from oppload_cli.files.reading import fault_of_name, fault_of_stem, is_folder
-from oppload_cli.video.frames import FrameTimes
+from oppload_cli.video.frames import FrameTimes, is_integer
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -158,12 +159,12 @@ def is_video(name: str) -> bool:
     return _suffix(name) in _VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
 
 
-def is_image_file(name: str) -> bool:
 def is_camera(name: str) -> bool:
     """Tell whether a name is that of a camera; a file of such a name is written ./camera:0."""
     return name.startswith("camera:")
 
 
+def is_image_file(name: str) -> bool:
     """Tell whether a name is that of a single image; any text is allowed."""
     return _suffix(name) in IMAGE_SUFFIXES and os.path.isfile(name)  # noqa: PTH113 - raises no error
 
@@ -272,9 +273,19 @@ def _stem(name: str) -> str:
     return without_number or Path(_resolved(name)).parent.name or "input"
 
 
+def _is_time(value: Any) -> bool:
+    return isinstance(value, Real) and 0 <= float(value) < math.inf
+
+
 @dataclass(frozen=True)
 class Position:
     """A position in an input: a frame ordinal or a presentation time, never both.
+
+    Raises
+    ------
+    ParameterError
+        If both or neither are given, the frame is no integer, or the time is no finite number, or
+        one of them is below 0.
 
     Examples
     --------
@@ -285,6 +296,19 @@ class Position:
 
     frame: int | None = None
     seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.frame is None) == (self.seconds is None):
+            raise ParameterError("a position is a frame or a number of seconds; give one of them")
+        if self.frame is not None and not is_integer(self.frame, 0):
+            raise ParameterError(
+                f"the frame of a position must be an integer of at least 0, not {self.frame!r}"
+            )
+        if self.seconds is not None and not _is_time(self.seconds):
+            raise ParameterError(
+                f"the seconds of a position must be a finite number of at least 0, not "
+                f"{self.seconds!r}"
+            )
 
     def reached(self, frame: int, seconds: float) -> bool:
         """Tell whether a frame, given by its ordinal and time, lies at or after this position."""

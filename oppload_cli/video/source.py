@@ -168,7 +168,7 @@ def open_video(
     SourceError
         If nothing can be read from it.
     ParameterError
-        If the working size is too large.
+        If the height is no integer of at least 1, or the working size is too large.
 
     Examples
     --------

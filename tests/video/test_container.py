@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from oppload_cli.errors import SourceError
+from oppload_cli.errors import ParameterError, SourceError
 from oppload_cli.video import container
 from oppload_cli.video.container import ContainerSource
 from oppload_cli.video.frames import MAX_PIXELS
@@ -233,6 +233,13 @@ def test_the_width_follows_the_height(tmp_path: Path) -> None:
     image = grey_frames(2, width=128, height=72)[0].astype(np.float64)
     blocks = image.reshape(36, 2, 64, 2).mean(axis=(1, 3)) / 255
     assert np.abs(frame.luma - blocks).max() <= 0.51 / 255
+
+
+@pytest.mark.parametrize("height", [0, -1, "240", 24.5])
+def test_a_height_that_is_none(tmp_path: Path, height: Any) -> None:
+    path = write_video(tmp_path / "a.mkv", grey_frames(2))
+    with pytest.raises(ParameterError, match=f"integer of at least 1, not {height!r}"):
+        open_video(path, height=height)
 
 
 def test_a_span_keeps_the_ordinals_and_times_of_the_file(tmp_path: Path) -> None:

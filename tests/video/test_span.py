@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
@@ -33,6 +36,33 @@ def test_positions(text: str, position: Position) -> None:
 def test_a_text_that_is_no_position(text: str) -> None:
     with pytest.raises(ParameterError, match="is no position"):
         parse_position(text)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({}, "give one of them"),
+        ({"frame": 1, "seconds": 2}, "give one of them"),
+        ({"frame": "a"}, "an integer of at least 0, not 'a'"),
+        ({"frame": 1.5}, "an integer of at least 0, not 1.5"),
+        ({"frame": -1}, "an integer of at least 0, not -1"),
+        ({"seconds": "1"}, "a finite number of at least 0, not '1'"),
+        ({"seconds": math.nan}, "a finite number of at least 0, not nan"),
+        ({"seconds": math.inf}, "a finite number of at least 0, not inf"),
+        ({"seconds": -1}, "a finite number of at least 0, not -1"),
+    ],
+)
+def test_a_position_that_is_none(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        Position(**given)
+
+
+def test_numbers_of_other_libraries_are_positions() -> None:
+    frame: Any = np.int64(3)
+    assert [Position(frame=frame).reached(at, 0) for at in (2, 3)] == [False, True]
+    for seconds in (np.float32(0.5), Fraction(1, 2)):
+        half: Any = seconds
+        assert [Position(seconds=half).reached(0, at) for at in (0.4, 0.5)] == [False, True]
 
 
 def test_end_and_duration_exclude_each_other() -> None:
