@@ -226,6 +226,9 @@ def _failure(error: BaseException) -> int:
         say(f"oppload: interrupted{': ' if kept else ''}{kept}")
         return ExitCode.INTERRUPTED
     if isinstance(error, click.ClickException):
+        if isinstance(error, click.NoSuchOption) and error.option_name == "--load":
+            place = "--load stands before the command: oppload --load FILE.py run ..."
+            error = click.UsageError(place, error.ctx)
         error.show()
         return ExitCode.USAGE
     if isinstance(error, OpploadError):

@@ -54,6 +54,13 @@ WRONG = [
     (["run", "-"], 3, "-: standard input goes by the name /dev/stdin here"),
     (["plot", "binary.csv"], 2, "is not valid text in UTF-8 (byte 2 cannot be read as text)"),
     (["run"], 2, "Missing argument 'INPUT...'"),
+    (
+        ["run", "CLIP", "--load", "a.py"],
+        2,
+        "--load stands before the command: oppload --load FILE.py",
+    ),
+    (["run", "CLIP", "--boxes", "all"], 2, "--boxes has no effect without --annotate"),
+    (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),
     (["plot", "file"], 2, "is not a CSV table"),
