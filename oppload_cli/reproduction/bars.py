@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.lines import Line2D
 
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle, spread
-from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, SHADES, png_bytes, styled_figure
+from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
 from oppload_cli.reference.published import BAR_WIDTHS, SOURCE, bar_tuning
 from oppload_cli.reproduction.claims import (
     DPI,
     NO_PAUSE,
+    NO_RESPONSE,
     PRESETS,
     TITLES,
     WIDE,
@@ -42,11 +45,12 @@ if TYPE_CHECKING:
 # 60 degrees across, as LPLC2's: 5 px/deg at a height of 360, so 200 px at 240.
 _FIELD = ("opplod.receptive_field=200",)
 _BAR, _LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
-_AXES = [0, 15, 45, 75, 90, 105, 135, 165]
 _SPEED_DEG_S, _START_DEG, _END_DEG = 20.0, 5.0, 35.0  # of each end of the bar
 # The bar of the catalogue stops at the edge of the largest field, which would hide this edge.
 _LONGER = {"bar.growth.end_deg": 2 * _END_DEG, "timing.motion_s": 1.5}
 _BEYOND = 1.1  # of the way to the edge
+_OFF_DIAGONAL = [0, 15, 30, 45]  # of an axis, in degrees from the nearest diagonal
+_LIGHTEST = 0.8  # of the shades
 _FIELD_NOTE = (
     "Preset reference has its receptive field set to 60 degrees here, that of LPLC2. The stimuli "
     "start without a pause: after one, the first moving frames meet no delayed inhibition yet."
@@ -76,9 +80,8 @@ def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     settings = settings_of(preset, _FIELD, detector="opplod")
     bars = {}
     for width in BAR_WIDTHS:
-        shown = presented(
-            _BAR.format(width), settings, {**NO_PAUSE, "bar.axis_deg": _AXES, **changes}
-        )
+        # Along all axes of the catalogue: with some left out, a curve can look like a needle.
+        shown = presented(_BAR.format(width), settings, {**NO_PAUSE, **changes})
         axes = [int(name.rpartition("-")[2]) for name in shown]
         bars[width] = dict(zip(axes, (each["opplod"] for each in shown.values()), strict=True))
     loom = presented(_LOOM, settings, NO_PAUSE)[_LOOM]["opplod"]
@@ -128,9 +131,12 @@ def _middle(tunings: _Tunings) -> Finding:
     edge = tunings.edge_deg
     good = int(np.sum((ends >= 0.25 * edge) & (ends <= 0.75 * edge)))
     low, high = (float(np.quantile(ends, q)) if ends.size else np.nan for q in (0.25, 0.75))
-    return Finding(
+    text = (
         f"{good} of {count}; half of the peaks come with the ends {low:.0f} to {high:.0f} "
-        f"degrees out.",
+        f"degrees out."
+    )
+    return Finding(
+        text if ends.size else NO_RESPONSE,
         at_least(good / count, 0.9, 0.5),
         {"share": good / count, "lower_quartile_deg": low, "upper_quartile_deg": high},
     )
@@ -141,9 +147,9 @@ def _edge(tunings: _Tunings) -> Finding:
         float(each.response[_reach(each) >= _BEYOND * tunings.edge_deg][0]) / peak_of(each)
         for each in _responding(tunings)
     ]
-    median = float(np.median(last)) if last else float("nan")
+    median = float(np.median(last)) if last else math.nan
     return Finding(
-        f"{plain(100 * median)} % of the peak remains beyond the edge.",
+        f"{plain(100 * median)} % of the peak remains beyond the edge." if last else NO_RESPONSE,
         at_most(median, 0.05, 0.25),
         {"median_beyond_edge_over_peak": median},
     )
@@ -205,9 +211,10 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
 
 def _evenness(tunings: _Tunings) -> Finding:
     peaks = tunings.peaks(10).values()
-    share = min(peaks) / max(peaks) if max(peaks) > 0 else float("nan")
+    share = min(peaks) / max(peaks) if max(peaks) > 0 else math.nan
+    text = f"The least peak is {100 * share:.2g} % of the largest (LPLC2: 78 %)."
     return Finding(
-        f"The least peak is {100 * share:.2g} % of the largest (LPLC2: 78 %).",
+        NO_RESPONSE if math.isnan(share) else text,
         at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
     )
@@ -216,9 +223,12 @@ def _evenness(tunings: _Tunings) -> Finding:
 def _diagonal(tunings: _Tunings) -> Finding:
     mean, largest = _diagonal_ratios(tunings.peaks(60))
     partly = Verdict.IN_PART if mean > 1 else Verdict.DOES_NOT
-    return Finding(
+    text = (
         f"The diagonals' mean peak is {plain(mean)} times the mean and {plain(largest)} times the "
-        f"largest of the other axes.",
+        f"largest of the other axes."
+    )
+    return Finding(
+        NO_RESPONSE if math.isnan(mean) else text,
         Verdict.HOLDS if largest > 1 else partly,
         {"diagonal_over_mean": mean, "diagonal_over_largest": largest},
     )
@@ -229,7 +239,7 @@ def _diagonal_ratios(peaks: Mapping[int, float] | Mapping[float, float]) -> tupl
     diagonal = float(np.mean([value for axis, value in peaks.items() if axis in {45, 135}]))
     others = np.array([value for axis, value in peaks.items() if axis not in {45, 135}])
     if not others.max() > 0:
-        return float("nan"), float("nan")
+        return math.nan, math.nan
     return diagonal / float(others.mean()), diagonal / float(others.max())
 
 
@@ -257,14 +267,15 @@ def _likeness(tunings: _Tunings) -> Finding:
 def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
     with styled_figure(WIDE, 4.4) as figure:
         axes = figure.subplots(2, 2, sharex=True)
-        shades = mpl.colormaps[SHADES].reversed()
+        # From dark to a shade that can be seen on white.
+        shades = mpl.colormaps["viridis"](np.linspace(0, _LIGHTEST, len(_OFF_DIAGONAL)))
         for row, (preset, each) in zip(axes, tunings.items(), strict=True):
             for panel, width in zip(row, BAR_WIDTHS, strict=True):
                 largest = max(each.peaks(width).values()) or 1.0
                 for axis, responses in each.bars[width].items():
                     panel.plot(
                         _reach(responses), responses.response / largest,
-                        color=shades(abs(axis % 90 - 45) / 45), lw=0.9,
+                        color=shades[_OFF_DIAGONAL.index(abs(axis % 90 - 45))], lw=0.9,
                     )  # fmt: skip
                 panel.axvline(each.edge_deg, color=FAINT, lw=0.7, linestyle="--")
                 panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {plain(largest)})")
@@ -272,8 +283,11 @@ def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
             row[0].set_ylabel("response / largest")
         for panel in axes[1]:
             panel.set_xlabel("reach of the bar's ends (deg)")
-        scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(0, 45), shades)
-        figure.colorbar(scale, ax=axes, label="axis: from the nearest diagonal (deg)", aspect=40)
+        names = [f"{off} deg" for off in _OFF_DIAGONAL]
+        figure.legend(
+            [Line2D([], [], color=shade) for shade in shades], names, ncols=len(names),
+            loc="outside lower center", title="axis of the bar, from the nearest diagonal",
+        )  # fmt: skip
     return figure
 
 

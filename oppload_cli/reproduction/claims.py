@@ -36,6 +36,7 @@ PRESETS = tuple(TITLES)
 # Without a pause before the motion: after one, the first moving frames meet no delayed
 # inhibition yet, and give a transient that is the same for every direction.
 NO_PAUSE = {"timing.before_s": 0}
+NO_RESPONSE = "No response to compare."  # in place of a sentence whose numbers are not known
 DPI = 130  # of a figure
 WIDE = 7.2  # inches, of a figure
 

@@ -18,7 +18,7 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
 from oppload_cli.reference.published import SOURCE, lplc2_peaks
-from oppload_cli.reproduction.claims import DPI, WIDE, Built, Claim, Finding, Verdict
+from oppload_cli.reproduction.claims import DPI, NO_RESPONSE, WIDE, Built, Claim, Finding, Verdict
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import low_passed, present
 
@@ -342,19 +342,29 @@ def _alike(rows: Sequence[Row]) -> Finding:
     verdict = Verdict.DOES_NOT
     if r >= 0.5 and rms <= 0.25:
         verdict = Verdict.HOLDS if r >= 0.95 and rms <= 0.08 else Verdict.IN_PART
-    return Finding(f"r {r:.3f}, rms {rms:.3g}.", verdict, {"r": r, "rms": rms})
+    text = f"r {r:.3f}, rms {rms:.3g}."
+    if math.isnan(r):  # equal peaks have a difference, but no correlation
+        text = NO_RESPONSE if math.isnan(rms) else f"All peaks are equal: no r; rms {rms:.3g}."
+    return Finding(text, verdict, {"r": r, "rms": rms})
 
 
 def _does(rows: Sequence[Row]) -> Finding:
     found = phenomena(rows)
     kept = [low <= value <= high for value, low, high in found.values()]
-    parts = "; ".join(f"{name}: {value:.2g}" for name, (value, _, _) in found.items())
+    parts = "; ".join(f"{name}: {_in_words(value)}" for name, (value, _, _) in found.items())
     in_part = Verdict.IN_PART if 2 * sum(kept) >= len(kept) else Verdict.DOES_NOT
     return Finding(
         f"{sum(kept)} of {len(kept)}. {parts}.",
         Verdict.HOLDS if all(kept) else in_part,
         {name: value for name, (value, _, _) in found.items()},
     )
+
+
+def _in_words(value: float) -> str:
+    """Return a ratio of peaks, also where there is none to divide, or none to divide by."""
+    if math.isnan(value):
+        return "no response to compare"
+    return "infinite, as the second gives no response" if math.isinf(value) else f"{value:.2g}"
 
 
 def _draw(shown: Mapping[str, _Shown]) -> Figure:
@@ -396,9 +406,10 @@ def _others(axes: Axes, rows: Sequence[Row]) -> None:
         if row.published is not None and not row.stimulus.startswith(("bar-expand", LOOM))
     ]  # fmt: skip
     place = np.arange(len(other))
-    axes.barh(place + 0.2, [row.peak_over_loom for row in other], 0.4, color=CYCLE[0],
+    # The axis runs downwards: the bars have the order of the legend.
+    axes.barh(place - 0.2, [row.peak_over_loom for row in other], 0.4, color=CYCLE[0],
               label="preset lplc2")  # fmt: skip
-    axes.barh(place - 0.2, [row.published or 0 for row in other], 0.4, color=LPLC2, label="LPLC2")
+    axes.barh(place + 0.2, [row.published or 0 for row in other], 0.4, color=LPLC2, label="LPLC2")
     names = [
         row.stimulus if row.axis_deg is None else f"{row.stimulus} {row.axis_deg:g} deg"
         for row in other

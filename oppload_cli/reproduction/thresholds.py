@@ -99,7 +99,8 @@ def thresholds() -> Built:
             "which an alarm depends.",
             f"Controls: {_count(_CONTROLS)} stimuli of {len(_CONTROLS)} kinds (receding, "
             "translating, panning, rotating, gratings, edges), none of which looms, at each "
-            "preset's own working height and without a pause before the motion.",
+            "preset's own working height and without a pause before the motion. They are a part "
+            "of the catalogue's sweeps: not all of its directions, sizes and speeds.",
             *(
                 f"{TITLES[preset].capitalize()}: the threshold of {detector_named(detector).label} "
                 f"is set by {name} ({plain(value)})."

@@ -124,6 +124,23 @@ def test_bars_like_those_of_the_neurons_hold() -> None:
     assert bars._likeness(ninety).verdict is Verdict.DOES_NOT
 
 
+@pytest.mark.slow
+def test_the_bars_are_shown_along_all_axes_of_the_catalogue() -> None:
+    tuned = bars._tunings("reference", {})
+    assert all(list(each) == list(range(0, 180, 15)) for each in tuned.bars.values())
+    numbers = bars._diagonal(tuned).numbers
+    assert numbers["diagonal_over_mean"] == pytest.approx(4.64, abs=0.05)
+    assert numbers["diagonal_over_largest"] == pytest.approx(1.98, abs=0.05)
+
+
+def test_bars_without_a_response_have_nothing_to_compare() -> None:
+    silent = dict.fromkeys(range(0, 180, 15), 0.0)
+    tuned = tunings(silent, silent, 1.0)
+    for judge in (bars._middle, bars._edge, bars._evenness, bars._diagonal):
+        assert judge(tuned).text == "No response to compare."
+        assert judge(tuned).verdict is Verdict.DOES_NOT
+
+
 def test_figures_are_chosen_by_name_in_the_order_of_the_page() -> None:
     assert chosen([]) == list(FIGURES)
     assert chosen(["rmo-definition", "up-down"]) == ["up-down", "rmo-definition"]

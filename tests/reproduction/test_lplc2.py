@@ -12,6 +12,8 @@ from oppload_cli.reproduction.lplc2 import (
     BATTERY,
     OFF_CENTRE,
     Row,
+    _alike,
+    _does,
     likeness,
     off_centre,
     phenomena,
@@ -68,6 +70,20 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
         row._replace(peak_over_loom=0.5) if row.stimulus == "bar-expand-20" else row for row in rows
     ]
     assert math.isnan(phenomena(both)["both ends over one end, least"][0])
+    text = _does(rows).text
+    assert "both ends over one end, least: no response to compare; outward cross: 0;" in text
+    inward = [
+        row._replace(peak_over_loom=0.5) if "corners" in row.stimulus else row for row in rows
+    ]
+    text = _does(inward).text
+    assert "corners over the bar, largest: infinite, as the second gives no response;" in text
+
+
+def test_likeness_of_equal_and_of_unknown_peaks_in_words() -> None:
+    rows = [Row("edge", axis, None, "toy", 0.0, 0.1) for axis in (0, 90)]
+    assert _alike(rows).text == "All peaks are equal: no r; rms 0.1."
+    unknown = [row._replace(peak_over_loom=math.nan) for row in rows]
+    assert _alike(unknown).text == "No response to compare."
 
 
 def test_every_published_peak_has_its_stimulus() -> None:
