@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
@@ -27,6 +27,7 @@ from oppload_cli.models.registry import detector_named
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -87,6 +88,11 @@ METADATA: dict[str, dict[str, Any]] = {
 }
 
 
+def _style() -> AbstractContextManager[None]:
+    """Put the style in effect, over matplotlib's defaults in place of the user's settings."""
+    return style.context(["default", _STYLE])
+
+
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """Open an empty figure to draw on, with the style in effect.
@@ -101,7 +107,7 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
     matplotlib.figure.Figure
         The figure; it needs no display.
     """
-    with mpl.rc_context(_STYLE):
+    with _style():
         yield Figure(figsize=(width, height), layout="constrained")
 
 
@@ -187,7 +193,7 @@ def png_bytes(figure: Figure, dpi: int) -> bytes:
 
 def _image(figure: Figure, suffix: str, **options: Any) -> bytes:
     image = io.BytesIO()
-    with mpl.rc_context(_STYLE), warnings.catch_warnings():
+    with _style(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from")  # a box is drawn for it
         figure.savefig(image, format=suffix[1:], metadata=METADATA[suffix], **options)
     return image.getvalue()

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.cli.inside import run
+from tests.cli.process import oppload
 from tests.results.make import frame_rows, write_result, write_rows, write_tuning
 
 if TYPE_CHECKING:
@@ -179,6 +180,19 @@ def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
     assert done.returncode == 0
     assert done.stdout.split() == [str(path) for path in made]
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)
+
+
+def test_the_settings_of_matplotlib_of_a_user_change_nothing(tmp_path: Path) -> None:
+    table = write_result(tmp_path / "a.frames.csv")
+    settings = tmp_path / "matplotlibrc"
+    settings.write_text("text.usetex: True\nfont.size: 30\nsavefig.bbox: tight\n")
+    made = []
+    for environment in ({}, {"MPLBACKEND": "nosuch", "MATPLOTLIBRC": str(settings)}):
+        figure = tmp_path / f"{len(made)}.png"
+        done = oppload("plot", table, "-o", figure, **environment)
+        assert (done.returncode, done.stderr) == (0, "")
+        made.append(figure.read_bytes())
+    assert made[0] == made[1]
 
 
 def test_polar_prints_peak_and_selectivity(tmp_path: Path, capsys: Capture) -> None:
