@@ -186,8 +186,12 @@ def _plot_results(
     if kind == "map":
         if len(results) > 1:
             raise ResultError(f"{paths[1]}: a map shows one result; leave out --output")
-        still = places.still_of(results[0], video)
-        figure, _ = oppload.plot_places(results[0], still, title=look["title"])
+        models = curves["models"]
+        if len(models) > 1:
+            raise ParameterError("--kind map shows one detector; give one --model")
+        model = models[0] if models else None
+        still = places.still_of(results[0], video, model=model)
+        figure, _ = oppload.plot_places(results[0], still, title=look["title"], model=model)
         if still is None:
             click.echo(
                 f"oppload: {paths[0]}: its video is gone, so the ground is white; --video says "

@@ -9,7 +9,7 @@ from matplotlib.patches import Rectangle
 
 from oppload_cli.errors import ResultError, SourceError
 from oppload_cli.models.detector import Box
-from oppload_cli.models.registry import detectors, placing_detector
+from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
 from oppload_cli.results.reading import check_numbers, find_video, result_threshold
 from oppload_cli.video.inputs import Position, Span
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 WEAKEST = 0.05  # response over the peak of the frames shown
 
 
-def still_of(result: Result, video: str | None = None) -> Still | None:
+def still_of(result: Result, video: str | None = None, *, model: str | None = None) -> Still | None:
     """Read the frame of the peak from the video that a result was made from.
 
     Parameters
@@ -38,6 +38,8 @@ def still_of(result: Result, video: str | None = None) -> Still | None:
         With its sidecar, which names the input.
     video : str, optional
         The input, where it has moved.
+    model : str, optional
+        The detector whose peak it is; else the first of the result that has places.
 
     Returns
     -------
@@ -49,13 +51,14 @@ def still_of(result: Result, video: str | None = None) -> Still | None:
     SourceError
         If the video cannot be read.
     ResultError
-        If it ends before that frame.
+        If it ends before that frame, or if the result has no places of the detector.
     """
+    detector = _detector(result, model)
     try:
         name = video or find_video(result)
     except SourceError:
         return None
-    peak = int(result.frames["frame"].iloc[_peak(result)])
+    peak = int(result.frames["frame"].iloc[_peak(result, detector)])
     span = Span(start=Position(frame=peak), duration=Position(frame=1))
     with open_video(name, height=None, span=span) as source:
         for frame in source:
@@ -64,7 +67,11 @@ def still_of(result: Result, video: str | None = None) -> Still | None:
 
 
 def plot_places(
-    result: Result, still: Still | None = None, *, title: str | None = None
+    result: Result,
+    still: Still | None = None,
+    *,
+    title: str | None = None,
+    model: str | None = None,
 ) -> tuple[Figure, list[Axes]]:
     """Draw the centre of every winning unit, and the looming object's box at the peak.
 
@@ -76,6 +83,8 @@ def plot_places(
         A frame to draw on; else the ground is white.
     title : str, optional
         Of the figure; else the input's name.
+    model : str, optional
+        The detector whose places are drawn; else the first of the result that has places.
 
     Returns
     -------
@@ -86,7 +95,7 @@ def plot_places(
     Raises
     ------
     ResultError
-        If the result has no places.
+        If the result has no places of the detector.
 
     Examples
     --------
@@ -96,12 +105,12 @@ def plot_places(
     >>> panel.get_xlabel()
     'x (px)'
     """
-    detector = _detector(result)
+    detector = _detector(result, model)
     places = [f"{detector.name}_{name}" for name in ("unit_x", "unit_y", *Box._fields)]
     result.need(places)
     x, y, *box = (check_numbers(result.path, result.frames, name) for name in places)
     response = result.frames[f"{detector.name}_response"].to_numpy(float)
-    best = _peak(result)
+    best = _peak(result, detector)
     if not np.isfinite(x[best]):
         raise ResultError(
             f"{result.path}: column '{places[0]}' is empty at the peak, as {detector.label} never "
@@ -109,7 +118,7 @@ def plot_places(
         )
     shown = np.isfinite(x) & (response >= WEAKEST * response[best])
     time = result.frames["time_s"].to_numpy(float)
-    rows, columns = _size(result, still)
+    rows, columns = _size(result, detector, still)
     with styled_figure(COLUMN, 0.85 + min(4.5, (COLUMN - 0.5) * rows / columns)) as figure:
         axes = figure.subplots()
         if still is not None:
@@ -125,7 +134,8 @@ def plot_places(
                 Rectangle((left, top), width, height, fill=False, lw=1.2, ec=detector.colour)
             )
         what = "box: looming object" if np.isfinite(left) else "no looming object"
-        told = f"{what} at the peak, frame {frame}{_over_threshold(result, detector.name, best)}"
+        told = f"{detector.label}, peak in frame {frame}; {what} there"
+        told += _over_threshold(result, detector.name, best)
         axes.set_title(f"{wrapped(title or result.title, TITLE_WIDTH)}\n{told}", fontsize=7)
         axes.set(
             xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal"
@@ -141,25 +151,31 @@ def _over_threshold(result: Result, detector: str, row: int) -> str:
     if f"{detector}_alarm" not in result.frames.columns or not threshold > 0:
         return ""
     ratio = float(result.frames[f"{detector}_response"].iloc[row]) / threshold
-    return f",\n{ratio:.2g} times the threshold of the alarm"
+    return f"\npeak: {ratio:.2g} times the threshold of the alarm"
 
 
-def _detector(result: Result) -> type[Detector]:
-    """Return the detector whose places a result holds."""
-    detector = placing_detector(result.models)
-    if detector is None:
+def _detector(result: Result, model: str | None) -> type[Detector]:
+    """Return the detector whose places are drawn: a named one, or the first that has some."""
+    if model is not None:
+        detector = detector_named(model)
+        result.need([f"{model}_response"])
+        if not detector.places:
+            raise ResultError(f"{result.path}: {detector.label} has no places; leave --model out")
+        return detector
+    first = placing_detector(result.models)
+    if first is None:
         placing = [name for name, each in detectors().items() if each.places]
         result.need([f"{placing[0]}_response"])
         raise ResultError(f"{result.path}: holds no places of a detector; run one that has them")
-    return detector
+    return first
 
 
-def _peak(result: Result) -> int:
-    response = f"{_detector(result).name}_response"
+def _peak(result: Result, detector: type[Detector]) -> int:
+    response = f"{detector.name}_response"
     return int(np.nanargmax(result.frames[response].to_numpy(float)))
 
 
-def _size(result: Result, still: Still | None) -> tuple[int, int]:
+def _size(result: Result, detector: type[Detector], still: Still | None) -> tuple[int, int]:
     """Return the rows and columns of the source, or those that the places reach."""
     if still is not None:
         return still.shape[0], still.shape[1]
@@ -167,7 +183,7 @@ def _size(result: Result, still: Still | None) -> tuple[int, int]:
     try:
         return int(facts["height"]), int(facts["width"])
     except (KeyError, TypeError, ValueError):
-        frames, name = result.frames, _detector(result).name
+        frames, name = result.frames, detector.name
         right = np.fmax(frames[f"{name}_unit_x"], frames[f"{name}_x"] + frames[f"{name}_width"])
         bottom = np.fmax(frames[f"{name}_unit_y"], frames[f"{name}_y"] + frames[f"{name}_height"])
         return int(bottom.max()), int(right.max())

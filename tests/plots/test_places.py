@@ -60,10 +60,31 @@ def test_the_title_says_how_strong_the_peak_is_and_whether_there_is_an_object(
     path.with_name("clip.oppload.json").write_text(json.dumps(alarm))
     panel = plot_places(read_result(path))[1][0]
     assert panel.get_title("left").split("\n")[1:] == [
-        "no looming object at the peak, frame 30,",
-        "0.05 times the threshold of the alarm",
+        "OppLoD, peak in frame 30; no looming object there",
+        "peak: 0.05 times the threshold of the alarm",
     ]
     assert len(panel.patches) == 0
+
+
+def test_the_places_of_the_chosen_detector(tmp_path: Path) -> None:
+    rows = frame_rows()
+    for row in rows[3:]:
+        at = int(row["frame"])
+        row |= {"ttc_gradient_response": str(1 / (1 + abs(at - 20))), "ttc_gradient_alarm": "0"}
+        row |= {"ttc_gradient_x": "1", "ttc_gradient_y": "2", "ttc_gradient_width": "7"}
+        row |= {"ttc_gradient_height": "8", "ttc_gradient_unit_x": "4", "ttc_gradient_unit_y": "5"}
+    names = dict.fromkeys(name for row in rows[3:] for name in row)
+    rows = [{name: row.get(name, "") for name in names} for row in rows]
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
+    panel = plot_places(result, model="ttc_gradient")[1][0]
+    assert {tuple(place) for place in np.asarray(panel.collections[0].get_offsets())} == {(4, 5)}
+    (box,) = panel.patches
+    assert box.get_path().get_extents(box.get_patch_transform()).bounds == (1, 2, 7, 8)
+    assert "time to contact, peak in frame 20; box: looming object there" in panel.get_title("left")
+    with pytest.raises(ResultError, match="D-LGMD has no places; leave --model out"):
+        plot_places(result, model="dlgmd")
+    with pytest.raises(ResultError, match="has no column 'lgmd2_response'"):
+        plot_places(result, model="lgmd2")
 
 
 def test_without_the_video_places_are_drawn_on_white(tmp_path: Path) -> None:
