@@ -55,7 +55,7 @@ class AreaGrowth(Detector):
 
     name = "area_growth"
     label = "area growth"
-    colour = "#A6761D"
+    colour = "#997225"
     meaning = "relative growth of the area that differs from the first frame"
     unit = "1/frame"
     response_column = "1/frame", "growth of the size over the size, at least 0"

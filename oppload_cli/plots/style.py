@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from oppload_cli import palette
 from oppload_cli.errors import ParameterError, printable
 from oppload_cli.files.atomic import write_atomic
-from oppload_cli.models.registry import detector_named
+from oppload_cli.models.registry import detector_named, known_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -41,6 +41,7 @@ T = TypeVar("T")
 INK, FAINT = palette.INK, palette.FAINT
 CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
+_FEW = 4  # detectors whose colours suffice
 SHADES = "cividis"
 LPLC2 = "#000000"
 COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
@@ -127,11 +128,20 @@ def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        Line properties of matplotlib: each detector's own colour; or, where a detector has several
-        curves, colours in turn, so that no two of up to 28 curves look alike.
+        Line properties of matplotlib: each detector's own colour, and its own dashes too in a
+        figure of more than four; or, where a detector has several curves, colours in turn, so
+        that no two of up to 28 curves look alike.
     """
     if len(set(detectors)) == len(detectors):
-        return [{"color": detector_named(name).colour, "linestyle": "-"} for name in detectors]
+        known = known_names()
+        dashes = DASHES if len(detectors) > _FEW else DASHES[:1]
+        return [
+            {
+                "color": detector_named(name).colour,
+                "linestyle": dashes[known.index(name) % len(dashes)],
+            }
+            for name in detectors
+        ]
     count = len(CYCLE)
     return [
         {"color": CYCLE[number % count], "linestyle": DASHES[number // count % len(DASHES)]}

@@ -59,7 +59,7 @@ class CiLmd(ChangeDetector):
 
     name = "ci_lmd"
     label = "CI-LMD"
-    colour = "#DDCC77"
+    colour = "#BBC57A"
     meaning = "cross-inhibition of ON and OFF after a difference of Gaussians"
     unit = "grey levels"
     response_column = "grey levels", "sum of G over the number of pixels"

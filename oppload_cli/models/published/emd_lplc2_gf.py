@@ -153,7 +153,7 @@ class EmdLplc2Gf(ChangeDetector):
 
     name = "emd_lplc2_gf"
     label = "EMD-LPLC2-GF"
-    colour = "#6A51A3"
+    colour = "#63477F"
     meaning = "EMD array, LPLC2 units with four arms, spiking giant fibre (Zhao et al. 2023)"
     unit = "giant fibre input"
     response_column = "", "input of the giant fibre, where it is above 0"

@@ -282,7 +282,7 @@ class HuaFixed(Detector):
 
     name = "hua_fixed"
     label = "Hua et al."
-    colour = "#B2182B"
+    colour = "#B4182A"
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), corrected"
     response_column = "", "geometric mean of the four quadrants, each at least 0"
     details = (
@@ -349,7 +349,7 @@ class HuaLiteral(HuaFixed):
 
     name = "hua_literal"
     label = "Hua et al. (literal)"
-    colour = "#FDAE61"
+    colour = "#FFA286"
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), as coded"
     parameters: ClassVar[type[Parameters]] = HuaLiteralParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 100_000.0}

@@ -140,7 +140,7 @@ class Lgmd1GroupPaper(Lgmd1Group):
     name = "lgmd1_group_paper"
     variant_of = "lgmd1_group"
     label = "LGMD1 (paper)"
-    colour = "#6655BB"
+    colour = "#6652C4"
     meaning = "LGMD1 with grouping and a persistence that forgets"
     parameters = Lgmd1GroupPaperParams
     answers_to = "moving edges, dark or bright, in clusters"

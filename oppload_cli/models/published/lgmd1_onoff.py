@@ -76,7 +76,7 @@ class Lgmd1Onoff(ChangeDetector):
 
     name = "lgmd1_onoff"
     label = "LGMD1 (ON, OFF)"
-    colour = "#AA4499"
+    colour = "#A13AAE"
     meaning = "LGMD1, ON and OFF pathways with spike-frequency adaptation"
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"

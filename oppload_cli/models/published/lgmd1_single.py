@@ -137,7 +137,7 @@ class Lgmd1SinglePaper(Lgmd1Single):
     name = "lgmd1_single_paper"
     variant_of = "lgmd1_single"
     label = "LGMD1 (single, paper)"
-    colour = "#B3567F"
+    colour = "#AC4F76"
     meaning = "LGMD1, one pathway of absolute changes, gated by the mean change"
     parameters = Lgmd1SinglePaperParams
     answers_to = "edges that brighten or darken, until just before contact"

@@ -74,7 +74,7 @@ class Lgmd2(ChangeDetector):
 
     name = "lgmd2"
     label = "LGMD2"
-    colour = "#117733"
+    colour = "#098D45"
     meaning = "LGMD2: ON and OFF pathways biased towards darkening, grouping, adaptation"
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"

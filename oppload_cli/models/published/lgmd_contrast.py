@@ -64,7 +64,7 @@ class LgmdContrast(ChangeDetector):
 
     name = "lgmd_contrast"
     label = "LGMD (contrast)"
-    colour = "#999933"
+    colour = "#989A2B"
     meaning = "LGMD with contrast normalisation: nearly the same response at all contrasts"
     response_column = "", "sum of G over the number of pixels"
     details = (

@@ -79,7 +79,7 @@ class LgmdPlus(ChangeDetector):
 
     name = "lgmd_plus"
     label = "LGMD+"
-    colour = "#CC6677"
+    colour = "#D56D7F"
     meaning = "LGMD+: noise gate, local weights, bias that follows the mean change"
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"

@@ -188,7 +188,7 @@ class Mlplc2(ChangeDetector):
 
     name = "mlplc2"
     label = "mLPLC2"
-    colour = "#8C6BB1"
+    colour = "#8D6FB1"
     meaning = "LPLC2 units in fields of attention (Liu and Fu 2025)"
     response_column = "", "largest output of a field of attention"
     details = (

@@ -71,7 +71,7 @@ class Plgmd(ChangeDetector):
 
     name = "plgmd"
     label = "pLGMD"
-    colour = "#44AA99"
+    colour = "#00B08E"
     meaning = "LGMD1 with grouping and random synapses"
     unit = "grey levels"
     response_column = "grey levels", "mean sum of G over the number of pixels"

@@ -155,7 +155,7 @@ class ZhouLrf(Detector):
 
     name = "zhou_lrf"
     label = "Zhou LRF"
-    colour = "#006D2C"
+    colour = "#036A28"
     meaning = "LPLC2 units with a trained linear receptive field (after Zhou et al. 2022)"
     response_column = "", "largest unit"
     details = (

@@ -1,0 +1,78 @@
+"""Curves that a reader can tell apart."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.colors import to_rgb
+
+from oppload_cli.models.registry import detectors
+from oppload_cli.plots.style import looks_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+# From linear RGB to OKLab (Ottosson 2020).
+TO_CONES = np.array([
+    [0.4122214708, 0.5363325363, 0.0514459929],
+    [0.2119034982, 0.6806995451, 0.1073969566],
+    [0.0883024619, 0.2817188376, 0.6299787005],
+])  # fmt: skip
+TO_LAB = np.array([
+    [0.2104542553, 0.7936177850, -0.0040720468],
+    [1.9779984951, -2.4285922050, 0.4505937099],
+    [0.0259040371, 0.7827717662, -0.8086757660],
+])  # fmt: skip
+# What readers without one kind of cones see (Machado, Oliveira and Fernandes 2009).
+WITHOUT_RED = np.array([
+    [0.152286, 1.052583, -0.204868],
+    [0.114503, 0.786281, 0.099216],
+    [-0.003882, -0.048116, 1.051998],
+])  # fmt: skip
+WITHOUT_GREEN = np.array([
+    [0.367322, 0.860646, -0.227968],
+    [0.280085, 0.672501, 0.047413],
+    [-0.011820, 0.042940, 0.968881],
+])  # fmt: skip
+
+
+EVERY_CONE = np.eye(3)
+
+
+def distance(one: str, other: str, eye: NDArray[np.float64] = EVERY_CONE) -> float:
+    """Return the distance of two colours in OKLab, as an eye sees them."""
+    places = []
+    for colour in (one, other):
+        value = np.array(to_rgb(colour))
+        linear = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+        places.append(TO_LAB @ np.cbrt(TO_CONES @ np.clip(eye @ linear, 0, 1)))
+    return float(np.linalg.norm(places[0] - places[1]))
+
+
+def test_any_two_detectors_have_colours_that_differ() -> None:
+    assert abs(distance("#000000", "#FFFFFF") - 1) < 1e-6
+    colours = {name: each.colour for name, each in detectors().items()}
+    apart = {
+        (one, other): distance(colours[one], colours[other])
+        for one, other in combinations(colours, 2)
+    }
+    assert {pair: value for pair, value in apart.items() if value < 0.1} == {}
+
+
+def test_detectors_with_the_same_dashes_differ_for_the_colour_blind() -> None:
+    looks = dict(zip(detectors(), looks_of(list(detectors())), strict=True))
+    assert len({str(look["linestyle"]) for look in looks.values()}) == 4
+    for one, other in combinations(looks, 2):
+        if looks[one]["linestyle"] == looks[other]["linestyle"]:
+            for eye in (WITHOUT_RED, WITHOUT_GREEN):
+                apart = distance(looks[one]["color"], looks[other]["color"], eye)
+                assert apart >= 0.055, (one, other)
+
+
+def test_few_detectors_have_no_dashes_and_many_have_their_own() -> None:
+    names = list(detectors())
+    assert [look["linestyle"] for look in looks_of(names[:4])] == ["-"] * 4
+    every = dict(zip(names, looks_of(names), strict=True))
+    assert looks_of(names[9:2:-1]) == [every[name] for name in names[9:2:-1]]
