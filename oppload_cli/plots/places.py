@@ -134,9 +134,9 @@ def plot_places(
                 Rectangle((left, top), width, height, fill=False, lw=1.2, ec=detector.colour)
             )
         what = "box: looming object" if np.isfinite(left) else "no looming object"
-        told = f"{detector.label}, peak in frame {frame}; {what} there"
+        told = f"{title or result.title}\n{detector.label}, peak in frame {frame}; {what}"
         told += _over_threshold(result, detector.name, best)
-        axes.set_title(f"{wrapped(title or result.title, TITLE_WIDTH)}\n{told}", fontsize=7)
+        axes.set_title(wrapped(told, TITLE_WIDTH), fontsize=7)
         axes.set(
             xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal"
         )
