@@ -152,13 +152,15 @@ def _run(
             jobs=jobs or cores(),
             progress=bar.update,
         )
-    for line in (*faint(conditions, settings), *to_onset(conditions, entry, presentations)):
-        say(f"oppload: {line}")
+    doubts = [*faint(conditions, settings), *to_onset(conditions, entry, presentations)]
+    for doubt in doubts:
+        say(f"oppload: {doubt.text}")
     write_tuning(table, conditions)
     command = ["oppload", *sys.argv[1:]]
     write_tuning_sidecar(
-        paths[1], entry, settings, command=command, indicator_s=indicator_s, figure=figure
-    )
+        paths[1], entry, settings,
+        command=command, indicator_s=indicator_s, figure=figure, doubts=doubts,
+    )  # fmt: skip
     if len(paths) > 2:
         from oppload_cli.plots import style, tuning
 

@@ -23,6 +23,7 @@ from oppload_cli.plots.style import (
     described,
     looks_of,
     styled_figure,
+    with_doubts,
     wrapped,
 )
 from oppload_cli.reference.published import BOTH_ENDS_OVER_ONE
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     Series = NDArray[np.float64]
 
 FEW = 4  # detectors that have room in one column
+_NARROW = 28  # characters in a line above one of two panels
 _HALF = 0.5
 _MOST_RATIO = 1000
 
@@ -122,26 +124,32 @@ def _one(request: Request, thing: str) -> tuple[Tuning, list[str]]:
 
 @contextmanager
 def _panels(count: int, shape: float, above: float) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Open a figure with a panel for each of some detectors.
+    """Open a figure with a panel for each of some detectors, whose titles the caller writes.
 
     `shape` is the height of a panel over its width, `above` the height of the legend in inches.
     """
     columns = min(count, 2 if count <= FEW else 4)
     rows = -(-count // columns)
     width = COLUMN if count <= FEW else PAGE
-    height = above + rows * (0.45 + shape * (width - 0.5) / max(columns, 2))
-    with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
+    with styled_figure(width, MOST_HEIGHT) as figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
         for free in grid[count:]:
             free.set_visible(False)
-        yield figure, list(grid[:count])
+        axes = list(grid[:count])
+        yield figure, axes
+        lines = max(panel.get_title("left").count("\n") for panel in axes)
+        height = above + rows * (0.4 + 0.11 * lines + shape * (width - 0.5) / columns)
+        figure.set_figheight(min(MOST_HEIGHT, height))
 
 
 @contextmanager
 def _single(request: Request, count: int) -> Iterator[tuple[Figure, Axes]]:
     """Open a figure with one panel for some curves; their legend is drawn at the end."""
     few = count <= FEW
-    height = 2.2 + 0.14 * (count if few else count / 2)
+    lines = sum(
+        with_doubts("", tuning, model).count("\n") for tuning, model, *_ in request.curves()
+    )
+    height = 2.2 + 0.14 * (count + lines) / (1 if few else 2)
     with styled_figure(COLUMN if few else PAGE, min(MOST_HEIGHT, height)) as figure:
         panel = figure.subplots()
         yield figure, panel
@@ -153,7 +161,7 @@ def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> No
     figure.legend(
         *axes.get_legend_handles_labels(), loc="outside upper left", ncols=columns,
         title=wrapped(title, TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
-        borderaxespad=0.1, handlelength=1.8,
+        borderaxespad=0.1, handlelength=2.6,
     )  # fmt: skip
 
 
@@ -165,7 +173,8 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     tuning, models = _one(request, "a map of positions")
     wanted = "a position; run 'oppload tune --figure position'"
     right, up = (column_of(tuning, end, wanted, of=2) for end in (".right", ".up"))
-    with _panels(len(models), 1.0, 0.25) as (figure, axes):
+    across = _NARROW if len(models) > 1 else TITLE_WIDTH
+    with _panels(len(models), 0.85, 0.25) as (figure, axes):
         for panel, name in zip(axes, models, strict=True):
             cells = tuning.of(name).pivot_table(index=up, columns=right, values="peak")
             share = cells.to_numpy(float)
@@ -182,7 +191,8 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
                 panel.contour(x, y, share, levels=[_HALF], colors="white", linewidths=0.9)
             panel.set_xlabel(described(right))
             panel.set_ylabel(described(up))
-            panel.set_title(f"{detector_named(name).label}\n{_half(x, y, share)}", fontsize=7)
+            label = with_doubts(detector_named(name).label, tuning, name)
+            panel.set_title(wrapped(f"{label}\n{_half(x, y, share)}", across), fontsize=7)
             panel.label_outer()
         if request.title:
             figure.suptitle(wrapped(request.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
@@ -245,7 +255,8 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
         raise ResultError(f"{tuning.path}: column '{sides}' never holds '{min(missing)}'")
     low, high = BOTH_ENDS_OVER_ONE
     note = f"\nboth / one in LPLC2 neurons: {low:.1f} to {high:.1f}" * request.published
-    with _panels(len(models), 0.75, 0.75 + 0.12 * request.published) as (figure, axes):
+    across = _NARROW if len(models) > 1 else TITLE_WIDTH
+    with _panels(len(models), 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
         for panel, name in zip(axes, models, strict=True):
             rows = tuning.of(name)
             both, one = (
@@ -254,11 +265,9 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
             )
             _draw_ends(panel, both, one, detector_named(name).colour)
             largest = max(*both.values(), *one.values())
-            panel.set_title(
-                f"{detector_named(name).label}, peak {largest:.2g}\n"
-                f"both / one {_range(_both_over_one(both, one))}",
-                fontsize=7,
-            )
+            label = f"{detector_named(name).label}, peak {largest:.2g}\n"
+            label += f"both / one {_range(_both_over_one(both, one))}"
+            panel.set_title(wrapped(with_doubts(label, tuning, name), across), fontsize=7)
             panel.set_xlabel(described(axis))
             panel.set_ylabel("peak / largest peak")
             panel.label_outer()
@@ -339,10 +348,15 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
         for contrast, tuning, model, name, look in points:
             peaks = tuning.of(model)["peak"].to_numpy(float)
             largest = float(peaks.max())
-            order = np.argsort(contrast)
             label = f"{name}, largest peak {largest:.3g} ({detector_named(model).unit})"
-            share = peaks[order] / (largest or 1.0)
-            panel.plot(contrast[order], share, marker="o", markersize=3, **look, label=label)
+            x, y = contrast, peaks / (largest or 1.0)
+            if 0 not in x:  # no line over what was not measured
+                x, y = np.append(x, 0), np.append(y, np.nan)
+            order = np.argsort(x)
+            panel.plot(
+                x[order], y[order], marker="o", markersize=3, **look,
+                label=with_doubts(label, tuning, model),
+            )  # fmt: skip
         begin_at_zero(panel)
         panel.axvline(0, color=FAINT, lw=0.7)
         panel.set_xlabel("contrast to the ground (%), below 0: darker")
@@ -380,7 +394,7 @@ def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
             # Curves that lie on one another are all seen: the first ones are drawn larger.
             size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= FEW)
             most = max(most, float(share.max()))
-            label = f"{name}: last / first {share[-1]:.3f}"
+            label = with_doubts(f"{name}: last / first {share[-1]:.3f}", tuning, model)
             panel.plot(rows[column], share, marker="o", markersize=size, **look, label=label)
         panel.set_ylim(0, 1.1 * most)
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))

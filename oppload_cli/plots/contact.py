@@ -20,6 +20,7 @@ from oppload_cli.plots.style import (
     PAGE,
     described,
     styled_figure,
+    with_doubts,
     wrapped,
 )
 from oppload_cli.reference.published import AngularThreshold, angular_thresholds
@@ -161,7 +162,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
         axes = list(grid[:, 0])
         top = None if few else _top(x for _, x, _, _ in known)
-        for (tuning, _, name, look), (_, x, before, sizes) in zip(curves, known, strict=True):
+        for (tuning, model, name, look), (_, x, before, sizes) in zip(curves, known, strict=True):
             label = name
             fit = _line(tuning, x, before)
             if fit is not None:
@@ -170,6 +171,8 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
                 _draw_line(axes[0], fit, x.max(), look, limits=few)
             if top is not None and len(x) and 1000 * before.min() > top:
                 label += " (above)"
+            if few:  # three columns of many detectors have no room
+                label = with_doubts(label, tuning, model)
             dots: dict[str, Any] = {"marker": "o", "markersize": 3}
             points = {"color": look["color"], "linestyle": "", **dots}
             axes[0].plot(x, 1000 * before, **points)

@@ -21,6 +21,7 @@ from oppload_cli.plots.style import (
     looks_of,
     styled_figure,
     told_apart,
+    with_doubts,
     wrapped,
 )
 from oppload_cli.reference.published import BAR_WIDTHS, bar_tuning
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 
 _TURN = 2 * np.pi
+_NARROW = 34  # characters in a line above a small plot
 _MOST_CURVES = 6  # in one plot; more get a small plot each
 _SCENE = "scene.rotation_deg"
 _MOTION, _TURNED = "direction of motion", "rotation of the scene"
@@ -140,6 +142,8 @@ class DirectionTuning:
         Whether half a turn gives the same stimulus, so that half of the curve is a copy.
     angle : str
         Label of the angles.
+    doubts : str
+        Why the curve means little, a reason in a line, each after a line break.
     """
 
     name: str
@@ -149,6 +153,7 @@ class DirectionTuning:
     look: dict[str, Any]
     symmetric: bool = False
     angle: str = _MOTION
+    doubts: str = ""
 
     @property
     def numbers(self) -> _Selectivity:
@@ -255,7 +260,8 @@ def _of_detector(
     look = {**look, "marker": "o", "markersize": 2.2}
     unit = detector_named(detector).unit
     angle = _TURNED if direction == _SCENE else _MOTION
-    return DirectionTuning(name, angles, values, unit, look, tuning.symmetric, angle)
+    doubts = with_doubts("", tuning, detector)
+    return DirectionTuning(name, angles, values, unit, look, tuning.symmetric, angle, doubts)
 
 
 def _bar_width(tunings: Sequence[Tuning]) -> int | None:
@@ -306,7 +312,8 @@ def plot_polar(
     columns = 1 if len(groups) <= 2 else 2 if len(groups) <= 4 else 3
     rows = -(-len(groups) // columns)
     width = COLUMN if columns == 1 else PAGE
-    height = 0.1 + rows * (0.9 * width / columns + 0.4) + 0.13 * len(curves)
+    lines = len(curves) + sum(curve.doubts.count("\n") for curve in curves)
+    height = 0.1 + rows * (0.9 * width / columns + 0.4) + 0.13 * lines
     with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
         grid = figure.subplots(
             rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
@@ -339,7 +346,8 @@ def _draw_multiples(
             panel.set_xlabel("")
             panel.set_thetagrids(range(0, 360, 90), [])
             panel.tick_params(labelsize=5)
-            panel.set_title(f"{curve.name}\n{curve.about}", fontsize=6.8, pad=3)
+            name = f"{curve.name}\n{curve.about}{curve.doubts}"
+            panel.set_title(wrapped(name, _NARROW), fontsize=6.8, pad=3)
         for panel in grid[len(curves) :]:
             panel.set_visible(False)
         if title:
@@ -364,7 +372,7 @@ def draw_polar(axes: PolarAxes, curves: Sequence[DirectionTuning], *, raw: bool 
         over = 1.0 if raw or peak <= 0 else peak
         angles, values = _closed(curve.angles_deg, curve.responses / over)
         name = curve.name if raw else f"{curve.name}, {curve.about}"
-        axes.plot(np.deg2rad(angles), values, label=name, **curve.look)
+        axes.plot(np.deg2rad(angles), values, label=name + curve.doubts, **curve.look)
     axes.set_thetagrids(range(0, 360, 45), [f"{angle}°" for angle in range(0, 360, 45)])
     top = max(float(np.max(np.asarray(line.get_ydata()), initial=0)) for line in axes.lines) or 1.0
     ticks = [tick for tick in MaxNLocator(3).tick_values(0, top) if 0 < tick <= top]

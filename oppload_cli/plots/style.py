@@ -149,6 +149,23 @@ def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
     ]
 
 
+def with_doubts(label: str, tuning: Tuning, detector: str) -> str:
+    """Return a label and, in lines of their own, why the detector's curve means little.
+
+    Parameters
+    ----------
+    label : str
+        Of the curve or the panel.
+    tuning : Tuning
+        Its sidecar has the notes that ``oppload tune`` made.
+    detector : str
+        The curve's.
+    """
+    doubts = tuning.sidecar.get("doubts", [])
+    notes = [str(each["note"]) for each in doubts if each["model"] == detector]
+    return "\n".join([label, *notes])
+
+
 def begin_at_zero(axes: Axes) -> None:
     """Begin the vertical axis at 0, and end it where the highest marker is not cut."""
     axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)

@@ -25,6 +25,7 @@ from oppload_cli.plots.style import (
     looks_of,
     norm_of,
     styled_figure,
+    with_doubts,
     wrapped,
 )
 from oppload_cli.results.reading import check_numbers
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
 
 _NARROW, _WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
+_SMALL = 34  # characters in a line above a small heat map
 _MOST_TICKS = 24  # along a heat map
 _TUNING_SCALES = ("peak", "raw")
 _CLASSIC = {"contact": plot_contact, **FIGURES}
@@ -187,18 +189,22 @@ def _plot_line(
                 f"{tunings[0].path}: column 'model' never holds '{name}'; leave it out"
             )
     groups = [[name] for name in names] if raw else [names]
-    height = 0.3 + len(groups) * 1.9 + 0.13 * len(names) * len(tunings)
+    lines = sum(
+        1 + with_doubts("", tuning, name).count("\n") for tuning in tunings for name in names
+    )
+    height = 0.3 + len(groups) * 1.9 + 0.13 * lines
     with styled_figure(COLUMN, min(MOST_HEIGHT, height)) as figure:
         axes = figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0]
         for panel, group in zip(axes, groups, strict=True):
             shown = [
-                (tuning.of(name), name, table)
+                (tuning, name, table)
                 for tuning, table in zip(tunings, tables, strict=True)
                 for name in group
                 if len(tuning.of(name))
             ]
             looks = looks_of([name for _, name, _ in shown])
-            for (rows, name, table), look in zip(shown, looks, strict=True):
+            for (tuning, name, table), look in zip(shown, looks, strict=True):
+                rows = tuning.of(name)
                 largest = float(rows["peak"].max())
                 detector = detector_named(name)
                 label = f"{detector.label}, largest peak {largest:.3g} ({detector.unit})"
@@ -206,7 +212,7 @@ def _plot_line(
                 share = rows["peak"] / (1.0 if raw or largest <= 0 else largest)
                 panel.plot(
                     rows[parameter], share, marker="o", markersize=3, **look,
-                    label=wrapped(label, LEGEND_WIDTH),
+                    label=wrapped(with_doubts(label, tuning, name), LEGEND_WIDTH),
                 )  # fmt: skip
             unit = (
                 f"peak response ({detector_named(group[0]).unit})" if raw else "peak / largest peak"
@@ -324,11 +330,13 @@ def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False
     shown = detector_named(detector)
     if small:
         axes.tick_params(labelsize=6)
-        axes.set_title(f"{shown.label}\npeak {largest:.3g} ({shown.unit})", fontsize=6, pad=2)
+        title = with_doubts(f"{shown.label}\npeak {largest:.3g} ({shown.unit})", tuning, detector)
+        axes.set_title(wrapped(title, _SMALL), fontsize=6, pad=2)
         return image
     axes.set_xlabel(described(across))
     axes.set_ylabel(described(up))
-    axes.set_title(f"{shown.label}, largest peak {largest:.3g} ({shown.unit})")
+    title = f"{shown.label}, largest peak {largest:.3g} ({shown.unit})"
+    axes.set_title(with_doubts(title, tuning, detector))
     return image
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 from io import StringIO
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -138,7 +138,25 @@ def _measured(
     ]
 
 
-def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[str]:
+class Doubt(NamedTuple):
+    """Why the curve of a detector means little.
+
+    Attributes
+    ----------
+    detector : str
+        Its name.
+    note : str
+        In a few words, for the legend of a figure.
+    text : str
+        A sentence with the numbers and an advice.
+    """
+
+    detector: str
+    note: str
+    text: str
+
+
+def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt]:
     """Name the detectors that hardly respond: the shape of such a curve tells little.
 
     None is named where an indicator showed the responses: it makes every peak smaller, and the
@@ -155,20 +173,22 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[str]:
         peak = max(each.measures[name].peak or 0 for each in conditions)
         floor = alarm_floor_of(name, settings.preset)
         if peak < _FAINT * floor:
-            yield (
+            yield Doubt(
+                name,
+                "below a tenth of its alarm's floor",
                 f"{detector_named(name).label} hardly responds to this stimulus under "
                 f"preset {settings.preset}: its largest response, {peak:.2g}, is below a tenth of "
                 f"{floor_of}, {floor:g}, so that the shape of its curve means little; "
-                f"try a faster stimulus or another preset ('oppload models')"
+                f"try a faster stimulus or another preset ('oppload models')",
             )
 
 
 def to_onset(
     conditions: Sequence[Condition], entry: Entry, presentations: int = 1
-) -> Iterator[str]:
+) -> Iterator[Doubt]:
     """Name the detectors that answer to the start of a motion after a pause.
 
-    The first edges that move meet no inhibition yet, so that such a peak shows no tuning.
+    Such a peak shows no tuning: all motion that begins excites them, as nothing moved before.
     """
     if presentations > 1:
         return
@@ -180,10 +200,13 @@ def to_onset(
             for each in [condition.measures[name]]
         ]
         if any(found):
-            yield (
-                f"{detector_named(name).label}: {sum(found)} of {len(found)} peaks come within "
-                f"{_ONSET_S:.2g} s after the pause before the motion, when no inhibition has "
-                "arrived: they show no tuning; --change timing.before_s=0 leaves the pause out"
+            part = f"{sum(found)} of {len(found)} peaks"
+            yield Doubt(
+                name,
+                f"{part} at the start of the motion: no tuning",
+                f"{detector_named(name).label}: {part} come within {_ONSET_S:.2g} s after the "
+                "pause before the motion: they answer to its start, and show no tuning; "
+                "--change timing.before_s=0 leaves the pause out",
             )
 
 
@@ -231,6 +254,7 @@ def write_tuning_sidecar(
     command: Sequence[str],
     indicator_s: float = 0.0,
     figure: Mapping[str, Any] | None = None,
+    doubts: Sequence[Doubt] = (),
 ) -> None:
     """Write everything that is needed to trust or repeat a tuning table.
 
@@ -248,6 +272,8 @@ def write_tuning_sidecar(
         Time constant of the calcium indicator; 0 for none.
     figure : mapping, optional
         Name, title and kind of the classic figure that the table is for.
+    doubts : sequence of Doubt
+        Why curves mean little; figures show it.
 
     Raises
     ------
@@ -269,6 +295,7 @@ def write_tuning_sidecar(
         },
         "sizes_deg": settings.angles,
         "indicator_s": indicator_s,
+        "doubts": [{"model": each.detector, "note": each.note} for each in doubts],
         "stimulus": {
             "name": entry.name,
             "description": entry.description,

@@ -227,11 +227,44 @@ def test_contrast_is_a_share_of_the_ground(tmp_path: Path) -> None:
     values = {"disk.luminance": [1.0, 0.0, 0.4]}
     tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [2.0, 4, 1]})
     _, (panel,) = plot_tuning(tuning, "contrast")
-    np.testing.assert_allclose(np.asarray(panel.lines[0].get_xdata(), float), [-100, -20, 100])
-    np.testing.assert_allclose(y_of(panel.lines[0]), [1, 0.25, 0.5])
+    contrast = np.asarray(panel.lines[0].get_xdata(), float)
+    np.testing.assert_allclose(contrast, [-100, -20, 0, 100])
+    np.testing.assert_allclose(y_of(panel.lines[0]), [1, 0.25, np.nan, 0.5])
     (tmp_path / "a.tuning.json").unlink()
     with pytest.raises(ResultError, match="contrast needs a ground that is not black"):
         plot_tuning(read_tuning(tmp_path / "a.tuning.csv"), "contrast")
+
+
+def test_a_contrast_of_0_that_was_measured_is_joined(tmp_path: Path) -> None:
+    values = {"disk.luminance": [0.4, 0.5, 0.6]}
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [2.0, 0, 2]})
+    np.testing.assert_allclose(y_of(plot_tuning(tuning, "contrast")[1][0].lines[0]), [1, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("kind", "values"),
+    [
+        ("polar", {"bar.axis_deg": [0.0, 90, 180, 270]}),
+        ("line", {"disk.size_deg": [1.0, 2, 3, 4]}),
+        ("heat", {"disk.size_deg": [1.0, 1, 2, 2], "disk.speed_deg_s": [1.0, 2, 1, 2]}),
+        ("contrast", {"disk.luminance": [0.0, 0.2, 0.8, 1]}),
+        ("habituation", {"presentation": [1.0, 2, 3, 4]}),
+        ("contact", {"disk.growth.l_over_v_ms": [10.0, 20, 30, 40]}),
+        ("position", {"d.centre_deg.right": [0.0, 1, 0, 1], "d.centre_deg.up": [0.0, 0, 1, 1]}),
+    ],
+)
+def test_the_picture_says_whose_curve_means_little(
+    kind: str, values: dict[str, list[Any]], tmp_path: Path
+) -> None:
+    doubts = [{"model": "dlgmd", "note": "below it"}]
+    peaks = {"opplod": [1.0, 2, 3, 4], "dlgmd": [1.0, 2, 3, 4]}
+    tuning = made(tmp_path / "a.tuning.csv", values, peaks, doubts=doubts)
+    tuning.rows["peak_before_contact_s"] = 0.1
+    axes = plot_tuning(tuning, kind, published=False)[1]
+    said = [panel.get_title("left") for panel in axes]
+    said += [label for panel in axes for label in panel.get_legend_handles_labels()[1]]
+    (label,) = [each for each in said if "below it" in each]
+    assert label.startswith("D-LGMD")
 
 
 def test_habituation_is_relative_to_the_first(tmp_path: Path) -> None:
