@@ -326,14 +326,16 @@ def _values_of(text: str, values: str) -> list[Any]:
     Raises
     ------
     ParameterError
-        If they cannot be read.
+        If they cannot be read, or are more than 1000.
     """
     try:
         if values.count(":") == 2:
-            listed = _range(*(float(end) for end in values.split(":")))
+            listed = _range(text, *(float(end) for end in values.split(":")))
         else:
             stated = values if values.strip().startswith("[") else f"[{values}]"
             listed = tomllib.loads(f"values = {stated}")["values"]
+    except ParameterError:  # is a ValueError too, and says more
+        raise
     except ValueError:
         listed = []
     if not listed:
@@ -347,11 +349,21 @@ def _values_of(text: str, values: str) -> list[Any]:
     return listed
 
 
-def _range(first: float, last: float, step: float) -> list[Any]:
-    count = math.floor((last - first) / step + 1e-9) + 1 if step else 0
-    if not 1 <= count <= _MOST_VALUES:
+def _range(text: str, first: float, last: float, step: float) -> list[Any]:
+    """Return the values from first to last; none without a step, or where an end is no number."""
+    if not step or not math.isfinite(first + last + step):
         return []
-    values = [first + index * step for index in range(count)]
+    steps = (last - first) / step + 1e-9
+    if steps < 0:
+        raise ParameterError(
+            f"--over {text}: steps of {step:g} from {first:g} lead away from {last:g}; exchange "
+            "the ends, or change the sign of the step"
+        )
+    if steps >= _MOST_VALUES:
+        raise ParameterError(
+            f"--over {text}: these are more than {_MOST_VALUES:,} values; take a larger step"
+        )
+    values = [first + index * step for index in range(math.floor(steps) + 1)]
     return [int(value) if value.is_integer() else value for value in values]
 
 
