@@ -1,4 +1,4 @@
-"""The ground behind the objects: an even luminance, drawn surroundings or a video.
+"""The ground behind the objects: an even luminance, drawn surroundings, a video or a still picture.
 
 Drawn surroundings are flat surfaces with random textures, drawn back to front; all of it follows
 from a seed. A surface is far (the sky), endless (the ground), or ends (a wall, a post, a trunk);
@@ -20,6 +20,8 @@ from oppload_cli.errors import OpploadError, StimulusError
 from oppload_cli.stimulus.patterns import noise_tile
 from oppload_cli.stimulus.staging import camera_of, view_of
 from oppload_cli.stimulus.surfaces import Placed, Surface, Texture
+from oppload_cli.video.images import read_transparent
+from oppload_cli.video.inputs import IMAGE_SUFFIXES
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
@@ -69,11 +71,16 @@ def background_of(protocol: protocols.Protocol) -> _Background:
     Raises
     ------
     StimulusError
-        If its video cannot be read, or does not fit the display.
+        If its video or picture cannot be read, or does not fit the display.
     """
     if protocol.scene.background is None:
         return _Even(protocol)
-    return _Video(protocol) if protocol.scene.has_footage else Drawn(protocol)
+    if not protocol.scene.has_footage:
+        return Drawn(protocol)
+    path = Path(protocol.scene.background)
+    # Of a pattern such as frame_%03d.png there is no such file.
+    still = path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()
+    return _Still(protocol) if still else _Video(protocol)
 
 
 class _Even:
@@ -119,6 +126,33 @@ class Drawn:
             place, view = self.at(time)
             self._last = look, place.picture(view, *self._shape)
         return self._last[1].copy()
+
+
+class _Still:
+    """A picture that is the same in all frames."""
+
+    def __init__(self, protocol: protocols.Protocol) -> None:
+        scene, display = protocol.scene, protocol.display
+        where = f"scene: background = '{scene.background}'"
+        for key in ("background_start_s", "background_end", "background_rate"):
+            if getattr(scene, key) is not None:
+                raise StimulusError(f"{where} is a still picture; {key} goes with a video")
+        try:
+            luma, opacity = read_transparent(str(scene.background))
+            if opacity is not None:
+                luma = display.background + (luma - display.background) * opacity
+            rows, columns = luma.shape
+            _check_size((columns, rows), (display.width, display.height), scene.background_fit)
+        except OpploadError as problem:
+            raise StimulusError(f"{where}: {problem}") from None
+        grey = _covering(luma, display.width, display.height)
+        self._picture = grey.astype(np.float32) / np.float32(255)
+
+    def look(self, _time: float, _frame_s: float) -> object:
+        return None
+
+    def picture(self, _time: float, _frame_s: float) -> Picture:
+        return self._picture.copy()
 
 
 class _Video:
@@ -179,11 +213,7 @@ def _footage(wanted: _Wanted, stamp: int) -> Footage:  # noqa: ARG001 - it tells
     pictures: list[NDArray[np.uint8]] = []
     with open_video(path, height=None) as probe:
         facts, native = probe.facts, probe.working
-    if wanted.fit == "exact" and (native.width, native.height) != wanted.size:
-        raise StimulusError(
-            f"its pictures are {native.width} x {native.height} px and the display has {width} x "
-            f"{height}; change display.width and display.height, or write background_fit = 'cover'"
-        )
+    _check_size((native.width, native.height), wanted.size, wanted.fit)
     found = facts.frame_rate
     if rate is not None and (found is None or abs(found / rate - 1) > 1e-3):
         said = "no constant rate" if found is None else f"{float(found):g} frames/s"
@@ -204,6 +234,16 @@ def _footage(wanted: _Wanted, stamp: int) -> Footage:  # noqa: ARG001 - it tells
         raise StimulusError("it has no frame that can be read; give another video")
     step = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / float(found or 30)
     return tuple(times), np.stack(pictures), times[-1] + step
+
+
+def _check_size(size: tuple[int, int], display: tuple[int, int], fit: str | None) -> None:
+    """Raise StimulusError for pictures of another size than the display, unless they cover it."""
+    if fit != "cover" and size != display:
+        raise StimulusError(
+            f"its pictures are {size[0]} x {size[1]} px and the display has {display[0]} x "
+            f"{display[1]}; change display.width and display.height, or write "
+            "background_fit = 'cover'"
+        )
 
 
 def _covering(luma: Picture, width: int, height: int) -> NDArray[np.uint8]:

@@ -303,6 +303,52 @@ def test_a_video_of_another_size_is_refused(footage: Path) -> None:
         Renderer(staged(None, {"background": str(footage), "background_rate": "own"}))
 
 
+def write_still(path: Path) -> NDArray[np.uint8]:
+    """Write a picture of 60 rows and 80 columns without two equal neighbours; return its grey."""
+    grey = np.arange(60 * 80, dtype=np.uint32).reshape(60, 80) * 7 % 251
+    assert cv2.imwrite(str(path), grey.astype(np.uint8))
+    return grey.astype(np.uint8)
+
+
+def test_a_still_picture_is_shown_in_all_frames(tmp_path: Path) -> None:
+    grey = write_still(tmp_path / "bg.png")
+    shown = in_footage(tmp_path / "bg.png")
+    for index in (0, 11, 19):
+        np.testing.assert_array_equal(shown.grey(index), grey)
+    display = {"width": 40, "height": 40}
+    scene = {"background": str(tmp_path / "bg.png"), "background_fit": "cover"}
+    covered = Renderer(staged(None, scene, display=display)).grey(0)
+    # Scaled by 2/3 to 40 rows, the middle 40 of 53 columns.
+    assert covered.shape == (40, 40)
+    assert covered.mean() == pytest.approx(grey[:, 10:70].mean(), abs=1)
+
+
+def test_a_transparent_still_picture_lies_on_the_even_ground(tmp_path: Path) -> None:
+    picture = np.zeros((60, 80, 4), np.uint8)
+    picture[:, 40:] = (255, 255, 255, 255)
+    assert cv2.imwrite(str(tmp_path / "half.png"), picture)
+    display = {"width": 80, "height": 60, "background": 0.4}
+    grey = Renderer(staged(None, {"background": str(tmp_path / "half.png")}, display=display))
+    assert {*grey.grey(0)[:, :40].ravel()} == {102}
+    assert {*grey.grey(0)[:, 40:].ravel()} == {255}
+
+
+@pytest.mark.parametrize(
+    ("scene", "said"),
+    [
+        ({"background_end": "loop"}, "is a still picture; background_end goes with a video"),
+        ({"background_start_s": 1}, "is a still picture; background_start_s goes with a video"),
+        ({"background_rate": "own"}, "is a still picture; background_rate goes with a video"),
+    ],
+)
+def test_a_still_picture_has_no_times(tmp_path: Path, scene: dict[str, Any], said: str) -> None:
+    write_still(tmp_path / "bg.png")
+    with pytest.raises(StimulusError, match=said):
+        in_footage(tmp_path / "bg.png", **scene)
+    with pytest.raises(StimulusError, match=r"are 80 x 60 px and the display has 160 x 120"):
+        Renderer(staged(None, {"background": str(tmp_path / "bg.png")}))
+
+
 def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(StimulusError, match=r"scene: background = '.*gone.mp4': .*gone.mp4"):
         Renderer(staged(None, {"background": str(tmp_path / "gone.mp4")}))
