@@ -11,6 +11,7 @@ from functools import partial
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
 from oppload_cli.errors import OpploadError, OutputError, StimulusError, suggestion
@@ -35,7 +36,8 @@ if TYPE_CHECKING:
 
 
 _SHOWN = 8
-_GROUND = 128
+_GUTTER = 6  # pixels between the pictures of a contact sheet
+_CAPTION = 14  # pixels for the time under a picture
 
 
 def sheet_frames(count: int, shown: int = _SHOWN) -> list[int]:
@@ -45,8 +47,12 @@ def sheet_frames(count: int, shown: int = _SHOWN) -> list[int]:
     return sorted({round(index * (count - 1) / (shown - 1)) for index in range(shown)})
 
 
-def contact_sheet(pictures: Sequence[Grey], side: int = 160, columns: int = 4) -> Grey:
-    """Put pictures side by side on a mid-grey ground, in reading order.
+def contact_sheet(
+    pictures: Sequence[Grey], side: int = 160, columns: int = 4, times_s: Sequence[float] = ()
+) -> Grey:
+    """Put pictures side by side on white, in reading order, each in a black line.
+
+    The line is seen around a white picture, and the white around a black one.
 
     Parameters
     ----------
@@ -56,16 +62,24 @@ def contact_sheet(pictures: Sequence[Grey], side: int = 160, columns: int = 4) -
         Longer side of each in the sheet, in pixels.
     columns : int
         Pictures in a row.
+    times_s : sequence of float
+        The time of each picture in seconds, which is written under it; none for no times.
     """
     small = [_reduced(picture, side) for picture in pictures]
     height, width = small[0].shape
     columns = min(columns, len(small))
     rows = math.ceil(len(small) / columns)
-    sheet = np.full((rows * (height + 2) + 2, columns * (width + 2) + 2), _GROUND, dtype=np.uint8)
+    down, across = height + _GUTTER + _CAPTION * bool(times_s), width + _GUTTER
+    sheet = np.full((rows * down + _GUTTER, columns * across + _GUTTER), 255, dtype=np.uint8)
     for index, picture in enumerate(small):
-        top = 2 + index // columns * (height + 2)
-        left = 2 + index % columns * (width + 2)
+        top = _GUTTER + index // columns * down
+        left = _GUTTER + index % columns * across
+        sheet[top - 1 : top + height + 1, left - 1 : left + width + 1] = 0
         sheet[top : top + height, left : left + width] = picture
+        if times_s:
+            foot = left, top + height + _CAPTION - 2
+            text, font = f"{times_s[index]:.3g} s", cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(sheet, text, foot, font, 0.4, 0, 1, cv2.LINE_AA)
     return sheet
 
 
@@ -287,7 +301,8 @@ def write(
     try:
         write_atomic(made.truth, (text.encode() for text in ground_truth_text(protocol)))
         if made.preview is not None:
-            write_atomic(made.preview, [png_bytes(contact_sheet(kept))])
+            times = [protocol.time_of(index) for index in sorted(shown)]
+            write_atomic(made.preview, [png_bytes(contact_sheet(kept, times_s=times))])
     except BaseException:
         # a video without its truth would be taken for a complete result
         for path in (made.video, made.truth):

@@ -271,14 +271,32 @@ def test_contact_sheet() -> None:
     assert sheet_frames(100, 4) == [0, 33, 66, 99]
     pictures = [np.full((90, 120), level, dtype=np.uint8) for level in (0, 100, 200)]
     sheet = contact_sheet(pictures, side=40, columns=2)
-    assert sheet.shape == (2 * 32 + 2, 2 * 42 + 2)
-    assert (sheet[10, 10], sheet[10, 50], sheet[45, 10], sheet[45, 50]) == (0, 100, 200, 128)
+    assert sheet.shape == (2 * 36 + 6, 2 * 46 + 6)
+    assert (sheet[10, 10], sheet[10, 60], sheet[45, 10], sheet[45, 60]) == (0, 100, 200, 255)
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_pictures_of_a_contact_sheet_do_not_merge(level: int) -> None:
+    sheet = contact_sheet([np.full((40, 40), level, np.uint8)] * 2, side=40, columns=2)
+    between = sheet[20, 46:52].tolist()
+    assert between == [0, 255, 255, 255, 255, 0]
+    assert max(between) - level >= 127 or level - min(between) >= 127
+
+
+def test_the_time_stands_under_each_picture() -> None:
+    pictures = [np.full((30, 40), 128, np.uint8)] * 2
+    plain = contact_sheet(pictures, side=40, columns=2)
+    timed = contact_sheet(pictures, side=40, columns=2, times_s=[0.0, 1.25])
+    assert timed.shape == (plain.shape[0] + 14, plain.shape[1])
+    captions = timed[38:50]
+    assert np.all(captions.min(axis=0)[[10, 60]] < 255)
+    assert (captions[:, 52:] < 128).sum() > (captions[:, :46] < 128).sum() > 10
 
 
 def test_contact_sheet_keeps_the_mean() -> None:
     picture = Renderer(stimulus.load("klapoetke2017/loom")).grey(20)
     sheet = contact_sheet([picture], side=100)
-    assert sheet[2:102, 2:102].mean() == pytest.approx(picture.mean(), abs=0.1)
+    assert sheet[6:106, 6:106].mean() == pytest.approx(picture.mean(), abs=0.1)
 
 
 @pytest.mark.parametrize("form", ["ffv1", "mkv", "png", "gif"])
