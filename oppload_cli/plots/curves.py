@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.lines import Line2D
@@ -19,6 +19,7 @@ from oppload_cli.plots.panels import (
     bars_of,
     check_xlim,
     contact_of,
+    contacts_of,
     draw_curves,
     log_axis,
     panels_of,
@@ -28,6 +29,7 @@ from oppload_cli.plots.panels import (
 )
 from oppload_cli.plots.style import (
     COLUMN,
+    DASHES,
     FAINT,
     INK,
     LEGEND_WIDTH,
@@ -64,7 +66,11 @@ _MOST_LONGER = 4  # times as long as the shortest input of panels with one time 
 _MOST_BINS = 400  # of time, in a heat map
 _MOST_NAMES = 60  # along a heat map
 _ALARM = "#D55E00"
+_SAME_S = 1e-6  # between two times of one contact: rounding
 _LETTER = 0.02  # of a panel's width, for each letter of a label
+_ROW, _ROW_POINTS = 0.06, 7.5  # of a panel's height, and in points, for a row of labels
+_ROWS = 10  # that are tried
+_NAME_WIDTH = 16  # characters in a line of an object's name
 _NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
 _LINE = 0.09  # inches of height for each line of a legend
 
@@ -269,6 +275,7 @@ def _mark(
     Where the inputs of a panel have different times, each line has the colour of its curve.
     """
     of_inputs = {curve.number: curve for curve in curves}.values()
+    other_contacts: list[float] = []  # of the objects after the first, in the ground truth
     marks = {
         label: {curve: times[curve.number] for curve in of_inputs}
         for label, times in options.marks.items()
@@ -276,9 +283,14 @@ def _mark(
     if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
         contact = contact_of(truth)
         marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
+        other_contacts = [
+            time - curves[0].zero_s for time in contacts_of(truth).values()
+            if contact is None or abs(time - contact) > _SAME_S
+        ]  # fmt: skip
     first, last = axes[0].get_xlim()
     below = max((1 - bar + BAR_STEP for bar in bars_of(curves, options).values()), default=0.0)
-    taken: list[tuple[float, float]] = []  # by labels in the first row, as shares of the width
+    taken: list[_Box] = []  # by labels and curves
+    lines = _curves_of(axes[0])
     for label, times in marks.items():
         known = {c: time - c.zero_s for c, time in times.items() if time is not None}
         alike = len({round(time, 6) for time in known.values()}) == 1
@@ -290,20 +302,90 @@ def _mark(
                 )
             if number or (label == "contact" and options.align):  # the axis says where it is
                 continue
-            text = label if inside else f"{label} at {time:.3g} s"
+            several = label == "contact" and bool(other_contacts)
+            text = label + "s" * several if inside else f"{label} at {time:.3g} s"
             share = min(max((time - first) / (last - first), 0.0), 1.0)
             wide = _LETTER * len(text)
             # The second label goes to the right, away from the first and from peaks before it.
             right = share < 0.2 or (bool(taken) and share + wide < 1)
-            begin, end = (share, share + wide) if right else (share - wide, share)
-            lower = any(begin < other[1] and other[0] < end for other in taken)
-            taken.append((begin, end))
+            box = _free_box(share, wide, 1 - below, right=right, taken=taken, lines=lines)
+            upright = box is None  # beside the line there is always room for a narrow label
+            begin = min(share, 1 - 2 * _LETTER)
+            box = box or _Box(begin, begin + 2 * _LETTER, 0)
+            right = box.left >= share
+            taken.append(box)
             axes[0].annotate(
                 text, (share, 1 - below), xycoords="axes fraction",
-                xytext=(2 if right else -2, -7.5 if lower else -1), textcoords="offset points",
+                xytext=(2 if right else -2, -1 - _ROW_POINTS * box.row), textcoords="offset points",
                 ha="left" if right else "right", va="top", fontsize=6, color=INK,
+                rotation=90 if upright else 0,
             )  # fmt: skip
+    for time in other_contacts:
+        for each in axes if first <= time <= last else ():
+            each.axvline(time, color=INK, lw=0.7, linestyle=(0, (4, 2)))
     axes[0].set_xlim(first, last)
+
+
+class _Box(NamedTuple):
+    """The place of a label, as shares of the panel's width, and its row from the top."""
+
+    left: float
+    right: float
+    row: int
+
+
+def _curves_of(axes: Axes) -> list[Series]:
+    """Return the curves of a panel as rows of (x, y), in shares of its width and height."""
+    place = axes.transData + axes.transAxes.inverted()
+    lines = [np.asarray(line.get_xydata(), float) for line in axes.lines]
+    return [np.asarray(place.transform(line)) for line in lines if len(line) > 2]
+
+
+def _free_box(
+    share: float,
+    wide: float,
+    top: float,
+    *,
+    right: bool,
+    taken: Sequence[_Box],
+    lines: Sequence[Series],
+) -> _Box | None:
+    """Return the first place beside a mark where a label covers no other one and no curve.
+
+    None if there is none.
+
+    Parameters
+    ----------
+    share, wide : float
+        The mark and the width of the label, as shares of the panel's width.
+    top : float
+        Of the first row, as a share of the panel's height.
+    right : bool
+        The side that is tried first.
+    taken : sequence of _Box
+        Of other labels.
+    lines : sequence of ndarray
+        From :func:`_curves_of`.
+    """
+    sides = [right, not right] if wide <= share <= 1 - wide else [right]
+    tried = [
+        _Box(share, share + wide, row) if side else _Box(share - wide, share, row)
+        for row in range(_ROWS)
+        for side in sides
+    ]
+    for box in tried:
+        covered = any(
+            box.row == other.row and box.left < other.right and other.left < box.right
+            for other in taken
+        )
+        high = top - _ROW * box.row
+        x = np.linspace(box.left, box.right, 50)
+        for line in () if covered else lines:
+            y = np.interp(x, line[:, 0], line[:, 1], left=np.nan, right=np.nan)
+            covered |= bool(np.any((y > high - _ROW) & (y < high)))
+        if not covered:
+            return box
+    return None
 
 
 def _shared_truth(curves: Sequence[Curve], truths: Sequence[Truth | None]) -> Truth | None:
@@ -313,14 +395,24 @@ def _shared_truth(curves: Sequence[Curve], truths: Sequence[Truth | None]) -> Tr
 
 
 def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
-    """Draw the angular size of every object over time, on grey where an object looms."""
+    """Draw the angular size of every object over time, on grey where an object looms.
+
+    Several objects have names and dashes.
+    """
     frames = truth["frames"]
     time = np.array([frame["time_s"] for frame in frames], float) - zero_s
     looming = np.array([bool(frame["looming"]) for frame in frames])
-    for name in dict.fromkeys(each["id"] for frame in frames for each in frame["objects"]):
-        size = np.array([_size(frame, name) for frame in frames])
-        if np.isfinite(size).any():
-            axes.plot(time, size, color=INK, lw=1)
+    names = dict.fromkeys(each["id"] for frame in frames for each in frame["objects"])
+    sizes = {name: np.array([_size(frame, name) for frame in frames]) for name in names}
+    seen = {name: size for name, size in sizes.items() if np.isfinite(size).any()}
+    for number, (name, size) in enumerate(seen.items()):
+        dash = DASHES[number % len(DASHES)]
+        axes.plot(time, size, color=INK, lw=1, linestyle=dash, label=wrapped(name, _NAME_WIDTH))
+    if 1 < len(seen) <= len(DASHES):
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0, 1), ncols=len(seen), borderaxespad=0.1,
+            borderpad=0.1, fontsize=6, handlelength=2.2, columnspacing=1,
+        )  # fmt: skip
     axes.set_ylim(bottom=0)
     axes.fill_between(
         time, 0, 1, where=looming, transform=axes.get_xaxis_transform(), color=FAINT, alpha=0.25,

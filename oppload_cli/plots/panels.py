@@ -352,3 +352,14 @@ def contact_of(truth: Truth | None) -> float | None:
     """Return the time of contact that a ground truth states, in seconds."""
     contact = truth.get("contact_time_s") if truth else None
     return float(contact) if isinstance(contact, int | float) else None
+
+
+def contacts_of(truth: Truth | None) -> dict[str, float]:
+    """Return the time of contact of each object of a ground truth, in seconds, by its name."""
+    contacts: dict[str, float] = {}
+    for frame in truth["frames"] if truth else ():
+        for each in frame["objects"]:
+            left = each.get("time_to_contact_s")
+            if left is not None:
+                contacts.setdefault(each["id"], frame["time_s"] + left)
+    return contacts

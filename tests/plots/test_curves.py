@@ -331,6 +331,35 @@ def test_ground_truth_is_a_strip_with_its_contact(result: Result) -> None:
     assert np.asarray(strip.lines[0].get_xdata(), float)[0] == pytest.approx(-2.2)
 
 
+def test_each_object_and_each_contact_is_told(result: Result) -> None:
+    truth = ground_truth(load("controls/two-looming-disks"))
+    result.path.with_name("clip.stimulus.json").write_text(json.dumps(truth))
+    _, (panel, strip) = plot_curves(result, xlim=(0, 2.4))
+    sizes = [line for line in strip.lines if len(np.asarray(line.get_xdata())) > 2]
+    assert [line.get_label() for line in sizes] == ["first", "second"]
+    assert sizes[0].get_linestyle() != sizes[1].get_linestyle()
+    for axes in (panel, strip):
+        marks = [np.asarray(line.get_xdata(), float) for line in axes.lines]
+        at = sorted(float(each[0]) for each in marks if len(each) == 2 and each[0] == each[1])
+        assert at == pytest.approx([1.6, 2.2])
+    assert [text.get_text() for text in panel.texts] == ["contacts"]
+
+
+@pytest.mark.parametrize("contact", [0.9, 1.45, 1.7, 1.9])
+def test_the_label_of_a_mark_lies_on_no_curve(result: Result, contact: float) -> None:
+    for scale in ("threshold", "peak"):
+        figure, (panel,) = plot_curves(result, scale=scale, marks={"contact": [contact]})
+        figure.draw_without_rendering()
+        (text,) = panel.texts
+        box = text.get_window_extent()
+        for line in panel.lines:
+            points = panel.transData.transform(np.asarray(line.get_xydata(), float))
+            if len(points) > 2:
+                x = np.linspace(box.x0, box.x1, 200)
+                y = np.interp(x, points[:, 0], points[:, 1])
+                assert not np.any((y > box.y0) & (y < box.y1)), (scale, line.get_label())
+
+
 @pytest.mark.parametrize("suffix", sorted(METADATA))
 def test_the_same_input_gives_the_same_bytes(suffix: str, result: Result, tmp_path: Path) -> None:
     made = []
