@@ -35,7 +35,7 @@ def reproduce(
     if_exists: str,
     quiet: bool,
 ) -> None:
-    """Reproduce every synthetic figure of the OppLoD paper; takes about seven minutes.
+    """Reproduce every synthetic figure of the OppLoD paper; takes about four minutes.
 
     DIR gets a PNG per figure, report.json with every statement of the paper, the measurement and
     the verdict, and index.html, one page with all of it; figure lplc2 also gives lplc2.csv with

@@ -120,6 +120,8 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
             "fields of preset reference end at 30 degrees. Those of preset paper, 200 px of 600, "
             "end at 12, and there are 25 of them over the display, whose responses add up. Fields "
             "are squares: along a diagonal they end 1.4 times as far out.",
+            "The response to the 10 degree bar changes little before the edge of the fields, so "
+            "that the place of its peak says little.",
             _FIELD_NOTE,
         ),
     )
@@ -199,6 +201,8 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
             "The paper's sentence on the diagonals names the 10 degree bar twice; we take the "
             "second as the 60 degree one. Real LPLC2 neurons do the opposite there: their "
             f"diagonals respond {ratio:.2f} times as much as their other axes.",
+            "Under preset reference the axes 15 degrees beside a diagonal come next, and those "
+            "along the sides of the display respond least.",
             "The product of opposite motions is neither compressed nor normalised, so that a "
             "longer edge along a pathway's axis counts with a power of its length: up to "
             f"{plain(enhanced)} times the looming disk in preset reference, {plain(enhanced**0.5)} "
