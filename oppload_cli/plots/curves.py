@@ -68,8 +68,9 @@ _MOST_NAMES = 60  # along a heat map
 _ALARM = "#D55E00"
 _SAME_S = 1e-6  # between two times of one contact: rounding
 _LETTER = 0.02  # of a panel's width, for each letter of a label
-_ROW, _ROW_POINTS = 0.06, 7.5  # of a panel's height, and in points, for a row of labels
-_ROWS = 10  # that are tried
+_ROW, _ROW_POINTS = 0.066, 7.5  # of a panel's height, and in points, for a row of labels
+_ROWS = 4  # that are tried; further down, a label is far from the top of its line
+_MARGIN = 0.02  # of a panel's height, between labels and curves
 _NAME_WIDTH = 16  # characters in a line of an object's name
 _NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
 _LINE = 0.09  # inches of height for each line of a legend
@@ -382,7 +383,7 @@ def _free_box(
         x = np.linspace(box.left, box.right, 50)
         for line in () if covered else lines:
             y = np.interp(x, line[:, 0], line[:, 1], left=np.nan, right=np.nan)
-            covered |= bool(np.any((y > high - _ROW) & (y < high)))
+            covered |= bool(np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)))
         if not covered:
             return box
     return None

@@ -345,8 +345,15 @@ def test_each_object_and_each_contact_is_told(result: Result) -> None:
     assert [text.get_text() for text in panel.texts] == ["contacts"]
 
 
-@pytest.mark.parametrize("contact", [0.9, 1.45, 1.7, 1.9])
-def test_the_label_of_a_mark_lies_on_no_curve(result: Result, contact: float) -> None:
+@pytest.mark.parametrize("contact", [0.9, 1.45, 1.7, 1.8, 1.85, 1.9, 1.92, 1.95])
+def test_the_label_of_a_mark_lies_on_no_curve(contact: float, tmp_path: Path) -> None:
+    rows = frame_rows()
+    for row in rows[3:]:  # rising to a peak at 1.8 s, with bars of alarms above it
+        at = int(row["frame"])
+        for name in ("opplod", "dlgmd"):
+            row[f"{name}_response"] = f"{10 ** ((at - 36) / 6) if at <= 36 else 0:.9g}"
+            row[f"{name}_alarm"] = str(int(at > 25))
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
     for scale in ("threshold", "peak"):
         figure, (panel,) = plot_curves(result, scale=scale, marks={"contact": [contact]})
         figure.draw_without_rendering()
