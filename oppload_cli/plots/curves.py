@@ -70,6 +70,7 @@ _SAME_S = 1e-6  # between two times of one contact: rounding
 _LETTER = 0.02  # of a panel's width, for each letter of a label
 _ROW, _ROW_POINTS = 0.066, 7.5  # of a panel's height, and in points, for a row of labels
 _ROWS = 4  # that are tried; further down, a label is far from the top of its line
+_RING = 0.03  # of a panel's height and width: half of a ring around a peak
 _MARGIN = 0.02  # of a panel's height, between labels and curves
 _NAME_WIDTH = 16  # characters in a line of an object's name
 _NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
@@ -336,10 +337,15 @@ class _Box(NamedTuple):
 
 
 def _curves_of(axes: Axes) -> list[Series]:
-    """Return the curves of a panel as rows of (x, y), in shares of its width and height."""
+    """Return the curves of a panel as rows of (x, y), in shares of its width and height.
+
+    The ring around a peak is a line along its top. Lines of two points are marks.
+    """
     place = axes.transData + axes.transAxes.inverted()
-    lines = [np.asarray(line.get_xydata(), float) for line in axes.lines]
-    return [np.asarray(place.transform(line)) for line in lines if len(line) > 2]
+    lines = [place.transform(np.asarray(line.get_xydata(), float)) for line in axes.lines]
+    top = np.array([(-_RING, _RING), (_RING, _RING)])
+    tops = [line + top for line in lines if len(line) == 1]
+    return [line for line in lines if len(line) > 2] + tops
 
 
 def _free_box(
