@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 
 _TURN = 2 * np.pi
-_NARROW = 34  # characters in a line above a small plot
+_NARROW = 30  # characters in a line above a small plot
 _MOST_CURVES = 6  # in one plot; more get a small plot each
 _SCENE = "scene.rotation_deg"
 _MOTION, _TURNED = "direction of motion", "rotation of the scene"

@@ -175,7 +175,7 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
         if peak < _FAINT * floor:
             yield Doubt(
                 name,
-                "below a tenth of its alarm's floor",
+                "below a tenth of its floor",
                 f"{detector_named(name).label} hardly responds to this stimulus under "
                 f"preset {settings.preset}: its largest response, {peak:.2g}, is below a tenth of "
                 f"{floor_of}, {floor:g}, so that the shape of its curve means little; "

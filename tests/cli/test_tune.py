@@ -44,7 +44,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     content = json.loads((out / names[1]).read_text())
     assert content["stimulus"]["first"]["timing"]["motion_s"] == 0.5
     assert content["parameters"]["opplod"]["receptive_field"] == 24
-    assert content["doubts"] == [{"model": "dlgmd", "note": "below a tenth of its alarm's floor"}]
+    assert content["doubts"] == [{"model": "dlgmd", "note": "below a tenth of its floor"}]
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
 
 
