@@ -16,6 +16,8 @@ def entry() -> NoReturn:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Libraries print lines of their own where they get no thread: oppload's error says the same.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    # A figure becomes a file: no display is needed, whatever backend the user has chosen.
+    os.environ["MPLBACKEND"] = "agg"
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("JE_ARROW_MALLOC_CONF", "background_thread:false")
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -26,9 +25,6 @@ if TYPE_CHECKING:
 
 _CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")
 _TUNING_KINDS = ("polar", "line", "heat", *_CLASSIC_KINDS)
-
-# A figure becomes a file: no display is needed, whatever backend the user has chosen.
-os.environ["MPLBACKEND"] = "agg"
 
 
 @click.command(short_help="plot results")

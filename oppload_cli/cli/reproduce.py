@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from typing import TYPE_CHECKING
 
@@ -15,9 +14,6 @@ from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-# A figure becomes a file: no display is needed, whatever backend the user has chosen.
-os.environ["MPLBACKEND"] = "agg"
 
 
 @click.command(short_help="reproduce the synthetic figures of the OppLoD paper")

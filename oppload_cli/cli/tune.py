@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -32,9 +31,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.files.atomic import PartFile
     from oppload_cli.tuning.sweeps import Sweep
-
-# A figure becomes a file: no display is needed, whatever backend the user has chosen.
-os.environ["MPLBACKEND"] = "agg"
 
 
 @click.command(short_help="measure responses to a stimulus over directions, speeds, sizes")

@@ -132,8 +132,8 @@ class Scene(Table):
     motion: Motion | None = parameter(None, "common motion of all objects")
     background: str | None = parameter(
         None,
-        f"drawn surroundings ({', '.join(SURROUNDINGS)}), or a video; default: the luminance "
-        "display.background",
+        f"drawn surroundings ({', '.join(SURROUNDINGS)}), an image or a video; default: "
+        "the luminance display.background",
     )
     background_start_s: float | None = parameter(
         None, "time of the video at which it starts; default 0", unit="s", low=0, high=1e6
