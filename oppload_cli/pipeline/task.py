@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from oppload_cli.errors import BusyError, OutputError
 from oppload_cli.files.atomic import PartFile, output_errors, part_of
+from oppload_cli.files.reading import reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import placing_detector
@@ -22,6 +23,7 @@ from oppload_cli.results.table import (
     SIDECAR,
     TABLE,
     DetectionsFile,
+    fault_of_rows,
     read_sidecar,
     write_sidecar,
 )
@@ -244,17 +246,22 @@ def _kept_result(task: Task) -> Outcome:
     Results that differ in input or settings must not lie beside each other as if they were alike.
     """
     path = task.outputs.sidecar if task.outputs else None
-    if path is None:
+    if task.outputs is None or path is None:
         return Outcome(skipped=True)
+    table = task.outputs.csv
     content = read_sidecar(path, OutputError, _REMEDY)
     try:
         difference, verdicts = next(_differences(task, content), None), verdicts_in(content)
         complete, notes = bool(content["decode"]["complete"]), content["decode"]["messages"]
         remarks = content.get("remarks", ())  # results before 1.0 lack them
+        with reading(table, OutputError, check="check its rights", repair=_REMEDY):
+            rows = fault_of_rows(table, content)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise OutputError(f"{path}: is damaged; {_REMEDY}") from error
     if difference:
         raise OutputError(f"{path}: is a result {difference}; {_REMEDY}")
+    if rows:
+        raise OutputError(f"{table}: {rows}; {_REMEDY}")
     return Outcome(
         skipped=True,
         complete=complete,

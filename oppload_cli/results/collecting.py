@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
-import csv
-import errno
+import math
 import os
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from oppload_cli.errors import ResultError, reason_of
+from oppload_cli.errors import ResultError
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.files.reading import is_file, is_folder, reading
 from oppload_cli.files.tables import open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.table import SIDECAR, TABLE, ModelSummary, columns_for, read_sidecar
+from oppload_cli.results.reading import check_frames, is_whole, read_frames
+from oppload_cli.results.table import (
+    SIDECAR,
+    TABLE,
+    ModelSummary,
+    columns_for,
+    fault_of_rows,
+    read_sidecar,
+)
 from oppload_cli.schema import parsed_fraction
 
 if TYPE_CHECKING:
@@ -57,7 +64,7 @@ _OF_MODEL: dict[str, type] = {
     for name in ModelSummary.__dataclass_fields__
 }
 _SUMMARY_COLUMNS = {**_ABOUT_INPUT, **_OF_MODEL}
-_COUNTS = ("frame", "flow_vectors", "rom_pairs")
+_REMEDY = "run its input again"
 
 
 class Collected(NamedTuple):
@@ -138,7 +145,7 @@ def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
             degrees = degrees or bool(content.get("field_of_view"))
     named = [name for name in known_names() if name in used]
     kinds = {
-        column.name: int if column.name in _COUNTS or column.name.endswith("_alarm") else float
+        column.name: int if is_whole(column.name) else float
         for column in columns_for(
             named, rmo=True, details=details, degrees=degrees, presets=presets
         )
@@ -197,47 +204,59 @@ def _table_of(path: Path) -> Path:
 def _summary_rows(path: Path, name: str) -> Iterator[Row]:
     """Yield a row per detector from a sidecar of a named result.
 
-    Raise ResultError if it is none.
+    Raise ResultError if it is none, or if the table beside it has other rows than its run wrote.
     """
-    content = _sidecar(path)
+    content, table = _sidecar(path), _table_of(path)
+    if is_file(table):  # sidecars alone are enough
+        _check_rows(table, content)
     try:
         yield from list(_summaries(name, content))
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise ResultError(
-            f"{path}: lacks something of a sidecar ({type(error).__name__}: {error}); "
-            f"run its input again"
-        ) from error
+        raise _lacking(path, error) from error
 
 
 def _frame_rows(path: Path, name: str) -> Iterator[Row]:
-    """Yield the frames of the table beside a sidecar, as text, with the name of the result.
+    """Yield the frames of the table beside a sidecar, with the name of the result.
 
-    Raise ResultError if that table does not exist, or is none of ``oppload run``.
+    Raise ResultError if that table does not exist, or is none of ``oppload run``, or has other rows
+    than its run wrote.
     """
-    facts = _sidecar(path).get("input")
+    content, table = _sidecar(path), _table_of(path)
+    facts = content.get("input")
     source = str(facts.get("name", "")) if isinstance(facts, dict) else ""
-    table = _table_of(path)
-    kinds = _frame_columns([path])
+    if not is_file(table):  # a pipe would make it wait
+        raise ResultError(f"{table}: there is no such file; {_REMEDY}")
+    _check_rows(table, content)
+    frames = read_frames(table, _REMEDY)
+    if not set(frames.columns) <= _frame_columns([path]).keys():
+        raise ResultError(f"{table}: is no table of 'oppload run'; {_REMEDY}")
+    check_frames(table, frames, frames.columns)
+    columns = list(frames.columns)
+    for values in frames.itertuples(index=False, name=None):
+        cells = (None if math.isnan(value) else value for value in values)
+        yield {"result": name, "input": _text(source), **dict(zip(columns, cells, strict=True))}
+
+
+def _check_rows(table: Path, content: dict[str, Any]) -> None:
     try:
-        if not is_file(table):  # a pipe would make it wait
-            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-        with table.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file)
-            if not set(reader.fieldnames or ()) <= kinds.keys() or not reader.fieldnames:
-                raise ResultError(f"{table}: is no table of 'oppload run'; run its input again")
-            for row in reader:
-                for column, text in row.items():
-                    typed(text, kinds[column])
-                yield {"result": name, "input": _text(source), **row}
-    except (OSError, TypeError, ValueError, LookupError, ArithmeticError, csv.Error) as error:
-        reason = reason_of(error)
-        raise ResultError(f"{table}: cannot be read ({reason}); run its input again") from error
+        with reading(table, ResultError, check="check its rights"):
+            fault = fault_of_rows(table, content)
+    except (LookupError, TypeError) as error:
+        raise _lacking(table, error) from error
+    if fault:
+        raise ResultError(f"{table}: {fault}; {_REMEDY}")
+
+
+def _lacking(path: Path, error: Exception) -> ResultError:
+    return ResultError(
+        f"{path}: lacks something of a sidecar ({type(error).__name__}: {error}); {_REMEDY}"
+    )
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
     if path.name.endswith(TABLE):
-        raise ResultError(f"{path}: has no sidecar beside it; run its input again")
-    return read_sidecar(path, ResultError, "run its input again")
+        raise ResultError(f"{path}: has no sidecar beside it; {_REMEDY}")
+    return read_sidecar(path, ResultError, _REMEDY)
 
 
 def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from io import BufferedReader, RawIOBase, StringIO, TextIOWrapper
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
+_COUNTS = ("frame", "flow_vectors", "rom_pairs")
+_ALARM = "_alarm"  # end of the name of a column
 _LARGEST = 1e15  # of a number that a curve may have
 _ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
@@ -172,21 +175,18 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
         If it cannot be read, or is not a result of ``oppload run``.
     """
     ends = ("frame", "time_s", "_response", *needed)
-    frames = _read_table(path, _ANOTHER_RESULT, lambda name: name.endswith(ends))
+    frames = read_frames(path, wanted=lambda name: name.endswith(ends))
     result = Result(path, frames, _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}")))
     result.need(("frame", "time_s"))
     if not result.models:
         _alarm_params(result)  # says which detector is not known
         result.need((f"{default_names()[0]}_response",))
-    for name in ("frame", "time_s"):
-        _check_filled(path, frames, name, "run it again")
+    known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
+    check_frames(path, frames, known.intersection(frames.columns))
     if len(frames) < 2:
         raise ResultError(
             f"{path}: column 'frame' holds one row, and a curve needs two; run a longer input"
         )
-    known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
-    for name in known.intersection(frames.columns):
-        check_numbers(path, frames, name)
     for model in result.models:
         name = f"{model}_response"
         if np.isnan(frames[name].to_numpy(float)).all():
@@ -196,6 +196,66 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
                 f"{detector_named(model).warm_up} intervals"
             )
     return result
+
+
+def read_frames(
+    path: Path, advice: str = _ANOTHER_RESULT, wanted: Callable[[str], bool] | None = None
+) -> pd.DataFrame:
+    """Read the table of a result, without a check of its cells; empty ones are NaN.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV; its last row may be cut.
+    advice : str
+        What the user can do where it is no table.
+    wanted : callable, optional
+        Tells by its name whether a column is read; by default all are.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read, is no CSV, or holds no row.
+    """
+    return _read_table(path, advice, wanted)
+
+
+def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None:
+    """Check that the cells of a table are such as ``oppload run`` writes.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the message.
+    frames : DataFrame
+        As read.
+    names : iterable of str
+        The columns to check, beside ``frame`` and ``time_s``.
+
+    Raises
+    ------
+    ResultError
+        If a cell holds no finite number, a count no whole one, or an alarm neither 0 nor 1, or if
+        frame numbers or times do not increase; the line is named.
+    """
+    _need(path, frames, ("frame", "time_s"), _ANOTHER_RESULT)
+    for name in ("frame", "time_s", *sorted(set(names) - {"frame", "time_s"})):
+        values = check_numbers(path, frames, name)
+        alarm = name.endswith(_ALARM)
+        if alarm or name in {"frame", "time_s"}:
+            _check_filled(path, frames, name, "run it again")
+        if alarm:
+            _refuse(path, frames, name, ~np.isin(values, (0, 1)), "is neither 0 nor 1")
+        elif is_whole(name):
+            _refuse(path, frames, name, values % 1 > 0, "is no whole number")
+        if name in {"frame", "time_s"}:
+            back = np.diff(values, prepend=-np.inf) <= 0
+            _refuse(path, frames, name, back, "is not above the one in the row before")
+
+
+def is_whole(name: str) -> bool:
+    """Tell whether a column of a table holds whole numbers: counts and alarms."""
+    return name in _COUNTS or name.endswith(_ALARM)
 
 
 def stem_of(path: Path) -> str:
@@ -266,17 +326,22 @@ def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.floa
         If a cell holds anything else than a finite number; its line is named.
     """
     cells = table[name]
-    if cells.dtype == object:  # it may hold integers of any length
+    if cells.dtype in (object, bool):  # integers of any length, or words that are no number
         cells = cells.where(cells.isna(), cells.astype(str))
     values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
     bad = cells.notna().to_numpy() & ~(np.abs(values) <= _LARGEST)
+    _refuse(path, table, name, bad, "is no finite number")
+    return values
+
+
+def _refuse(path: Path, table: pd.DataFrame, name: str, bad: NDArray[np.bool_], why: str) -> None:
+    """Raise a ResultError that names the first bad cell of a column and its line, if it has one."""
     if bad.any():
         row = int(bad.argmax())
         raise ResultError(
-            f"{path}: column '{name}' holds '{str(cells.iloc[row])[:40]}' in line {row + 2}, which "
-            f"is no finite number; make the file again"
+            f"{path}: column '{name}' holds '{str(table[name].iloc[row])[:40]}' in line {row + 2}, "
+            f"which {why}; make the file again"
         )
-    return values
 
 
 def _check_filled(path: Path, table: pd.DataFrame, name: str, advice: str) -> None:
@@ -343,6 +408,10 @@ def _read_table(
             reason = reason_of(error)
             if "out of memory" in reason:  # the parser of pandas has no error of its own for it
                 raise MemoryError(reason) from error
+            uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+            if uneven:
+                cells, line, held = uneven.groups()
+                reason = f"line {line} has {held} cells, not {cells}"
             raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
     if table.empty and len(table.columns):  # without any, one that is needed is named
         raise ResultError(f"{path}: holds no row; run the input again")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
 from oppload_cli.files.reading import reading, text_of
-from oppload_cli.files.tables import formatted
+from oppload_cli.files.tables import formatted, rows_in
 from oppload_cli.models.columns import COMMON, PLACE, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detector_named
 
@@ -257,6 +257,25 @@ def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str,
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
         raise kind(f"{path}: is no sidecar of schema {SCHEMA}; {remedy}")
     return content
+
+
+def fault_of_rows(table: Path, sidecar: Mapping[str, Any]) -> str:
+    """Return in words that a table has other rows than its run wrote; empty where it has them.
+
+    Parameters
+    ----------
+    table : Path
+        A finished table; a row without its line end is cut, and does not count.
+    sidecar : dict
+        Its content.
+
+    Raises
+    ------
+    OSError, KeyError, TypeError
+        If the table cannot be read, or the sidecar does not state the rows.
+    """
+    held, written = rows_in(table), sidecar["decode"]["analysed"]
+    return "" if held == written else f"holds {held} complete rows, but its run wrote {written}"
 
 
 def write_sidecar(path: Path, content: dict[str, Any]) -> None:

@@ -71,7 +71,7 @@ def test_a_result_that_another_run_writes_or_has_just_written_is_skipped(tmp_pat
         """The other run finishes while this one opens its input."""
 
         def opened(self, _: object) -> None:
-            other.stream.write("theirs\n")
+            other.stream.write("theirs\n" * 6)  # a header and a row per frame
             other.commit()
             sidecar.rename(tmp_path / "a.oppload.json")
 
@@ -79,5 +79,5 @@ def test_a_result_that_another_run_writes_or_has_just_written_is_skipped(tmp_pat
             raise AssertionError("no frame is analysed twice")
 
     assert run_task(task, Finishing()).skipped
-    assert (tmp_path / "a.frames.csv").read_text() == "theirs\n"
+    assert (tmp_path / "a.frames.csv").read_text() == "theirs\n" * 6
     assert not list(tmp_path.glob("*.part"))

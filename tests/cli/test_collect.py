@@ -12,6 +12,7 @@ import pytest
 from tests.cli.inside import oppload
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 
@@ -145,14 +146,44 @@ def test_without_pyarrow(results: Path, tmp_path: Path, monkeypatch: pytest.Monk
     assert not list(tmp_path.iterdir())
 
 
-def test_a_table_with_text_where_numbers_are(results: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda lines: ["\ufeff" + lines[0], *lines[1:]], ""),
+        (lambda lines: lines[:20], "holds 19 complete rows, but its run wrote 24; run its input"),
+        (lambda lines: [*lines[:24], "23,0.7CUT"], "holds 23 complete rows, but its run wrote 24"),
+        (lambda _lines: [], "holds 0 complete rows, but its run wrote 24"),
+        (lambda lines: [*lines, lines[1]], "holds 25 complete rows, but its run wrote 24"),
+        (lambda lines: put(lines, "text"), "column 'frame' holds 'text' in line 10, which is"),
+        (lambda lines: put(lines, "8.5"), "holds '8.5' in line 10, which is no whole number"),
+        (lambda lines: put(lines, "nan"), "'frame' holds 'nan' in line 10, which is no finite"),
+        (lambda lines: put(lines, "8,1,2"), "CSV table (line 10 has 22 cells, not 20); run its"),
+        (lambda lines: put(lines, "2"), "holds '2' in line 10, which is not above the one in"),
+    ],
+)
+def test_the_rows_of_each_table_are_checked(
+    results: Path, tmp_path: Path, change: Callable[[list[str]], list[str]], reason: str
+) -> None:
     folder = tmp_path / "r"
     shutil.copytree(results, folder)
     table = folder / "loom.frames.csv"
-    table.write_text(table.read_text() + "text" + "," * 17 + "\n")
+    lines = table.read_text().splitlines()
+    # A cut row has no line end.
+    table.write_text("".join(f"{line}\n" for line in change(lines)).removesuffix("CUT\n"))
     done = oppload("collect", folder, "-o", tmp_path / "f.csv", "--frames")
-    assert done.returncode == 4
-    assert f"{table}: cannot be read (invalid literal for int" in done.stderr
+    assert done.returncode == (4 if reason else 0)
+    assert (f"{table}: " in done.stderr) == bool(reason)
+    assert reason in done.stderr
+    assert "1 results could not be collected" in done.stderr or not reason
+    # The summary looks at the number of rows alone.
+    done = oppload("collect", folder, "-o", tmp_path / "all.csv")
+    assert done.returncode == (4 if "complete rows" in reason else 0)
+    assert (reason in done.stderr) == ("complete rows" in reason or not reason)
+
+
+def put(lines: list[str], text: str) -> list[str]:
+    """Return the lines of a table with a text in the place of the frame number in line 10."""
+    return [*lines[:9], text + lines[9].removeprefix("8"), *lines[10:]]
 
 
 @pytest.mark.slow

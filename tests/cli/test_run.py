@@ -188,6 +188,22 @@ def test_an_existing_result_is_not_touched_without_being_asked(clip: Path, tmp_p
     assert "skipped" in skipped.stderr
 
 
+def test_a_result_that_lacks_rows_is_not_kept(clip: Path, tmp_path: Path) -> None:
+    assert oppload("run", clip, "-o", tmp_path, "--no-rmo").returncode == 0
+    table = tmp_path / "loom.frames.csv"
+    whole = table.read_text()
+    lines = whole.splitlines(keepends=True)
+    for content, held in (("", 0), ("".join(lines[:20]) + "19,0.6", 19), (whole + lines[-1], 25)):
+        table.write_text(content)
+        kept = oppload("run", clip, "-o", tmp_path, "--no-rmo", "--if-exists", "skip")
+        assert kept.returncode == 2
+        assert (
+            f"{table}: holds {held} complete rows, but its run wrote 24; "
+            "choose --if-exists overwrite, or another --output" in kept.stderr
+        )
+        assert table.read_text() == content
+
+
 def test_a_bad_input_does_not_stop_the_others(clip: Path, tmp_path: Path) -> None:
     named = (tmp_path / "missing.mp4", clip)
     done = oppload("run", *named, "-o", tmp_path / "out", "--no-rmo", "-j", "1")

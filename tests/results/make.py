@@ -24,7 +24,7 @@ def frame_rows(frames: int = 40, peak: int = 30) -> list[dict[str, str]]:
     for frame in range(frames):
         opplod = float(np.exp(-(((frame - peak) / 4) ** 2)))
         row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
-        row |= {"frame": frame, "time_s": f"{frame / 20:.9g}"}
+        row |= {"frame": frame, "time_s": f"{frame / 20:.9g}", "opplod_alarm": 0, "dlgmd_alarm": 0}
         if frame:
             row |= {"luma_change": 0.01, "flow_vectors": 9, "rom_pairs": 4, "rom_share": 0.1}
             row |= {"rmo_mean": 0.8, "rmo_max": 0.9, "rmo_index": 0.5}

@@ -14,6 +14,44 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+@pytest.mark.parametrize(
+    ("column", "text", "reason"),
+    [
+        ("frame", "8", "'8' in line 11, which is not above the one in the row before"),
+        ("frame", "9.5", "'9.5' in line 11, which is no whole number"),
+        ("time_s", "0.4", "'0.4' in line 11, which is not above the one in the row before"),
+        ("time_s", "-1", "'-1.0' in line 11, which is not above the one in the row before"),
+        ("opplod_alarm", "2", "'2' in line 11, which is neither 0 nor 1"),
+        ("dlgmd_alarm", "0.5", "'0.5' in line 11, which is neither 0 nor 1"),
+        ("dlgmd_alarm", "", "is empty in line 11"),
+        ("rom_pairs", "4.5", "'4.5' in line 11, which is no whole number"),
+        ("opplod_response", "1e300", "'1e+300' in line 11, which is no finite number"),
+    ],
+)
+def test_a_cell_that_no_run_writes(tmp_path: Path, column: str, text: str, reason: str) -> None:
+    rows = frame_rows()
+    rows[9][column] = text
+    path = write_rows(tmp_path / "a.frames.csv", rows)
+    with pytest.raises(ResultError) as found:
+        read_result(path)
+    assert f"{path}: column '{column}' " in str(found.value)
+    assert reason in str(found.value)
+
+
+def test_rows_out_of_order_and_twice(tmp_path: Path) -> None:
+    rows = frame_rows()
+    for wrong, line in ((rows[::-1], 3), (rows[:20] + rows[15:], 22), (rows[20:] + rows[:20], 22)):
+        path = write_rows(tmp_path / "a.frames.csv", wrong)
+        with pytest.raises(ResultError, match=rf"'frame' holds '\d+' in line {line}, which is not"):
+            read_result(path)
+
+
+def test_alarms_in_words_in_every_row(tmp_path: Path) -> None:
+    rows = [row | {"opplod_alarm": "True"} for row in frame_rows()]
+    with pytest.raises(ResultError, match="'opplod_alarm' holds 'True' in line 2, which is no fin"):
+        read_result(write_rows(tmp_path / "a.frames.csv", rows))
+
+
 def test_a_detector_that_a_result_lacks_is_answered_with_those_it_has(tmp_path: Path) -> None:
     result = read_result(write_rows(tmp_path / "a.frames.csv", frame_rows()))
     held = "has no column 'lgmd2_response'; its detectors are opplod, dlgmd; choose among them"
