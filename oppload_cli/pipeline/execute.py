@@ -14,7 +14,14 @@ import cv2
 from oppload_cli import stimulus as stimuli
 from oppload_cli.compute.loops import is_large
 from oppload_cli.environment import environment
-from oppload_cli.errors import OpploadError, OutputError, ParameterError, reason_of
+from oppload_cli.errors import (
+    OpploadError,
+    OutputError,
+    ParameterError,
+    ShortageError,
+    reason_of,
+    shortage,
+)
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
 from oppload_cli.models.registry import loaded
@@ -143,6 +150,9 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
         run.write(writing.frames, writing)
         finish()
     except BaseException as error:
+        if _is_bug(error):
+            writing.discard()  # no message names its rows, and they would block the next run
+            raise
         if run.frames == 0:
             writing.discard()
             kept = ""
@@ -158,8 +168,14 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
         raise explained from error
 
 
+def _is_bug(error: BaseException) -> bool:
+    """Tell whether an error is neither the user's, nor the system's, nor an interruption."""
+    known = isinstance(error, OpploadError | OSError) or shortage(error)
+    return isinstance(error, Exception) and not known
+
+
 def _explained(error: BaseException, path: Path, kept: str) -> BaseException | None:
-    """Return an error that also says which rows are kept; None for a bug."""
+    """Return an error that also says which rows are kept; None where no message is printed."""
     if isinstance(error, KeyboardInterrupt):
         return Interrupted(kept)
     kept = kept and f"; {kept}"
@@ -167,7 +183,8 @@ def _explained(error: BaseException, path: Path, kept: str) -> BaseException | N
         error = cannot_write(path, error)
     if isinstance(error, OpploadError):
         return type(error)(f"{error}{kept}")
-    return None
+    short = shortage(error)
+    return ShortageError(f"{path}: cannot be finished, because {short}{kept}") if short else None
 
 
 def _write_stream(run: _Run, stream: IO[str] | None) -> None:

@@ -1,0 +1,66 @@
+"""The files of a run that ends by an error: rows that a message names, or none."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import OpploadError, OutputError, ShortageError
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import Interrupted, Outputs, Task
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from oppload_cli.results.table import FrameRecord
+    from oppload_cli.video.source import Video
+
+
+class Failing:
+    """A watcher that raises an error after some frames, as a user's own detector may."""
+
+    def __init__(self, error: BaseException, after: int) -> None:
+        self._error, self._left = error, after
+
+    def opened(self, _video: Video) -> None:
+        """Do nothing."""
+
+    def frame(self, _record: FrameRecord) -> None:
+        """Raise the error when its time has come."""
+        self._left -= 1
+        if self._left == 0:
+            raise self._error
+
+
+@pytest.mark.parametrize(
+    ("error", "raised", "kept"),
+    [
+        (ValueError("a bug of a detector"), ValueError, False),
+        (ZeroDivisionError(), ZeroDivisionError, False),
+        (MemoryError(), ShortageError, True),
+        (RuntimeError("can't start new thread"), ShortageError, True),
+        (OSError(28, "no space left"), OutputError, True),
+        (KeyboardInterrupt(), Interrupted, True),
+    ],
+)
+def test_rows_of_a_bug_go_and_all_others_are_named(
+    tmp_path: Path, error: BaseException, raised: type[BaseException], kept: bool
+) -> None:
+    video = write_video(tmp_path / "a.avi", grey_frames(12, width=64, height=48))
+    settings = resolve(models=["opplod"], measure_rmo=False, height="24")
+    outputs = Outputs.of(tmp_path / "out", "a", settings.models)
+    task = Task(str(video), settings, outputs)
+    with pytest.raises(raised) as found:
+        run_task(task, Failing(error, 5))
+    left = sorted(path.name for path in outputs.csv.parent.iterdir())
+    assert left == (["a.detections.jsonl.part", "a.frames.csv.part"] if kept else [])
+    named = f"the first 5 rows are in {outputs.csv}.part"
+    assert (named in str(found.value)) == kept
+    if kept:
+        with pytest.raises(OpploadError, match="exists already"):
+            run_task(task)
+    else:
+        assert run_task(task).frames == 12
