@@ -32,6 +32,7 @@ from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, begun
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
+from oppload_cli.results.truths import fault_of_truth
 from oppload_cli.video.inputs import GROUND_TRUTH, Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import FOV, Optics
@@ -233,7 +234,7 @@ class _Run:
         self._summaries = {name: ModelSummary() for name in task.settings.models}
         self._alarms = {name: AlarmLog(name) for name in task.settings.models}
         self._repeats = Repeats(task.settings.repeats)
-        self._stimulus = stimulus or _ground_truth(Path(task.name))
+        self._stimulus = stimulus or _ground_truth(Path(task.name), video.facts)
         self._optics = _optics(task.settings.fov, video.facts, self._stimulus)
         self._settings = task.settings.seen_through(self._optics, video.working)
         self.frames = 0
@@ -274,7 +275,8 @@ class _Run:
                 self._watcher.frame(record)
         if self.frames == 0 and self._task.span != Span():
             raise ParameterError(
-                f"{self._task.name}: has no frame between --start and --end; {self._length()}"
+                f"{self._task.name}: has no frame in the part that --start, --end and --duration "
+                f"leave; {self._length()}"
             )
 
     def _length(self) -> str:
@@ -311,6 +313,8 @@ class _Run:
             )
         elif self._task.image_rate and facts.kind != "images":
             remarks.append("has times of its own: --image-rate has no effect on it")
+        if self._stimulus and "error" in self._stimulus:
+            remarks.append(f"its ground truth is left out ({self._stimulus['error']})")
         shown = _of_display(facts, self._stimulus)
         if self._optics and shown and self._optics.origin == FOV:
             stated, true = (each.degrees(facts.width) for each in (self._optics, shown))
@@ -319,6 +323,12 @@ class _Run:
                     f"--fov says {stated:.4g} degrees, but its ground truth {true:.4g}: --fov "
                     "counts"
                 )
+        aspect = facts.pixel_aspect
+        if self._task.settings.fov is not None and aspect and aspect != 1:
+            remarks.append(
+                f"has pixels of an aspect of {float(aspect):.4g}, which --fov takes as square: "
+                "angles down the frame are wrong"
+            )
         pictures, rate = self._pictures_per_s(), facts.frame_rate
         if pictures is not None and rate is not None:
             remarks.append(
@@ -420,8 +430,11 @@ def _of_display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics
         return None
 
 
-def _ground_truth(video: Path) -> dict[str, Any] | None:
-    """Return the main facts of the ground truth beside a stimulus's video, if it exists."""
+def _ground_truth(video: Path, facts: InputFacts) -> dict[str, Any] | None:
+    """Return the main facts of the ground truth beside a stimulus's video, if it exists.
+
+    One that cannot be used, or is of another video, has an ``error`` in their place.
+    """
     path = video.with_name(video.stem + GROUND_TRUTH)
     if not os.path.lexists(path):  # False also for a name that is too long to look up
         return None
@@ -429,6 +442,9 @@ def _ground_truth(video: Path) -> dict[str, Any] | None:
         truth = stimuli.read_ground_truth(path)
     except OpploadError as error:
         return {"path": str(path), "error": str(error)}
+    fault = fault_of_truth(truth, facts.width, facts.height, facts.frames_declared)
+    if fault:
+        return {"path": str(path), "error": f"{path}: {fault}"}
     return facts_of_truth(path, truth)
 
 

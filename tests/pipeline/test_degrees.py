@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+import av
 import pytest
 
 from oppload_cli.errors import OutputError, ParameterError
@@ -16,6 +18,7 @@ from oppload_cli.stimulus.catalogue import load
 from oppload_cli.stimulus.files import write
 from oppload_cli.video.frames import WorkingSize
 from oppload_cli.video.optics import Optics
+from tests.media import grey_frames
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,6 +53,43 @@ def test_a_field_of_view_against_the_ground_truth_is_told(stimulus: Path, tmp_pa
         _, sidecar = done(stimulus, tmp_path / f"{fov}", fov=fov)
         said = "--fov says 90 degrees, but its ground truth 60: --fov counts"
         assert (said in sidecar["remarks"]) == told
+
+
+def test_a_damaged_or_foreign_ground_truth_is_left_out(stimulus: Path, tmp_path: Path) -> None:
+    video = tmp_path / "clip.mkv"
+    video.write_bytes(stimulus.read_bytes())
+    beside = tmp_path / "clip.stimulus.json"
+    own = json.loads(stimulus.with_name(f"{stimulus.stem}.stimulus.json").read_text())
+    count = len(own["frames"])
+    tall = {**own, "display": {**own["display"], "height": 600}}
+    for name, text, told in (
+        ("own", json.dumps(own), ""),
+        ("cut", json.dumps(own)[:50], "is not valid JSON"),
+        ("tall", json.dumps(tall), f"is that of another video, of 300 x 600 and {count} frames"),
+    ):
+        beside.write_text(text)
+        _, sidecar = done(video, tmp_path / name)
+        said = f"its ground truth is left out ({beside}: {told}"
+        assert any(each.startswith(said) for each in sidecar["remarks"]) == bool(told)
+        assert (sidecar["field_of_view"] is None) == bool(told)
+        assert ("error" in sidecar["stimulus"]) == bool(told)
+
+
+@pytest.mark.parametrize("aspect", [Fraction(1), Fraction(4, 3)])
+def test_pixels_that_are_no_squares_are_told(tmp_path: Path, aspect: Fraction) -> None:
+    video = tmp_path / "a.mkv"
+    with av.open(str(video), "w") as container:
+        stream: Any = container.add_stream("mpeg4", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p"
+        stream.sample_aspect_ratio = stream.codec_context.sample_aspect_ratio = aspect
+        for image in grey_frames(12, width=128, height=96):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+        container.mux(stream.encode())
+    for fov in (None, 90.0):
+        _, sidecar = done(video, tmp_path / f"{fov}", fov=fov)
+        said = "has pixels of an aspect of 1.333, which --fov takes as square"
+        told = any(said in each for each in sidecar["remarks"])
+        assert told == (aspect != 1 and fov is not None)
 
 
 def test_a_stimulus_is_seen_in_the_degrees_of_its_ground_truth(

@@ -1,0 +1,84 @@
+"""A ground truth beside a video, or beside a result, is that of this video or left out."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.errors import StimulusError
+from oppload_cli.results.reading import find_truth, read_result, usable_truth
+from oppload_cli.results.truths import fault_of_truth
+from oppload_cli.stimulus import ground_truth, load
+from tests.results.make import write_result
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TRUTH = {"display": {"width": 320, "height": 240}, "frames": [{}] * 80}
+
+
+@pytest.mark.parametrize(
+    ("shown", "fault"),
+    [
+        ((320, 240, 80), ""),
+        ((160, 120, 80), ""),  # scaled
+        ((106, 80, 80), ""),  # to even sides
+        ((320, 240, 72), ""),  # cut by a tenth
+        ((320, 240, None), ""),  # not declared
+        ((320, 240, 71), "320 x 240 and 80 frames: this one has 71 frames"),
+        ((320, 240, 160), "320 x 240 and 80 frames: this one has 160 frames"),
+        ((320, 600, 80), "320 x 240 and 80 frames: this one has 320 x 600"),
+        ((240, 320, 80), "320 x 240 and 80 frames: this one has 240 x 320"),
+        ((None, None, None), ""),  # a result without a sidecar
+    ],
+)
+def test_another_shape_or_length_is_that_of_another_video(
+    shown: tuple[int | None, int | None, int | None], fault: str
+) -> None:
+    found = fault_of_truth(TRUTH, *shown)
+    assert found == (f"is that of another video, of {fault}" if fault else "")
+
+
+def test_a_short_truth_may_differ_by_five_frames() -> None:
+    short = {**TRUTH, "frames": [{}] * 20}
+    assert [bool(fault_of_truth(short, 320, 240, count)) for count in (14, 15, 25, 26)] == [
+        True, False, False, True,
+    ]  # fmt: skip
+
+
+def test_a_truth_without_a_display_is_told() -> None:
+    assert fault_of_truth({"frames": []}, 320, 240) == "lacks the size of its display"
+
+
+def test_a_result_leaves_out_a_damaged_or_foreign_truth(tmp_path: Path) -> None:
+    path = write_result(tmp_path / "clip.frames.csv")
+    beside = tmp_path / "clip.stimulus.json"
+    own = json.dumps(ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40")))
+    facts = {"input": {"width": 320, "height": 600, "frames_declared": 40}}
+    for text, sidecar, fault in (
+        ("{", {}, "clip.stimulus.json: is not valid JSON"),
+        (own, facts, "clip.stimulus.json: is that of another video, of "),
+        (own, {}, ""),
+    ):
+        beside.write_text(text)
+        (tmp_path / "clip.oppload.json").write_text(json.dumps(sidecar))
+        result = read_result(path)
+        assert fault in result.truth_fault
+        assert bool(result.truth_fault) == bool(fault)
+        assert (usable_truth(result) is None) == bool(fault)
+        if fault:
+            with pytest.raises(StimulusError, match=r"clip\.stimulus\.json: is "):
+                find_truth(result)
+
+
+def test_what_the_run_left_out_stays_left_out(tmp_path: Path) -> None:
+    path = write_result(tmp_path / "clip.frames.csv")
+    truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
+    (tmp_path / "clip.stimulus.json").write_text(json.dumps(truth))
+    sidecar = {"stimulus": {"path": "clip.stimulus.json", "error": "is that of another video"}}
+    (tmp_path / "clip.oppload.json").write_text(json.dumps(sidecar))
+    result = read_result(path)
+    assert find_truth(result) is None
+    assert result.truth_fault == "its ground truth is left out (is that of another video)"
