@@ -42,6 +42,9 @@ class _AlarmEvent:
     box : list of float or None
         x, y, width and height in source pixels at the largest response; None where nothing
         has a place.
+    near_contact : bool or None
+        Whether the response was not above the threshold as it began, but an object had a time to
+        contact; None where that is not known.
     """
 
     start_frame: int
@@ -50,6 +53,7 @@ class _AlarmEvent:
     peak_over_threshold: float = 0.0
     box: list[float] | None = None
     time_to_contact_s: float | None = None
+    near_contact: bool | None = None
 
     def add(self, record: FrameRecord, model: str) -> None:
         """Take a frame in which the alarm is on."""
@@ -58,6 +62,9 @@ class _AlarmEvent:
         if place is not None and place.time_to_contact_s is not None:
             contact_s = record.time_s - self.start_s + place.time_to_contact_s
             self.time_to_contact_s = self.time_to_contact_s or contact_s
+        if self.near_contact is None:  # its first frame
+            below = ratio is not None and ratio <= 1
+            self.near_contact = below and self.time_to_contact_s is not None
         if ratio is not None and ratio > self.peak_over_threshold:
             self.peak_over_threshold = ratio
             self.box = list(place.box) if place is not None else self.box
@@ -100,8 +107,15 @@ class Verdict(NamedTuple):
             "" if contact_s is None else f", contact about {contact_s:.1f} s later by its estimate"
         )
         strongest = f", strongest {times(self.strongest)} times the threshold"
-        if self.strongest <= 1:
-            strongest += ", which is enough so near to a contact"
+        if not self.strongest:
+            strongest = ", above a threshold of 0"
+        elif self.strongest <= 1:
+            best = max(self.alarms, key=lambda each: each.peak_over_threshold)
+            strongest += {
+                True: ", which is enough so near to a contact",
+                False: ", but above it when the alarm began",
+                None: "",
+            }[best.near_contact]
         return (
             f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{strongest}"
         )

@@ -24,11 +24,16 @@ if TYPE_CHECKING:
 
 
 def verdict(
-    responses: list[float], on: list[int], blind: tuple[int, ...] = (), threshold: float = 2.0
+    responses: list[float],
+    on: list[int],
+    blind: tuple[int, ...] = (),
+    threshold: float | tuple[float, ...] = 2.0,
+    contacts: tuple[int, ...] = (4,),
 ) -> Verdict:
+    """Return the verdict; `threshold` holds in all frames, or is one for each."""
     log = AlarmLog("opplod")
     for t, response in enumerate(responses):
-        contact_s = 1.0 - t / 10 if t == 4 else None
+        contact_s = 1.0 - t / 10 if t in contacts else None
         place = Detection(1, Box(t, 0, 9, 9), 4.0, 4.0, response, True, contact_s)
         log.add(
             FrameRecord(
@@ -37,7 +42,7 @@ def verdict(
                 0.0,
                 {"opplod": Response(response)},
                 {"opplod": t in on},
-                thresholds={"opplod": threshold},
+                thresholds={"opplod": threshold[t] if isinstance(threshold, tuple) else threshold},
                 objects={"opplod": place},
                 blind=t in blind,
             )
@@ -60,9 +65,26 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
 
 
 def test_an_alarm_below_its_threshold_has_its_reason() -> None:
-    assert str(verdict([0, 1.2, 1], on=[1, 2])) == (
-        "alarm at 0.10 s (frame 1), strongest 0.6 times the threshold, which is enough so near to "
-        "a contact"
+    assert str(verdict([0, 1.2, 1], on=[1, 2], contacts=(1,))) == (
+        "alarm at 0.10 s (frame 1, contact about 0.9 s later by its estimate), strongest 0.6 times "
+        "the threshold, which is enough so near to a contact"
+    )
+
+
+def test_an_alarm_without_a_contact_does_not_speak_of_one() -> None:
+    constant = [0.25, 0.25, 0.25]  # with a floor of 0 it alarms before a background is known
+    assert str(verdict(constant, on=[0, 1, 2], threshold=(0.0, 2.0, 2.0))) == (
+        "alarm at 0.00 s (frame 0), strongest 0.12 times the threshold, but above it when the "
+        "alarm began"
+    )
+    assert str(verdict(constant, on=[0, 1, 2], threshold=0.0)) == (
+        "alarm at 0.00 s (frame 0), above a threshold of 0"
+    )
+    older = {"opplod": verdict([0, 1.2, 1], on=[1, 2]).as_dict()}
+    for alarm in older["opplod"]["alarms"]:
+        del alarm["near_contact"]  # as before 1.0
+    assert str(*verdicts_in({"alarms": older})) == (
+        "alarm at 0.10 s (frame 1), strongest 0.6 times the threshold"
     )
 
 
