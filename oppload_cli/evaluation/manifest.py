@@ -396,12 +396,13 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
         except StimulusError as problem:
             faults.append(f"{name}: {problem}")
             continue
-        entries.append(Entry(len(entries) + 1, source, _label_of(name, truth)))
-    return Manifest(Path("stimuli"), entries, faults, len(protocols) + len(videos))
+        for label in _labels_of(name, truth):
+            entries.append(Entry(len(entries) + 1, source, label))
+    return Manifest(Path("stimuli"), entries, faults, len(entries) + len(faults))
 
 
-def _label_of(name: str, truth: Table) -> Label:
-    """Return the label of a clip: an approach lasts while an object looms.
+def _labels_of(name: str, truth: Table) -> list[Label]:
+    """Return the labels of a clip, one for each approach: it lasts while an object looms.
 
     Parameters
     ----------
@@ -411,6 +412,8 @@ def _label_of(name: str, truth: Table) -> Label:
         Ground truth of the clip.
     """
     looming = [frame["frame"] for frame in truth["frames"] if frame["looming"]]
+    onsets = [frame for frame in looming if frame - 1 not in looming]
+    ends = [frame for frame in looming if frame + 1 not in looming]
     boxes: dict[int, Box] = {}
     contacts: dict[int, float] = {}
     wide, high = truth["display"]["width"], truth["display"]["height"]
@@ -422,8 +425,22 @@ def _label_of(name: str, truth: Table) -> Label:
                 contacts[frame["frame"]] = one["time_to_contact_s"]
     conditions = _conditions_of(truth["protocol"])
     motion = "" if looming else conditions["kind"]
-    onset, contact = (looming[0], looming[-1]) if looming else (None, None)
-    return Label(name, onset, contact, motion, boxes, contacts, conditions)
+    if len(onsets) < 2:
+        [onset], [contact] = onsets or [None], ends or [None]
+        return [Label(name, onset, contact, motion, boxes, contacts, conditions)]
+    return [
+        Label(
+            f"{name}, approach {number} of {len(onsets)}",
+            onset,
+            contact,
+            motion,
+            {frame: box for frame, box in boxes.items() if onset <= frame <= contact},
+            {frame: left for frame, left in contacts.items() if onset <= frame <= contact},
+            conditions,
+            since=onset if number > 1 else 0,
+        )
+        for number, (onset, contact) in enumerate(zip(onsets, ends, strict=True), 1)
+    ]
 
 
 def _within(box: Sequence[float] | None, wide: int, high: int) -> Box | None:

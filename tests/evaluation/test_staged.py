@@ -56,6 +56,66 @@ def test_a_label_follows_from_the_truth() -> None:
     assert missed.boxes == {}
 
 
+FOUR = """
+[display]
+width = 64
+height = 64
+frame_rate = 30
+field_of_view_deg = 72
+[timing]
+before_s = 1.0
+motion_s = 2.0
+after_s = 0.2
+"""
+DISK = """
+[[object]]
+id = "{0}"
+kind = "disk"
+luminance = 0.0
+centre_deg = [{1}, 0]
+onset_s = {2}
+duration_s = 0.4
+appears = "onset"
+vanishes = "end"
+[object.growth]
+kind = "approach"
+l_over_v_ms = 20
+most_deg = 30
+contact_s = {3}
+"""
+
+
+def test_approaches_one_after_the_other_are_measured_each(tmp_path: Path) -> None:
+    disks = [DISK.format(f"d{i}", 20 * (-1) ** i, i / 2, i / 2 + 1.4) for i in range(4)]
+    (tmp_path / "four.toml").write_text(FOUR + "".join(disks))
+    manifest = clips_of([str(tmp_path / "four.toml")], None, [], [])
+    labels = [entry.label for entry in manifest.entries]
+    assert [label.name.rpartition(", ")[2] for label in labels] == [
+        f"approach {number} of 4" for number in (1, 2, 3, 4)
+    ]
+    spans = [(label.onset, label.contact) for label in labels]
+    assert spans == [(30 + 15 * i, 39 + 15 * i) for i in range(4)]
+    assert [label.since for label in labels] == [0, 45, 60, 75]
+    # Alarms before and in the first, in the gap before the third, and in it; 96 frames.
+    shipped = outcomes_of(labels, [10, 35, 40, 58, 66, 95])
+    assert list(shipped.detected) == [1, 0, 1, 0]
+    assert list(shipped.false_alarms) == [1, 0, 0, 0]
+    assert shipped.lead_s[[0, 2]] == pytest.approx([4 / 30, 3 / 30])
+    # Held from the first into the second and begun again, and held through the fourth.
+    held = outcomes_of(labels, [*range(37, 50), 52, *range(74, 96)])
+    np.testing.assert_array_equal(held.detected, [1, 1, 0, np.nan])
+    assert held.lead_s[[0, 1]] == pytest.approx([2 / 30, 2 / 30])
+
+
+def outcomes_of(labels: list[Label], alarms: list[int]) -> Any:
+    """Return the outcomes of the alarm of one detector that is on in some of 96 frames."""
+    on = np.isin(np.arange(96), alarms)
+    output = Output(on.astype(float), on.astype(float), on)
+    clips = [Clip(label, np.arange(96) / 30, 64, 64, {"d": output}) for label in labels]
+    assert [clip.quiet for clip in clips] == [(0, 30), (45, 45), (60, 60), (75, 75)]
+    return measured(clips, "d", draws_of([True] * 4, 100)).decisions[-1].outcomes
+
+
 @pytest.mark.parametrize(
     ("name", "kind"),
     [

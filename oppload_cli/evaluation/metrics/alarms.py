@@ -60,8 +60,8 @@ class _Outcomes:
     Attributes
     ----------
     detected, lead_s : ndarray, shape (clips,)
-        1 or 0, and seconds before contact; NaN for a clip without an approach, and for
-        the lead of one that is not detected.
+        1 or 0, and seconds before contact; NaN for a clip without an approach, for an alarm that
+        is held from one approach through the next, and for the lead of one that is not detected.
     false_alarms : ndarray, shape (clips,)
         In the clip's footage without an approach.
     """
@@ -293,10 +293,14 @@ def _outcomes(clips: Sequence[Clip], alarms: Sequence[Flags | None]) -> _Outcome
         false[index] = len(events(on[quiet], clip.time_s[quiet]))
         start, stop = clip.approach
         if stop > start and clip.label.looming:
-            found = np.flatnonzero(on[start:stop])
+            found = start + np.flatnonzero(on[start:stop])
+            if clip.label.since and on[start - 1]:  # held since the approach before
+                if on[start:stop].all():
+                    continue  # nobody can tell whether this approach would have begun one
+                found = found[found > start + int(on[start:stop].argmin())]
             detected[index] = float(len(found) > 0)
             if len(found):
-                leads[index] = clip.lead(start + int(found[0]))
+                leads[index] = clip.lead(int(found[0]))
     return _Outcomes(detected, leads, false)
 
 

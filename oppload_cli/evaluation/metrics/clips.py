@@ -47,6 +47,9 @@ class Label:
         By frame, the true time to contact in seconds, where it is known.
     conditions : dict of str to str
         Values by which clips of known truth are grouped, such as the speed.
+    since : int
+        First frame that counts: where a clip shows several approaches, one after the other, each
+        has a label of its own, and only the frames before the first onset are footage without one.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Label:
     boxes: dict[int, Box] = field(default_factory=dict)
     contacts: dict[int, float] = field(default_factory=dict)
     conditions: dict[str, str] = field(default_factory=dict)
+    since: int = 0
 
     @property
     def looming(self) -> bool:
@@ -125,12 +129,12 @@ class Clip:
 
     @cached_property
     def first(self) -> int:
-        """The first frame with a response of every detector; the length if none has one.
+        """The first frame that counts, with a response of every detector; the length if none has.
 
         The same frames count for all detectors, however long each takes to warm up.
         """
         valid = np.all([np.isfinite(each.response) for each in self.outputs.values()], axis=0)
-        return int(valid.argmax()) if valid.any() else len(self)
+        return max(int(valid.argmax()), self.label.since) if valid.any() else len(self)
 
     @property
     def quiet(self) -> tuple[int, int]:
