@@ -21,6 +21,7 @@ from oppload_cli.cli.options import (
 )
 from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import claimed, refuse_existing
+from oppload_cli.models.presets import EXAMPLE_SETTING
 from oppload_cli.processes import cores
 
 if TYPE_CHECKING:
@@ -46,6 +47,14 @@ if TYPE_CHECKING:
     help="Detectors to evaluate: NAME, or NAME:PRESET of one that presets change, or several as "
     "A,B; may be given again; the baselines are always evaluated.  "
     "[default: presets default and reference]",
+)
+@click.option(
+    "--set",
+    "assignments",
+    multiple=True,
+    metavar="SET.PARAMETER=VALUE",
+    help=f"One parameter of a detector or of all alarms, e.g. {EXAMPLE_SETTING}; may be given "
+    "again.",
 )
 @click.option(
     "--boxes",
@@ -77,6 +86,7 @@ if TYPE_CHECKING:
 def evaluate(
     inputs: tuple[str, ...],
     models: tuple[str, ...],
+    assignments: tuple[str, ...],
     boxes: Path | None,
     backgrounds: tuple[Path, ...],
     changes: tuple[str, ...],
@@ -101,7 +111,8 @@ def evaluate(
     from oppload_cli.evaluation.manifest import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
 
-    detectors = evaluated_detectors((name for text in models for name in text.split(",")), repeats)
+    names = [name for text in models for name in text.split(",")]
+    detectors = evaluated_detectors(names, repeats, assignments)
     read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.detection.parameters import alarm_params
@@ -12,9 +12,10 @@ from oppload_cli.models.registry import ALL, detector_of, detectors, parameters_
 from oppload_cli.models.timebase import TimeParams, time_params
 from oppload_cli.palette import INK
 from oppload_cli.pipeline.repeats import RepeatParams
+from oppload_cli.pipeline.settings import resolve
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from oppload_cli.detection.parameters import AlarmParams
     from oppload_cli.schema import Parameters
@@ -72,7 +73,7 @@ class EvaluatedDetector:
 
 
 def evaluated_detectors(
-    names: Iterable[str] = (), repeats: str | None = None
+    names: Iterable[str] = (), repeats: str | None = None, assignments: Sequence[str] = ()
 ) -> list[EvaluatedDetector]:
     """Return the detectors to evaluate: those chosen, then the baselines.
 
@@ -84,18 +85,33 @@ def evaluated_detectors(
         and ``reference``.
     repeats : str, optional
         How all detectors take repeats: ``near``, ``exact`` or ``keep``.
+    assignments : sequence of str
+        ``set.parameter=value`` for all of them, in place of the value of the preset: a parameter of
+        a detector, of ``alarm``, ``repeats`` or ``time``.
 
     Raises
     ------
     ParameterError
-        If a name is not known.
+        If a name is not known, a value out of range, or a parameter that of no evaluated detector.
     """
     chosen = _full_names(names)
     with_presets, others = _by_presets()
     own = [name for name in chosen if name not in others] or _usual(with_presets)
     rest = [name for name in others if detectors()[name].evaluated or name in chosen]
     handling = RepeatParams(handling=repeats) if repeats else RepeatParams()
-    return [_evaluated(name, handling) for name in (*own, *rest)]
+    found = [_evaluated(name, handling) for name in (*own, *rest)]
+    if not assignments:
+        return found
+    changed = [_with_settings(each, repeats, assignments) for each in found]
+    sets = {*(each.detector for each in found), "alarm", "repeats", "time"}
+    for assignment in assignments:
+        name = assignment.partition(".")[0].strip()
+        if name not in sets:
+            raise ParameterError(
+                f"'{assignment}' is of no detector that is evaluated; add it with --model, or "
+                f"choose {', '.join(sorted(sets))}"
+            )
+    return changed
 
 
 def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
@@ -158,6 +174,23 @@ def _evaluated(full_name: str, repeats: RepeatParams) -> EvaluatedDetector:
         alarm_params(preset),
         repeats,
         time_params(preset),
+    )
+
+
+def _with_settings(
+    evaluated: EvaluatedDetector, repeats: str | None, assignments: Sequence[str]
+) -> EvaluatedDetector:
+    """Return an evaluated detector with values in place of those of its preset."""
+    preset = evaluated.name.partition(":")[2] or DEFAULT_PRESET
+    settings = resolve(
+        preset=preset, models=[evaluated.detector], repeats=repeats, assignments=assignments
+    )
+    return replace(
+        evaluated,
+        params=settings.model_params()[0],
+        alarm=settings.alarm,
+        repeats=settings.repeats,
+        time=settings.time,
     )
 
 

@@ -158,6 +158,32 @@ def test_a_file_without_boxes(folder: Path, content: str) -> None:
         with_boxes(manifest, folder / "none.json")
 
 
+def test_settings_hold_for_all_evaluated_detectors() -> None:
+    changes = ["opplod.cell=10", "alarm.hold_s=1.5", "time.interval=frame"]
+    usual = evaluated_detectors(["opplod:default", "opplod:reference"])
+    found = evaluated_detectors(["opplod:default", "opplod:reference"], "keep", changes)
+    assert [each.name for each in found] == [each.name for each in usual]
+    for each, before in zip(found, usual, strict=True):
+        stated, was = each.as_dict(), before.as_dict()
+        assert stated["alarm"]["hold_s"] == 1.5 != was["alarm"]["hold_s"]
+        assert stated["alarm"]["factor"] == was["alarm"]["factor"]
+        assert stated["time"]["interval"] == "frame" != was["time"]["interval"]
+        assert stated["repeats"]["handling"] == "keep"
+        assert stated["height"] == was["height"]
+        changed = {k for k, v in stated["parameters"].items() if v != was["parameters"][k]}
+        assert changed == ({"cell"} if each.detector == "opplod" else set())
+    for wrong, reason in (
+        ("lgmd2.threshold=1", "is of no detector that is evaluated; add it with --model, or"),
+        ("places.most=1", "is of no detector that is evaluated; add it with --model, or choose"),
+        ("opplod.cel=10", "did you mean 'cell'"),
+        ("opplod.cell=10deg", "opplod.cell=10deg needs the field of view"),
+        ("opplod", "'opplod' is no setting; write set.parameter=value"),
+    ):
+        with pytest.raises(ParameterError) as error:
+            evaluated_detectors([], None, [wrong])
+        assert reason in str(error.value), wrong
+
+
 def test_detectors_and_the_baselines_beside_them() -> None:
     baselines = ["dlgmd", "frame_difference", "flow_divergence"]
     assert [each.name for each in evaluated_detectors(["opplod:paper", "frame_difference"])] == [
