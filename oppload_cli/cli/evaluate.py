@@ -137,7 +137,7 @@ def _evaluated(
 ) -> Evaluation:
     from oppload_cli.evaluation.evaluate import evaluate
 
-    for fault in manifest.faults:
+    for fault in (*manifest.notes, *manifest.faults):
         say(f"oppload: {fault}")
     total = len(manifest.entries)
     with progress_bar(total, "clip", quiet=quiet) as bar:

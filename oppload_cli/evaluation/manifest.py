@@ -75,12 +75,18 @@ class Manifest:
         A sentence for each row or box that cannot be used.
     rows : int
         Rows below the header that are not empty.
+    names : tuple of str
+        Clips that its rows name, those that cannot be used too.
+    notes : tuple of str
+        Sentences on what is ignored.
     """
 
     path: Path
     entries: list[Entry]
     faults: list[str] = field(default_factory=list)
     rows: int = 0
+    names: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 class RowError(ValueError):
@@ -114,11 +120,7 @@ def read_manifest(path: Path) -> Manifest:
     header = [cell.strip() for cell in rows[0]] if rows else []
     _check_header(path, header)
     entries: list[Entry] = []
-    faults = [
-        f"{path}: row 1: unknown column '{name}'{suggestion(name, _KNOWN)}"
-        for name in dict.fromkeys(header)
-        if name not in _KNOWN
-    ]
+    faults: list[str] = []
     row_of: dict[str, int] = {}
     filled = {at: row for at, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)}
     for number, cells in filled.items():
@@ -126,14 +128,34 @@ def read_manifest(path: Path) -> Manifest:
             entries.append(_entry(path, number, header, cells, row_of))
         except RowError as fault:
             faults.append(f"{path}: row {number}: {fault}")
-    return Manifest(path, entries, faults, len(filled))
+    at = header.index("file")
+    names = tuple(cells[at].strip() for cells in filled.values() if at < len(cells))
+    return Manifest(path, entries, faults, len(filled), names, _notes_of(path, header))
+
+
+def _notes_of(path: Path, header: Sequence[str]) -> tuple[str, ...]:
+    """Return a sentence on the columns that are ignored; a misspelt one is told."""
+    unknown = [name for name in dict.fromkeys(header) if name not in _KNOWN]
+    if not unknown:
+        return ()
+    told = [f"'{name}'{_meant(name, _KNOWN)}" for name in unknown]
+    return (f"{path}: ignores its columns {', '.join(told)}",)
+
+
+def _meant(name: str, known: Sequence[str]) -> str:
+    """Return the known name that a misspelt one is near to, in brackets; empty if none is."""
+    near = suggestion(name, known)
+    return f" ({near.removeprefix('; ')})" if near.startswith("; did you mean") else ""
 
 
 def _check_header(path: Path, header: Sequence[str]) -> None:
     missing = [name for name in _REQUIRED if name not in header]
     if missing:
+        unknown = [name for name in header if name not in _KNOWN and _meant(name, missing)]
+        other = f" (it has '{unknown[0]}')" if unknown else ""
         raise ManifestError(
-            f"{path}: its first row lacks {', '.join(missing)}; begin it with {','.join(_REQUIRED)}"
+            f"{path}: its first row lacks {', '.join(missing)}{other}; begin it with "
+            f"{','.join(_REQUIRED)}"
         )
     twice = [name for name in _KNOWN if header.count(name) > 1]
     if twice:
@@ -203,7 +225,7 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
         The clips.
     path : Path, optional
         A JSON file ``{file: {frame: [left, top, width, height]}}`` in source pixels;
-        else ``boxes.json`` beside the manifest, if it exists. Clips that are not in
+        else ``boxes.json`` beside the manifest, if it exists. There, clips that are not in
         the manifest are ignored: several manifests may share the boxes.
 
     Returns
@@ -214,13 +236,22 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
     Raises
     ------
     ManifestError
-        If the file cannot be read, or is no such JSON.
+        If the file cannot be read, or is no such JSON, or if `path` names a clip that is not in the
+        manifest.
     """
     if path is None:
         path = manifest.path.with_name(_USUAL_BOXES)
         if not is_file(path):
             return manifest
-    content = _content(path)
+        content = _content(path)
+    else:
+        content = _content(path)
+        for name in content:
+            if name not in manifest.names:
+                raise ManifestError(
+                    f"{path}: names '{name}', which is not in {manifest.path}"
+                    f"{_meant(name, manifest.names)}; name its clips as the manifest does"
+                )
     faults = list(manifest.faults)
     entries = []
     for entry in manifest.entries:
@@ -314,6 +345,12 @@ def _is_clip(name: str) -> bool:
 def _manifest_in(inputs: Sequence[str]) -> Path | None:
     """Return the manifest, if one was named: a single input that is no stimulus or its video."""
     path = Path(inputs[0])
+    table = next((name for name in inputs if name.lower().endswith(".csv")), None)
+    if len(inputs) > 1 and table is not None:
+        raise ManifestError(
+            f"{table}: is a manifest, and one is taken, without other inputs; join the rows of "
+            "several in one table"
+        )
     if len(inputs) > 1 or path.suffix == ".toml":
         return None
     if os.path.lexists(path):

@@ -7,7 +7,7 @@ import pytest
 
 from oppload_cli.errors import ManifestError, ParameterError
 from oppload_cli.evaluation.detectors import evaluated_detectors
-from oppload_cli.evaluation.manifest import read_manifest, with_boxes
+from oppload_cli.evaluation.manifest import clips_of, read_manifest, with_boxes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -82,13 +82,15 @@ def test_a_row_that_was_wrong_does_not_make_a_right_one_a_duplicate(folder: Path
     assert [entry.row for entry in found.entries] == [3]
 
 
-def test_an_unknown_column_is_reported_and_the_rest_stands(folder: Path) -> None:
-    found = read_manifest(
-        written(folder, "a.avi,none,,,still,x", header=f"{HEADER},motions,weather")
-    )
+def test_unknown_columns_are_ignored_with_one_note(folder: Path) -> None:
+    path = written(folder, "a.avi,none,,,still,x,7", header=f"{HEADER},motions,weather,subject")
+    found = read_manifest(path)
     assert len(found.entries) == 1
-    assert "row 1: unknown column 'motions'; did you mean 'motion'?" in found.faults[0]
-    assert "row 1: unknown column 'weather'; choose" in found.faults[1]
+    assert found.faults == []
+    assert found.notes == (
+        f"{path}: ignores its columns 'motions' (did you mean 'motion'?), 'weather', 'subject'",
+    )
+    assert read_manifest(written(folder, "a.avi,none,,")).notes == ()
 
 
 @pytest.mark.parametrize(
@@ -96,6 +98,7 @@ def test_an_unknown_column_is_reported_and_the_rest_stands(folder: Path) -> None
     [
         (b"", "lacks file, label, onset_frame, contact_frame"),
         (b"file,label,onset_frame\n", "its first row lacks contact_frame"),
+        (b"file,label,onset_fram,contact_frame\n", r"lacks onset_frame \(it has 'onset_fram'\)"),
         (b"file;label;onset_frame;contact_frame\n", "lacks file, label"),
         (HEADER.encode() + b",file\n", "has file twice"),
         (b"\xff\xfe\x00", "is not valid CSV in UTF-8"),
@@ -122,6 +125,24 @@ def test_boxes_are_those_beside_the_manifest_or_the_named_ones(folder: Path) -> 
     other = folder / "other.json"
     other.write_text('{"a.avi": {"8": [0, 0, 1, 1]}}')
     assert with_boxes(manifest, other).entries[0].label.boxes == {8: (0, 0, 1, 1)}
+
+
+def test_boxes_that_are_asked_for_are_of_clips_of_the_manifest(folder: Path) -> None:
+    manifest = read_manifest(written(folder, "a.avi,looming,1,9", "gone.avi,looming,1,9"))
+    assert len(manifest.faults) == 1
+    path = folder / "other.json"
+    path.write_text('{"gone.avi": {}}')  # whose row cannot be used
+    assert with_boxes(manifest, path).entries[0].label.boxes == {}
+    path.write_text('{"a.av": {"7": [1, 2, 3.5, 4]}}')
+    reason = r"names 'a\.av', which is not in .*clips\.csv \(did you mean 'a\.avi'\?\); name its"
+    with pytest.raises(ManifestError, match=reason):
+        with_boxes(manifest, path)
+
+
+def test_one_manifest_is_taken() -> None:
+    for inputs in (["a.csv", "b.csv"], ["staged/*", "b.CSV"], ["b.csv", "clip.mp4"]):
+        with pytest.raises(ManifestError, match=r"(?i)\.csv: is a manifest, and one is taken"):
+            clips_of(inputs, None, [], [])
 
 
 @pytest.mark.parametrize(
