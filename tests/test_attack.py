@@ -19,7 +19,14 @@ from tools.attack import judge
 from tools.attack.__main__ import main
 from tools.attack.campaign import Verdict, keep, set_apart, table
 from tools.attack.families import made, ready
-from tools.attack.judge import Case, faults, prepared, shared_memory
+from tools.attack.judge import (
+    Case,
+    Ended,
+    faults,
+    faults_of_process,
+    prepared,
+    shared_memory,
+)
 from tools.attack.server import Server
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
@@ -77,6 +84,20 @@ def test_what_is_planted_is_found(
     assert len(wrong) == len(patterns), wrong
     for pattern, each in zip(patterns, wrong, strict=True):
         assert re.fullmatch(pattern, each)
+
+
+@pytest.mark.parametrize(("lines", "wrong"), [(17, []), (18, ["18 lines of standard error"])])
+def test_remarks_may_have_a_line_each(tmp_path: Path, lines: int, wrong: list[str]) -> None:
+    case = prepared("x", 0, tmp_path / "0")
+    case.files = 2
+    for name, text in (
+        ("a", '{"remarks": ["short", "assumed"]}'),
+        ("b", '{"remarks": ["short"]}'),
+        ("c", "{"),
+    ):
+        (case.out / f"{name}.oppload.json").write_text(text)
+    ended = Ended(0, b"", "x\n" * lines, hung=False, memory=0, left=[])
+    assert faults_of_process(case, ended) == wrong
 
 
 def test_a_name_with_a_separator_ends_no_row(tmp_path: Path) -> None:

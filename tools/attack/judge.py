@@ -26,7 +26,7 @@ CODES = frozenset({0, 2, 3, 4, 5, 130})  # docs/formats.md, without 1: a bug
 LIMIT_S = 90.0  # a server that stalls takes 10 s, a busy machine some more
 END_S = 15.0  # within this after the command, its processes have ended too, on a busy machine
 MOST_MEMORY = 3 << 30
-MOST_LINES = 10  # of standard error, and two for each input
+MOST_LINES = 10  # of standard error, and two for each input, and one for each remark
 WRONG_WORDS = (
     *("Traceback", "this is a bug", "Fatal Python error", "Exception ignored", "terminate called"),
     *("Segmentation fault", "resource_tracker", "MemoryError", "Unraisable", "core dumped"),
@@ -285,7 +285,7 @@ def faults_of_process(case: Case, ended: Ended) -> list[str]:
     if not early:
         words = [word for word in WRONG_WORDS if word in ended.stderr]
         wrong += [f"standard error has '{word}'" for word in words]
-        if len(lines) > MOST_LINES + 2 * case.files:
+        if len(lines) > MOST_LINES + 2 * case.files + _remarks(case):
             wrong.append(f"{len(lines)} lines of standard error")
         if ended.code in {2, 3} and not lines:
             wrong.append(f"exit code {ended.code} without a word")
@@ -296,6 +296,15 @@ def faults_of_process(case: Case, ended: Ended) -> list[str]:
     if ended.left:
         wrong.append(f"left processes: {', '.join(ended.left)}")
     return wrong
+
+
+def _remarks(case: Case) -> int:
+    """Return how many remarks the sidecars of a case state: the command prints a line for each."""
+    count = 0
+    for path in case.out.rglob("*.oppload.json"):
+        with suppress(OSError, ValueError, KeyError, TypeError):  # damaged by the case itself
+            count += len(json.loads(path.read_bytes())["remarks"])
+    return count
 
 
 def _ended_before_the_program(case: Case, ended: Ended) -> bool:
