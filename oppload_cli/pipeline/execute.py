@@ -32,7 +32,7 @@ from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, begun
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
-from oppload_cli.results.truths import fault_of_truth
+from oppload_cli.results.truths import FACTS, fault_of_truth
 from oppload_cli.video.inputs import GROUND_TRUTH, Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import FOV, Optics
@@ -450,5 +450,4 @@ def _ground_truth(video: Path, facts: InputFacts) -> dict[str, Any] | None:
 
 def facts_of_truth(path: Path, truth: Mapping[str, Any]) -> dict[str, Any]:
     """Return the main facts of a ground truth and its file, for the sidecar."""
-    kept = ("name", "looming", "contact_time_s", "display")
-    return {"path": str(path), **{key: truth[key] for key in kept}}
+    return {"path": str(path), **{key: truth[key] for key in FACTS}}

@@ -559,7 +559,10 @@ def find_truth(result: Result) -> Truth | None:
 
 def usable_truth(result: Result) -> Truth | None:
     """Return the ground truth of a result; None where it has none that can be used."""
-    return None if result.truth_fault else find_truth(result)
+    try:
+        return find_truth(result)
+    except StimulusError:  # as `Result.truth_fault` says
+        return None
 
 
 def check_schema(result: Result) -> None:

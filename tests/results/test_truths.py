@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -16,7 +16,10 @@ from tests.results.make import write_result
 if TYPE_CHECKING:
     from pathlib import Path
 
-TRUTH = {"display": {"width": 320, "height": 240}, "frames": [{}] * 80}
+TRUTH: dict[str, Any] = {
+    "name": "disk", "looming": True, "contact_time_s": 2.0,
+    "display": {"width": 320, "height": 240}, "frames": [{}] * 80,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -48,8 +51,19 @@ def test_a_short_truth_may_differ_by_five_frames() -> None:
     ]  # fmt: skip
 
 
-def test_a_truth_without_a_display_is_told() -> None:
-    assert fault_of_truth({"frames": []}, 320, 240) == "lacks the size of its display"
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"display": {"width": 320}}, "the size of its display"),
+        ({"display": {"width": 320, "height": 0}}, "the size of its display"),
+        ({"display": []}, "the size of its display"),
+        ({"contact_time_s": ...}, "its contact_time_s"),
+        ({"name": ...}, "its name"),
+    ],
+)
+def test_a_truth_that_lacks_something_is_told(change: dict[str, Any], said: str) -> None:
+    truth = {key: value for key, value in (TRUTH | change).items() if value is not ...}
+    assert fault_of_truth(truth, 320, 240) == f"lacks {said}; generate the stimulus again"
 
 
 def test_a_result_leaves_out_a_damaged_or_foreign_truth(tmp_path: Path) -> None:
