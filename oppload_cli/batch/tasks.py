@@ -30,6 +30,7 @@ from oppload_cli.processes.pool import TELL_EVERY_S, Kind, Seldom, ended_from_ou
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.version import __version__
+from oppload_cli.video.inputs import is_camera
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -388,7 +389,7 @@ def _for_a_worker(task: Task) -> Task:
         # From here on only this batch writes it: the files of a dead worker are written again.
         task = replace(task, if_exists=IfExists.SKIP)
     name = task.name
-    if "://" not in name and not name.startswith("camera:"):
+    if "://" not in name and not is_camera(name):
         name = os.path.abspath(name)  # noqa: PTH100 - without following links
     return replace(task, name=name, outputs=task.outputs and task.outputs.absolute())
 

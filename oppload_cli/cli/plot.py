@@ -175,8 +175,8 @@ def _plot_results(
     needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
     results = [read_result(path, needed) for path in paths]
     for result in results:
-        if result.shortfall:
-            say(f"oppload: {result.path}: {result.shortfall}")
+        for fault in filter(None, (result.shortfall, result.truth_fault)):
+            say(f"oppload: {result.path}: {fault}")
     if kind == "rmo":
         return oppload.plot_rmo(results, **look)[0]
     if kind == "map":

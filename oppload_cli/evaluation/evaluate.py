@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from oppload_cli.errors import SourceError, StimulusError
+from oppload_cli.errors import DetectorError, SourceError, StimulusError
 from oppload_cli.evaluation.manifest import RowError
 from oppload_cli.evaluation.metrics.clips import Clip, Output
 from oppload_cli.evaluation.metrics.intervals import DRAWS, draws_of
@@ -182,6 +182,8 @@ def _analyse_clip(
         _check(clip)
     except (SourceError, StimulusError, RowError) as error:
         return _Analysed(None, [str(error)])
+    except DetectorError as error:  # which knows of no file
+        return _Analysed(None, [f"{entry.label.name}: {error}"])
     if not complete:
         faults.append(f"{entry.label.name}: is damaged or cut; what could be decoded is used")
     faults += _boxes_beyond(entry.label, len(clip))

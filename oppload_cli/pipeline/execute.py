@@ -15,6 +15,7 @@ from oppload_cli import stimulus as stimuli
 from oppload_cli.compute.loops import is_large
 from oppload_cli.environment import environment
 from oppload_cli.errors import (
+    DetectorError,
     OpploadError,
     OutputError,
     ParameterError,
@@ -171,6 +172,8 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
 
 def _is_bug(error: BaseException) -> bool:
     """Tell whether an error is neither the user's, nor the system's, nor an interruption."""
+    if isinstance(error, DetectorError):  # a bug of the user's own detector
+        return True
     known = isinstance(error, OpploadError | OSError) or shortage(error)
     return isinstance(error, Exception) and not known
 
@@ -313,6 +316,11 @@ class _Run:
             )
         elif self._task.image_rate and facts.kind != "images":
             remarks.append("has times of its own: --image-rate has no effect on it")
+        if facts.video_streams > 1:
+            remarks.append(
+                f"holds {facts.video_streams} video streams, of which the first is analysed; copy "
+                "another one into a file of its own to analyse it"
+            )
         if self._stimulus and "error" in self._stimulus:
             remarks.append(f"its ground truth is left out ({self._stimulus['error']})")
         shown = _of_display(facts, self._stimulus)

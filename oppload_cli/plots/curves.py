@@ -44,7 +44,7 @@ from oppload_cli.plots.style import (
     styled_figure,
     wrapped,
 )
-from oppload_cli.results.reading import find_truth
+from oppload_cli.results.reading import usable_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -153,7 +153,7 @@ def plot_curves(
         tuple(models), scale, align, xlim, title, tuple(labels), dict(marks or {}), threshold,
         any_length,
     )  # fmt: skip
-    truths = [find_truth(result) for result in results]
+    truths = [usable_truth(result) for result in results]
     panels = panels_of(results, options, truths)
     check_xlim(panels, xlim)
     if sum(map(len, panels)) <= _MOST_CURVES or axes is not None:
@@ -472,7 +472,7 @@ def _draw_multiples(
     scale = scales[0] if len(set(scales)) == 1 else options.scale
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.6 + 1.35 * rows)) as figure:
         shared = scale != "raw" and len(set(scales)) == 1
-        truths = [find_truth(curves[0].result) for curves in panels]
+        truths = [usable_truth(curves[0].result) for curves in panels]
         one_time = _of_like_length(panels)
         grid = figure.subplots(rows, columns, squeeze=False, sharex=one_time, sharey=shared).ravel()
         axes, free = list(grid[: len(panels)]), grid[len(panels) :]

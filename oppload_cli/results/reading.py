@@ -22,7 +22,7 @@ from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.models.registry import default_names, detector_named, known_names
 from oppload_cli.results.table import SCHEMA, SIDECAR, TABLE, columns_for
 from oppload_cli.results.truths import fault_of_truth
-from oppload_cli.video.inputs import GROUND_TRUTH, NUMBER, is_video
+from oppload_cli.video.inputs import GROUND_TRUTH, NUMBER, is_camera, is_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -479,7 +479,7 @@ def find_video(result: Result, moved: Path | None = None) -> str:
     places = [moved / path.name] if moved else [path, folder / path, folder / path.name]
     for place in places:
         if is_file(place) or (kind == "images" and _holds_images(place)):
-            return str(place)
+            return f"./{place}" if is_camera(str(place)) else str(place)
     raise SourceError(f"{name}: is gone; --video says where it is now")
 
 

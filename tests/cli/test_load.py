@@ -78,7 +78,7 @@ def test_a_file_that_cannot_be_loaded_is_named(tmp_path: Path) -> None:
         assert done.stderr.count("\n") == 1
 
 
-def test_a_step_that_fails_names_the_detector_and_its_line(tmp_path: Path) -> None:
+def test_a_step_that_fails_names_the_detector_and_leaves_no_file(tmp_path: Path) -> None:
     (tmp_path / "own.py").write_text(DETECTOR.replace("np.mean(before > luma)", "[][0]"))
     write_video(tmp_path / "a.avi", grey_frames(9))
     words = ("run", "a.avi", "-o", "out", "--model", "darkening", "--no-rmo")
@@ -87,3 +87,4 @@ def test_a_step_that_fails_names_the_detector_and_its_line(tmp_path: Path) -> No
     line = 1 + DETECTOR.splitlines().index(DETECTOR.splitlines()[-1])
     assert "detector 'darkening': its step failed (IndexError: list index" in done.stderr
     assert f"own.py, line {line}); correct the detector" in done.stderr
+    assert list((tmp_path / "out").iterdir()) == []

@@ -246,3 +246,12 @@ def test_a_flat_video_gives_zeros(tmp_path: Path, capsys: Capture) -> None:
         assert (done.returncode, done.stderr) == (0, "")
     done = run(capsys, "plot", table, "--kind", "map", "-o", tmp_path / "map.png")
     assert (done.returncode, "OppLoD never responded" in done.stderr) == (2, True)
+
+
+def test_a_damaged_ground_truth_is_left_out_and_told(tmp_path: Path, capsys: Capture) -> None:
+    path = write_result(tmp_path / "clip.frames.csv")
+    (tmp_path / "clip.stimulus.json").write_text("{")
+    done = run(capsys, "plot", path, "-o", tmp_path / "a.png")
+    assert done.returncode == 0
+    assert f"{path}: its ground truth is left out ({tmp_path / 'clip.stimulus.json'}" in done.stderr
+    assert (tmp_path / "a.png").stat().st_size > 1000

@@ -132,6 +132,8 @@ def test_the_first_of_several_video_streams_is_read(tmp_path: Path) -> None:
     with open_video(path, height=None) as video:
         assert [round(float(f.luma.mean()) * 255) for f in video] == list(range(5))
         assert video.decode.complete
+    said = oppload("run", path, "-o", tmp_path).stderr
+    assert "a.mkv: holds 2 video streams, of which the first is analysed" in said
 
 
 @pytest.mark.parametrize("bits", ["gray9le", "gray10le", "gray12le", "gray14le", "gray16le"])
