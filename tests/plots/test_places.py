@@ -67,10 +67,10 @@ def test_the_title_says_how_strong_the_peak_is_and_whether_there_is_an_object(
 
 
 def test_the_places_of_the_chosen_detector(tmp_path: Path) -> None:
-    rows = frame_rows()
+    rows = [row | {"ttc_gradient_alarm": "0"} for row in frame_rows()]
     for row in rows[3:]:
         at = int(row["frame"])
-        row |= {"ttc_gradient_response": str(1 / (1 + abs(at - 20))), "ttc_gradient_alarm": "0"}
+        row |= {"ttc_gradient_response": str(1 / (1 + abs(at - 20)))}
         row |= {"ttc_gradient_x": "1", "ttc_gradient_y": "2", "ttc_gradient_width": "7"}
         row |= {"ttc_gradient_height": "8", "ttc_gradient_unit_x": "4", "ttc_gradient_unit_y": "5"}
     names = dict.fromkeys(name for row in rows[3:] for name in row)
