@@ -10,6 +10,7 @@ import os
 import re
 import sys
 import traceback
+from contextlib import contextmanager
 from dataclasses import make_dataclass
 from hashlib import sha256
 from importlib import import_module
@@ -32,7 +33,7 @@ from oppload_cli.models.timebase import Clock
 from oppload_cli.schema import Parameters
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from importlib.abc import Loader
     from importlib.machinery import ModuleSpec
 
@@ -395,7 +396,8 @@ class DetectorBank:
             kind = detector_of(each)
             if kind.name in self.detectors:
                 raise ParameterError(f"model '{kind.name}' is given twice; name each once")
-            self.detectors[kind.name] = kind(shape, each, frame_rate=frame_rate, layers=layers)
+            with _named(kind, "cannot be made"):
+                self.detectors[kind.name] = kind(shape, each, frame_rate=frame_rate, layers=layers)
 
     @property
     def luma_change(self) -> float | None:
@@ -459,19 +461,26 @@ class DetectorBank:
 
 def _answer(detector: Detector, luma: Map) -> Response | None:
     """Return the answer of a detector to a frame, which must be valid."""
-    try:
+    with _named(type(detector), "its step failed"):
         answer = detector.step(luma)
-    except Exception as error:
-        if isinstance(error, OpploadError | MemoryError) or _is_own(type(detector)):
-            raise
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        raise DetectorError(
-            f"detector '{detector.name}': its step failed ({type(error).__name__}: {error}; "
-            f"{place.filename}, line {place.lineno}); correct the detector"
-        ) from error
     if answer is not None and (fault := _fault(detector, answer)):
         raise DetectorError(f"detector '{detector.name}': its step returned {fault}")
     return answer
+
+
+@contextmanager
+def _named(detector: type[Detector], fault: str) -> Iterator[None]:
+    """Turn an error of the code of a user's detector into one that names the detector."""
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, OpploadError | MemoryError) or _is_own(detector):
+            raise
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        raise DetectorError(
+            f"detector '{detector.name}': {fault} ({type(error).__name__}: {error}; "
+            f"{place.filename}, line {place.lineno}); correct the detector"
+        ) from error
 
 
 def _fault(detector: Detector, answer: object) -> str:

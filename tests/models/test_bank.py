@@ -212,6 +212,23 @@ def test_a_detector_that_fails_or_changes_the_frame_is_named() -> None:
         registry.forget("failing")
 
 
+class _Unmakable(Loose):
+    name = "unmakable"
+    parameters = Parameters
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        super().__init__(shape)
+
+
+def test_a_detector_that_cannot_be_made_is_named() -> None:
+    registry.register(_Unmakable)
+    try:
+        with pytest.raises(DetectorError, match="detector 'unmakable': cannot be made"):
+            DetectorBank((9, 9), [_Unmakable.parameters()])
+    finally:
+        registry.forget("unmakable")
+
+
 def again(**others: object) -> type[Detector]:
     """Return a class like Loose, as a cell of a notebook defines it once more."""
     fields = {"__qualname__": "Again", "name": "again", "parameters": Parameters, **others}
