@@ -9,6 +9,8 @@ import pytest
 
 from oppload_cli.detection.alarm import Cuts
 from oppload_cli.detection.parameters import AlarmParams
+from oppload_cli.pipeline.analysis import analyse
+from oppload_cli.pipeline.sources import open_source
 from tests.detection import scenes
 from tests.detection.scenes import BEFORE, SIZE, STILL, Film, alarms
 from tests.media import texture
@@ -166,3 +168,20 @@ def test_the_beginning_of_a_video_gives_the_same_alarms(preset: str) -> None:
     whole = alarms(Film(shown), preset)
     for end in (whole[0], whole[0] + 1, 58):
         assert alarms(Film(shown[:end]), preset) == [t for t in whole if t < end]
+
+
+def test_light_that_flickers_hides_an_approach() -> None:
+    """A limit of P, which is the change of luminance: lamps at 100 Hz before 30 frames/s."""
+    with open_source("controls/looming-perspective", height=240) as frames:
+        lumas = np.stack([frame.luma for frame in frames])
+    peaks = {}
+    for share in (0.0, 0.02, 0.1):
+        light = 1 + share * np.cos(2 * np.pi * 100 * np.arange(len(lumas)) / 30)
+        shown = lumas * light[:, None, None].astype(np.float32) / (1 + share)
+        records = list(analyse(shown, rate=30, rmo=False))
+        for name in ("opplod", "dlgmd"):
+            answers = [record.responses[name] for record in records]
+            peaks[name, share] = max(each.response for each in answers if each)
+    assert peaks["opplod", 0.02] / peaks["opplod", 0.0] == pytest.approx(0.60, abs=0.03)
+    assert peaks["opplod", 0.1] / peaks["opplod", 0.0] == pytest.approx(0.017, abs=0.003)
+    assert peaks["dlgmd", 0.1] == pytest.approx(0, abs=1e-4)
