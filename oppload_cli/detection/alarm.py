@@ -129,6 +129,9 @@ class Cuts:
     """
 
     MEMORY_S = 0.18  # how far back the changes reach that a luminance change is compared with
+    # Of these the latest are kept, whatever their age: over lost frames noise does not grow with
+    # time, so that the change per interval is small, and the next one would pass for a cut.
+    LEAST_KEPT = 3
 
     def __init__(self, params: AlarmParams | None = None) -> None:
         self._params = params or AlarmParams()
@@ -152,7 +155,7 @@ class Cuts:
         bool
             Whether the frame is blind: it shows such a change, or a recent frame did.
         """
-        while len(self._changes) > 1 and self._changes[0][0] < time_s - self.MEMORY_S:
+        while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
             self._changes.popleft()
         if self._is_cut(photoreceptors, change):
             self._cut_s = time_s

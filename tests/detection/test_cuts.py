@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 import pytest
 
@@ -170,6 +171,17 @@ def test_the_beginning_of_a_video_gives_the_same_alarms(preset: str) -> None:
         assert alarms(Film(shown[:end]), preset) == [t for t in whole if t < end]
 
 
+@pytest.mark.parametrize("lost", [5, 6, 9, 12])
+def test_lost_frames_in_noise_are_no_cut(lost: int) -> None:
+    """The change over a gap is per interval, and so small: the next one must not pass for a cut."""
+    cuts = Cuts()
+    for t in range(-20, 0):
+        cuts.step(*changed(0.005, 1.0), t / 30)
+    after = (lost + 1) / 30
+    assert not cuts.step(*changed(0.005 / (lost + 1), 1.0), after)
+    assert not any(cuts.step(*changed(0.011, 1.0), after + t / 30) for t in range(1, 5))
+
+
 def test_light_that_flickers_hides_an_approach() -> None:
     """A limit of P, which is the change of luminance: lamps at 100 Hz before 30 frames/s."""
     with open_source("controls/looming-perspective", height=240) as frames:
@@ -185,3 +197,31 @@ def test_light_that_flickers_hides_an_approach() -> None:
     assert peaks["opplod", 0.02] / peaks["opplod", 0.0] == pytest.approx(0.60, abs=0.03)
     assert peaks["opplod", 0.1] / peaks["opplod", 0.0] == pytest.approx(0.017, abs=0.003)
     assert peaks["dlgmd", 0.1] == pytest.approx(0, abs=1e-4)
+
+
+def passing(seed: int, bar: int) -> Film:
+    """A textured square that crosses a texture, with bars of so many pixels at both sides."""
+    random = np.random.default_rng(seed)
+    ground = 0.3 + 0.6 * texture(SIZE, SIZE, seed)
+    side, speed = int(random.integers(40, 100)), float(random.uniform(3, 13))
+    surface = 0.05 + 0.3 * texture(SIZE, SIZE, seed + 50)[:side, :side]
+    top = int(random.integers(0, SIZE - side))
+    frames = []
+    for t in range(30 + int((SIZE + side) / speed)):
+        move = np.array([[1, 0, speed * max(0, t - 30) - side], [0, 1, top]], np.float32)
+        covered = cv2.warpAffine(np.ones_like(surface), move, (SIZE, SIZE))
+        luma = ground * (1 - covered) + cv2.warpAffine(surface, move, (SIZE, SIZE))
+        luma += random.normal(0, 0.003, luma.shape)
+        if bar:
+            luma[:, :bar] = luma[:, -bar:] = 0.06
+        frames.append(np.clip(luma, 0, 1).astype(np.float32))
+    return Film(frames)
+
+
+@pytest.mark.slow
+def test_objects_that_pass_between_bars_cause_alarms() -> None:
+    """A limit: an edge that comes out from behind a bar meets no inhibition."""
+    counts = {
+        bar: sum(bool(alarms(passing(n, bar), "default")) for n in range(12)) for bar in (0, 40)
+    }
+    assert counts == {0: 0, 40: 11}
