@@ -105,7 +105,11 @@ def disk(name: str) -> tuple[Protocol, float]:
 
 
 def frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
-    """Return the times of frames: evenly, every seventh or so dropped, or jittered by a quarter."""
+    """Return the times of frames.
+
+    Evenly, every seventh or so dropped, jittered by a quarter, or with steps that alternate, as
+    "steps 1, 3".
+    """
     times = (np.arange(int(end_s * rate) + 1) + phase) / rate
     random = np.random.default_rng([5, round(1000 * phase)])
     jitter = (random.random(len(times)) - 0.5) * 0.5 / rate
@@ -115,6 +119,9 @@ def frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
     times = np.maximum(times - times[0], 0) + phase / rate
     if "dropped" in kind:
         times = times[~dropped]
+    if "steps" in kind:
+        one, other = map(int, kind.removeprefix("steps ").split(", "))
+        times = times[np.isin(np.arange(len(times)) % (one + other), (0, one))]
     within: Times = times[times <= end_s]
     return within
 
@@ -155,6 +162,7 @@ def measured(
         there = mean_of(case, 30, "", phases, interval)
         reference = Result(*np.mean(there, axis=0))
         kinds = [(30, "dropped"), (30, "jittered"), (60, "dropped and jittered")]
+        kinds += [(30, "steps 1, 2"), (30, "steps 1, 3")]
         for rate, kind in [*((rate, "") for rate in rates), *(kinds if interval != FRAME else ())]:
             here = np.array(mean_of(case, rate, kind, phases, interval))
             ratios = here[:, 0] / reference.peak
