@@ -67,6 +67,7 @@ def check(project: Path) -> None:
     assert not list((project / "results").glob("*.part"))
 
 
+@pytest.mark.slow
 def test_the_shards_by_plain_shell(project: Path) -> None:
     run(project, "sh", "-ec", example("sh", "--shard"))
     check(project)

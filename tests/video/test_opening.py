@@ -81,11 +81,10 @@ MAKE: dict[str, Callable[[Path], Path]] = {
 
 
 @pytest.mark.parametrize("name", MAKE)
-@pytest.mark.parametrize("height", [None, 24, 40])
 @pytest.mark.parametrize(
-    "span",
-    [Span(), Span(start=Position(frame=7)), Span(end=Position(frame=9))],
-    ids=["all", "start", "end"],
+    ("height", "span"),
+    [(None, Span()), (24, Span(start=Position(frame=7))), (40, Span(end=Position(frame=9)))],
+    ids=["native, all", "24, start", "40, end"],
 )
 def test_frames_are_the_same_in_a_process_of_its_own(
     name: str, height: int | None, span: Span, tmp_path: Path
