@@ -239,19 +239,17 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
         If the file cannot be read, or is no such JSON, or if `path` names a clip that is not in the
         manifest.
     """
-    if path is None:
-        path = manifest.path.with_name(_USUAL_BOXES)
-        if not is_file(path):
-            return manifest
-        content = _content(path)
-    else:
-        content = _content(path)
-        for name in content:
-            if name not in manifest.names:
-                raise ManifestError(
-                    f"{path}: names '{name}', which is not in {manifest.path}"
-                    f"{_meant(name, manifest.names)}; name its clips as the manifest does"
-                )
+    shared = path is None
+    path = path or manifest.path.with_name(_USUAL_BOXES)
+    if shared and not is_file(path):
+        return manifest
+    content = _content(path)
+    for name in content:
+        if not shared and name not in manifest.names:
+            raise ManifestError(
+                f"{path}: names '{name}', which is not in {manifest.path}"
+                f"{_meant(name, manifest.names)}; name its clips as the manifest does"
+            )
     faults = list(manifest.faults)
     entries = []
     for entry in manifest.entries:

@@ -161,8 +161,9 @@ def with_doubts(label: str, tuning: Tuning, detector: str) -> str:
     detector : str
         The curve's.
     """
-    doubts = tuning.sidecar.get("doubts", [])
-    notes = [str(each["note"]) for each in doubts if each["model"] == detector]
+    held = tuning.sidecar.get("doubts")
+    doubts = [each for each in held if isinstance(each, dict)] if isinstance(held, list) else []
+    notes = [str(each.get("note")) for each in doubts if each.get("model") == detector]
     return "\n".join([label, *notes])
 
 

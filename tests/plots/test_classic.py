@@ -267,6 +267,15 @@ def test_the_picture_says_whose_curve_means_little(
     assert label.startswith("D-LGMD")
 
 
+@pytest.mark.parametrize("doubts", ["damaged", ["damaged"], [{"note": "of no detector"}], None])
+def test_damaged_notes_are_passed_over(doubts: object, tmp_path: Path) -> None:
+    peaks = {"opplod": [1.0, 2, 3, 4], "dlgmd": [1.0, 2, 3, 4]}
+    values = {"disk.size_deg": [1.0, 2, 3, 4]}
+    tuning = made(tmp_path / "a.tuning.csv", values, peaks, doubts=doubts)
+    (panel,) = plot_tuning(tuning, "line", published=False)[1]
+    assert all("\n" not in label for label in panel.get_legend_handles_labels()[1])
+
+
 def test_habituation_is_relative_to_the_first(tmp_path: Path) -> None:
     peaks = {"opplod": [4.0, 4, 4], "dlgmd": [4.0, 2, 1]}
     tuning = made(tmp_path / "a.tuning.csv", {"presentation": [1.0, 2, 3]}, peaks)
