@@ -174,6 +174,14 @@ class Photoreceptors:
             averaged.append(area)
         return averaged
 
+    def need(self, luma: Map) -> None:
+        """Refuse an array of another shape or type with a FrameError."""
+        if luma.shape != self.shape or luma.dtype != np.float32:
+            raise FrameError(
+                f"a frame must be a float32 array of shape {self.shape}, "
+                f"not {luma.dtype} of shape {luma.shape}"
+            )
+
     def step(self, luma: Map) -> bool:
         """Take the next frame.
 
@@ -194,11 +202,7 @@ class Photoreceptors:
             one of the first three frames is not in the range from 0 to 1. Such a frame is not
             taken.
         """
-        if luma.shape != self.shape or luma.dtype != np.float32:
-            raise FrameError(
-                f"a frame must be a float32 array of shape {self.shape}, "
-                f"not {luma.dtype} of shape {luma.shape}"
-            )
+        self.need(luma)
         if self.frames < _FIRST and _BRIGHTEST < cv2.minMaxLoc(luma)[1] < np.inf:
             raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
         record = _PastFrame(self._clock.now(self._now))

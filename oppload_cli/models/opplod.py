@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
+from oppload_cli.models.camera import Bars, SteadyLight
 from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
 from oppload_cli.models.dpc import smaller
 from oppload_cli.models.layers import MEMORY, Layers
@@ -140,6 +141,7 @@ _REFERENCE = OpplodParams(
     stride=1,
     halved_weight=0.0,
     persistence=0.0,
+    light_s=0.0,
     adaptation_level=0.0,
     cone=90.0,
 )
@@ -232,11 +234,17 @@ class Opplod(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         axes = self.params.both_axes
-        self._dpc = self.layers.dpc(self.params, axes, self.params.stride)
+        clock, layers = self.layers.clock, self.layers
+        self._light = None
+        if self.params.light_s:  # no other detector sees these frames
+            self._light = SteadyLight(self.params.light_s * clock.per_second)
+            layers = Layers(shape, clock)
+        self._dpc = layers.dpc(self.params, axes, self.params.stride)
         self._smaller = None
         if self.params.halved_weight and self.params.judgement == "pooled":
-            self._smaller = _SmallerFrames(shape, self.params, self.layers.clock)
+            self._smaller = _SmallerFrames(shape, self.params, clock)
         self.judgement = self._judgement()
+        self._bars = Bars() if self.params.border else None
 
     def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:
         per_second = self.layers.clock.per_second
@@ -264,6 +272,10 @@ class Opplod(Detector):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._dpc.reset()
+        if self._light:
+            self._light.reset()
+        if self._bars:
+            self._bars.reset()
         if self._smaller:
             self._smaller.reset()
         self.judgement.reset()
@@ -273,6 +285,7 @@ class Opplod(Detector):
 
         None until the working frame or the smaller frame was compared over three intervals.
         """
+        luma = self._scene(luma)
         ready = self._dpc.step(luma)
         if self._smaller:
             ready |= self._smaller.step(luma, self._dpc.layer.photoreceptors.usual_step)
@@ -290,6 +303,15 @@ class Opplod(Detector):
         field = float(self.params.receptive_field or 0)
         box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
+
+    def _scene(self, luma: Map) -> Map:
+        """Return a frame in steady light, and tell the judgement where bars hide the scene."""
+        seen = self._dpc.layer.photoreceptors
+        seen.need(luma)
+        if self._bars and isinstance(self.judgement, PooledJudgement):
+            self._bars.step(luma, seen.usual_step)
+            self.judgement.leave_out(self._bars.widths)
+        return self._light.step(luma, seen.usual_step) if self._light else luma
 
     def _in_smaller(self, judgement: PooledJudgement) -> Map | None:
         """Return R in the frame at half its size; None while its motion is too new to judge."""

@@ -113,7 +113,8 @@ class OpplodParams(_ArmParams):
     )
     border: int = parameter(
         6,
-        "width of the strip along the edge of the frame in which S is set to 0",
+        "width of the strip along the edge of the frame, and along bars beside the picture, in "
+        "which S is set to 0; 0: none, and bars are not looked for",
         unit="px",
         low=0,
         high=1000,
@@ -169,6 +170,14 @@ class OpplodParams(_ArmParams):
         low=0,
         high=60,
     )
+    light_s: float = parameter(
+        4.0,
+        "time constant with which a lasting change of the light is let through; faster changes, of "
+        "lamps or by the exposure, are left out; 0: all changes count",
+        unit="s",
+        low=0,
+        high=60,
+    )
     cone: float = parameter(
         60.0,
         "largest angle between an offset and the motion that is outward (or inward) there",
@@ -216,6 +225,7 @@ class OpplodParams(_ArmParams):
             "persistence": 0,
             "history": 0,
             "adaptation_level": 0,
+            "light_s": 0,
         }
         for name, value in literal.items():
             if getattr(self, name) != value:

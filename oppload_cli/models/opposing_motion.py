@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
+from oppload_cli.models.camera import NO_BARS, Widths
 from oppload_cli.models.detector import UnitMaps
 from oppload_cli.models.dpc import Kernels, referred
 from oppload_cli.models.timebase import Background
@@ -82,7 +83,9 @@ def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
     return np.asarray((length - count * cell) / 2 + (np.arange(count) + 0.5) * cell, np.float64)
 
 
-def pooling_weights(length: int, centres: Floats, sigma: float, border: int = 0) -> Map:
+def pooling_weights(
+    length: int, centres: Floats, sigma: float, border: tuple[int, int] = (0, 0)
+) -> Map:
     """Return the weights with which each cell pools the pixels along one side of the frame.
 
     Parameters
@@ -93,8 +96,8 @@ def pooling_weights(length: int, centres: Floats, sigma: float, border: int = 0)
         Centres of the cells in pixels; pixel i covers [i, i + 1).
     sigma : float
         Spread of the Gaussian in pixels; 0 takes the pixel at the centre alone.
-    border : int
-        Pixels at either end of the side that do not count.
+    border : tuple of int
+        Pixels at the start and at the end of the side that do not count.
 
     Returns
     -------
@@ -110,8 +113,7 @@ def pooling_weights(length: int, centres: Floats, sigma: float, border: int = 0)
         weights[np.abs(distance) > reach] = 0
     else:
         weights = (np.floor(centres)[:, None] == np.arange(length)).astype(np.float64)
-    if border:
-        weights[:, :border] = weights[:, -border:] = 0
+    weights[:, : border[0]] = weights[:, length - border[1] :] = 0
     return np.asarray(weights, np.float32)
 
 
@@ -306,13 +308,18 @@ def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMap
 
 
 def _pooling(
-    maps: UnitMaps, shape: tuple[int, ...], params: OpplodParams, times: int = 1
+    maps: UnitMaps,
+    shape: tuple[int, ...],
+    params: OpplodParams,
+    times: int = 1,
+    bars: Widths = NO_BARS,
 ) -> list[Map]:
     """Return the weights, down and across, that pool maps `times` smaller than the frame."""
-    sigma, border = params.pool_sigma * (params.cell or 1) / times, params.border // times
+    sigma = params.pool_sigma * (params.cell or 1) / times
+    top, bottom, left, right = ((params.border + bar) // times for bar in bars)
     return [
-        pooling_weights(length, centres / times, sigma, border)
-        for length, centres in zip(shape, (maps.centres_y, maps.centres_x), strict=True)
+        pooling_weights(shape[0], maps.centres_y / times, sigma, (top, bottom)),
+        pooling_weights(shape[1], maps.centres_x / times, sigma, (left, right)),
     ]
 
 
@@ -339,6 +346,7 @@ class PooledJudgement:
     ) -> None:
         self._params, self._per_second = params, per_second
         maps, *pooling = units_at_rest(shape, params)
+        self._bars = NO_BARS
         self._pooling = {1: pooling}  # by how many times smaller the maps are
         # A power of a Gaussian is a Gaussian, wider where the power is below 1.
         self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
@@ -363,6 +371,11 @@ class PooledJudgement:
             params.adaptation_s * self._per_second + 0.01,
             params.adaptation_guard_s * self._per_second + 0.01,
         )
+
+    def leave_out(self, bars: Widths) -> None:
+        """From the next frame on, set S to 0 in these bars and in the `border` along them."""
+        if bars != self._bars:
+            self._bars, self._pooling = bars, {}
 
     def answers_to(self, seen: Photoreceptors) -> bool:
         """Tell whether motion has lasted for long enough to be judged.
@@ -397,7 +410,7 @@ class PooledJudgement:
         directions = one, other, one + 180, other + 180
         if times not in self._pooling:
             shape = pathways[one].shape
-            self._pooling[times] = _pooling(self.maps, shape, self._params, times)
+            self._pooling[times] = _pooling(self.maps, shape, self._params, times, self._bars)
         down, across = self._pooling[times]
         pooled = pool([pathways[phi] for phi in directions], down, across)
         if seen is not None and seen.share != 1:

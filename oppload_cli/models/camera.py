@@ -1,0 +1,215 @@
+"""What a camera adds to a scene: light that flickers, and bars beside the picture.
+
+Preset ``default`` of OppLoD leaves both out (``docs/presets.md``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import cv2
+import numpy as np
+
+from oppload_cli.models.dpc import smaller
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from oppload_cli.models.dpc import Map
+
+_CELL = 8  # px: larger cells can hide that a pattern moves
+_DARKEST, _BRIGHTEST = 0.04, 0.997  # luminance between which a gain can be measured
+_LEAST_CELLS, _LEAST_USABLE = 20, 1 / 4  # in which it must be measured, and their share
+_LEAST_CHANGE = 1e-3  # median change of the logarithm of the luminance
+_MOST_CHANGE, _MOST_GAIN = 0.5, 0.7  # from frame to frame, and in all, as logarithms
+_EXPLAINED = 0.7  # share of the cells: of a grating every second one can seem to change alike
+# What a gain leaves of the median change: a gain of each row of cells must explain more, since it
+# can explain motion up and down as well.
+_LEFT, _LEFT_BY_ROWS = 1 / 2, 1 / 4
+
+
+class SteadyLight:
+    """The video as if its light were steady.
+
+    Lamps flicker, and cameras adapt their exposure: the luminance of all pixels is then multiplied
+    by one gain, or by one for each row where the shutter rolls. The gain from frame to frame is the
+    median, over cells of the frame, of the ratio of their luminance. It counts only where it
+    explains most of the change, which motion of the scene or of the camera does not let it do.
+
+    Parameters
+    ----------
+    lasting : float
+        Time constant in intervals after which a lasting change of the light has passed through,
+        above 0.
+
+    Source: ``docs/presets.md``.
+    """
+
+    def __init__(self, lasting: float) -> None:
+        self._lasting = lasting
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._before: Map | None = None
+        self._gains: Map | None = None  # the logarithm for each row of cells
+
+    def step(self, luma: Map, elapsed: float) -> Map:
+        """Return the next frame without the changes of its light.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance L(t), 0 to 1.
+        elapsed : float
+            Intervals from frame to frame, as a rule.
+
+        Returns
+        -------
+        ndarray of float32, shape (height, width)
+            Up to 2; `luma` itself where the light is steady.
+        """
+        cells = smaller(luma, min(_CELL, *luma.shape))
+        before, self._before = self._before, cells
+        if before is None or self._gains is None:
+            self._gains = np.zeros((len(cells), 1), np.float32)
+            return luma
+        self._gains *= np.float32(math.exp(-elapsed / self._lasting))
+        self._gains += change_of_light(before, cells)
+        np.clip(self._gains, -_MOST_GAIN, _MOST_GAIN, out=self._gains)
+        if np.abs(self._gains).max() < _LEAST_CHANGE:
+            return luma
+        profile = cv2.resize(np.exp(-self._gains), (1, len(luma)), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(luma * profile, np.float32)
+
+
+def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
+    """Return the logarithm of the gain of the light between two frames.
+
+    Parameters
+    ----------
+    before, now : ndarray of float32, shape (rows, columns)
+        Mean luminance over cells, 0 to 1.
+
+    Returns
+    -------
+    ndarray of float32, shape (1, 1) or (rows, 1)
+        One gain, or one for each row of cells; 0 where neither explains the change.
+    """
+    none = np.zeros((1, 1), np.float32)
+    darker = np.minimum(before, now)
+    usable = (darker > _DARKEST) & (darker < _BRIGHTEST)
+    if np.count_nonzero(usable) < max(_LEAST_CELLS, _LEAST_USABLE * usable.size):
+        return none
+    logarithms = np.log(now, where=usable, out=np.zeros_like(now))
+    logarithms -= np.log(before, where=usable, out=np.zeros_like(now))
+    change = _quantile(np.abs(logarithms[usable]), 1 / 2)
+    if change < _LEAST_CHANGE:
+        return none
+    gain = _quantile(logarithms[usable], 1 / 2)
+    left = _quantile(np.abs(logarithms[usable] - gain), _EXPLAINED)
+    if abs(gain) < _MOST_CHANGE and left <= _LEFT * change:
+        return none + np.float32(gain)
+    # Rows that are plain within themselves may as well move up or down.
+    contrast = np.abs(before[:, 1:] - before[:, :-1]) / np.maximum(before[:, 1:], _DARKEST)
+    if usable.mean() < _EXPLAINED or _quantile(contrast, 1 / 2) < change / 4:
+        return none
+    gains = np.sort(logarithms, axis=1)[:, logarithms.shape[1] // 2, None]
+    left = _quantile(np.abs(logarithms - gains)[usable], _EXPLAINED)
+    if np.abs(gains).max() < _MOST_CHANGE and left <= _LEFT_BY_ROWS * change:
+        return gains
+    return none
+
+
+def _quantile(values: Map, share: float) -> float:
+    """Return the value below which a share of the values lies; NumPy's are ten times slower."""
+    ordered = np.sort(values, axis=None)
+    return float(ordered[int(share * len(ordered))])
+
+
+# ---- Bars ----------------------------------------------------------------------------------
+
+_TOLERANCE, _EDGE = 6 / 255, 10 / 255  # of a bar's luminance, and least step at its edge
+_BEYOND = 3  # px from the last plain line to the line that must differ: scaling blurs the edge
+_LEAST_EDGE = 0.8  # share of the pixels of that line that differ
+_LONG = 7.5  # intervals after which a bar is known
+_WIDEST = 0.45  # of a side of the frame
+
+
+class Widths(NamedTuple):
+    """Widths in pixels of the bars along the four sides of the frame."""
+
+    top: int = 0
+    bottom: int = 0
+    left: int = 0
+    right: int = 0
+
+
+NO_BARS = Widths()
+
+
+class Bars:
+    """Plain strips along the sides of the frame, as beside an upright video in a wide frame.
+
+    An edge that comes out from behind a bar meets no inhibition, as at the edge of the frame. A
+    strip is a bar when it has had the same luminance for a quarter of a second, and ends in a
+    straight edge over most of the side.
+
+    Attributes
+    ----------
+    widths : Widths
+        The bars of the latest frame.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self.widths = NO_BARS
+        self._candidates = [0, 0, 0, 0]
+        self._lasted = [0.0, 0.0, 0.0, 0.0]
+
+    def step(self, luma: Map, elapsed: float) -> None:
+        """Take the next frame.
+
+        Parameters
+        ----------
+        luma : ndarray of float32, shape (height, width)
+            Luminance L(t), 0 to 1.
+        elapsed : float
+            Intervals from frame to frame, as a rule.
+        """
+        known = list(self.widths)
+        for side, lines in enumerate((luma, luma[::-1], luma.T, luma.T[::-1])):
+            plain, edge = _plain_lines(lines)
+            if plain is None:
+                continue
+            known[side] = min(known[side], plain)
+            if abs(plain - self._candidates[side]) > 1 or not edge:
+                self._candidates[side], self._lasted[side] = plain, 0.0
+                continue
+            self._candidates[side] = min(plain, self._candidates[side])
+            self._lasted[side] += elapsed
+            if self._lasted[side] >= _LONG:
+                known[side] = self._candidates[side]
+        self.widths = Widths(*known)
+
+
+def _plain_lines(lines: Map) -> tuple[int | None, bool]:
+    """Return how many lines from the side on are plain, and whether an edge follows them.
+
+    None where so many lines are plain that the frame shows nothing.
+    """
+    first = lines[0]
+    colour = float(first[len(first) // 2])
+    if float(np.abs(first - colour).max()) > _TOLERANCE:
+        return 0, False
+    most = int(_WIDEST * len(lines))
+    differs = np.abs(lines[: most + 1] - colour).max(axis=1) > _TOLERANCE
+    if not differs.any():
+        return None, False
+    plain = int(differs.argmax())
+    beyond = np.abs(lines[min(plain + _BEYOND, len(lines) - 1)] - colour) > _EDGE
+    return plain, float(beyond.mean()) >= _LEAST_EDGE

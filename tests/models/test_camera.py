@@ -1,0 +1,159 @@
+"""What a camera adds to a scene: light that flickers, and bars beside the picture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from oppload_cli.models.camera import NO_BARS, Bars, SteadyLight, Widths, change_of_light
+from tests.media import texture
+
+Luma = NDArray[np.float32]
+HEIGHT, WIDTH = 120, 160
+RANDOM = np.random.default_rng(1)
+
+
+def scene(seed: int = 0) -> Luma:
+    """Return a texture of luminance 0.2 to 0.8."""
+    return np.asarray(0.2 + 0.6 * texture(HEIGHT, WIDTH, seed), np.float32)
+
+
+def bands(share: float) -> Luma:
+    """Return a gain for each row, of one and a half periods."""
+    rows = np.arange(HEIGHT)[:, None] / HEIGHT
+    return np.asarray(1 + share * np.sin(2 * np.pi * 1.5 * rows), np.float32)
+
+
+@pytest.mark.parametrize("gain", [0.8, 0.97, 1.1])
+def test_one_gain_of_all_cells_is_the_change_of_the_light(gain: float) -> None:
+    found = change_of_light(scene(), scene() * np.float32(gain))
+    assert found.shape == (1, 1)
+    assert found.item() == pytest.approx(np.log(gain), abs=1e-5)
+
+
+def test_each_row_has_a_gain_of_its_own_where_the_shutter_rolls() -> None:
+    found = change_of_light(scene(), scene() * bands(0.1))
+    np.testing.assert_allclose(found, np.log(bands(0.1)), atol=1e-5)
+
+
+def test_an_object_may_change_a_quarter_of_the_cells() -> None:
+    before, now = scene(), scene() * np.float32(0.9)
+    now[: HEIGHT // 2, : WIDTH // 2] = scene(3)[: HEIGHT // 2, : WIDTH // 2]
+    assert change_of_light(before, now).item() == pytest.approx(np.log(0.9), abs=1e-3)
+
+
+def test_saturated_and_black_cells_do_not_count() -> None:
+    before, now = scene(), scene() * np.float32(0.9)
+    before[:, :50] = now[:, :50] = 1.0
+    before[:, 50:70] = now[:, 50:70] = 0.0
+    assert change_of_light(before, now).item() == pytest.approx(np.log(0.9), abs=1e-3)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("shift", [1, 3, 8])
+def test_a_scene_that_moves_is_no_change_of_the_light(axis: int, shift: int) -> None:
+    assert not change_of_light(scene(), np.roll(scene(), shift, axis)).any()
+
+
+def test_another_scene_and_noise_are_no_change_of_the_light() -> None:
+    assert not change_of_light(scene(), scene(5)).any()
+    noisy = scene() + RANDOM.normal(0, 0.01, scene().shape).astype(np.float32)
+    assert not change_of_light(scene(), noisy).any()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("period", [12, 16, 20, 24, 40])
+def test_a_grating_that_moves_is_no_change_of_the_light(axis: int, period: int) -> None:
+    lines = np.indices((30, 40))[axis]
+    for shift in (0.3, 1, 2, 5):
+        before, now = (
+            np.asarray(0.5 + 0.3 * np.sin(2 * np.pi * (lines * 4 - t) / period), np.float32)
+            for t in (0.0, shift)
+        )
+        assert not change_of_light(before, now).any()
+
+
+def test_a_video_in_steady_light_passes_as_it_is() -> None:
+    light = SteadyLight(120.0)
+    for shift in range(5):
+        luma = np.roll(scene(), shift, 1)
+        assert light.step(luma, 1.0) is luma
+
+
+@pytest.mark.parametrize("gain", [np.float32(1.0), bands(0.1)])
+def test_light_that_flickers_is_made_steady(gain: Luma) -> None:
+    light = SteadyLight(120.0)
+    before = light.step(scene(), 1.0)
+    for t in range(1, 12):
+        now = light.step(scene() * gain ** np.float32(t % 3 - 1), 1.0)
+        np.testing.assert_allclose(now[4:-4], before[4:-4], rtol=0.02)
+        before = now
+
+
+def test_a_lasting_change_of_the_light_passes_through_in_time() -> None:
+    """Of a gain of 0.7, e^-1 of its logarithm is left out after the time constant."""
+    light = SteadyLight(60.0)
+    light.step(scene(), 1.0)
+    darker = scene() * np.float32(0.7)
+    shown = [light.step(darker, 1.0) for _ in range(61)]
+    np.testing.assert_allclose(shown[0], scene(), rtol=1e-4)
+    left = np.log(shown[60] / darker)
+    np.testing.assert_allclose(left, -np.log(0.7) / np.e, rtol=1e-3)
+
+
+def test_after_a_reset_the_next_frame_is_the_first() -> None:
+    light = SteadyLight(60.0)
+    light.step(scene(), 1.0)
+    light.reset()
+    luma = scene() * np.float32(0.7)
+    assert light.step(luma, 1.0) is luma
+
+
+def shown(widths: Widths, frames: int, luminance: float = 0.06) -> list[Luma]:
+    """Return a texture that moves between bars of these widths, with little noise."""
+    made = []
+    for t in range(frames):
+        luma = np.roll(scene(2), 3 * t, 1)
+        luma[: widths.top] = luma[HEIGHT - widths.bottom :] = luminance
+        luma[:, : widths.left] = luma[:, WIDTH - widths.right :] = luminance
+        noise = np.asarray(RANDOM.uniform(-1, 1, luma.shape) / 255, np.float32)
+        made.append(np.clip(luma + noise, 0, 1))
+    return made
+
+
+@pytest.mark.parametrize(
+    "widths", [Widths(left=40, right=40), Widths(top=15, bottom=16), Widths(12, 10, 20, 9)]
+)
+def test_bars_are_known_after_a_quarter_of_a_second(widths: Widths) -> None:
+    bars = Bars()
+    found = []
+    for luma in shown(widths, 12):
+        bars.step(luma, 1.0)
+        found.append(bars.widths)
+    assert found[7] == NO_BARS
+    assert found[9:] == [widths] * 3
+
+
+def test_bars_end_at_the_first_frame_without_them() -> None:
+    bars = Bars()
+    for luma in [*shown(Widths(left=40, right=30), 12), *shown(Widths(right=30), 1)]:
+        bars.step(luma, 1.0)
+    assert bars.widths == Widths(right=30)
+
+
+def test_a_plain_ground_around_an_object_is_no_bar() -> None:
+    """The lines beside the object are plain up to it, and most of the next line is ground too."""
+    bars = Bars()
+    luma = np.ones((HEIGHT, WIDTH), np.float32)
+    luma[30:80, 50:100] = 0
+    for _ in range(30):
+        bars.step(luma, 1.0)
+    assert bars.widths == NO_BARS
+
+
+def test_a_plain_frame_says_nothing_about_bars() -> None:
+    bars = Bars()
+    for luma in [*shown(Widths(top=15), 12), *[np.full((HEIGHT, WIDTH), 0.06, np.float32)] * 5]:
+        bars.step(luma, 1.0)
+    assert bars.widths == Widths(top=15)
