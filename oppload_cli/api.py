@@ -15,7 +15,7 @@ from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write
 from oppload_cli.files.reading import is_there, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
-from oppload_cli.pipeline.execute import collected, facts_of_truth
+from oppload_cli.pipeline.execute import collected
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
 from oppload_cli.pipeline.task import IfExists, Outputs
@@ -29,6 +29,7 @@ from oppload_cli.results.table import (
     detection_values,
     write_sidecar,
 )
+from oppload_cli.results.truths import facts_of_truth
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
 from oppload_cli.video.inputs import GROUND_TRUTH, result_stem

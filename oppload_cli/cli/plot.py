@@ -171,11 +171,12 @@ def _plot_results(
     """Draw results of ``oppload run``: `look` is for every kind, `curves` for curves only."""
     from oppload_cli.plots import places, rmo
     from oppload_cli.results.reading import read_result
+    from oppload_cli.results.truths import truth_fault
 
     needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
     results = [read_result(path, needed) for path in paths]
     for result in results:
-        for fault in filter(None, (result.shortfall, result.truth_fault)):
+        for fault in filter(None, (result.shortfall, truth_fault(result))):
             say(f"oppload: {result.path}: {fault}")
     if kind == "rmo":
         return oppload.plot_rmo(results, **look)[0]

@@ -11,7 +11,6 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple
 
 import cv2
 
-from oppload_cli import stimulus as stimuli
 from oppload_cli.compute.loops import is_large
 from oppload_cli.environment import environment
 from oppload_cli.errors import (
@@ -33,7 +32,7 @@ from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, begun
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
-from oppload_cli.results.truths import FACTS, fault_of_truth
+from oppload_cli.results.truths import facts_of_truth, read_truth
 from oppload_cli.video.inputs import GROUND_TRUTH, Span
 from oppload_cli.video.opening import Opening
 from oppload_cli.video.optics import FOV, Optics
@@ -447,15 +446,7 @@ def _ground_truth(video: Path, facts: InputFacts) -> dict[str, Any] | None:
     if not os.path.lexists(path):  # False also for a name that is too long to look up
         return None
     try:
-        truth = stimuli.read_ground_truth(path)
+        truth = read_truth(path, facts.width, facts.height, facts.frames_declared)
     except OpploadError as error:
         return {"path": str(path), "error": str(error)}
-    fault = fault_of_truth(truth, facts.width, facts.height, facts.frames_declared)
-    if fault:
-        return {"path": str(path), "error": f"{path}: {fault}"}
     return facts_of_truth(path, truth)
-
-
-def facts_of_truth(path: Path, truth: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the main facts of a ground truth and its file, for the sidecar."""
-    return {"path": str(path), **{key: truth[key] for key in FACTS}}

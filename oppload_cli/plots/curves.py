@@ -44,7 +44,7 @@ from oppload_cli.plots.style import (
     styled_figure,
     wrapped,
 )
-from oppload_cli.results.reading import usable_truth
+from oppload_cli.results.truths import usable_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -13,8 +13,9 @@ from oppload_cli.files.reading import reading
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.alarms import uncounted
-from oppload_cli.results.reading import check_numbers, check_schema, find_truth, result_threshold
+from oppload_cli.results.reading import check_numbers, check_schema, result_threshold
 from oppload_cli.results.table import DETECTIONS
+from oppload_cli.results.truths import find_truth
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:

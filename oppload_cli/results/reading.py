@@ -1,4 +1,4 @@
-"""Results read back: tables, sidecars, and their thresholds, ground truth and video."""
+"""Results read back: tables, sidecars, and their thresholds and video."""
 
 from __future__ import annotations
 
@@ -14,22 +14,18 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from oppload_cli import stimulus
 from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
-from oppload_cli.errors import OpploadError, ResultError, SourceError, StimulusError, reason_of
+from oppload_cli.errors import OpploadError, ResultError, SourceError, reason_of
 from oppload_cli.files.reading import is_file, is_folder, reading, text_of
 from oppload_cli.models.registry import default_names, detector_named, known_names
 from oppload_cli.results.table import SCHEMA, SIDECAR, TABLE, columns_for
-from oppload_cli.results.truths import fault_of_truth
-from oppload_cli.video.inputs import GROUND_TRUTH, NUMBER, is_camera, is_video
+from oppload_cli.video.inputs import NUMBER, is_camera, is_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from numpy.typing import NDArray
-
-    Truth = dict[str, Any]
 
 
 SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
@@ -89,18 +85,6 @@ class Result:
             return ""
         lost = written - len(self.frames)
         return f"the table lacks {lost} of the run's {written} rows; run it again" * (lost > 0)
-
-    @property
-    def truth_fault(self) -> str:
-        """A sentence on a ground truth that cannot be used; empty where there is none."""
-        error = self.part("stimulus").get("error")
-        if isinstance(error, str):
-            return f"its ground truth is left out ({error})"
-        try:
-            find_truth(self)
-        except StimulusError as fault:
-            return f"its ground truth is left out ({fault})"
-        return ""
 
     def need(self, columns: Sequence[str]) -> None:
         """Raise a ResultError that names the first of these columns that is missing."""
@@ -515,54 +499,6 @@ def result_threshold(result: Result, name: str) -> NDArray[np.float64]:
         alarm.step(float(response[frame]), float(time_s[frame]))
         threshold[frame] = alarm.threshold
     return threshold
-
-
-def find_truth(result: Result) -> Truth | None:
-    """Read the ground truth that belongs to a result.
-
-    Parameters
-    ----------
-    result : Result
-        Its sidecar may name a file under ``stimulus.path``, or hold the content under
-        ``stimulus``; else ``{stem}.stimulus.json`` may be beside the result.
-
-    Returns
-    -------
-    dict or None
-        As :func:`oppload_cli.stimulus.ground_truth` gives it; None without a ground truth, and
-        where the run left it out, as the sidecar says.
-
-    Raises
-    ------
-    StimulusError
-        If that file is not a ground truth, or that of another video.
-    """
-    stated = result.sidecar.get("stimulus")
-    if isinstance(stated, dict):
-        if isinstance(stated.get("frames"), list):
-            return stated
-        if "error" in stated:
-            return None
-        stated = stated.get("path")
-    named = [Path(stated), result.path.parent / stated] if isinstance(stated, str) else []
-    facts = result.part("input")
-    for path in (*named, result.path.with_name(result.stem + GROUND_TRUTH)):
-        if is_file(path):
-            truth = stimulus.read_ground_truth(path)
-            shown = (facts.get(name) for name in ("width", "height", "frames_declared"))
-            fault = fault_of_truth(truth, *shown)
-            if fault:
-                raise StimulusError(f"{path}: {fault}")
-            return truth
-    return None
-
-
-def usable_truth(result: Result) -> Truth | None:
-    """Return the ground truth of a result; None where it has none that can be used."""
-    try:
-        return find_truth(result)
-    except StimulusError:  # as `Result.truth_fault` says
-        return None
 
 
 def check_schema(result: Result) -> None:

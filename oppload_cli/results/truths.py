@@ -1,20 +1,31 @@
-"""Whether a ground truth that lies beside a video is that of this video."""
+"""The ground truth beside a video or a result: found, read, and checked to be that of the video."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from oppload_cli import stimulus
+from oppload_cli.errors import StimulusError
+from oppload_cli.files.reading import is_file
+from oppload_cli.video.inputs import GROUND_TRUTH
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-FACTS = ("name", "looming", "contact_time_s", "display")  # that a sidecar keeps
+    from oppload_cli.results.reading import Result
+
+    Truth = dict[str, Any]
+
+
+_FACTS = ("name", "looming", "contact_time_s", "display")  # that a sidecar keeps
 _OTHER_SIDES = 0.03  # of the ratio of the sides: scaled videos have even widths and heights
 _OTHER_LENGTH = 0.1  # of the frames: a video may be cut by a few
 _FEW_FRAMES = 5
 
 
-def fault_of_truth(truth: Mapping[str, Any], width: Any, height: Any, frames: Any = None) -> str:
-    """Return in words why a ground truth is not that of a video; empty where it may be.
+def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth:
+    """Read a ground truth that lies beside a video.
 
     A video may have been scaled, and cut by a few frames. So its sides have another ratio if that
     differs by more than 3 %, and its number of frames is another one if it differs by more than a
@@ -22,15 +33,94 @@ def fault_of_truth(truth: Mapping[str, Any], width: Any, height: Any, frames: An
 
     Parameters
     ----------
-    truth : mapping
-        As :func:`oppload_cli.stimulus.ground_truth` gives it.
+    path : Path
+        The file.
     width, height : int or None
         Of the video as it is displayed; from a sidecar, so that anything else than a number above 0
         is not compared.
     frames : int or None
         That the video declares; likewise.
+
+    Returns
+    -------
+    dict
+        As :func:`oppload_cli.stimulus.ground_truth` gives it.
+
+    Raises
+    ------
+    StimulusError
+        If that file is not a ground truth, or that of another video.
     """
-    missing = next((key for key in FACTS if key not in truth), None)
+    truth = stimulus.read_ground_truth(path)
+    fault = _fault(truth, width, height, frames)
+    if fault:
+        raise StimulusError(f"{path}: {fault}")
+    return truth
+
+
+def facts_of_truth(path: Path, truth: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the main facts of a ground truth and its file, for the sidecar."""
+    return {"path": str(path), **{key: truth[key] for key in _FACTS}}
+
+
+def find_truth(result: Result) -> Truth | None:
+    """Read the ground truth that belongs to a result.
+
+    Parameters
+    ----------
+    result : Result
+        Its sidecar may name a file under ``stimulus.path``, or hold the content under
+        ``stimulus``; else ``{stem}.stimulus.json`` may be beside the result.
+
+    Returns
+    -------
+    dict or None
+        None without a ground truth, and where the run left it out, as the sidecar says.
+
+    Raises
+    ------
+    StimulusError
+        If that file is not a ground truth, or that of another video.
+    """
+    stated = result.sidecar.get("stimulus")
+    if isinstance(stated, dict):
+        if isinstance(stated.get("frames"), list):
+            return stated
+        if "error" in stated:
+            return None
+        stated = stated.get("path")
+    named = [Path(stated), result.path.parent / stated] if isinstance(stated, str) else []
+    facts = result.part("input")
+    for path in (*named, result.path.with_name(result.stem + GROUND_TRUTH)):
+        if is_file(path):
+            shown = (facts.get(name) for name in ("width", "height", "frames_declared"))
+            return read_truth(path, *shown)
+    return None
+
+
+def usable_truth(result: Result) -> Truth | None:
+    """Return the ground truth of a result; None where it has none that can be used."""
+    try:
+        return find_truth(result)
+    except StimulusError:  # as `truth_fault` says
+        return None
+
+
+def truth_fault(result: Result) -> str:
+    """Return a sentence on a ground truth that cannot be used; empty where there is none."""
+    error = result.part("stimulus").get("error")
+    if isinstance(error, str):
+        return f"its ground truth is left out ({error})"
+    try:
+        find_truth(result)
+    except StimulusError as fault:
+        return f"its ground truth is left out ({fault})"
+    return ""
+
+
+def _fault(truth: Truth, width: Any, height: Any, frames: Any) -> str:
+    """Return in words why a ground truth is not that of a video; empty where it may be."""
+    missing = next((key for key in _FACTS if key not in truth), None)
     if missing:
         return f"lacks its {missing}; generate the stimulus again"
     try:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from oppload_cli.errors import StimulusError
-from oppload_cli.results.reading import find_truth, read_result, usable_truth
-from oppload_cli.results.truths import fault_of_truth
+from oppload_cli.results.reading import read_result
+from oppload_cli.results.truths import find_truth, read_truth, truth_fault, usable_truth
 from oppload_cli.stimulus import ground_truth, load
 from tests.results.make import write_result
 
@@ -17,9 +17,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 TRUTH: dict[str, Any] = {
-    "name": "disk", "looming": True, "contact_time_s": 2.0,
+    "schema": "oppload.stimulus/1", "name": "disk", "looming": True, "contact_time_s": 2.0,
     "display": {"width": 320, "height": 240}, "frames": [{}] * 80,
 }  # fmt: skip
+
+
+def fault_of(folder: Path, truth: dict[str, Any], *shown: int | None) -> str:
+    """Return what is said of a ground truth beside such a video, without its path."""
+    path = folder / "disk.stimulus.json"
+    path.write_text(json.dumps(truth))
+    try:
+        assert read_truth(path, *shown) == truth
+    except StimulusError as error:
+        return str(error).removeprefix(f"{path}: ")
+    return ""
 
 
 @pytest.mark.parametrize(
@@ -38,15 +49,15 @@ TRUTH: dict[str, Any] = {
     ],
 )
 def test_another_shape_or_length_is_that_of_another_video(
-    shown: tuple[int | None, int | None, int | None], fault: str
+    shown: tuple[int | None, int | None, int | None], fault: str, tmp_path: Path
 ) -> None:
-    found = fault_of_truth(TRUTH, *shown)
+    found = fault_of(tmp_path, TRUTH, *shown)
     assert found == (f"is that of another video, of {fault}" if fault else "")
 
 
-def test_a_short_truth_may_differ_by_five_frames() -> None:
+def test_a_short_truth_may_differ_by_five_frames(tmp_path: Path) -> None:
     short = {**TRUTH, "frames": [{}] * 20}
-    assert [bool(fault_of_truth(short, 320, 240, count)) for count in (14, 15, 25, 26)] == [
+    assert [bool(fault_of(tmp_path, short, 320, 240, count)) for count in (14, 15, 25, 26)] == [
         True, False, False, True,
     ]  # fmt: skip
 
@@ -61,9 +72,11 @@ def test_a_short_truth_may_differ_by_five_frames() -> None:
         ({"name": ...}, "its name"),
     ],
 )
-def test_a_truth_that_lacks_something_is_told(change: dict[str, Any], said: str) -> None:
+def test_a_truth_that_lacks_something_is_told(
+    change: dict[str, Any], said: str, tmp_path: Path
+) -> None:
     truth = {key: value for key, value in (TRUTH | change).items() if value is not ...}
-    assert fault_of_truth(truth, 320, 240) == f"lacks {said}; generate the stimulus again"
+    assert fault_of(tmp_path, truth, 320, 240) == f"lacks {said}; generate the stimulus again"
 
 
 def test_a_result_leaves_out_a_damaged_or_foreign_truth(tmp_path: Path) -> None:
@@ -79,8 +92,8 @@ def test_a_result_leaves_out_a_damaged_or_foreign_truth(tmp_path: Path) -> None:
         beside.write_text(text)
         (tmp_path / "clip.oppload.json").write_text(json.dumps(sidecar))
         result = read_result(path)
-        assert fault in result.truth_fault
-        assert bool(result.truth_fault) == bool(fault)
+        assert fault in truth_fault(result)
+        assert bool(truth_fault(result)) == bool(fault)
         assert (usable_truth(result) is None) == bool(fault)
         if fault:
             with pytest.raises(StimulusError, match=r"clip\.stimulus\.json: is "):
@@ -95,4 +108,32 @@ def test_what_the_run_left_out_stays_left_out(tmp_path: Path) -> None:
     (tmp_path / "clip.oppload.json").write_text(json.dumps(sidecar))
     result = read_result(path)
     assert find_truth(result) is None
-    assert result.truth_fault == "its ground truth is left out (is that of another video)"
+    assert truth_fault(result) == "its ground truth is left out (is that of another video)"
+
+
+def with_sidecar(tmp_path: Path, stimulus: object) -> Path:
+    path = write_result(tmp_path / "clip.frames.csv")
+    path.with_name("clip.oppload.json").write_text(json.dumps({"stimulus": stimulus}))
+    return path
+
+
+def test_the_sidecar_names_or_holds_the_ground_truth(tmp_path: Path) -> None:
+    truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
+    (tmp_path / "other.stimulus.json").write_text(json.dumps(truth))
+    for stated in ({"path": "other.stimulus.json"}, "other.stimulus.json", truth):
+        stimulus = stated if isinstance(stated, dict) else {"path": str(tmp_path / stated)}
+        found = find_truth(read_result(with_sidecar(tmp_path, stimulus)))
+        assert found is not None
+        assert len(found["frames"]) == len(truth["frames"])
+        assert found["contact_time_s"] == pytest.approx(2.2)
+
+
+def test_a_result_may_have_no_ground_truth(tmp_path: Path) -> None:
+    assert find_truth(read_result(write_result(tmp_path / "clip.frames.csv"))) is None
+
+
+def test_a_file_that_is_no_ground_truth_is_named(tmp_path: Path) -> None:
+    path = write_result(tmp_path / "clip.frames.csv")
+    path.with_name("clip.stimulus.json").write_text('{"schema": "x"}')
+    with pytest.raises(StimulusError, match=r"clip\.stimulus\.json: its schema is 'x'"):
+        find_truth(read_result(path))
