@@ -52,7 +52,7 @@ _DETECTION_COLUMNS = (
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(tables.Result):
+class Result(tables.BaseResult):
     """The result of one input, from :func:`run` or :func:`read_result`.
 
     Attributes

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
 
 _CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")
@@ -213,7 +213,7 @@ class _Marks(NamedTuple):
     positions: dict[str, str | None]
     manifest: Path | None
 
-    def of(self, results: Sequence[Result]) -> dict[str, list[float | None]]:
+    def of(self, results: Sequence[BaseResult]) -> dict[str, list[float | None]]:
         """Return the times of each mark, one for each result."""
         marks: dict[str, list[float | None]] = {}
         if self.manifest:
@@ -231,7 +231,7 @@ class _Marks(NamedTuple):
         return marks
 
 
-def _time_of(result: Result, text: str, label: str) -> float:
+def _time_of(result: BaseResult, text: str, label: str) -> float:
     """Return the time of a position such as 1.5 or f50 in a result."""
     position = parse_position(text)
     if position.seconds is not None:

@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.plots.panels import Curve
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
     Series = NDArray[np.float64]
     Truth = dict[str, Any]
@@ -78,7 +78,7 @@ _LINE = 0.09  # inches of height for each line of a legend
 
 
 def plot_curves(
-    results: Result | Sequence[Result],
+    results: BaseResult | Sequence[BaseResult],
     *,
     models: Sequence[str] = (),
     scale: str = "threshold",

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
     Series = NDArray[np.float64]
     Truth = dict[str, Any]
@@ -75,7 +75,7 @@ class Curve:
         Of the line.
     """
 
-    result: Result
+    result: BaseResult
     number: int
     detector: str
     name: str
@@ -143,7 +143,7 @@ def time_label(options: CurveOptions) -> str:
 
 
 def panels_of(
-    results: Sequence[Result], options: CurveOptions, truths: Sequence[Truth | None]
+    results: Sequence[BaseResult], options: CurveOptions, truths: Sequence[Truth | None]
 ) -> list[list[Curve]]:
     """Return the curves of each panel.
 
@@ -204,7 +204,7 @@ def check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | No
 
 
 def _contact(
-    results: Sequence[Result], options: CurveOptions, truths: Sequence[Truth | None], at: int
+    results: Sequence[BaseResult], options: CurveOptions, truths: Sequence[Truth | None], at: int
 ) -> float:
     given = options.marks.get("contact")
     contact = given[at] if given else None

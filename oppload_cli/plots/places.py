@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.detector import Detector
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
     Still = NDArray[np.float32]
 
@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 WEAKEST = 0.05  # response over the peak of the frames shown
 
 
-def still_of(result: Result, video: str | None = None, *, model: str | None = None) -> Still | None:
+def still_of(
+    result: BaseResult, video: str | None = None, *, model: str | None = None
+) -> Still | None:
     """Read the frame of the peak from the video that a result was made from.
 
     Parameters
@@ -67,7 +69,7 @@ def still_of(result: Result, video: str | None = None, *, model: str | None = No
 
 
 def plot_places(
-    result: Result,
+    result: BaseResult,
     still: Still | None = None,
     *,
     title: str | None = None,
@@ -145,7 +147,7 @@ def plot_places(
     return figure, [axes]
 
 
-def _over_threshold(result: Result, detector: str, row: int) -> str:
+def _over_threshold(result: BaseResult, detector: str, row: int) -> str:
     """Return the response over its threshold in words; noise has large dots too."""
     threshold = result_threshold(result, detector)[row]
     if f"{detector}_alarm" not in result.frames.columns or not threshold > 0:
@@ -154,7 +156,7 @@ def _over_threshold(result: Result, detector: str, row: int) -> str:
     return f"\npeak: {ratio:.2g} times the threshold of the alarm"
 
 
-def _detector(result: Result, model: str | None) -> type[Detector]:
+def _detector(result: BaseResult, model: str | None) -> type[Detector]:
     """Return the detector whose places are drawn: a named one, or the first that has some."""
     if model is not None:
         detector = detector_named(model)
@@ -170,12 +172,12 @@ def _detector(result: Result, model: str | None) -> type[Detector]:
     return first
 
 
-def _peak(result: Result, detector: type[Detector]) -> int:
+def _peak(result: BaseResult, detector: type[Detector]) -> int:
     response = f"{detector.name}_response"
     return int(np.nanargmax(result.frames[response].to_numpy(float)))
 
 
-def _size(result: Result, detector: type[Detector], still: Still | None) -> tuple[int, int]:
+def _size(result: BaseResult, detector: type[Detector], still: Still | None) -> tuple[int, int]:
     """Return the rows and columns of the source, or those that the places reach."""
     if still is not None:
         return still.shape[0], still.shape[1]

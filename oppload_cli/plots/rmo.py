@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
 
 COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
@@ -35,7 +35,7 @@ _INDEX, _MEAN = CYCLE[3], CYCLE[4]  # as on the pages, and unlike OppLoD and D-L
 
 
 def plot_rmo(
-    results: Result | Sequence[Result],
+    results: BaseResult | Sequence[BaseResult],
     *,
     labels: Sequence[str] = (),
     title: str | None = None,
@@ -102,7 +102,7 @@ def plot_rmo(
     return figure, panels
 
 
-def _draw(panels: Sequence[Axes], result: Result) -> None:
+def _draw(panels: Sequence[Axes], result: BaseResult) -> None:
     time, *values = (
         result.frames[name].to_numpy(float)
         for name in ("time_s", "rmo_index", "rmo_mean", "rmo_max", "rom_share")

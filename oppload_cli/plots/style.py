@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Result, Tuning
+    from oppload_cli.results.reading import BaseResult, Tuning
 
 
 T = TypeVar("T")
@@ -239,7 +239,7 @@ def check_suffix(path: Path) -> None:
         raise ParameterError(f"{path}: a figure's name ends in .png, .svg or .pdf; rename it")
 
 
-def labels_of(results: Sequence[Result], given: Sequence[str] = ()) -> list[str]:
+def labels_of(results: Sequence[BaseResult], given: Sequence[str] = ()) -> list[str]:
     """Return a short name for each result.
 
     Parameters
@@ -271,14 +271,14 @@ def labels_of(results: Sequence[Result], given: Sequence[str] = ()) -> list[str]
     return [_plain(name) for name in told_apart([each.title for each in results], results)]
 
 
-def told_apart(names: Sequence[str], read: Sequence[Result | Tuning]) -> list[str]:
+def told_apart(names: Sequence[str], read: Sequence[BaseResult | Tuning]) -> list[str]:
     """Return what differs between results or tuning tables.
 
     Parameters
     ----------
     names : sequence of str
         The name of the input or of the stimulus, for each.
-    read : sequence of Result or Tuning
+    read : sequence of BaseResult or Tuning
         As many.
 
     Returns

@@ -21,7 +21,7 @@ from oppload_cli.version import __version__
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
     Series = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ class Content:
         Warnings about the result, a sentence each.
     """
 
-    result: Result
+    result: BaseResult
     curves: list[Curve]
     alarms: list[_AlarmSpan]
     boxes: dict[int, list[list[Any]]]
@@ -199,7 +199,7 @@ class Content:
         }
 
 
-def content_of(result: Result) -> Content:
+def content_of(result: BaseResult) -> Content:
     """Return the content of a result's page.
 
     Parameters
@@ -230,7 +230,7 @@ def content_of(result: Result) -> Content:
     return Content(result, curves, alarms, found, colour, truth, notes)
 
 
-def _curve(result: Result, name: str) -> Curve:
+def _curve(result: BaseResult, name: str) -> Curve:
     detector = detector_named(name)
     response = check_numbers(result.path, result.frames, f"{name}_response")
     threshold = result_threshold(result, name)
@@ -241,7 +241,9 @@ def _curve(result: Result, name: str) -> Curve:
     return Curve(name, detector.label, detector.colour, response / over, thresholded)
 
 
-def _alarms(result: Result, curve: Curve, boxes: dict[int, list[list[Any]]]) -> list[_AlarmSpan]:
+def _alarms(
+    result: BaseResult, curve: Curve, boxes: dict[int, list[list[Any]]]
+) -> list[_AlarmSpan]:
     column = f"{curve.name}_alarm"
     if column not in result.frames.columns:
         return []
@@ -273,7 +275,7 @@ def _contact_s(times: Series, rows: range, boxes: dict[int, list[list[Any]]]) ->
     return None
 
 
-def _boxes(result: Result, name: str) -> dict[int, list[list[Any]]]:
+def _boxes(result: BaseResult, name: str) -> dict[int, list[list[Any]]]:
     """Return the boxes by row: from ``detections.jsonl``, or else those of the table."""
     rows = {int(frame): row for row, frame in enumerate(result.frames["frame"])}
     path = result.path.with_name(f"{result.stem}{DETECTIONS}")
@@ -318,7 +320,7 @@ def _is_box(found: dict[str, Any]) -> bool:
     )
 
 
-def _truth(result: Result) -> dict[str, Any] | None:
+def _truth(result: BaseResult) -> dict[str, Any] | None:
     """Return angular sizes by object and row, where anything looms, and the contact."""
     truth = find_truth(result)
     if truth is None:
@@ -343,7 +345,7 @@ def _true_size(frame: dict[str, Any] | None, name: str) -> Any:
     return None if found is None else _short(found["angular_size_deg"])
 
 
-def _notes(result: Result, curves: list[Curve]) -> list[str]:
+def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
     """Return the warnings about a result, a sentence each."""
     notes = []
     if result.path.name.endswith(".part"):

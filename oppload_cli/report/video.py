@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import av
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
     from oppload_cli.video.frames import InputFacts, PictureSource
 
 
@@ -65,7 +65,7 @@ class VideoCopy:
 
 
 def copy_video(
-    result: Result, name: str, path: Path, *, still: int, tell: Callable[[int], object]
+    result: BaseResult, name: str, path: Path, *, still: int, tell: Callable[[int], object]
 ) -> VideoCopy:
     """Encode the frames of a result once more, as every browser plays them.
 
@@ -153,7 +153,7 @@ def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
     return max(2, width - width % 2), max(2, height - height % 2)
 
 
-def _image_rate(result: Result) -> Fraction | None:
+def _image_rate(result: BaseResult) -> Fraction | None:
     try:
         return Fraction(result.part("input")["frame_rate"])
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
@@ -168,7 +168,9 @@ def _jpeg(frame: av.VideoFrame) -> bytes:
     return data.tobytes()
 
 
-def _difference(result: Result, name: str, facts: InputFacts, times_s: NDArray[np.float64]) -> str:
+def _difference(
+    result: BaseResult, name: str, facts: InputFacts, times_s: NDArray[np.float64]
+) -> str:
     """Return a sentence where this is not the video of the run, or not all of it."""
     stated = result.part("input")
     for fact in ("bytes", "width", "height"):

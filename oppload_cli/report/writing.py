@@ -19,7 +19,7 @@ from oppload_cli.files.html import embedded, rendered
 from oppload_cli.processes.pool import outcomes
 from oppload_cli.report.page import Content, Curve, content_of
 from oppload_cli.report.video import VideoCopy, copy_video
-from oppload_cli.results.reading import Result, find_video, read_result, stem_of
+from oppload_cli.results.reading import BaseResult, find_video, read_result, stem_of
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED
 
@@ -106,14 +106,14 @@ class _Report:
 class _Item(NamedTuple):
     """A result, the page to make of it, and where the videos are now."""
 
-    result: Result | Path
+    result: BaseResult | Path
     page: Path
     videos: Path | None
     indexed: bool
 
 
 def write_report(
-    results: Sequence[Result | Path],
+    results: Sequence[BaseResult | Path],
     folder: Path,
     *,
     videos: Path | None = None,
@@ -178,11 +178,11 @@ def write_report(
     return _Report([entry.page for entry in entries], index, failures, notes)
 
 
-def _pages(results: Sequence[Result | Path], folder: Path) -> Iterator[Path]:
+def _pages(results: Sequence[BaseResult | Path], folder: Path) -> Iterator[Path]:
     """Yield the name of each page; results of one name are numbered."""
     taken: set[str] = set()
     for result in results:
-        stem = result.stem if isinstance(result, Result) else stem_of(result)
+        stem = result.stem if isinstance(result, BaseResult) else stem_of(result)
         name, number = stem, 1
         while name in taken:
             number += 1
@@ -205,7 +205,7 @@ def _refuse_other(index: Path) -> None:
 
 def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
     """Write the page of one result."""
-    result = item.result if isinstance(item.result, Result) else read_result(item.result)
+    result = item.result if isinstance(item.result, BaseResult) else read_result(item.result)
     content = content_of(result)
     beside = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
     copy: VideoCopy | None = None

@@ -39,8 +39,8 @@ _ANOTHER_TUNING = "give a table of 'oppload tune'"
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    """One result, as read.
+class BaseResult:
+    """The table and the sidecar of one input; :class:`oppload_cli.Result` adds detections.
 
     Attributes
     ----------
@@ -154,7 +154,7 @@ def direction_of(parameters: Iterable[str]) -> str | None:
     return next((key for key in parameters if key.rpartition(".")[2] in _DIRECTIONS), None)
 
 
-def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
+def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     """Read a result.
 
     Parameters
@@ -173,7 +173,7 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> Result:
     """
     ends = ("frame", "time_s", "_response", *needed)
     frames = read_frames(path, wanted=lambda name: name.endswith(ends))
-    result = Result(path, frames, _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}")))
+    result = BaseResult(path, frames, _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}")))
     result.need(("frame", "time_s"))
     if not result.models:
         _alarm_params(result)  # says which detector is not known
@@ -432,12 +432,12 @@ def _sidecar(path: Path) -> dict[str, Any]:
     }
 
 
-def find_video(result: Result, moved: Path | None = None) -> str:
+def find_video(result: BaseResult, moved: Path | None = None) -> str:
     """Return the name of the video or of the images that a result was made from.
 
     Parameters
     ----------
-    result : Result
+    result : BaseResult
         Its sidecar names the input, from the folder in which the run was started. It is
         looked for there, and beside the result.
     moved : Path, optional
@@ -471,12 +471,12 @@ def _holds_images(path: Path) -> bool:
     return is_folder(path) or bool(NUMBER.search(path.name) and is_folder(path.parent))
 
 
-def result_threshold(result: Result, name: str) -> NDArray[np.float64]:
+def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
     """Return the threshold with which a detector's alarm compared each response of a result.
 
     Parameters
     ----------
-    result : Result
+    result : BaseResult
         Holds the detector's responses; its sidecar states the alarm.
     name : str
         Of the detector.
@@ -501,7 +501,7 @@ def result_threshold(result: Result, name: str) -> NDArray[np.float64]:
     return threshold
 
 
-def check_schema(result: Result) -> None:
+def check_schema(result: BaseResult) -> None:
     """Raise a ResultError if the sidecar of a result is that of another version."""
     schema = result.sidecar.get("schema", SCHEMA)
     if schema != SCHEMA:
@@ -511,7 +511,7 @@ def check_schema(result: Result) -> None:
         )
 
 
-def _alarm_params(result: Result) -> AlarmParams:
+def _alarm_params(result: BaseResult) -> AlarmParams:
     """Return the parameters of a result's alarms; the default ones without a sidecar."""
     check_schema(result)
     stated = result.part("parameters").get("alarm", {})

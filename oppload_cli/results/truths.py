@@ -13,7 +13,7 @@ from oppload_cli.video.inputs import GROUND_TRUTH
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
     Truth = dict[str, Any]
 
@@ -63,7 +63,7 @@ def facts_of_truth(path: Path, truth: Mapping[str, Any]) -> dict[str, Any]:
     return {"path": str(path), **{key: truth[key] for key in _FACTS}}
 
 
-def find_truth(result: Result) -> Truth | None:
+def find_truth(result: BaseResult) -> Truth | None:
     """Read the ground truth that belongs to a result.
 
     Parameters
@@ -98,7 +98,7 @@ def find_truth(result: Result) -> Truth | None:
     return None
 
 
-def usable_truth(result: Result) -> Truth | None:
+def usable_truth(result: BaseResult) -> Truth | None:
     """Return the ground truth of a result; None where it has none that can be used."""
     try:
         return find_truth(result)
@@ -106,7 +106,7 @@ def usable_truth(result: Result) -> Truth | None:
         return None
 
 
-def truth_fault(result: Result) -> str:
+def truth_fault(result: BaseResult) -> str:
     """Return a sentence on a ground truth that cannot be used; empty where there is none."""
     error = result.part("stimulus").get("error")
     if isinstance(error, str):

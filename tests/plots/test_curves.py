@@ -21,25 +21,25 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
 FLOORS = {"opplod_floor": 0.25, "dlgmd_floor": 1.0, "factor": 0}  # thresholds that do not move
 
 
 @pytest.fixture
-def result(tmp_path: Path) -> Result:
+def result(tmp_path: Path) -> BaseResult:
     """OppLoD peaks at 4 times its threshold, D-LGMD stays at 0.039 of its own."""
     return result_in(tmp_path)
 
 
-def result_in(folder: Path, name: str = "clip", frames: int = 40, peak: int = 30) -> Result:
+def result_in(folder: Path, name: str = "clip", frames: int = 40, peak: int = 30) -> BaseResult:
     path = write_result(folder / f"{name}.frames.csv", frames, peak)
     sidecar = {"parameters": {"alarm": FLOORS}}
     path.with_name(f"{name}.oppload.json").write_text(json.dumps(sidecar))
     return read_result(path)
 
 
-def several(folder: Path, count: int) -> list[Result]:
+def several(folder: Path, count: int) -> list[BaseResult]:
     return [result_in(folder, f"clip-{number}", peak=10 + number % 29) for number in range(count)]
 
 
@@ -53,7 +53,7 @@ def curve(axes: Axes, number: int) -> np.ndarray:
 
 
 def test_responses_are_drawn_over_the_threshold_and_clipped_at_its_hundredth(
-    result: Result,
+    result: BaseResult,
 ) -> None:
     _, (panel,) = plot_curves(result)
     assert labels(panel) == [
@@ -75,7 +75,7 @@ def test_responses_are_drawn_over_the_threshold_and_clipped_at_its_hundredth(
     assert len(without.lines) == len(panel.lines) - 1
 
 
-def test_alarms_are_shaded_in_the_colour_of_their_detector(result: Result) -> None:
+def test_alarms_are_shaded_in_the_colour_of_their_detector(result: BaseResult) -> None:
     _, (panel,) = plot_curves(result)
     (shade,) = panel.patches
     on = np.flatnonzero(result.frames["opplod_alarm"] == 1) / 20
@@ -109,7 +109,7 @@ def test_a_peak_that_did_not_count_is_explained(tmp_path: Path) -> None:
     )
 
 
-def test_a_peak_outside_the_axis_leaves_the_panel_its_size(result: Result) -> None:
+def test_a_peak_outside_the_axis_leaves_the_panel_its_size(result: BaseResult) -> None:
     sizes = []
     for xlim in ((0.2, 1.9), (0.2, 0.8)):  # the peak is at 1.5 s
         figure, (panel,) = plot_curves(result, models=["opplod"], xlim=xlim)
@@ -142,7 +142,7 @@ def test_noise_is_no_peak(tmp_path: Path) -> None:
     assert set(curve(panel, 0)[3:]) == {0.01}
 
 
-def test_models_share_a_panel_over_their_own_peaks(result: Result) -> None:
+def test_models_share_a_panel_over_their_own_peaks(result: BaseResult) -> None:
     _, (panel,) = plot_curves(result, scale="peak")
     assert labels(panel) == [
         "OppLoD, peak 1 at 1.5 s (frame 30)",
@@ -156,7 +156,7 @@ def test_models_share_a_panel_over_their_own_peaks(result: Result) -> None:
     assert panel.get_ylabel() == "response / peak"
 
 
-def test_raw_responses_get_a_panel_each_with_their_unit(result: Result) -> None:
+def test_raw_responses_get_a_panel_each_with_their_unit(result: BaseResult) -> None:
     _, (first, second) = plot_curves(result, scale="raw", threshold=False)
     assert first.get_ylabel() == "response (arbitrary unit)"
     assert second.get_ylabel() == "response (mean of G)"
@@ -257,7 +257,7 @@ def test_lengths_must_agree_in_a_panel_unless_told(tmp_path: Path) -> None:
     assert len(plot_curves(results)[1]) == 2
 
 
-def test_marks_are_drawn(result: Result) -> None:
+def test_marks_are_drawn(result: BaseResult) -> None:
     _, (panel,) = plot_curves(result, marks={"onset": [0.5], "contact": [7.0]})
     verticals = [
         line for line in panel.lines if np.asarray(line.get_xdata()).tolist() == [0.5, 0.5]
@@ -266,7 +266,7 @@ def test_marks_are_drawn(result: Result) -> None:
     assert {text.get_text() for text in panel.texts} == {"onset", "contact at 7 s"}
 
 
-def test_labels_of_marks_share_a_row_unless_they_would_overlap(result: Result) -> None:
+def test_labels_of_marks_share_a_row_unless_they_would_overlap(result: BaseResult) -> None:
     for onset, contact, together in ((0.5, 1.6, True), (1.0, 1.1, True), (1.75, 1.85, False)):
         figure, (panel,) = plot_curves(result, marks={"onset": [onset], "contact": [contact]})
         figure.draw_without_rendering()
@@ -287,7 +287,7 @@ def test_time_counts_from_contact(tmp_path: Path) -> None:
         plot_curves(results, align="contact")
 
 
-def test_own_axes_and_title(result: Result) -> None:
+def test_own_axes_and_title(result: BaseResult) -> None:
     own = Figure().subplots()
     figure, (panel,) = plot_curves(result, axes=own, xlim=(0.5, 1.9))
     assert (figure, panel) == (own.figure, own)
@@ -306,19 +306,19 @@ def test_own_axes_and_title(result: Result) -> None:
     ],
 )
 def test_an_axis_without_a_frame_is_an_error(
-    result: Result, xlim: tuple[float, float], said: str
+    result: BaseResult, xlim: tuple[float, float], said: str
 ) -> None:
     with pytest.raises(ParameterError, match=said):
         plot_curves(result, xlim=xlim)
 
 
 @pytest.mark.parametrize("options", [{"scale": "log"}, {"align": "onset"}])
-def test_a_wrong_option_is_named(result: Result, options: dict[str, str]) -> None:
+def test_a_wrong_option_is_named(result: BaseResult, options: dict[str, str]) -> None:
     with pytest.raises(ParameterError, match=next(iter(options.values()))):
         plot_curves(result, **options)  # type: ignore[arg-type]
 
 
-def test_ground_truth_is_a_strip_with_its_contact(result: Result) -> None:
+def test_ground_truth_is_a_strip_with_its_contact(result: BaseResult) -> None:
     truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
     beside = result.path.with_name("clip.stimulus.json")
     beside.write_text(json.dumps(truth))
@@ -331,7 +331,7 @@ def test_ground_truth_is_a_strip_with_its_contact(result: Result) -> None:
     assert np.asarray(strip.lines[0].get_xdata(), float)[0] == pytest.approx(-2.2)
 
 
-def test_each_object_and_each_contact_is_told(result: Result) -> None:
+def test_each_object_and_each_contact_is_told(result: BaseResult) -> None:
     truth = ground_truth(load("controls/two-looming-disks"))
     result.path.with_name("clip.stimulus.json").write_text(json.dumps(truth))
     _, (panel, strip) = plot_curves(result, xlim=(0, 2.4))
@@ -368,7 +368,9 @@ def test_the_label_of_a_mark_lies_on_no_curve(contact: float, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("suffix", sorted(METADATA))
-def test_the_same_input_gives_the_same_bytes(suffix: str, result: Result, tmp_path: Path) -> None:
+def test_the_same_input_gives_the_same_bytes(
+    suffix: str, result: BaseResult, tmp_path: Path
+) -> None:
     made = []
     for name in ("one", "two"):
         path = tmp_path / f"{name}{suffix}"

@@ -14,7 +14,7 @@ from oppload_cli.results.reading import Tuning, read_result
 from tests.results.make import write_result
 
 if TYPE_CHECKING:
-    from oppload_cli.results.reading import Result
+    from oppload_cli.results.reading import BaseResult
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def test_long_names_are_wrapped_and_never_cut() -> None:
     assert "".join(lines).replace(" ", "") == name.replace(" ", "")
 
 
-def result_of(folder: Path, sidecar: dict[str, object]) -> Result:
+def result_of(folder: Path, sidecar: dict[str, object]) -> BaseResult:
     folder.mkdir()
     path = write_result(folder / "clip.frames.csv")
     path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
