@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from av.video.reformatter import Colorspace
 
 from oppload_cli.errors import SourceError
 from oppload_cli.files.atomic import PartFile, output_errors
 from oppload_cli.processes.pool import Seldom
 from oppload_cli.processes.threads import Call, Prefetch
-from oppload_cli.video.colour import BT709, Colour, colour_size
+from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.recording import Recording
 from oppload_cli.video.source import source_of
@@ -161,7 +162,7 @@ def _image_rate(result: BaseResult) -> Fraction | None:
 
 
 def _jpeg(frame: av.VideoFrame) -> bytes:
-    colour = frame.to_ndarray(format="bgr24", src_colorspace=BT709)
+    colour = frame.to_ndarray(format="bgr24", src_colorspace=Colorspace.ITU709)
     scale = min(1.0, _STILL_SIDE / max(colour.shape[:2]))
     small = cv2.resize(colour, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])

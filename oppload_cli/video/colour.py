@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import av
 import cv2
 import numpy as np
-from av.video.reformatter import VideoReformatter
+from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
 from oppload_cli.video.luminance import as_displayed, luminance_table
 
@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 
 
 LONGEST_SIDE = 1920  # px; larger pictures are made smaller
-_EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
-BT709, _UNSPECIFIED = 1, 2  # AVCOL_SPC_BT709, AVCOL_SPC_UNSPECIFIED
-_LIMITED = 1  # AVCOL_RANGE_MPEG
+_EXACTLY = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.BITEXACT
+_UNSPECIFIED = 2  # AVCOL_SPC_UNSPECIFIED
 _STANDARD_LINES = 576  # larger pictures that state no colour space use BT.709
 
 
@@ -31,6 +30,31 @@ def colour_size(facts: InputFacts, longest: int = LONGEST_SIDE) -> tuple[int, in
     """Return width and height of an input's pictures in colour: no side exceeds `longest` px."""
     scale = min(1.0, longest / max(facts.width, facts.height))
     return max(1, round(facts.width * scale)), max(1, round(facts.height * scale))
+
+
+def as_yuv420p(
+    frame: av.VideoFrame,
+    converter: VideoReformatter,
+    size: tuple[int | None, int | None] = (None, None),
+    colour_space: int | None = None,
+) -> av.VideoFrame:
+    """Return a picture as H.264 takes it: yuv420p, BT.709, limited range.
+
+    Parameters
+    ----------
+    frame : av.VideoFrame
+        Of any pixel format.
+    converter : VideoReformatter
+        Keeps its tables for the next picture of this size.
+    size : tuple of int or None
+        Width and height; those of the frame if left out.
+    colour_space : int or None
+        That of the frame; the one that it states if left out.
+    """
+    return converter.reformat(
+        frame, *size, "yuv420p", colour_space, Colorspace.ITU709,
+        dst_color_range=ColorRange.MPEG, interpolation=_EXACTLY, threads=1,
+    )  # fmt: skip
 
 
 class Colour:
@@ -70,14 +94,9 @@ class Colour:
         original, facts = picture.original, self._facts
         if isinstance(original, av.VideoFrame) and not (facts.mirrored or facts.rotation):
             with suppress(av.error.FFmpegError, ValueError):
-                return self._converter.reformat(
-                    original, *self._coded, "yuv420p", self._assumed(original), BT709,
-                    dst_color_range=_LIMITED, interpolation=_EXACTLY, threads=1,
-                )  # fmt: skip
-        return self._converter.reformat(
-            av.VideoFrame.from_ndarray(self(picture), "bgr24"), format="yuv420p",
-            dst_colorspace=BT709, dst_color_range=_LIMITED, interpolation=_EXACTLY, threads=1,
-        )  # fmt: skip
+                space = self._assumed(original)
+                return as_yuv420p(original, self._converter, self._coded, space)
+        return as_yuv420p(av.VideoFrame.from_ndarray(self(picture), "bgr24"), self._converter)
 
     def _converted(self, picture: Picture) -> Bgr:
         original = picture.original
@@ -99,7 +118,7 @@ class Colour:
     def _assumed(self, frame: av.VideoFrame) -> int | None:
         """Return the colour space of a picture that states none; None for its own."""
         large = min(frame.width, frame.height) > _STANDARD_LINES
-        return BT709 if large and frame.colorspace == _UNSPECIFIED else None
+        return Colorspace.ITU709 if large and frame.colorspace == _UNSPECIFIED else None
 
     def _grey(self, picture: Picture) -> Bgr:
         table = np.rint(luminance_table(picture.bits, picture.full_range) * 255).astype(np.uint8)

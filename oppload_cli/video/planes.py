@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import av
 import numpy as np
-from av.video.reformatter import VideoReformatter
+from av.video.reformatter import ColorRange, Interpolation, VideoReformatter
 
 if TYPE_CHECKING:
     from av.video.frame import VideoFrame
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 _WELL_ABOVE = 1.5  # for at least this factor swscale's averages are as good as OpenCV's
-_AREA_EXACTLY = 0x20 | 0x40000 | 0x80000  # SWS_AREA, SWS_ACCURATE_RND, SWS_BITEXACT
+_AREA_EXACTLY = Interpolation.AREA | Interpolation.ACCURATE_RND | Interpolation.BITEXACT
 
 
 class Resizing:
@@ -73,7 +73,6 @@ class Resizing:
         return view
 
 
-_LIMITED, _FULL = 1, 2  # AVCOL_RANGE_MPEG, AVCOL_RANGE_JPEG
 # Grey without a stated range is limited if a video codec coded it, else full.
 _LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
 _WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
@@ -126,10 +125,10 @@ def is_full_range(frame: VideoFrame, codec: str) -> bool:
     """
     name = frame.format.name
     if name.startswith("yuvj") or not name.startswith(_WITH_LUMA_PLANE):
-        return name not in _PACKED_YUV or frame.color_range == _FULL
-    if name.startswith("gray") and frame.color_range != _LIMITED:
-        return frame.color_range == _FULL or codec not in _LIMITED_GREY
-    return bool(frame.color_range == _FULL)
+        return name not in _PACKED_YUV or frame.color_range == ColorRange.JPEG
+    if name.startswith("gray") and frame.color_range != ColorRange.MPEG:
+        return frame.color_range == ColorRange.JPEG or codec not in _LIMITED_GREY
+    return bool(frame.color_range == ColorRange.JPEG)
 
 
 def _grey(colour: NDArray[Any], order: str) -> NDArray[np.uint8]:

@@ -8,9 +8,16 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import av
-from av.video.reformatter import VideoReformatter
+from av.video.reformatter import (
+    ColorPrimaries,
+    ColorRange,
+    Colorspace,
+    ColorTrc,
+    VideoReformatter,
+)
 
 from oppload_cli.errors import OutputError
+from oppload_cli.video.colour import as_yuv420p
 from oppload_cli.video.frames import USUAL_RATE
 
 if TYPE_CHECKING:
@@ -78,10 +85,8 @@ class Sink:
 _TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
 _MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
 _CLOCK_BACK_S, _CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
-BT709, _LIMITED = 1, 1  # AVCOL_*_BT709, AVCOL_RANGE_MPEG
 # By itself x264 chooses algorithms by the processor, some of which only approximate.
 ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
-_EXACTLY = 0x2 | 0x40000 | 0x80000  # SWS_BILINEAR, SWS_ACCURATE_RND, SWS_BITEXACT
 # Two threads on every machine: another number gives other bytes.
 _THREADS = 2
 # No frame is predicted from a later one: then decoding order is that of the times.
@@ -167,7 +172,9 @@ class Recording:
         float
             Presentation time of the frame in the file, in seconds.
         """
-        frame = picture if isinstance(picture, av.VideoFrame) else self._converted(picture)
+        frame = picture
+        if not isinstance(frame, av.VideoFrame):
+            frame = as_yuv420p(av.VideoFrame.from_ndarray(frame, "bgr24"), self._converter)
         frame.pts, frame.time_base = self._ticks(time_s), self._tick
         with self._errors():
             self._container.mux(self._stream.encode(frame))
@@ -188,16 +195,6 @@ class Recording:
         # The sink raises its error once more, and the library passes it on.
         with suppress(OSError, av.error.FFmpegError):
             self._container.close()
-
-    def _converted(self, picture: NDArray[np.uint8]) -> av.VideoFrame:
-        return self._converter.reformat(
-            av.VideoFrame.from_ndarray(picture, "bgr24"),
-            format="yuv420p",
-            dst_colorspace=BT709,
-            dst_color_range=_LIMITED,
-            interpolation=_EXACTLY,
-            threads=1,
-        )
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
@@ -225,6 +222,6 @@ class Recording:
         stream.time_base = context.time_base = self._tick
         context.thread_count = _THREADS
         context.bit_rate = 0
-        context.color_range = _LIMITED
-        context.colorspace = context.color_primaries = context.color_trc = BT709
+        context.color_range, context.colorspace = ColorRange.MPEG, Colorspace.ITU709
+        context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
         return stream

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 import av
 import numpy as np
+from av.video.reformatter import ColorRange
 from PIL import Image
 
 from oppload_cli.errors import OutputError, suggestion
@@ -265,8 +266,8 @@ class _VideoWriter(_Writer[PartFile]):
         context = stream.codec_context
         context.time_base, context.thread_count = 1 / rate, 1
         context.bit_rate = 0
-        context.color_range = 1 if pixels == "yuv420p" else 2
         self._limited = pixels == "yuv420p"
+        context.color_range = self._range = ColorRange.MPEG if self._limited else ColorRange.JPEG
         self._stream = stream
 
     def _write(self, grey: Grey) -> None:
@@ -278,7 +279,7 @@ class _VideoWriter(_Writer[PartFile]):
             frame = av.VideoFrame.from_ndarray(grey, format="gray")
         frame.pts = round(self.frames * 100 / self.frame_rate) if self._gif else self.frames
         frame.time_base = self._time_base
-        frame.color_range = 1 if self._limited else 2
+        frame.color_range = self._range
         self._container.mux(self._stream.encode(frame))
         self._sink.check()
 
