@@ -1,32 +1,56 @@
-"""Loads the compiled loops; one switch decides whether they replace the plain functions.
+"""The compiled loops, and the one switch that lets them replace the plain functions.
 
-A plain function says with :func:`with_twin` that :mod:`oppload_cli.compute.twins` holds its
-compiled twin. The twin has the same name, takes the same arguments and returns the same values,
-but for the last digits. Where no compiled loops were built, or where the environment variable
-``OPPLOAD_PORTABLE`` is 1, the plain function runs.
+A plain function of the models or of motion says with :func:`with_twin` that it has a compiled twin
+here, which hands its arrays to the loops in C. The twin takes the same arguments and returns the
+same values, but for the last digits; the docstring of the plain function says what it computes.
+Where no compiled loops were built, or where the environment variable ``OPPLOAD_PORTABLE`` is 1, the
+plain function runs.
 """
 
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import sys
 import zlib
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, wraps
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
 
 import cv2
+import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Protocol
 
     from numpy.typing import NDArray
 
     Taken = ParamSpec("Taken")
     Returned = TypeVar("Returned")
+
+    Floats = NDArray[np.float32]
+    Grey = NDArray[np.uint8]
+    Kernel = NDArray[np.float64]
+    Points = NDArray[np.float64]
+
+    class Kernels(Protocol):
+        """Square kernels of side 2 r + 1, and M_phi - 1/2 by the direction of each axis."""
+
+        excitation: Kernel
+        inhibition: Sequence[Kernel]
+        odd_masks: Mapping[int, Kernel]
+
+    class Sums(Protocol):
+        """The maps into which S and the S_phi are written."""
+
+        presynaptic: Floats
+        pathways: Mapping[int, Floats]
+        only_pathways: bool
+
 
 INTERFACE = 11  # that of maps.c; a build with another number is out of date
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
@@ -61,6 +85,11 @@ _NUMBER: dict[str, tuple[Any, ...]] = {
 }
 
 _Byte = ctypes.c_char
+_STAGES = 1, 1, 2  # parts in which E and the inhibition by P(t-1) and by P(t-2) are summed
+_MOST_PATHWAYS = 4
+_CHANNELS = 4  # that are averaged over a cell: x, y, change and a spare one
+_ZEROS = 8  # after each row of cells
+_LANES = 4  # doubles of a vector of rmo.c
 
 # True: the plain functions run.
 portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
@@ -76,24 +105,10 @@ def with_twin(plain: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
     def chosen(*args: Taken.args, **kwargs: Taken.kwargs) -> Returned:
         if portable or _loaded()[1] is None:
             return plain(*args, **kwargs)
-        twin: Callable[Taken, Returned] = _twin(plain.__name__)
+        twin: Callable[Taken, Returned] = _TWINS[plain.__name__]
         return twin(*args, **kwargs)
 
     return chosen
-
-
-def loops() -> ctypes.CDLL:
-    """Return the compiled loops for this processor.
-
-    Raises
-    ------
-    RuntimeError
-        If they were not built.
-    """
-    library = _loaded()[1]
-    if library is None:
-        raise RuntimeError("the compiled loops were not built")
-    return library
 
 
 def arithmetic() -> str:
@@ -121,7 +136,220 @@ def why_not_wide() -> str | None:
     return found if isinstance(found, str) else None
 
 
-def address(array: NDArray[Any]) -> int:
+def is_large(shape: tuple[int, int]) -> bool:
+    """Tell whether frames of a height and width are large enough for several threads."""
+    return shape[0] * shape[1] >= _LARGE
+
+
+# ---- The twins ------------------------------------------------------------------------------
+
+
+class _Plan:
+    """The kernels as presynaptic.c takes them, and room for its intermediate maps.
+
+    The kernels are even across and down, and their directional parts are sums of one part that is
+    odd across and one that is odd down. So one quadrant of each kernel is enough.
+    """
+
+    def __init__(self, kernels: Kernels) -> None:
+        quadrants = [_quadrants(kernels.excitation, {})]
+        quadrants += [_quadrants(each, kernels.odd_masks) for each in kernels.inhibition]
+        stages, taps, offsets = [], [], []
+        for number, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
+            # The nearest values first, which inhibit most; each part takes every n-th of them.
+            nearest = sorted(np.argwhere(quadrant[0]).tolist(), key=np.hypot.reduce)
+            for some in (nearest[part::parts] for part in range(parts)):
+                stages.append((number, len(some)))
+                taps += [quadrant[:, dy, dx] for dy, dx in some]
+                offsets += [(number, dy, dx) for dy, dx in some]
+        age, dy, dx = np.array(offsets, np.intc).reshape(-1, 3).T
+        reach = np.zeros(len(quadrants), np.intc)
+        np.maximum.at(reach, age, np.maximum(dy, dx))
+        self.slots = 1 << int(2 * reach.max()).bit_length()
+        # In the scratch: zeros, then for each age a ring of `slots` folded rows.
+        folded = _library().folded()
+        rows = folded * (reach + 1)
+        begins = folded + self.slots * (np.cumsum(rows) - rows)
+        slot = np.arange(self.slots)[:, None]
+        above, below = (
+            begins[age] + (other & (self.slots - 1)) * rows[age] + folded * dx
+            for other in (slot - dy, slot + dy)
+        )
+        self.stages = np.array(stages, np.intc)
+        self.taps = np.array(taps, np.float32)
+        self.places = np.stack([above, np.where(dy, below, 0)], -1).astype(np.intc)
+        self.rings = np.stack([begins, reach], -1).astype(np.intc)
+        self.axes = tuple(kernels.odd_masks)
+        self.arguments = (
+            *(_address(self.stages), len(stages), _address(self.taps), len(taps)),
+            *(_address(self.places), _address(self.rings), self.slots, 45 in self.axes),
+        )
+        self._floats = folded + self.slots * int(rows.sum())
+        self._scratch: Floats = np.zeros((0, 0), np.float32)
+
+    def scratch(self, bands: int) -> list[int]:
+        """Return the _address of each band's room for intermediate maps."""
+        if len(self._scratch) < bands:
+            self._scratch = np.zeros((bands, self._floats), np.float32)
+        return _addresses(self._scratch)
+
+
+class _Outputs:
+    """The addresses of the maps of sums, and which strips of their rows hold only zeros.
+
+    The loops do not write zeros over zeros.
+    """
+
+    def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:
+        self.axes = axes
+        pathways = [sums.pathways[phi] for phi in (*axes, *(phi + 180 for phi in axes))]
+        presynaptic = None if sums.only_pathways else _address(sums.presynaptic)
+        self.arguments = (
+            *(presynaptic, *map(_address, pathways)),
+            *[None] * (_MOST_PATHWAYS - len(pathways)),
+        )
+        self._filled = np.ones(sums.presynaptic.shape, np.uint8)  # at first they may hold anything
+        self.filled = _address(self._filled)
+
+
+_plans: WeakKeyDictionary[Kernels, _Plan] = WeakKeyDictionary()
+_outputs: WeakKeyDictionary[Sums, _Outputs] = WeakKeyDictionary()
+
+
+def _presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: Sums) -> None:
+    """Compute S and S_phi, as :func:`oppload_cli.models.dpc.presynaptic_sums` does.
+
+    Parameters
+    ----------
+    photoreceptors : sequence of ndarray of float32, shape (height, width)
+        P(t), P(t-1) and P(t-2), contiguous.
+    kernels : Kernels
+        Of no axis, or of two axes at a right angle.
+    out : Sums
+        Takes the sums, contiguous.
+    """
+    if kernels not in _plans:
+        _plans[kernels] = _Plan(kernels)
+    plan = _plans[kernels]
+    outputs = _outputs.get(out)
+    if outputs is None or outputs.axes != plan.axes:
+        outputs = _outputs[out] = _Outputs(out, plan.axes)
+    height, width = shape = photoreceptors[0].shape[0], photoreceptors[0].shape[1]
+    maps = [_address(each) for each in photoreceptors]
+    arguments = *maps, height, width, *plan.arguments, *outputs.arguments
+    scratch, filled = plan.scratch(len(_bands_of(shape))), outputs.filled
+    compute = _library().presynaptic_sums
+    _in_bands(shape, lambda n, *rows: compute(*arguments, *rows, scratch[n], filled))
+
+
+def _group(
+    presynaptic: Floats, side: int, threshold: float, limit: float, out: Floats
+) -> tuple[float, float]:
+    """Compute G, as :func:`oppload_cli.models.dlgmd.group` does."""
+    height, width = shape = presynaptic.shape[0], presynaptic.shape[1]
+    totals = np.empty((height, 2))
+    arguments = (
+        *(_address(presynaptic), height, width, side, threshold, limit),
+        *(_address(out), _address(totals)),
+    )
+    compute = _library().group
+    _in_bands(shape, lambda _, first, last: compute(*arguments, first, last))
+    s, g = (totals.sum(axis=0) / presynaptic.size).tolist()
+    return s, g
+
+
+def _pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
+    """Pool maps, as :func:`oppload_cli.models.opposing_motion.pool` does."""
+    (height, width), rows, columns = maps[0].shape, len(down), len(across)
+    half, out = (
+        np.empty((rows, width), np.float32),
+        np.empty((len(maps), rows, columns), np.float32),
+    )
+    shared = height, width, _address(down), rows, _address(across), columns, _address(half)
+    for each, to in zip(maps, _addresses(out), strict=True):
+        _library().pool(_address(each), *shared, to)
+    return out
+
+
+def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
+    """Add up opponent products, as the function of the same name in the models does."""
+    axes, rows, columns = len(weights), *pooled.shape[1:]
+    stride, reach = columns + _ZEROS, weights.shape[-1] // 2
+    padded = np.zeros((2 * axes, rows, stride), np.float32)
+    padded[..., :columns] = pooled
+    out = np.empty((axes, rows, stride), np.float32)
+    at = _addresses(padded)
+    for passing, opposite, weight, to in zip(
+        at[:axes], at[axes:], _addresses(weights), _addresses(out), strict=True
+    ):
+        _library().opponent_products(
+            *(passing, opposite, rows, columns, stride, weight, reach, to),
+        )
+    return out[..., :columns]
+
+
+def _reduce(frame: Grey, reduction: int, out: Grey) -> None:
+    """Average squares of pixels, as :func:`oppload_cli.motion.flow.reduce` does."""
+    rows, columns = out.shape
+    if reduction == 1:
+        np.copyto(out, frame)
+        return
+    line = np.empty(reduction * columns, np.uint16)
+    _library().reduce(
+        *(_address(frame), frame.strides[0], reduction, rows, columns),
+        *(_address(out), _address(line)),
+    )
+
+
+def _sample(
+    before: Grey,
+    now: Grey,
+    flow: NDArray[np.float32],
+    cells: tuple[int, int, int, int, int],
+    least: tuple[float, float],
+) -> tuple[Points, Points]:
+    """Sample flow on a grid, as :func:`oppload_cli.motion.flow.sample` does."""
+    rows, columns = now.shape
+    cell_rows, cell_columns, *_ = cells
+    starts, vectors = np.empty((2, cell_rows * cell_columns, 2))
+    shares = np.empty((2 * (rows + columns + cell_rows + cell_columns), 2))
+    means = np.empty((2 * cell_columns, _CHANNELS), np.float32)
+    kept = _library().sample(
+        *(_address(before), _address(now), _address(flow), rows, columns, *cells),
+        *(least[0], 255.0 * least[1]),
+        *(_address(starts), _address(vectors), _address(shares), _address(means)),
+    )
+    return starts[:kept], vectors[:kept]
+
+
+def _rmo_sums(
+    starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
+) -> tuple[int, float, float, float, float, int]:
+    """Sum RMO over all pairs, as :func:`oppload_cli.motion.rmo.rmo_sums` does."""
+    motion, origin = np.ascontiguousarray(vectors), np.ascontiguousarray(starts)
+    rows, sums = np.empty(5 * (len(motion) + _LANES)), np.empty(6)
+    _library().rmo_sums(
+        *(_address(motion), _address(origin), len(motion)),
+        math.tan(math.radians(opposite_tolerance)),
+        math.tan(math.radians(outward_tolerance)),
+        *(sides, _address(rows), _address(sums)),
+    )
+    count, opposite, outward, inward, largest, pairs = sums.tolist()
+    return int(count), opposite, outward, inward, largest, int(pairs)
+
+
+_TWINS: dict[str, Callable[..., Any]] = {
+    "presynaptic_sums": _presynaptic_sums,
+    "group": _group,
+    "pool": _pool,
+    "opponent_products": _opponent_products,
+    "reduce": _reduce,
+    "sample": _sample,
+    "rmo_sums": _rmo_sums,
+}
+
+
+def _address(array: NDArray[Any]) -> int:
     """Return where the first value of an array stands in memory; the array must outlive it."""
     try:  # half as long as by the array interface; a frame needs some 40 addresses
         return ctypes.addressof(_Byte.from_buffer(array.data))
@@ -129,12 +357,30 @@ def address(array: NDArray[Any]) -> int:
         return int(array.__array_interface__["data"][0])
 
 
-def is_large(shape: tuple[int, int]) -> bool:
-    """Tell whether frames of a height and width are large enough for several threads."""
-    return shape[0] * shape[1] >= _LARGE
+def _addresses(maps: Floats) -> list[int]:
+    """Return where each map of a contiguous array stands in memory."""
+    first, size = _address(maps), maps[0].nbytes
+    return [first + size * number for number in range(len(maps))]
 
 
-def in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object]) -> None:
+def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:
+    """Return the quadrant dx, dy >= 0 of a kernel and of its odd parts, shape (3, r+1, r+1).
+
+    On the diagonals J_45 is the sum of both odd parts and J_135 their difference; on the axes
+    J_0 is the part that is odd across and J_90 the one that is odd down.
+    """
+    across = down = np.zeros_like(kernel)
+    if masks:
+        one, other = (kernel * mask for mask in masks.values())
+        across, down = (one, other) if 0 in masks else ((one - other) / 2, (one + other) / 2)
+    radius = len(kernel) // 2
+    return np.stack([kernel, across, down])[:, radius:, radius:]
+
+
+# ---- Bands of rows --------------------------------------------------------------------------
+
+
+def _in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object]) -> None:
     """Compute the rows of a frame, in bands on several threads where the frame is large.
 
     The threads are as many as OpenCV's, whose number follows the affinity mask or
@@ -148,31 +394,37 @@ def in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object])
     compute : callable
         Takes the number of a band, its first row, and the row after its last one.
     """
-    bands = bands_of(shape)
+    bands = _bands_of(shape)
     threads = min(cv2.getNumThreads(), len(bands)) if len(bands) > 1 else 1
     if threads <= 1:
         for number, band in enumerate(bands):
             compute(number, *band)
         return
     firsts, lasts = zip(*bands, strict=True)
-    for _ in _pool(threads).map(compute, range(len(bands)), firsts, lasts):
+    for _ in _band_threads(threads).map(compute, range(len(bands)), firsts, lasts):
         pass
 
 
-def bands_of(shape: tuple[int, int]) -> list[tuple[int, int]]:
+def _bands_of(shape: tuple[int, int]) -> list[tuple[int, int]]:
     """Return the first row of each band of a frame, and the row after its last one."""
     band = _BAND if is_large(shape) else max(1, shape[0])
     return [(first, min(first + band, shape[0])) for first in range(0, shape[0], band)]
 
 
 @cache
-def _pool(threads: int) -> ThreadPoolExecutor:
+def _band_threads(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, "oppload-bands")
 
 
-@cache
-def _twin(name: str) -> Any:
-    return getattr(import_module("oppload_cli.compute.twins"), name)
+# ---- The library ----------------------------------------------------------------------------
+
+
+def _library() -> ctypes.CDLL:
+    """Return the compiled loops for this processor, which were built: a twin runs."""
+    library = _loaded()[1]
+    if library is None:
+        raise RuntimeError("the compiled loops were not built")
+    return library
 
 
 @cache
