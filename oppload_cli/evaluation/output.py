@@ -19,9 +19,6 @@ from oppload_cli.evaluation.metrics.clips import (
     AHEAD,
     LEAST_S,
     WINDOW_S,
-    before_contact,
-    tiled,
-    without_approach,
 )
 from oppload_cli.evaluation.metrics.intervals import LEVEL, SEED
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
@@ -243,13 +240,13 @@ def _windows(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
 
 
 def _uses(clip: Clip) -> Iterator[tuple[str, int | None, Window]]:
-    for window in without_approach(clip):
+    for window in clip.windows_without_approach():
         yield "without approach", None, window
     for frames in AHEAD:
-        approach = before_contact(clip, frames)
+        approach = clip.window_before_contact(frames)
         if approach is not None:
             yield "approach", frames, approach
-            for window in tiled(clip, clip.first, approach.start):
+            for window in clip.windows(clip.first, approach.start):
                 yield "earlier", frames, window
 
 

@@ -26,7 +26,7 @@ from oppload_cli.plots.style import (
     with_doubts,
     wrapped,
 )
-from oppload_cli.reference.published import BOTH_ENDS_OVER_ONE
+from oppload_cli.reference import BOTH_ENDS_OVER_ONE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

@@ -23,7 +23,7 @@ from oppload_cli.plots.style import (
     with_doubts,
     wrapped,
 )
-from oppload_cli.reference.published import AngularThreshold, angular_thresholds
+from oppload_cli.reference import AngularThreshold, angular_thresholds
 from oppload_cli.results.reading import check_numbers
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from oppload_cli.plots.style import (
     with_doubts,
     wrapped,
 )
-from oppload_cli.reference.published import BAR_WIDTHS, bar_tuning
+from oppload_cli.reference import BAR_WIDTHS, bar_tuning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,1 +1,144 @@
-"""Published measurements that results are compared with."""
+"""Published measurements of neurons that respond to approaching objects.
+
+Response peaks of LPLC2 neurons: Klapoetke et al. 2017, *Ultra-selective looming detection from
+radial motion opponency*, Nature 551, 237; digitised from the replot in Zhou et al. 2022, *Shallow
+neural networks trained to detect collisions recover features of visual loom-selective neurons*,
+eLife 11, e72067. Error about 0.01. The looming disk (radius 10 to 30 degrees at 10 degrees/s)
+is 1.
+
+Angular thresholds and delays: a neuron whose response peaks a delay d after an object is seen
+under the angle A peaks ``(l/v) / tan(A / 2) - d`` before contact. The numbers stand in the texts
+of the papers or in a program of their authors, so that their error is that of rounding. The
+response of the fly's giant fibre to size alone, without the input of LC4 neurons, is excitation
+that is largest at an angle and inhibition that comes later and is left out here; Ache et al. 2019
+(Curr Biol 29:1073) attribute this input to LPLC2 neurons.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+
+_LPLC2_FILE, _THRESHOLDS_FILE = "lplc2_klapoetke2017.csv", "looming_peak_times.csv"
+SOURCE = "Klapoetke et al. 2017, digitised from the replot in Zhou et al. 2022; error about 0.01"
+BAR_WIDTHS = (10, 60)
+# Bars that grow at both ends give 0.23 of the loom, at one end 0.05 to 0.08 (error 0.01 each).
+BOTH_ENDS_OVER_ONE = (0.23 / 0.08, 0.23 / 0.05)
+
+
+@dataclass(frozen=True)
+class _Peak:
+    """One response peak.
+
+    Attributes
+    ----------
+    stimulus : str
+        E.g. ``bar_expand``.
+    axis_deg : float or None
+        Axis or direction of the stimulus, counter-clockwise, 0 = right.
+    width_deg : float or None
+        Width of the bar.
+    relative : float
+        Peak relative to that of the looming disk.
+    """
+
+    stimulus: str
+    axis_deg: float | None
+    width_deg: float | None
+    relative: float
+
+
+@cache
+def lplc2_peaks() -> tuple[_Peak, ...]:
+    """Return the peaks of LPLC2 neurons, in the order of the file."""
+    return tuple(
+        _Peak(
+            row["stimulus"],
+            float(row["axis_deg"]) if row["axis_deg"] else None,
+            float(row["width_deg"]) if row["width_deg"] else None,
+            float(row["peak_relative_to_loom"]),
+        )
+        for row in _rows(_LPLC2_FILE)
+    )
+
+
+def bar_tuning(width_deg: float) -> dict[float, float]:
+    """Return the tuning to an expanding bar over its axis.
+
+    Parameters
+    ----------
+    width_deg : float
+        10 or 60.
+
+    Returns
+    -------
+    dict of float to float
+        Relative peak by axis in degrees, 0 to 180, in rising order; both ends of the
+        bar grow, so that axis + 180 is the same. Empty for any other width.
+    """
+    found = {
+        peak.axis_deg: peak.relative
+        for peak in lplc2_peaks()
+        if peak.stimulus == "bar_expand" and peak.width_deg == width_deg
+        if peak.axis_deg is not None
+    }
+    return dict(sorted(found.items()))
+
+
+@dataclass(frozen=True)
+class AngularThreshold:
+    """The angular threshold of one neuron, with its delay.
+
+    Attributes
+    ----------
+    neuron : str
+        Animal and neuron.
+    kind : str
+        ``lower limit`` or ``upper limit`` of a range over animals, or what was measured.
+    angle_deg, delay_ms : float
+        Angular threshold, and delay from it to the peak.
+    error_deg, error_ms : float
+        How far each may be off, because of its rounding.
+    place, source : str
+        Where in the source, and the source.
+    """
+
+    neuron: str
+    kind: str
+    angle_deg: float
+    delay_ms: float
+    error_deg: float
+    error_ms: float
+    place: str
+    source: str
+
+    @property
+    def slope(self) -> float:
+        """Time of the peak before contact over l/v, for large l/v."""
+        return 1 / math.tan(math.radians(self.angle_deg / 2))
+
+
+@cache
+def angular_thresholds() -> tuple[AngularThreshold, ...]:
+    """Return all published thresholds, in the order of the file."""
+    return tuple(
+        AngularThreshold(
+            neuron=row["neuron"],
+            kind=row["kind"],
+            angle_deg=float(row["angle_deg"]),
+            delay_ms=float(row["delay_ms"]),
+            error_deg=float(row["error_deg"]),
+            error_ms=float(row["error_ms"]),
+            place=row["place"],
+            source=row["source"],
+        )
+        for row in _rows(_THRESHOLDS_FILE)
+    )
+
+
+def _rows(file: str) -> list[dict[str, str]]:
+    text = resources.files(__package__).joinpath(file).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle, spread
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
-from oppload_cli.reference.published import BAR_WIDTHS, SOURCE, bar_tuning
+from oppload_cli.reference import BAR_WIDTHS, SOURCE, bar_tuning
 from oppload_cli.reproduction.claims import (
     DPI,
     NO_PAUSE,

@@ -17,7 +17,7 @@ from oppload_cli.models.registry import detector_named, parameters_of
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
-from oppload_cli.reference.published import SOURCE, lplc2_peaks
+from oppload_cli.reference import SOURCE, lplc2_peaks
 from oppload_cli.reproduction.claims import DPI, NO_RESPONSE, WIDE, Built, Claim, Finding, Verdict
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import low_passed, present

@@ -60,7 +60,7 @@ def noise_tile(side: int, exponent: float, finest: float, random: np.random.Gene
     return np.asarray(tile, dtype=np.float32)
 
 
-class Texture:
+class Tile:
     """A tile and its smaller copies, read at any position by linear interpolation.
 
     Parameters

@@ -22,7 +22,7 @@ from oppload_cli.stimulus.kinematics import pose_of
 from oppload_cli.stimulus.objects import GRATINGS, PICTURE
 from oppload_cli.stimulus.patterns import (
     DotField,
-    Texture,
+    Tile,
     generator,
     noise_tile,
     shaded,
@@ -275,10 +275,10 @@ class _PatchPainter(_Painter):
     _SIDE = 256
 
     @cached_property
-    def _texture(self) -> Texture:
+    def _tile(self) -> Tile:
         """One tile spans the disk."""
         random = generator(self.protocol.seed, self.obj.id)
-        return Texture(noise_tile(self._SIDE, self.obj.exponent, self._SIDE / 8, random))
+        return Tile(noise_tile(self._SIDE, self.obj.exponent, self._SIDE / 8, random))
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
         """Return the texture, turned and scaled as the disk is."""
@@ -292,7 +292,7 @@ class _PatchPainter(_Painter):
                 u * math.cos(angle) - v * math.sin(angle),
                 u * math.sin(angle) + v * math.cos(angle),
             )
-        return shaded(pose.luminance, self.obj.contrast, self._texture.at(u, v, self._SIDE / size))
+        return shaded(pose.luminance, self.obj.contrast, self._tile.at(u, v, self._SIDE / size))
 
 
 class _PatternPainter(_Painter):
@@ -384,21 +384,21 @@ class _TexturePainter(_PatternPainter):
         return max(self.height, self.width) / self.projection.scale
 
     @cached_property
-    def _texture(self) -> Texture:
+    def _tile(self) -> Tile:
         """The texture, at least two samples to a pixel where the tile is not too large."""
         pixels = max(self.height, self.width)
         side = min(2 ** math.ceil(math.log2(2 * pixels)), _LARGEST_TILE)
         finest = self.obj.finest_deg or 4 / self.projection.scale
         random = generator(self.protocol.seed, self.obj.id)
         wavelength = max(finest / self._tile_deg * side, 2.0)
-        return Texture(noise_tile(side, self.obj.exponent, wavelength, random))
+        return Tile(noise_tile(side, self.obj.exponent, wavelength, random))
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
         """Return the mean luminance times 1 plus the contrast times the texture."""
         x, y = self._pattern_grid(pose, window)
-        per_pixel = self._texture.levels[0].shape[0] / self._tile_deg
+        per_pixel = self._tile.levels[0].shape[0] / self._tile_deg
         per_pixel /= self.projection.scale * pose.zoom
-        values = self._texture.at(x / self._tile_deg, -y / self._tile_deg, per_pixel)
+        values = self._tile.at(x / self._tile_deg, -y / self._tile_deg, per_pixel)
         return shaded(pose.luminance, self.obj.contrast, values)
 
 

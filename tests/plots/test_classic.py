@@ -12,7 +12,7 @@ import pytest
 from oppload_cli.errors import ResultError
 from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.tuning import lines_of, plot_tuning
-from oppload_cli.reference.published import angular_thresholds
+from oppload_cli.reference import angular_thresholds
 from oppload_cli.results.reading import read_tuning
 from tests.results.make import write_tuning
 

@@ -16,7 +16,7 @@ from oppload_cli.plots.contact import PeakTimes, student_t
 from oppload_cli.plots.polar import direction_tunings
 from oppload_cli.plots.style import CYCLE, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
-from oppload_cli.reference.published import bar_tuning, lplc2_peaks
+from oppload_cli.reference import bar_tuning, lplc2_peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
 from tests.results.make import write_tuning
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import stimulus
-from oppload_cli.stimulus.patterns import Texture, generator, noise_tile, sine_wave, square_wave
+from oppload_cli.stimulus.patterns import Tile, generator, noise_tile, sine_wave, square_wave
 
 
 @pytest.mark.parametrize("angle", [0, 10, 45, 90, 133])
@@ -81,18 +81,16 @@ def test_shortest_wavelength() -> None:
 
 
 def test_grid_and_scattered_positions_are_read_alike() -> None:
-    texture = Texture(noise_tile(64, 1.0, 4.0, generator(1, "a")))
+    tile = Tile(noise_tile(64, 1.0, 4.0, generator(1, "a")))
     u, v = np.linspace(-0.7, 1.3, 23)[None, :], np.linspace(0.1, 0.9, 17)[:, None]
     spread = np.broadcast_arrays(u, v)
-    np.testing.assert_allclose(
-        texture.at(u, v, 2.5), texture.at(spread[0], spread[1], 2.5), atol=1e-6
-    )
+    np.testing.assert_allclose(tile.at(u, v, 2.5), tile.at(spread[0], spread[1], 2.5), atol=1e-6)
 
 
 def test_smaller_copies_lie_where_the_tile_does() -> None:
     """Half a sample off, and a shrinking texture would creep."""
-    texture = Texture(noise_tile(256, 1.0, 64.0, generator(1, "a")))
+    tile = Tile(noise_tile(256, 1.0, 64.0, generator(1, "a")))
     u, v = np.linspace(0, 1, 50)[None, :], np.linspace(0, 1, 50)[:, None]
-    full = texture.at(u, v, 1.0)
+    full = tile.at(u, v, 1.0)
     for per_pixel in (4.0, 8.0, 11.0):
-        assert np.abs(texture.at(u, v, per_pixel) - full).max() < 0.06
+        assert np.abs(tile.at(u, v, per_pixel) - full).max() < 0.06

@@ -102,6 +102,17 @@ class Output:
     contact_s: Numbers | None = None
 
 
+class Window(NamedTuple):
+    """Frames `start` to before `stop`."""
+
+    start: int
+    stop: int
+
+    def score(self, response: Numbers) -> float:
+        """Return the largest of a clip's responses within the window."""
+        return float(response[self.start : self.stop].max())
+
+
 @dataclass(frozen=True)
 class Clip:
     """A clip that every detector has analysed.
@@ -167,62 +178,47 @@ class Clip:
             return float("nan")
         return float(self.time_s[self.label.contact] - self.time_s[frame])
 
+    def windows(self, start: int, stop: int) -> list[Window]:
+        """Return the windows that tile the frames from `start` to before `stop`, the latest first.
 
-class Window(NamedTuple):
-    """Frames `start` to before `stop`."""
+        The earliest may be shorter than a second, but has half a second.
+        """
+        made = []
+        while (window := self._window_to(stop, start)) is not None:
+            made.append(window)
+            stop = window.start
+        return made
 
-    start: int
-    stop: int
+    def window_before_contact(self, frames: int = 0) -> Window | None:
+        """Return the window that ends some frames before contact; 0 includes that of contact.
 
-    def score(self, response: Numbers) -> float:
-        """Return the largest of a clip's responses within the window."""
-        return float(response[self.start : self.stop].max())
+        None without an approach, or if less than half a second is clear of warm-up.
+        """
+        if self.label.contact is None:
+            return None
+        return self._window_to(self.label.contact + 1 - frames, self.first)
 
+    def windows_without_approach(self) -> list[Window]:
+        """Return the windows in which no object approaches.
 
-def _window_to(clip: Clip, stop: int, least: int) -> Window | None:
-    """Return the window of one second that ends before the frame `stop`.
+        These windows share no frame with the last second before contact.
+        """
+        start, stop = self.quiet
+        last = self.window_before_contact()
+        return self.windows(start, min(stop, last.start) if last else stop)
 
-    The window holds no frame before `least`; None if it would be shorter than half a second.
-    """
-    if not least < stop <= len(clip):
-        return None
-    since = clip.time_s[stop - 1] - WINDOW_S + _EPSILON_S
-    start = max(least, int(np.searchsorted(clip.time_s, since, side="right")))
-    if clip.seconds(start, stop) < LEAST_S - _EPSILON_S:
-        return None
-    return Window(start, stop)
+    def _window_to(self, stop: int, least: int) -> Window | None:
+        """Return the window of one second that ends before the frame `stop`.
 
-
-def tiled(clip: Clip, start: int, stop: int) -> list[Window]:
-    """Return the windows that tile the frames from `start` to before `stop`, the latest first.
-
-    The earliest may be shorter than a second, but has half a second.
-    """
-    made = []
-    while (window := _window_to(clip, stop, start)) is not None:
-        made.append(window)
-        stop = window.start
-    return made
-
-
-def before_contact(clip: Clip, frames: int = 0) -> Window | None:
-    """Return the window that ends some frames before contact; 0 includes that of contact.
-
-    None without an approach, or if less than half a second is clear of warm-up.
-    """
-    if clip.label.contact is None:
-        return None
-    return _window_to(clip, clip.label.contact + 1 - frames, clip.first)
-
-
-def without_approach(clip: Clip) -> list[Window]:
-    """Return the windows of a clip in which no object approaches.
-
-    These windows share no frame with the last second before contact.
-    """
-    start, stop = clip.quiet
-    last = before_contact(clip)
-    return tiled(clip, start, min(stop, last.start) if last else stop)
+        The window holds no frame before `least`; None if it would be shorter than half a second.
+        """
+        if not least < stop <= len(self):
+            return None
+        since = self.time_s[stop - 1] - WINDOW_S + _EPSILON_S
+        start = max(least, int(np.searchsorted(self.time_s, since, side="right")))
+        if self.seconds(start, stop) < LEAST_S - _EPSILON_S:
+            return None
+        return Window(start, stop)
 
 
 def ordered_pairs(clip: Clip, detector: str, frames: int) -> tuple[float, int]:
@@ -238,8 +234,8 @@ def ordered_pairs(clip: Clip, detector: str, frames: int) -> tuple[float, int]:
     pairs : int
         Number of pairs.
     """
-    approach = before_contact(clip, frames)
-    earlier = tiled(clip, clip.first, approach.start) if approach else []
+    approach = clip.window_before_contact(frames)
+    earlier = clip.windows(clip.first, approach.start) if approach else []
     if approach is None or not earlier:
         return float("nan"), 0
     response = clip.outputs[detector].response
@@ -262,10 +258,12 @@ def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Number
     """
     rows: list[tuple[float, bool, int]] = []
     for index, clip in enumerate(clips):
-        response, last = clip.outputs[detector].response, before_contact(clip)
+        response, last = clip.outputs[detector].response, clip.window_before_contact()
         if last is not None:
             rows.append((last.score(response), True, index))
-        rows += [(window.score(response), False, index) for window in without_approach(clip)]
+        rows += [
+            (window.score(response), False, index) for window in clip.windows_without_approach()
+        ]
     score, positive, owner = (np.array([row[at] for row in rows]) for at in range(3))
     return score.astype(np.float64), positive.astype(bool), owner.astype(np.int64)
 

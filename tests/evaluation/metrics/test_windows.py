@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from oppload_cli.evaluation.metrics.clips import (
-    before_contact,
     curve,
     ordered_pairs,
-    tiled,
-    without_approach,
 )
 from tests.evaluation.make import NAME, clip, peaks
 
@@ -16,25 +13,26 @@ from tests.evaluation.make import NAME, clip, peaks
 @pytest.mark.parametrize("rate", [10, 12.5, 16.667, 25, 29.97, 30, 60])
 def test_a_window_holds_one_second_of_frames(rate: float) -> None:
     seen = clip([0.0] * 200, rate=rate)
-    window = tiled(seen, 3, 150)[0]
+    window = seen.windows(3, 150)[0]
     assert window.stop == 150
     assert abs(len(range(*window)) - rate) <= 0.5
 
 
 def test_windows_tile_backwards_and_the_rest_counts_from_half_a_second() -> None:
-    assert tiled(clip([0.0] * 30), 3, 28) == [(18, 28), (8, 18), (3, 8)]
-    assert tiled(clip([0.0] * 30), 4, 28) == [(18, 28), (8, 18)]
+    assert clip([0.0] * 30).windows(3, 28) == [(18, 28), (8, 18), (3, 8)]
+    assert clip([0.0] * 30).windows(4, 28) == [(18, 28), (8, 18)]
 
 
 def test_windows_about_an_approach() -> None:
     seen = clip([0.0] * 60, 38, 45)
-    assert before_contact(seen) == (36, 46)
-    assert before_contact(seen, 4) == (32, 42)
+    assert seen.window_before_contact() == (36, 46)
+    assert seen.window_before_contact(4) == (32, 42)
     # The last second before contact begins before onset: its frames are not negative too.
-    assert without_approach(seen) == [(26, 36), (16, 26), (6, 16)]
-    assert without_approach(clip([0.0] * 23)) == [(13, 23), (3, 13)]
-    assert before_contact(clip([0.0] * 23)) is None
-    assert before_contact(clip([0.0] * 60, 3, 6)) is None  # under half a second after warm-up
+    assert seen.windows_without_approach() == [(26, 36), (16, 26), (6, 16)]
+    assert clip([0.0] * 23).windows_without_approach() == [(13, 23), (3, 13)]
+    assert clip([0.0] * 23).window_before_contact() is None
+    # Under half a second after warm-up.
+    assert clip([0.0] * 60, 3, 6).window_before_contact() is None
 
 
 def test_pairs_are_ordered_by_their_largest_responses() -> None:
