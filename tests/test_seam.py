@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from oppload_cli import AlarmParams, Box, Column, Detector, Response, alarm_params
-from oppload_cli.annotation.frame import layout_of
+from oppload_cli.annotation.frame import Layout
 from oppload_cli.cli import main
 from oppload_cli.errors import DetectorError, ParameterError
 from oppload_cli.models import registry
@@ -257,7 +257,7 @@ def test_its_curve_has_its_label_and_its_colour(
 
 
 def test_its_box_is_drawn_in_its_colour(result: Path) -> None:
-    layout = layout_of(facts(SIDE, SIDE))
+    layout = Layout.of(facts(SIDE, SIDE))
     paint = np.array(bgr(Toy.colour))
     with av.open(str(result / "clip.annotated.mp4")) as container:
         frames = [each.to_ndarray(format="bgr24") for each in container.decode(video=0)]

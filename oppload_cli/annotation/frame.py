@@ -113,29 +113,40 @@ class Layout:
     text: int
     line: int
 
+    @classmethod
+    def of(cls, facts: InputFacts) -> Layout:
+        """Return the layout for an input; the text grows with the picture, from 16 px."""
+        width, height = colour_size(facts)
+        times = math.ceil(_SHORT_SIDE / min(width, height))
+        times = max(1, min(times, LONGEST_SIDE // max(width, height)))
+        width, height = width * times, height * times
+        across = _even(max(width, _LEAST_WIDTH))
+        text = max(_LEAST_TEXT, round(min(across / 56, height / 32)))
+        header, plot, gap = 2 * text, 6 * text, text // 2
+        numbers = round(1.4 * text)  # of the time axis
+        gutter = round(5.5 * text)  # for the names of the levels
+        return cls(
+            across,
+            _even(height + header + plot + numbers),
+            _Area((across - width) // 2, 0, width, height),
+            _Area(gap, height, across - 2 * gap, header),
+            _Area(gutter, height + header, across - gutter - gap, plot),
+            width / facts.width,
+            height / facts.height,
+            text,
+            max(2, round(text / 8)),
+        )
 
-def layout_of(facts: InputFacts) -> Layout:
-    """Return the layout for an input; the text grows with the picture, from 16 px."""
-    width, height = colour_size(facts)
-    times = math.ceil(_SHORT_SIDE / min(width, height))
-    times = max(1, min(times, LONGEST_SIDE // max(width, height)))
-    width, height = width * times, height * times
-    across = _even(max(width, _LEAST_WIDTH))
-    text = max(_LEAST_TEXT, round(min(across / 56, height / 32)))
-    header, plot, gap = 2 * text, 6 * text, text // 2
-    numbers = round(1.4 * text)  # of the time axis
-    gutter = round(5.5 * text)  # for the names of the levels
-    return Layout(
-        across,
-        _even(height + header + plot + numbers),
-        _Area((across - width) // 2, 0, width, height),
-        _Area(gap, height, across - 2 * gap, header),
-        _Area(gutter, height + header, across - gutter - gap, plot),
-        width / facts.width,
-        height / facts.height,
-        text,
-        max(2, round(text / 8)),
-    )
+    def level_row(self, ratio: float, scale: _Scale = OVER_THRESHOLD) -> float:
+        """Return the row of the plot for a ratio of the scale, cut to its range."""
+        below = min(_DECADES, max(0.0, scale.top - math.log10(ratio))) if ratio > 0 else _DECADES
+        margin = 2 * self.line  # for half of a dot
+        return margin + (self.plot.height - 1 - 2 * margin) * below / _DECADES
+
+    def column_of(self, time_s: float, history: History) -> float:
+        """Return the column of the plot for a presentation time."""
+        width = self.plot.width - 1 - 2 * self.line
+        return width * (time_s - history.start_s) / history.window_s
 
 
 def _even(number: int) -> int:
@@ -305,19 +316,6 @@ def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecor
     canvas[layout.header.y : layout.header.y + line] = edge
 
 
-def level_row(ratio: float, layout: Layout, scale: _Scale = OVER_THRESHOLD) -> float:
-    """Return the row of the plot for a ratio of the scale, cut to its range."""
-    below = min(_DECADES, max(0.0, scale.top - math.log10(ratio))) if ratio > 0 else _DECADES
-    margin = 2 * layout.line  # for half of a dot
-    return margin + (layout.plot.height - 1 - 2 * margin) * below / _DECADES
-
-
-def column_of(time_s: float, layout: Layout, history: History) -> float:
-    """Return the column of the plot for a presentation time."""
-    width = layout.plot.width - 1 - 2 * layout.line
-    return width * (time_s - history.start_s) / history.window_s
-
-
 def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence[str]) -> None:
     text, area = layout.text, layout.header
     middle = area.y + layout.line + (area.height - layout.line) // 2
@@ -378,7 +376,7 @@ def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
     """Draw a line per level with its name, and the time axis at the foot."""
     plot = canvas[layout.plot.slices]
     for level, name in scale.levels.items():
-        row, line = round(level_row(10.0**level, layout, scale)), layout.line if level == 0 else 1
+        row, line = round(layout.level_row(10.0**level, scale)), layout.line if level == 0 else 1
         plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else _GRID
         x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
         ink = DARK if level == 0 else _DIM
@@ -399,7 +397,7 @@ def _ticks(canvas: Bgr, layout: Layout, history: History) -> None:
     step = tick_step(history.window_s)
     digits = max(0, -math.floor(math.log10(step)))
     number = math.ceil(history.start_s / step - 1e-9)
-    while (column := round(column_of(number * step, layout, history))) < plot.width:
+    while (column := round(layout.column_of(number * step, history))) < plot.width:
         x, foot = plot.x + column, plot.y + plot.height
         canvas[foot - text // 3 : foot, x : x + 1] = _DIM
         label = f"{number * step:.{digits}f} s"
@@ -412,8 +410,8 @@ def _ticks(canvas: Bgr, layout: Layout, history: History) -> None:
 def _shade(plot: Bgr, layout: Layout, history: History, points: list[Point]) -> None:
     for point, following in pairwise([*points, *points[-1:]]):
         if point.alarm:
-            first = math.floor(column_of(point.time_s, layout, history))
-            last = math.ceil(column_of(following.time_s, layout, history))
+            first = math.floor(layout.column_of(point.time_s, history))
+            last = math.ceil(layout.column_of(following.time_s, history))
             plot[:, max(0, first) : max(0, last + 1)] = _SHADE
 
 
@@ -425,8 +423,8 @@ def _curve(plot: Bgr, layout: Layout, history: History, points: list[Point], pai
         stretch = list(group)
         places = [
             (
-                column_of(each.time_s, layout, history),
-                level_row(each.ratio or 0.0, layout, history.scale),
+                layout.column_of(each.time_s, history),
+                layout.level_row(each.ratio or 0.0, history.scale),
             )
             for each in stretch
         ]

@@ -13,9 +13,9 @@ from oppload_cli.annotation.frame import (
     DARK,
     WHITE,
     History,
+    Layout,
     draw_ground,
     draw_strip,
-    layout_of,
     width_of,
     write,
 )
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from oppload_cli.annotation.frame import Layout, Paint
+    from oppload_cli.annotation.frame import Paint
     from oppload_cli.detection.places import Detection
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.colour import Bgr
@@ -103,7 +103,7 @@ class AnnotatedVideo:
         self._boxes = boxes
         self._path = path
         facts = video.facts
-        self._layout = layout = layout_of(facts)
+        self._layout = layout = Layout.of(facts)
         self._blank = np.full((layout.height, layout.width, 3), DARK, np.uint8)
         draw_ground(self._blank, layout)
         rate, count = facts.frame_rate, facts.frames_declared

@@ -13,6 +13,8 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
+from oppload_cli.results.reading import is_tuning, read_result
+from oppload_cli.results.truths import truth_fault
 from oppload_cli.video.inputs import parse_position
 
 if TYPE_CHECKING:
@@ -120,7 +122,6 @@ def plot(
     ground truth.
     """
     from oppload_cli.plots import style, tuning
-    from oppload_cli.results.reading import is_tuning
 
     if output is not None:
         style.check_suffix(output)
@@ -170,8 +171,6 @@ def _plot_results(
 ) -> Figure:
     """Draw results of ``oppload run``: `look` is for every kind, `curves` for curves only."""
     from oppload_cli.plots import places, rmo
-    from oppload_cli.results.reading import read_result
-    from oppload_cli.results.truths import truth_fault
 
     needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
     results = [read_result(path, needed) for path in paths]

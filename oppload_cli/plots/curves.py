@@ -16,16 +16,12 @@ from oppload_cli.plots.panels import (
     NOT_DOTTED,
     SCALES,
     CurveOptions,
-    bars_of,
     check_xlim,
     contact_of,
     contacts_of,
     draw_curves,
     log_axis,
     panels_of,
-    scale_of,
-    time_label,
-    with_bars,
 )
 from oppload_cli.plots.style import (
     COLUMN,
@@ -157,10 +153,10 @@ def plot_curves(
     panels = panels_of(results, options, truths)
     check_xlim(panels, xlim)
     if sum(map(len, panels)) <= _MOST_CURVES or axes is not None:
-        return _draw_few(panels, with_bars(panels, options), truths, axes)
+        return _draw_few(panels, options.with_bars(panels), truths, axes)
     if len(results) <= _MOST_PANELS:
         small = _one_each(panels)
-        return _draw_multiples(small, with_bars(small, options))
+        return _draw_multiples(small, options.with_bars(small))
     return _draw_heat(_one_each(panels), options)
 
 
@@ -207,7 +203,7 @@ def _draw_few(
             drawn.append(panel)
         for panel, curves, truth in zip(drawn, panels, shared, strict=True):
             _mark(panel, curves, options, truth)
-        axes[-1].set_xlabel(time_label(options))
+        axes[-1].set_xlabel(options.time_label)
         figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
         if options.title and len(panels) > 1:
             figure.suptitle(wrapped(options.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
@@ -243,7 +239,7 @@ def _draw_panel(
 
     With `title`, the figure's title is above it too.
     """
-    scale = scale_of(curves, options.scale)
+    scale = options.scale_of(curves)
     notes = draw_curves(axes, curves, options, scale)
     for note in notes:
         axes.plot([], [], linestyle="none", label=wrapped(note, LEGEND_WIDTH))
@@ -256,7 +252,7 @@ def _draw_panel(
     axes.set_ylabel(_value_label(scale, curves[0]))
     if own:
         axes.legend(fontsize="small")
-        axes.set_xlabel(time_label(options))
+        axes.set_xlabel(options.time_label)
         return 0
     texts: list[str] = axes.get_legend_handles_labels()[1]
     lines = sum(text.count("\n") + 1 for text in texts)
@@ -290,7 +286,7 @@ def _mark(
             if contact is None or abs(time - contact) > _SAME_S
         ]  # fmt: skip
     first, last = axes[0].get_xlim()
-    below = max((1 - bar + BAR_STEP for bar in bars_of(curves, options).values()), default=0.0)
+    below = max((1 - bar + BAR_STEP for bar in options.bars_of(curves).values()), default=0.0)
     taken: list[_Box] = []  # by labels and curves
     lines = _curves_of(axes[0])
     for label, times in marks.items():
@@ -468,7 +464,7 @@ def _draw_multiples(
     """Draw a small panel for each input, all on one scale."""
     columns = 2 if len(panels) <= 4 else 3
     rows = -(-len(panels) // columns)
-    scales = [scale_of(curves, options.scale) for curves in panels]
+    scales = [options.scale_of(curves) for curves in panels]
     scale = scales[0] if len(set(scales)) == 1 else options.scale
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.6 + 1.35 * rows)) as figure:
         shared = scale != "raw" and len(set(scales)) == 1
@@ -509,7 +505,7 @@ def _draw_multiples(
             axes[0].set_ylabel(label.replace(" / ", " /\n").replace(" (", "\n("))
         else:
             figure.supylabel(label, fontsize=7.5)
-        figure.supxlabel(time_label(options), fontsize=7.5)
+        figure.supxlabel(options.time_label, fontsize=7.5)
     return figure, axes
 
 
@@ -554,14 +550,14 @@ def _draw_heat(
     rows = list(by_input.values())
     first = [[next(iter(row.values()))] for row in rows]
     names = _names(first, options)
-    scale = scale_of([curve for row in rows for curve in row.values()], options.scale)
+    scale = options.scale_of([curve for row in rows for curve in row.values()])
     height = min(MOST_HEIGHT, 1.2 + 0.15 * len(rows))
     with styled_figure(PAGE, height) as figure:
         axes = list(figure.subplots(1, len(detectors), squeeze=False, sharey=True)[0])
         for panel, detector in zip(axes, detectors, strict=True):
             _draw_rows(panel, [row.get(detector) for row in rows], options, scale)
             panel.set_title(detector_named(detector).label)
-            panel.set_xlabel(time_label(options))
+            panel.set_xlabel(options.time_label)
         step = -(-len(names) // _MOST_NAMES)
         shown = range(0, len(names), step)
         axes[0].set_yticks(shown, [in_two_lines(names[at]) for at in shown])

@@ -56,6 +56,31 @@ class CurveOptions:
     any_length: bool = False
     bars: bool = False  # at the top for alarms, where shades would mix their colours
 
+    @property
+    def time_label(self) -> str:
+        """The label of the time axis."""
+        return "time from contact (s)" if self.align else "time (s)"
+
+    def with_bars(self, panels: Sequence[Sequence[Curve]]) -> CurveOptions:
+        """Return the options with bars for alarms where curves of a panel would share a shade."""
+        bars = any(
+            len({curve.number for curve in curves}) > 1
+            or sum(bool(curve.alarms()) for curve in curves) > 1
+            for curves in panels
+        )
+        return replace(self, bars=bars)
+
+    def bars_of(self, curves: Sequence[Curve]) -> dict[Curve, float]:
+        """Return the height of the bar of each curve with an alarm, as a share of its panel."""
+        alarming = [curve for curve in curves if self.bars and curve.alarms()]
+        return {curve: BAR - BAR_STEP * order for order, curve in enumerate(alarming)}
+
+    def scale_of(self, curves: Sequence[Curve]) -> str:
+        """Return the scale of a panel: over the peak where a curve has no threshold."""
+        if self.scale == "threshold" and any(curve.threshold is None for curve in curves):
+            return "peak"
+        return self.scale
+
 
 @dataclass(frozen=True, eq=False)
 class Curve:
@@ -119,27 +144,6 @@ class Curve:
         step = float(np.median(np.diff(time)))
         edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
         return [(time[a], time[b - 1] - time[a] + step) for a, b in edges.reshape(-1, 2)]
-
-
-def with_bars(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> CurveOptions:
-    """Return the options with bars for alarms where curves of a panel would share a shade."""
-    bars = any(
-        len({curve.number for curve in curves}) > 1
-        or sum(bool(curve.alarms()) for curve in curves) > 1
-        for curves in panels
-    )
-    return replace(options, bars=bars)
-
-
-def bars_of(curves: Sequence[Curve], options: CurveOptions) -> dict[Curve, float]:
-    """Return the height of the bar of each curve with an alarm, as a share of its panel."""
-    alarming = [curve for curve in curves if options.bars and curve.alarms()]
-    return {curve: BAR - BAR_STEP * order for order, curve in enumerate(alarming)}
-
-
-def time_label(options: CurveOptions) -> str:
-    """Return the label of the time axis."""
-    return "time from contact (s)" if options.align else "time (s)"
 
 
 def panels_of(
@@ -217,13 +221,6 @@ def _contact(
     return contact
 
 
-def scale_of(curves: Sequence[Curve], wanted: str) -> str:
-    """Return the scale of a panel: over the peak where a curve has no threshold."""
-    if wanted == "threshold" and any(curve.threshold is None for curve in curves):
-        return "peak"
-    return wanted
-
-
 def draw_curves(
     axes: Axes, curves: Sequence[Curve], options: CurveOptions, scale: str
 ) -> list[str]:
@@ -238,7 +235,7 @@ def draw_curves(
     notes: list[str] = []
     if options.xlim:  # before the curves, so that a peak outside is not drawn beside the panel
         axes.set_xlim(options.xlim)
-    bars = bars_of(curves, options)
+    bars = options.bars_of(curves)
     for order, (curve, value) in enumerate(zip(curves, values, strict=True)):
         _draw_curve(axes, curve, value, scale, order)
         _draw_alarms(axes, curve, bars.get(curve))

@@ -127,6 +127,37 @@ class Content:
     truth: dict[str, Any] | None
     notes: list[str] = field(default_factory=list)
 
+    @classmethod
+    def of(cls, result: BaseResult) -> Content:
+        """Return the content of a result's page.
+
+        Parameters
+        ----------
+        result : Result
+            As read.
+
+        Raises
+        ------
+        ResultError
+            If the result is of another version, or one of its files is damaged.
+        """
+        check_schema(result)
+        curves = [_curve(result, name) for name in result.models]
+        placing = placing_detector(result.models)
+        boxes = {placing.name: _boxes(result, placing.name)} if placing else {}
+        alarms = [
+            span for curve in curves for span in _alarms(result, curve, boxes.get(curve.name, {}))
+        ]
+        alarms.sort(key=lambda span: span.first)
+        notes = list(_notes(result, curves))
+        try:
+            truth = _truth(result)
+        except (OpploadError, KeyError, TypeError, ValueError) as error:
+            truth = None
+            notes.append(f"the ground truth of its stimulus cannot be read ({error})")
+        found, colour = (boxes[placing.name], placing.colour) if placing else ({}, "")
+        return cls(result, curves, alarms, found, colour, truth, notes)
+
     @property
     def strongest(self) -> Curve:
         """The curve highest over its threshold; a curve without one only if none has one."""
@@ -197,37 +228,6 @@ class Content:
             "boxes": self.boxes,
             "boxColour": self.box_colour,
         }
-
-
-def content_of(result: BaseResult) -> Content:
-    """Return the content of a result's page.
-
-    Parameters
-    ----------
-    result : Result
-        As read.
-
-    Raises
-    ------
-    ResultError
-        If the result is of another version, or one of its files is damaged.
-    """
-    check_schema(result)
-    curves = [_curve(result, name) for name in result.models]
-    placing = placing_detector(result.models)
-    boxes = {placing.name: _boxes(result, placing.name)} if placing else {}
-    alarms = [
-        span for curve in curves for span in _alarms(result, curve, boxes.get(curve.name, {}))
-    ]
-    alarms.sort(key=lambda span: span.first)
-    notes = list(_notes(result, curves))
-    try:
-        truth = _truth(result)
-    except (OpploadError, KeyError, TypeError, ValueError) as error:
-        truth = None
-        notes.append(f"the ground truth of its stimulus cannot be read ({error})")
-    found, colour = (boxes[placing.name], placing.colour) if placing else ({}, "")
-    return Content(result, curves, alarms, found, colour, truth, notes)
 
 
 def _curve(result: BaseResult, name: str) -> Curve:

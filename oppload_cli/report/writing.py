@@ -17,7 +17,7 @@ from oppload_cli.errors import OpploadError, OutputError, SourceError, printable
 from oppload_cli.files.atomic import make_folder, write_atomic
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.processes.pool import outcomes
-from oppload_cli.report.page import Content, Curve, content_of
+from oppload_cli.report.page import Content, Curve
 from oppload_cli.report.video import VideoCopy, copy_video
 from oppload_cli.results.reading import BaseResult, find_video, read_result, stem_of
 from oppload_cli.version import __version__
@@ -206,7 +206,7 @@ def _refuse_other(index: Path) -> None:
 def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
     """Write the page of one result."""
     result = item.result if isinstance(item.result, BaseResult) else read_result(item.result)
-    content = content_of(result)
+    content = Content.of(result)
     beside = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
     copy: VideoCopy | None = None
     try:

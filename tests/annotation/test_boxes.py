@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.frame import layout_of
+from oppload_cli.annotation.frame import Layout
 from oppload_cli.annotation.video import draw_detections, label_of
 from tests.annotation.records import detection, facts, paint_of
 
@@ -11,7 +11,7 @@ PAINT = paint_of("opplod")
 
 
 def drawn(*boxes: tuple[float, float, float, float], alarm: bool = False) -> np.ndarray:
-    layout = layout_of(facts(432, 240))  # shown at 864 x 480
+    layout = Layout.of(facts(432, 240))  # shown at 864 x 480
     canvas = np.full((layout.height, layout.width, 3), 90, np.uint8)
     draw_detections(canvas, layout, [detection(box, alarm=alarm) for box in boxes], PAINT)
     assert (canvas[layout.picture.height :] == 90).all()
@@ -63,7 +63,7 @@ def test_boxes_over_the_edge_are_cut(box: tuple[float, float, float, float]) -> 
 
 
 def test_the_first_is_drawn_over_the_others() -> None:
-    layout = layout_of(facts(432, 240))
+    layout = Layout.of(facts(432, 240))
     mixed = np.zeros((layout.height, layout.width, 3), np.uint8)
     both = [detection((100, 80, 120, 60), alarm=True), detection((100, 80, 120, 60))]
     draw_detections(mixed, layout, both, PAINT)

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from oppload_cli.annotation.frame import layout_of
+from oppload_cli.annotation.frame import Layout
 from tests.annotation.records import facts
 
 
@@ -23,7 +23,7 @@ from tests.annotation.records import facts
 def test_the_picture_keeps_its_size_or_is_enlarged_by_an_integer(
     width: int, height: int, picture: tuple[int, int]
 ) -> None:
-    layout = layout_of(facts(width, height))
+    layout = Layout.of(facts(width, height))
     assert (layout.picture.width, layout.picture.height) == picture
     assert (layout.scale_x, layout.scale_y) == (picture[0] / width, picture[1] / height)
     assert layout.width % 2 == layout.height % 2 == 0
@@ -38,5 +38,5 @@ def test_the_picture_keeps_its_size_or_is_enlarged_by_an_integer(
 
 
 def test_text_grows_with_the_picture() -> None:
-    assert layout_of(facts(1920, 1080)).text == 34
-    assert layout_of(facts(1920, 1080)).line == 4
+    assert Layout.of(facts(1920, 1080)).text == 34
+    assert Layout.of(facts(1920, 1080)).line == 4

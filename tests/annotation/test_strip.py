@@ -10,12 +10,10 @@ import pytest
 from oppload_cli.annotation.frame import (
     OVER_LARGEST,
     History,
+    Layout,
     Point,
-    column_of,
     draw_ground,
     draw_strip,
-    layout_of,
-    level_row,
     tick_step,
 )
 from oppload_cli.models.registry import detectors
@@ -24,7 +22,7 @@ from tests.annotation.records import facts, paint_of, record
 if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord
 
-LAYOUT = layout_of(facts(1280, 720))
+LAYOUT = Layout.of(facts(1280, 720))
 BOTH = ("opplod", "dlgmd")
 OPPLOD, DLGMD = (paint_of(name) for name in BOTH)
 DARK, SHADED, WHITE = (34,) * 3, (236,) * 3, (255,) * 3
@@ -46,7 +44,7 @@ def near(pixel: np.ndarray, paint: tuple[int, int, int], by: int = 2) -> bool:
 
 
 def test_levels_are_logarithmic_about_the_threshold() -> None:
-    rows = [level_row(ratio, LAYOUT) for ratio in (1000, 10**2.5, 100, 10, 1, 0.1, 0.01, 0)]
+    rows = [LAYOUT.level_row(ratio) for ratio in (1000, 10**2.5, 100, 10, 1, 0.1, 0.01, 0)]
     assert rows[0] == rows[1] == 2 * LAYOUT.line
     assert rows[-1] == rows[-2] == LAYOUT.plot.height - 1 - 2 * LAYOUT.line
     assert np.diff(rows[2:6]) == pytest.approx([(rows[-1] - rows[0]) / 4] * 3)
@@ -55,7 +53,7 @@ def test_levels_are_logarithmic_about_the_threshold() -> None:
 def test_the_threshold_is_a_dark_line_across_the_plot() -> None:
     canvas, _ = drawn([record(frame) for frame in range(30)])
     plot = canvas[LAYOUT.plot.slices]
-    row = round(level_row(1, LAYOUT))
+    row = round(LAYOUT.level_row(1))
     assert (plot[row, 200:] == 34).all()
     assert (plot[row - 4, 200:] == 255).all()
 
@@ -67,12 +65,12 @@ def test_the_curves_pass_through_their_values() -> None:
     )
     plot = canvas[LAYOUT.plot.slices]
     for frame in (10, 45, 80):
-        column = round(column_of(frame / 30, LAYOUT, history))
-        assert near(plot[round(level_row(ratios[frame], LAYOUT)), column], OPPLOD, 12)
-        assert near(plot[round(level_row(0.3, LAYOUT)), column], DLGMD, 12) or frame == 10
-    assert column_of(5, LAYOUT, history) == LAYOUT.plot.width - 1 - 2 * LAYOUT.line
+        column = round(LAYOUT.column_of(frame / 30, history))
+        assert near(plot[round(LAYOUT.level_row(ratios[frame])), column], OPPLOD, 12)
+        assert near(plot[round(LAYOUT.level_row(0.3)), column], DLGMD, 12) or frame == 10
+    assert LAYOUT.column_of(5, history) == LAYOUT.plot.width - 1 - 2 * LAYOUT.line
     # The window is empty after the latest frame.
-    later = plot[: round(level_row(1, LAYOUT)) - 4, round(column_of(3.2, LAYOUT, history)) :]
+    later = plot[: round(LAYOUT.level_row(1)) - 4, round(LAYOUT.column_of(3.2, history)) :]
     assert not np.any([near(pixel, OPPLOD, 30) for pixel in later.reshape(-1, 3)[::7]])
 
 
@@ -80,18 +78,18 @@ def test_a_time_far_away_is_drawn_without_a_warning() -> None:
     times = {1: 8388607.22, 2: 1 / 15}  # as a damaged file may have them
     records = [replace(record(t), time_s=times.get(t, t / 30)) for t in range(6)]
     _, history = drawn(records)
-    assert column_of(times[1], LAYOUT, history) > 1 << 27
+    assert LAYOUT.column_of(times[1], history) > 1 << 27
 
 
 def test_a_response_without_threshold_is_a_gap() -> None:
     records = [record(t, {"opplod": None if 20 <= t < 40 else 5.0}) for t in range(60)]
     canvas, history = drawn(records)
-    plot, row = canvas[LAYOUT.plot.slices], round(level_row(5, LAYOUT))
-    assert near(plot[row, round(column_of(10 / 30, LAYOUT, history))], OPPLOD, 12)
-    gap = round(column_of(33 / 30, LAYOUT, history))
+    plot, row = canvas[LAYOUT.plot.slices], round(LAYOUT.level_row(5))
+    assert near(plot[row, round(LAYOUT.column_of(10 / 30, history))], OPPLOD, 12)
+    gap = round(LAYOUT.column_of(33 / 30, history))
     assert near(plot[row, gap], WHITE)
-    assert near(plot[round(level_row(0, LAYOUT)), gap], WHITE)
-    assert near(plot[row, round(column_of(50 / 30, LAYOUT, history))], OPPLOD, 12)
+    assert near(plot[round(LAYOUT.level_row(0)), gap], WHITE)
+    assert near(plot[row, round(LAYOUT.column_of(50 / 30, history))], OPPLOD, 12)
 
 
 @pytest.mark.parametrize("models", [{"opplod"}, {"dlgmd"}, {"opplod", "dlgmd"}])
@@ -101,7 +99,7 @@ def test_alarms_are_shaded_and_signed_in_no_detectors_colour(models: set[str]) -
     canvas, history = drawn(records)
     plot = canvas[LAYOUT.plot.slices]
     # From the first frame with the alarm to the first one without.
-    first, last = (round(column_of(t, LAYOUT, history)) for t in (1, 2))
+    first, last = (round(LAYOUT.column_of(t, history)) for t in (1, 2))
     assert near(plot[2, first - 3], WHITE)
     assert near(plot[2, first + 3], SHADED)
     assert near(plot[2, last - 3], SHADED)
@@ -139,7 +137,7 @@ def test_the_curve_of_an_alarm_is_thicker() -> None:
     canvas, history = drawn(records)
     thickness = []
     for second in (0.5, 1.5, 2.5):
-        column = canvas[LAYOUT.plot.slices][:, round(column_of(second, LAYOUT, history))]
+        column = canvas[LAYOUT.plot.slices][:, round(LAYOUT.column_of(second, history))]
         thickness.append(sum(near(pixel, OPPLOD, 12) for pixel in column))
     assert thickness[0] == thickness[2] <= thickness[1] - 2
 
@@ -157,7 +155,7 @@ def test_ticks_have_numbers_that_move_with_the_window() -> None:
     for frame in (150, 165, 180):
         canvas, history = drawn([record(t) for t in range(frame + 1)])
         ink = np.flatnonzero((canvas[rows] < 200).any(axis=(0, 2)))
-        centres = [LAYOUT.plot.x + column_of(second, LAYOUT, history) for second in (2, 3, 4)]
+        centres = [LAYOUT.plot.x + LAYOUT.column_of(second, history) for second in (2, 3, 4)]
         at[frame] = centres[0]
         for centre in centres:
             near_it = ink[np.abs(ink - centre) < 3 * LAYOUT.text]
@@ -235,12 +233,12 @@ def test_without_alarms_responses_are_over_the_largest_so_far() -> None:
     ratios = [point.ratio for point in history.points["opplod"]]
     assert ratios == pytest.approx([0.1, 0.05] * 15 + [1] + [0.25] * 29)
     plot = canvas[LAYOUT.plot.slices]
-    column = round(column_of(50 / 30, LAYOUT, history))
-    assert near(plot[round(level_row(0.25, LAYOUT, OVER_LARGEST)), column], OPPLOD, 12)
+    column = round(LAYOUT.column_of(50 / 30, history))
+    assert near(plot[round(LAYOUT.level_row(0.25, OVER_LARGEST)), column], OPPLOD, 12)
     # The dark line is at the largest one, and not where the threshold would be.
     lines = {row: (plot[row, -50:] == 34).all() for row in range(len(plot))}
-    assert lines[round(level_row(1, LAYOUT, OVER_LARGEST))]
-    assert not lines[round(level_row(1, LAYOUT))]
+    assert lines[round(LAYOUT.level_row(1, OVER_LARGEST))]
+    assert not lines[round(LAYOUT.level_row(1))]
     names = slice(LAYOUT.plot.y, LAYOUT.plot.y + LAYOUT.plot.height), slice(0, LAYOUT.plot.x - 2)
     usual, _ = drawn([record(t, {"opplod": 1.0}) for t in range(9)])
     assert (canvas[names] != usual[names]).any()

@@ -10,7 +10,7 @@ import av
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.frame import layout_of, level_row
+from oppload_cli.annotation.frame import Layout
 from oppload_cli.annotation.video import AnnotatedVideo
 from oppload_cli.errors import OutputError
 from oppload_cli.pipeline.analysis import analyse
@@ -58,7 +58,7 @@ def test_boxes_and_strip_are_where_they_belong(tmp_path: Path) -> None:
     annotate(source, tmp_path / "a.annotated.mp4", (50, 60, 100, 80))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.annotated.mp4", "a.avi"]
     frames = decoded(tmp_path / "a.annotated.mp4")
-    layout = layout_of(facts(320, 240))
+    layout = Layout.of(facts(320, 240))
     assert len(frames) == 12
     for frame in frames:
         assert frame.shape == (layout.height, layout.width, 3)
@@ -68,7 +68,7 @@ def test_boxes_and_strip_are_where_they_belong(tmp_path: Path) -> None:
         assert min(seen) == pytest.approx(100, abs=2)
         assert max(seen) == pytest.approx(299, abs=2)
         assert not [column for column in seen if 105 < column < 295]
-        line = frame[layout.plot.y + round(level_row(1, layout)), layout.plot.x + 300 :]
+        line = frame[layout.plot.y + round(layout.level_row(1)), layout.plot.x + 300 :]
         assert line[:200].mean() < 90
         assert frame[layout.header.y + layout.line + 2 :].mean() > 200
 

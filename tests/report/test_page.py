@@ -16,7 +16,7 @@ import pytest
 from oppload_cli.errors import OutputError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.report import video
-from oppload_cli.report.page import content_of
+from oppload_cli.report.page import Content
 from oppload_cli.report.writing import number, seconds, write_report
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
@@ -60,7 +60,7 @@ def film_of(page: Path) -> bytes:
 
 
 def test_curves_alarms_and_boxes(table: Path) -> None:
-    content = content_of(read_result(table))
+    content = Content.of(read_result(table))
     opplod, dlgmd = content.curves
     assert (opplod.name, dlgmd.name) == ("opplod", "dlgmd")
     on = [any(first <= frame <= last for first, last in ALARMS) for frame in range(FIRST, LAST + 1)]
@@ -84,7 +84,7 @@ def test_curves_alarms_and_boxes(table: Path) -> None:
 
 def test_without_detections_the_boxes_are_those_of_the_table(table: Path) -> None:
     table.with_name("clip.detections.jsonl").unlink()
-    boxes = content_of(read_result(table)).boxes
+    boxes = Content.of(read_result(table)).boxes
     assert len(boxes) == ROWS
     assert boxes[0] == [[10, 20, 40, 30, None, None, None, False, None]]
     assert boxes[8 - FIRST][0][7]
@@ -94,7 +94,7 @@ def test_a_detector_without_an_alarm_is_drawn_over_its_peak(table: Path) -> None
     lines = [line.split(",") for line in table.read_text().splitlines()]
     at = lines[0].index("dlgmd_alarm")
     table.write_text("".join(",".join(cells[:at] + cells[at + 1 :]) + "\n" for cells in lines))
-    content = content_of(read_result(table))
+    content = Content.of(read_result(table))
     assert [curve.thresholded for curve in content.curves] == [True, False]
     assert content.curves[1].peak == 1
     assert "no alarm of D-LGMD" in content.notes[0]
@@ -115,7 +115,7 @@ def test_alarms_that_are_off_are_not_called_silent(table: Path) -> None:
 
 def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Path) -> None:
     table.write_text(table.read_text().replace(",0.5,1,", ",0.5,0,"))
-    content = content_of(read_result(table))
+    content = Content.of(read_result(table))
     assert content.alarms == []
     assert "did not count" in content.silence
     index = write_report([table, table], table.parent).first.read_text()
@@ -137,7 +137,7 @@ def test_a_table_that_was_cut_is_told(table: Path, capsys: Capture) -> None:
     content = sidecar_of(table.with_name("clip.mkv"))
     content["decode"] = {"analysed": ROWS}
     write_sidecar(table, content)
-    assert content_of(read_result(table)).notes == []
+    assert Content.of(read_result(table)).notes == []
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-3])[:-4])
     said = f"the table lacks 4 of the run's {ROWS} rows; run it again"
     for command in ("report", "plot"):
@@ -151,11 +151,11 @@ def test_remarks_of_the_run_are_warnings(table: Path) -> None:
     said = "5 frames/s are too few for the models"
     content["remarks"] = [said]
     write_sidecar(table, content)
-    assert content_of(read_result(table)).notes == [said]
+    assert Content.of(read_result(table)).notes == [said]
     assert said in write_report([table], table.parent).first.read_text()
     content["remarks"] = "damaged"
     write_sidecar(table, content)
-    assert content_of(read_result(table)).notes == []
+    assert Content.of(read_result(table)).notes == []
 
 
 def test_settings_are_words(table: Path) -> None:
@@ -163,7 +163,7 @@ def test_settings_are_words(table: Path) -> None:
     content["tool"] = {"libraries": {"numpy": "2.0", "av": "18"}}
     content["decode"] = {"complete": True, "messages": [], "damaged": False}
     write_sidecar(table, content)
-    settings = content_of(read_result(table)).settings()
+    settings = Content.of(read_result(table)).settings()
     assert settings["tool"] == {"libraries": "numpy 2.0, av 18"}
     assert settings["decode"] == {"complete": "yes", "messages": "none", "damaged": "no"}
 
