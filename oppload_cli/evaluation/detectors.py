@@ -10,7 +10,6 @@ from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.models.registry import ALL, detector_of, detectors, parameters_of
 from oppload_cli.models.timebase import TimeParams, time_params
-from oppload_cli.palette import INK
 from oppload_cli.pipeline.repeats import RepeatParams
 from oppload_cli.pipeline.settings import resolve
 
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
     from oppload_cli.schema import Parameters
 
 _USUAL_PRESETS = (DEFAULT_PRESET, "reference")
-# Of Okabe and Ito's palette, for the presets after the default one.
-_COLOURS = ("#009E73", "#CC79A7")
 
 
 @dataclass(frozen=True)
@@ -199,13 +196,3 @@ def label_of(full_name: str) -> str:
     name, _, preset = full_name.partition(":")
     label = detectors()[name].label if name in detectors() else name.replace("_", " ")
     return f"{label} {preset}".rstrip()
-
-
-def colour_of(full_name: str) -> str:
-    """Return the colour of an evaluated detector in plots, as ``#RRGGBB``."""
-    name, _, preset = full_name.partition(":")
-    if preset in {"", DEFAULT_PRESET}:
-        return detectors()[name].colour if name in detectors() else INK
-    others = [each for each in PRESETS if each != DEFAULT_PRESET]
-    place = others.index(preset) if preset in others else len(_COLOURS)
-    return (*_COLOURS, INK)[min(place, len(_COLOURS))]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli import stimulus
 from oppload_cli.errors import ManifestError, ParameterError, StimulusError, suggestion
 from oppload_cli.evaluation.metrics.clips import Label
-from oppload_cli.files.reading import is_file, is_folder, reading, text_of
+from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.stimulus.catalogue import parsed_setting
 from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.video.inputs import GROUND_TRUTH, is_video
@@ -171,9 +171,9 @@ def _entry(
     if not row["file"]:
         raise RowError("names no file; fill in its first column, file")
     path = manifest.parent / row["file"]
-    if os.path.exists(path) and not (os.path.isfile(path) or os.path.isdir(path)):  # noqa: PTH110, PTH112, PTH113
+    if is_there(path) and not (is_file(path) or is_folder(path)):
         raise RowError(f"{row['file']}: is a pipe or a device; give a file or a folder of images")
-    if not os.path.exists(path):  # noqa: PTH110 - it says no to any name
+    if not is_there(path):
         raise RowError(
             f"{row['file']}: there is no such file; check the path, from the manifest's folder"
         )

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
-from oppload_cli.evaluation.detectors import colour_of, label_of
+from oppload_cli.evaluation.detectors import label_of
 from oppload_cli.evaluation.metrics.alarms import RATES, condition_of
 from oppload_cli.evaluation.metrics.clips import AHEAD
+from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
+from oppload_cli.models.registry import detectors
 from oppload_cli.plots.style import DASHES, FAINT, INK, png_bytes, styled_figure
 
 if TYPE_CHECKING:
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
     Performances = Mapping[str, Performance]
 
 
+# Of Okabe and Ito's palette, for the presets after the default one.
+_COLOURS = ("#009E73", "#CC79A7")
 _SIZE = 4.8, 3.2  # inches
 _DPI = 160
 _HIGHEST_RATE = 6.0  # false alarms per minute on the axis
@@ -163,8 +167,18 @@ def _shares(axes: Axes, x: str, y: str, title: str) -> None:
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:
     """Yield each performance with the label, colour and dashes of its line."""
     for index, (name, each) in enumerate(performances.items()):
-        look = {"label": label_of(name), "color": colour_of(name), "lw": 1.2}
+        look = {"label": label_of(name), "color": _colour_of(name), "lw": 1.2}
         yield each, {**look, "ls": DASHES[index % len(DASHES)]}
+
+
+def _colour_of(full_name: str) -> str:
+    """Return the colour of an evaluated detector in plots, as ``#RRGGBB``."""
+    name, _, preset = full_name.partition(":")
+    if preset in {"", DEFAULT_PRESET}:
+        return detectors()[name].colour if name in detectors() else INK
+    others = [each for each in PRESETS if each != DEFAULT_PRESET]
+    place = others.index(preset) if preset in others else len(_COLOURS)
+    return (*_COLOURS, INK)[min(place, len(_COLOURS))]
 
 
 def _legend(axes: Axes, place: Literal["lower left", "lower right"]) -> None:

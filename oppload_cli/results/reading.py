@@ -172,7 +172,7 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
         If it cannot be read, or is not a result of ``oppload run``.
     """
     ends = ("frame", "time_s", "_response", *needed)
-    frames = read_frames(path, wanted=lambda name: name.endswith(ends))
+    frames = read_table(path, _ANOTHER_RESULT, lambda name: name.endswith(ends))
     result = BaseResult(path, frames, _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}")))
     result.need(("frame", "time_s"))
     if not result.models:
@@ -195,10 +195,10 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     return result
 
 
-def read_frames(
-    path: Path, advice: str = _ANOTHER_RESULT, wanted: Callable[[str], bool] | None = None
+def read_table(
+    path: Path, advice: str, wanted: Callable[[str], bool] | None = None
 ) -> pd.DataFrame:
-    """Read the table of a result, without a check of its cells; empty ones are NaN.
+    """Read a table, without a check of its cells; empty ones are NaN.
 
     Parameters
     ----------
@@ -214,7 +214,27 @@ def read_frames(
     ResultError
         If it cannot be read, is no CSV, or holds no row.
     """
-    return _read_table(path, advice, wanted)
+    if is_video(path.name) and path.exists():
+        raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
+    with reading(path, ResultError, form="text in UTF-8", repair=advice):
+        try:
+            with _complete_lines(path) as lines:
+                # Only an empty cell is missing; the word "nan" is a number that went wrong.
+                table = pd.read_csv(lines, keep_default_na=False, na_values=[""], usecols=wanted)
+        except UnicodeDecodeError:
+            raise
+        except ValueError as error:  # of every kind that pandas has
+            reason = reason_of(error)
+            if "out of memory" in reason:  # the parser of pandas has no error of its own for it
+                raise MemoryError(reason) from error
+            uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+            if uneven:
+                cells, line, held = uneven.groups()
+                reason = f"line {line} has {held} cells, not {cells}"
+            raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
+    if table.empty and len(table.columns):  # without any, one that is needed is named
+        raise ResultError(f"{path}: holds no row; run the input again")
+    return table
 
 
 def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None:
@@ -290,7 +310,7 @@ def read_tuning(path: Path) -> Tuning:
     ...
     oppload_cli.errors.ResultError: missing.tuning.csv: cannot be read (no such file...
     """
-    rows = _read_table(path, _ANOTHER_TUNING)
+    rows = read_table(path, _ANOTHER_TUNING)
     _need(path, rows, ("stimulus", "model", "peak"), _ANOTHER_TUNING)
     names = list(rows.columns)
     parameters = tuple(names[1 : names.index("model")])
@@ -386,33 +406,6 @@ def _complete_lines(path: Path) -> Iterator[IO[str]]:
         file.seek(0)
         complete = _Beginning(file, end + tail.rfind(b"\n") + 1)
         yield TextIOWrapper(BufferedReader(complete), encoding="utf-8", newline="")
-
-
-def _read_table(
-    path: Path, advice: str, wanted: Callable[[str], bool] | None = None
-) -> pd.DataFrame:
-    """Read a CSV whose last row may be cut; it has at least one row, and empty cells are NaN."""
-    if is_video(path.name) and path.exists():
-        raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
-    with reading(path, ResultError, form="text in UTF-8", repair=advice):
-        try:
-            with _complete_lines(path) as lines:
-                # Only an empty cell is missing; the word "nan" is a number that went wrong.
-                table = pd.read_csv(lines, keep_default_na=False, na_values=[""], usecols=wanted)
-        except UnicodeDecodeError:
-            raise
-        except ValueError as error:  # of every kind that pandas has
-            reason = reason_of(error)
-            if "out of memory" in reason:  # the parser of pandas has no error of its own for it
-                raise MemoryError(reason) from error
-            uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-            if uneven:
-                cells, line, held = uneven.groups()
-                reason = f"line {line} has {held} cells, not {cells}"
-            raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
-    if table.empty and len(table.columns):  # without any, one that is needed is named
-        raise ResultError(f"{path}: holds no row; run the input again")
-    return table
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
