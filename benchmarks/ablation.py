@@ -22,7 +22,6 @@ from oppload_cli.evaluation.detectors import EvaluatedDetector, evaluated_detect
 from oppload_cli.evaluation.evaluate import analyse_clips
 from oppload_cli.evaluation.manifest import read_manifest, with_boxes
 from oppload_cli.evaluation.metrics.alarms import Thresholds
-from oppload_cli.evaluation.metrics.clips import ordered_pairs
 from oppload_cli.evaluation.metrics.measures import places
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
@@ -114,7 +113,7 @@ def measured(clips: list[Clip], detector: EvaluatedDetector) -> list[float]:
 
 def order(clips: list[Clip], name: str, frames: int) -> float:
     """Return the mean share of ordered pairs over clips."""
-    return float(np.nanmean([ordered_pairs(clip, name, frames)[0] for clip in clips]))
+    return float(np.nanmean([clip.ordered_pairs(name, frames)[0] for clip in clips]))
 
 
 def alarms_on_controls(detector: EvaluatedDetector, threshold: float) -> int:
@@ -141,7 +140,7 @@ def cross_validated(analysed: dict[str, list[Clip]]) -> str:
         for name, each in thresholds.items()
     }  # shape: held-out clip, clip
     pairs = {
-        name: np.array([[ordered_pairs(one, name, f)[0] for f in FRAMES] for one in own])
+        name: np.array([[one.ordered_pairs(name, f)[0] for f in FRAMES] for one in own])
         for name, own in analysed.items()
     }
     detected, ordered, picks = [], [], []

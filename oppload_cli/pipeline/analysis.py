@@ -23,7 +23,7 @@ from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
 from oppload_cli.pipeline.sources import ArrayLuminance, check_type, checked_rate, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.results.table import FrameRecord
-from oppload_cli.video.frames import Frame, FrameTimes, InputFacts, frames_ahead, working_size
+from oppload_cli.video.frames import Frame, FrameTimes, InputFacts, WorkingSize, frames_ahead
 from oppload_cli.video.optics import Optics, parse_fov
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from oppload_cli.motion.rmo import RmoParams
     from oppload_cli.pipeline.sources import Source
     from oppload_cli.schema import Parameters
-    from oppload_cli.video.frames import WorkingSize
 
 
 class Analysis:
@@ -106,7 +105,7 @@ class Analysis:
         preset = preset or _preset_of(params or ())
         facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
         pixels = parse_height(preset_named(preset).height if height is None else height)
-        working = working_size(facts, pixels)
+        working = WorkingSize.of(facts, pixels)
         degrees = None if fov is None else parse_fov(fov)
         optics = None if degrees is None else Optics.of_fov(columns, rows, degrees)
         self._shape = rows, columns

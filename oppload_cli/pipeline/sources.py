@@ -21,7 +21,7 @@ from oppload_cli.video.frames import (
     FrameTimes,
     InputFacts,
     Picture,
-    working_size,
+    WorkingSize,
 )
 from oppload_cli.video.luminance import Luminance
 from oppload_cli.video.source import open_video
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.video.frames import DecodedSource, FrameSource, WorkingSize
+    from oppload_cli.video.frames import DecodedSource, FrameSource
 
     Frames = NDArray[Any]
     Source = str | Path | FrameSource | Protocol | Frames | Sequence[Frames]
@@ -67,7 +67,7 @@ class StimulusVideo:
             display.frame_rate,
             protocol.frame_count * showings,
         )
-        self.working = working_size(self.facts, height)
+        self.working = WorkingSize.of(self.facts, height)
         self._luminance = Luminance(self.working)
 
     def __iter__(self) -> Iterator[Frame]:
@@ -178,7 +178,7 @@ class _ArrayVideo:
         self.times = FrameTimes(declared)
         self.decode = DecodeFacts()
         self.facts = InputFacts("array", "array", columns, rows, declared, count)
-        self.working = working_size(self.facts, height)
+        self.working = WorkingSize.of(self.facts, height)
         self._luminance = ArrayLuminance(self.working)
 
     def __iter__(self) -> Iterator[Frame]:

@@ -132,6 +132,47 @@ class Line(NamedTuple):
     braking: float = 0.0
     sway: tuple[float, float] = (0.0, 1.0)
 
+    @classmethod
+    def of(cls, course: Course, size_m: float, lasts_s: float) -> Line:
+        """Return the way of an object.
+
+        Parameters
+        ----------
+        course : Course
+            Table of the course.
+        size_m : float
+            Size of the object in metres.
+        lasts_s : float
+            Duration of its motion, the default of ``contact_s``.
+
+        Raises
+        ------
+        StimulusError
+            If it stands still although its course is straight.
+        """
+        bearing = _direction(course.bearing_deg)
+        speed, distance = course.speed_m_s or 0.0, course.distance_m or 0.0
+        way = speed * (lasts_s if course.contact_s is None else course.contact_s)
+        side, brake = _SIDES[course.side], course.braking_m_s2
+        missed = _scaled(side, (course.miss_sizes or 0.0) * size_m)
+        back = _scaled(bearing, -1.0)
+        if course.kind in _TOWARDS:
+            return cls(_sum(_across(missed, bearing), _scaled(bearing, way)), back, speed, brake)
+        if course.kind == "overtaking":
+            return cls(_sum(missed, (0.0, 0.0, -way)), (0.0, 0.0, 1.0), speed, brake)
+        middle = _scaled(bearing, distance)
+        if course.kind == "crossing":
+            return cls(_sum(middle, _scaled(side, way)), _scaled(side, -1.0), speed, brake)
+        if course.kind == "receding":
+            return cls(middle, bearing, speed, brake)
+        if course.kind == "hovering":
+            return cls(middle, (0.0, 0.0, 0.0), 0.0, 0.0, (course.sway_m, course.sway_hz))
+        velocity = course.velocity_m_s or (0.0, 0.0, 0.0)
+        speed = math.hypot(*velocity)
+        if not speed:
+            raise StimulusError("velocity_m_s is 0; use kind 'hovering' for an object at rest")
+        return cls(course.start_m or (0.0, 0.0, 0.0), _scaled(velocity, 1 / speed), speed, brake)
+
     def position(self, elapsed: float) -> Vector:
         """Return the position after some seconds."""
         driven, (far, rate) = self._driven(elapsed), self.sway
@@ -168,47 +209,6 @@ class Line(NamedTuple):
         if self.braking:
             elapsed = min(elapsed, self.speed / self.braking)
         return self.speed * elapsed - self.braking * elapsed**2 / 2
-
-
-def line_of(course: Course, size_m: float, lasts_s: float) -> Line:
-    """Return the way of an object.
-
-    Parameters
-    ----------
-    course : Course
-        Table of the course.
-    size_m : float
-        Size of the object in metres.
-    lasts_s : float
-        Duration of its motion, the default of ``contact_s``.
-
-    Raises
-    ------
-    StimulusError
-        If it stands still although its course is straight.
-    """
-    bearing = _direction(course.bearing_deg)
-    speed, distance = course.speed_m_s or 0.0, course.distance_m or 0.0
-    way = speed * (lasts_s if course.contact_s is None else course.contact_s)
-    side, brake = _SIDES[course.side], course.braking_m_s2
-    missed = _scaled(side, (course.miss_sizes or 0.0) * size_m)
-    back = _scaled(bearing, -1.0)
-    if course.kind in _TOWARDS:
-        return Line(_sum(_across(missed, bearing), _scaled(bearing, way)), back, speed, brake)
-    if course.kind == "overtaking":
-        return Line(_sum(missed, (0.0, 0.0, -way)), (0.0, 0.0, 1.0), speed, brake)
-    middle = _scaled(bearing, distance)
-    if course.kind == "crossing":
-        return Line(_sum(middle, _scaled(side, way)), _scaled(side, -1.0), speed, brake)
-    if course.kind == "receding":
-        return Line(middle, bearing, speed, brake)
-    if course.kind == "hovering":
-        return Line(middle, (0.0, 0.0, 0.0), 0.0, 0.0, (course.sway_m, course.sway_hz))
-    velocity = course.velocity_m_s or (0.0, 0.0, 0.0)
-    speed = math.hypot(*velocity)
-    if not speed:
-        raise StimulusError("velocity_m_s is 0; use kind 'hovering' for an object at rest")
-    return Line(course.start_m or (0.0, 0.0, 0.0), _scaled(velocity, 1 / speed), speed, brake)
 
 
 def _direction(bearing_deg: tuple[float, float]) -> Vector:

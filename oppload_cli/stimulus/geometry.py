@@ -162,24 +162,23 @@ class Projection:
             scale = self.reach(eccentricity) / eccentricity
         return self.middle[0] + scale * x_deg, self.middle[1] - scale * y_deg
 
+    def middle_of(self, pose: Pose) -> tuple[Point, tuple[float, float]]:
+        """Return the middle of a shape as drawn, and its reach from its anchor.
 
-def middle_of(projection: Projection, pose: Pose) -> tuple[Point, tuple[float, float]]:
-    """Return the middle of a shape as drawn, and its reach from its anchor.
-
-    Returns
-    -------
-    tuple of float
-        (x, y) of the middle in pixels, y down.
-    tuple of float
-        Reach along the axis and against it, in pixels.
-    """
-    x, y = projection.to_px(*pose.centre_deg)
-    ahead, behind = projection.reach(pose.extent.forward), projection.reach(pose.extent.backward)
-    shift = (ahead - behind) / 2
-    if shift:
-        angle = math.radians(pose.orientation_deg)
-        x, y = x + shift * math.cos(angle), y - shift * math.sin(angle)
-    return (x, y), (ahead, behind)
+        Returns
+        -------
+        tuple of float
+            (x, y) of the middle in pixels, y down.
+        tuple of float
+            Reach along the axis and against it, in pixels.
+        """
+        x, y = self.to_px(*pose.centre_deg)
+        ahead, behind = self.reach(pose.extent.forward), self.reach(pose.extent.backward)
+        shift = (ahead - behind) / 2
+        if shift:
+            angle = math.radians(pose.orientation_deg)
+            x, y = x + shift * math.cos(angle), y - shift * math.sin(angle)
+        return (x, y), (ahead, behind)
 
 
 def corners_of(
@@ -203,7 +202,7 @@ def corners_of(
     list of tuple of float
         (x, y) in pixels, in order around the shape.
     """
-    (x, y), (ahead, behind) = middle_of(projection, pose)
+    (x, y), (ahead, behind) = projection.middle_of(pose)
     half = (ahead + behind) / 2
     if obj.kind == "edge":
         # the covered side of an edge reaches beyond every corner of the display

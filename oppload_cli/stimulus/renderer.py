@@ -17,7 +17,7 @@ import numpy as np
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
 from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
-from oppload_cli.stimulus.geometry import WIDEST_DEG, Projection, corners_of, middle_of
+from oppload_cli.stimulus.geometry import WIDEST_DEG, Projection, corners_of
 from oppload_cli.stimulus.kinematics import pose_of
 from oppload_cli.stimulus.objects import GRATINGS, PICTURE
 from oppload_cli.stimulus.patterns import (
@@ -258,7 +258,7 @@ class _Painter:
         if self.obj.kind not in {"disk", "patch", "ring"}:
             corners = corners_of(self.projection, self.obj, pose, *size)
             return polygon_coverage(corners, *size)
-        (x, y), (ahead, behind) = middle_of(self.projection, pose)
+        (x, y), (ahead, behind) = self.projection.middle_of(pose)
         window, coverage = disk_coverage(x, y, (ahead + behind) / 2, *size)
         inner = pose.extent.size / 2 - (self.obj.width_deg or 0.0)
         if self.obj.kind == "ring" and inner > 0:
@@ -282,7 +282,7 @@ class _PatchPainter(_Painter):
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
         """Return the texture, turned and scaled as the disk is."""
-        (x, y), (ahead, behind) = middle_of(self.projection, pose)
+        (x, y), (ahead, behind) = self.projection.middle_of(pose)
         size = max(ahead + behind, 1e-9)
         angle = math.radians(pose.orientation_deg)
         u: Floats = (np.arange(window.left + 0.5, window.right)[None, :] - x) / size

@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from oppload_cli.errors import StimulusError
-from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector, line_of
+from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector
 from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import motion_times, shaken, shown
 from oppload_cli.stimulus.objects import PICTURE
@@ -93,6 +93,31 @@ class Sight:
         """All that the picture depends on."""
         return self.drawn, self.offset, self.view
 
+    def box(self, half_width: float, half_height: float) -> Box | None:
+        """Return the box around a flat rectangle in its place, which faces the camera's first look.
+
+        Parameters
+        ----------
+        half_width, half_height : float
+            Of the rectangle, in metres.
+
+        Returns
+        -------
+        tuple of float or None
+            Left, top, width and height in pixels, which may reach beyond the display; None where
+            a part of it is beside or behind the camera.
+        """
+        right, up, ahead = self.offset
+        corners = [
+            self.view.from_camera((right + x, up + y, ahead))
+            for x in (-half_width, half_width)
+            for y in (-half_height, half_height)
+        ]
+        if min(corner[2] for corner in corners) <= 0:
+            return None
+        xs, ys = zip(*(self.view.to_px(corner) for corner in corners), strict=True)
+        return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
+
 
 def camera_of(protocol: ProtocolTables) -> Camera:
     """Return the camera of a protocol; the usual one where it names none."""
@@ -120,7 +145,7 @@ def _line(protocol: ProtocolTables, obj: Object) -> Line:
     start, end = motion_times(protocol.timing, obj)
     if obj.course is None or obj.size_m is None:
         raise StimulusError(f"object '{obj.id}' has no course")
-    return line_of(obj.course, obj.size_m, end - start)
+    return Line.of(obj.course, obj.size_m, end - start)
 
 
 def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
@@ -157,40 +182,12 @@ def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
     return distance / (obj.size_m or 1.0)
 
 
-def box_of(sight: Sight, half_width: float, half_height: float) -> Box | None:
-    """Return the box around a flat rectangle that faces the camera's first look.
-
-    Parameters
-    ----------
-    sight : Sight
-        Of its middle.
-    half_width, half_height : float
-        Of the rectangle, in metres.
-
-    Returns
-    -------
-    tuple of float or None
-        Left, top, width and height in pixels, which may reach beyond the display; None where
-        a part of it is beside or behind the camera.
-    """
-    right, up, ahead = sight.offset
-    corners = [
-        sight.view.from_camera((right + x, up + y, ahead))
-        for x in (-half_width, half_width)
-        for y in (-half_height, half_height)
-    ]
-    if min(corner[2] for corner in corners) <= 0:
-        return None
-    xs, ys = zip(*(sight.view.to_px(corner) for corner in corners), strict=True)
-    return min(xs), min(ys), max(xs) - min(xs), max(ys) - min(ys)
-
-
 def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
     """Tell whether a picture may touch the display: its bounding square does."""
     sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
     if not sight.drawn:
         return False
-    box = box_of(sight, half, half)
+    box = sight.box(half, half)
     if box is None:
         return True
     left, top, width, height = box

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import StimulusError
 from oppload_cli.files.reading import reading, text_of
-from oppload_cli.stimulus.geometry import Projection, middle_of
+from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.kinematics import motion_times, pose_of
 from oppload_cli.stimulus.objects import LOOMING, PICTURE, SIZED
 from oppload_cli.stimulus.pictures import cutout_of
-from oppload_cli.stimulus.staging import NEAREST_M, box_of, camera_of, contact_of, miss_of, sight_of
+from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
 from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ def read_ground_truth(path: Path) -> dict[str, Any]:
 
 def _object_truth(protocol: Protocol, obj: Object, pose: Pose) -> ObjectTruth:
     projection = Projection.of(protocol.display)
-    (x, y), _ = middle_of(projection, pose)
+    (x, y), _ = projection.middle_of(pose)
     degrees, pixels = _edge_speed(projection, pose)
     return ObjectTruth(
         id=obj.id,
@@ -239,7 +239,7 @@ def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth
     speed = -half * sight.velocity[2]
     left = sight.contact_in_s
     soon = left is not None and left <= camera_of(protocol).looming_within_s
-    box = box_of(sight, half * cutout.width, half * cutout.height) if sight.drawn else None
+    box = sight.box(half * cutout.width, half * cutout.height) if sight.drawn else None
     return PictureTruth(
         id=obj.id,
         kind=obj.kind,

@@ -391,6 +391,44 @@ class WorkingSize(NamedTuple):
     scale_x: float
     scale_y: float
 
+    @classmethod
+    def of(cls, facts: InputFacts, height: int | None) -> WorkingSize:
+        """Return the working size of an input.
+
+        Parameters
+        ----------
+        facts : InputFacts
+            Gives the displayed size.
+        height : int or None
+            Working height in pixels, at least 1; the width follows. Of a picture that is higher
+            than wide it is the width, so that a camera turned by 90 degrees gives the same answers.
+            None keeps the native size.
+
+        Raises
+        ------
+        ParameterError
+            If the height is no integer of at least 1, or the working frame would be too large.
+        """
+        if height is not None and not is_integer(height, 1):
+            raise ParameterError(
+                f"the working height must be None or an integer of at least 1, not {height!r}"
+            )
+        if height is None:
+            size = cls(facts.width, facts.height, 1.0, 1.0)
+        else:
+            shorter = min(facts.width, facts.height)
+            width, rows = (
+                max(1, round(side * height / shorter)) for side in (facts.width, facts.height)
+            )
+            size = cls(width, rows, facts.width / width, facts.height / rows)
+        pixels, given = size.width * size.height, facts.width * facts.height
+        if pixels > _MOST_WORKING_PIXELS or pixels > max(given, _MOST_ENLARGED):
+            raise ParameterError(
+                f"{facts.name}: a working size of {size.width} x {size.height} is too large; "
+                f"choose a smaller --height"
+            )
+        return size
+
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width, in the order of arrays."""
@@ -405,44 +443,6 @@ class WorkingSize(NamedTuple):
 def is_integer(value: Any, least: int) -> bool:
     """Tell whether a value is an integer, also one of NumPy, of at least `least`."""
     return isinstance(value, Integral) and int(value) >= least
-
-
-def working_size(facts: InputFacts, height: int | None) -> WorkingSize:
-    """Return the working size of an input.
-
-    Parameters
-    ----------
-    facts : InputFacts
-        Gives the displayed size.
-    height : int or None
-        Working height in pixels, at least 1; the width follows. Of a picture that is higher
-        than wide it is the width, so that a camera turned by 90 degrees gives the same answers.
-        None keeps the native size.
-
-    Raises
-    ------
-    ParameterError
-        If the height is no integer of at least 1, or the working frame would be too large.
-    """
-    if height is not None and not is_integer(height, 1):
-        raise ParameterError(
-            f"the working height must be None or an integer of at least 1, not {height!r}"
-        )
-    if height is None:
-        size = WorkingSize(facts.width, facts.height, 1.0, 1.0)
-    else:
-        shorter = min(facts.width, facts.height)
-        width, rows = (
-            max(1, round(side * height / shorter)) for side in (facts.width, facts.height)
-        )
-        size = WorkingSize(width, rows, facts.width / width, facts.height / rows)
-    pixels, given = size.width * size.height, facts.width * facts.height
-    if pixels > _MOST_WORKING_PIXELS or pixels > max(given, _MOST_ENLARGED):
-        raise ParameterError(
-            f"{facts.name}: a working size of {size.width} x {size.height} is too large; "
-            f"choose a smaller --height"
-        )
-    return size
 
 
 MAX_PIXELS = "OPPLOAD_MAX_PIXELS"  # an environment variable

@@ -25,7 +25,7 @@ from oppload_cli.errors import OpploadError, SourceError
 from oppload_cli.processes import cores, signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
-from oppload_cli.video.frames import DecodeFacts, Picture, working_size
+from oppload_cli.video.frames import DecodeFacts, Picture, WorkingSize
 from oppload_cli.video.inputs import Span, is_camera, is_image_file
 
 if sys.platform != "win32":
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
     from multiprocessing.connection import Connection
 
-    from oppload_cli.video.frames import InputFacts, PictureSource, WorkingSize
+    from oppload_cli.video.frames import InputFacts, PictureSource
     from oppload_cli.video.source import Video
 
 
@@ -327,7 +327,7 @@ def _send_pictures(connection: Connection, memory: int, order: _Order) -> None:
 
     source = ContainerSource(order.name, order.threads)
     source.decode.own_process = True
-    working = working_size(source.facts, order.height)
+    working = WorkingSize.of(source.facts, order.height)
     connection.send(_Opened(source.facts, working, source.decode))
     resizing = Resizing(*working.coded(source.facts.rotation))
     slots = _Slots(memory, working)

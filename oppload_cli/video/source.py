@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.threads import Call, Prefetch
-from oppload_cli.video.frames import LEAST_AHEAD, Frame, FrameTimes, frames_ahead, working_size
+from oppload_cli.video.frames import LEAST_AHEAD, Frame, FrameTimes, WorkingSize, frames_ahead
 from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, Span, is_camera
 from oppload_cli.video.luminance import Luminance
 
@@ -75,7 +75,7 @@ class Video:
         self._prefetch: Prefetch[Frame] | None = None
         self._iterator: Iterator[Frame] | None = None
         try:
-            self.working = working_size(source.facts, height)
+            self.working = WorkingSize.of(source.facts, height)
         except BaseException:
             source.close()
             raise

@@ -11,13 +11,13 @@ import numpy as np
 from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
-from oppload_cli.video.frames import Frame, InputFacts, working_size
+from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
 from tests.media import disk, texture
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from oppload_cli.video.frames import FrameSource, WorkingSize
+    from oppload_cli.video.frames import FrameSource
     from tests.media import Luma
 
 SIZE = 240
@@ -37,7 +37,7 @@ class Film:
 
     @property
     def working(self) -> WorkingSize:
-        return working_size(self.facts, None)
+        return WorkingSize.of(self.facts, None)
 
     def __iter__(self) -> Iterator[Frame]:
         for index, luma in enumerate(self.frames):

@@ -20,8 +20,8 @@ from oppload_cli.video.frames import (
     DEFAULT_MAX_PIXELS,
     MAX_PIXELS,
     InputFacts,
+    WorkingSize,
     max_pixels,
-    working_size,
 )
 from oppload_cli.video.source import open_video
 from tests.cli.process import oppload
@@ -247,9 +247,9 @@ def test_a_thin_video_is_not_enlarged_without_end(
     facts = InputFacts("thin.mkv", "container", width, height, None, None)
     if working:
         with pytest.raises(ParameterError, match="a working size of 139200 x 240 is too large"):
-            working_size(facts, working)
+            WorkingSize.of(facts, working)
     else:
-        assert working_size(facts, working).shape == (height, width)
+        assert WorkingSize.of(facts, working).shape == (height, width)
 
 
 def test_the_limit_of_pillow_does_not_count(tmp_path: Path) -> None:

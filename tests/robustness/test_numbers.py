@@ -18,7 +18,7 @@ from oppload_cli.errors import ParameterError
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import Outputs, Task
-from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, working_size
+from oppload_cli.video.frames import DecodeFacts, InputFacts, Picture, WorkingSize
 from oppload_cli.video.inputs import Span, parse_position
 from oppload_cli.video.luminance import Luminance, luminance_table
 from oppload_cli.video.source import open_video
@@ -264,5 +264,5 @@ def test_luminance_stays_within_its_range(full: bool) -> None:
         assert values.max() == 1
         assert np.isfinite(values).all()
     facts = InputFacts("a", "container", 3, 5, None, None)
-    luminance = Luminance(working_size(facts, 2))(Picture(0, 0.0, np.full((5, 3), 255, np.uint8)))
+    luminance = Luminance(WorkingSize.of(facts, 2))(Picture(0, 0.0, np.full((5, 3), 255, np.uint8)))
     assert luminance.max() <= 1

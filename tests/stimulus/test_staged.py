@@ -12,7 +12,7 @@ import pytest
 from oppload_cli import stimulus
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus import PictureTruth, Renderer, frame_truth
-from oppload_cli.stimulus.courses import Course, line_of
+from oppload_cli.stimulus.courses import Course, Line
 from oppload_cli.stimulus.objects import DRAWINGS
 from oppload_cli.stimulus.tables import SURROUNDINGS
 
@@ -185,7 +185,7 @@ def test_shadow_compression_and_cut_change_the_frames() -> None:
 
 
 def line(**keys: Any) -> Any:
-    return line_of(Course(**keys), 2.0, 1.5)
+    return Line.of(Course(**keys), 2.0, 1.5)
 
 
 def test_courses_pass_the_camera_as_their_kind_says() -> None:

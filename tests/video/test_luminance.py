@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.video.frames import InputFacts, Picture, WorkingSize, working_size
+from oppload_cli.video.frames import InputFacts, Picture, WorkingSize
 from oppload_cli.video.luminance import Luminance, luminance_table
 
 
@@ -30,7 +30,7 @@ def facts(width: int, height: int) -> InputFacts:
 def test_working_size(
     source: tuple[int, int], height: int | None, working: tuple[int, int]
 ) -> None:
-    size = working_size(facts(*source), height)
+    size = WorkingSize.of(facts(*source), height)
     assert (size.width, size.height) == working
     assert size.scale_x == source[0] / working[0]
 
@@ -38,7 +38,7 @@ def test_working_size(
 def test_a_working_size_that_is_too_large() -> None:
     for size in ((4000, 1), (1, 4000)):
         with pytest.raises(ParameterError, match="choose a smaller --height"):
-            working_size(facts(*size), 240)
+            WorkingSize.of(facts(*size), 240)
 
 
 def test_luminance_of_codes() -> None:

@@ -207,6 +207,28 @@ class Clip:
         last = self.window_before_contact()
         return self.windows(start, min(stop, last.start) if last else stop)
 
+    def ordered_pairs(self, detector: str, frames: int) -> tuple[float, int]:
+        """Return the share of correctly ordered pairs within the clip.
+
+        The approach's window ends `frames` before contact.
+
+        Returns
+        -------
+        share : float
+            Of the clip's earlier windows, those with a largest response below that of the
+            approach's window; ties count half. NaN without a pair.
+        pairs : int
+            Number of pairs.
+        """
+        approach = self.window_before_contact(frames)
+        earlier = self.windows(self.first, approach.start) if approach else []
+        if approach is None or not earlier:
+            return float("nan"), 0
+        response = self.outputs[detector].response
+        own = approach.score(response)
+        scores = np.array([each.score(response) for each in earlier])
+        return float(np.mean((scores < own) + 0.5 * (scores == own))), len(earlier)
+
     def _window_to(self, stop: int, least: int) -> Window | None:
         """Return the window of one second that ends before the frame `stop`.
 
@@ -219,29 +241,6 @@ class Clip:
         if self.seconds(start, stop) < LEAST_S - _EPSILON_S:
             return None
         return Window(start, stop)
-
-
-def ordered_pairs(clip: Clip, detector: str, frames: int) -> tuple[float, int]:
-    """Return the share of correctly ordered pairs within a clip.
-
-    The approach's window ends `frames` before contact.
-
-    Returns
-    -------
-    share : float
-        Of the clip's earlier windows, those with a largest response below that of the
-        approach's window; ties count half. NaN without a pair.
-    pairs : int
-        Number of pairs.
-    """
-    approach = clip.window_before_contact(frames)
-    earlier = clip.windows(clip.first, approach.start) if approach else []
-    if approach is None or not earlier:
-        return float("nan"), 0
-    response = clip.outputs[detector].response
-    own = approach.score(response)
-    scores = np.array([each.score(response) for each in earlier])
-    return float(np.mean((scores < own) + 0.5 * (scores == own))), len(earlier)
 
 
 def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Numbers]:

@@ -22,7 +22,6 @@ from oppload_cli.evaluation.metrics.clips import (
     AHEAD,
     Curve,
     curve,
-    ordered_pairs,
     scored,
 )
 from oppload_cli.evaluation.metrics.intervals import (
@@ -106,7 +105,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
 
 def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
     for frames in AHEAD:
-        pairs = [ordered_pairs(clip, detector, frames) for clip in clips]
+        pairs = [clip.ordered_pairs(detector, frames) for clip in clips]
         shares = np.array([share for share, _ in pairs])
         yield Measurement(
             detector,

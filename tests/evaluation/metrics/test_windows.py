@@ -5,7 +5,6 @@ import pytest
 
 from oppload_cli.evaluation.metrics.clips import (
     curve,
-    ordered_pairs,
 )
 from tests.evaluation.make import NAME, clip, peaks
 
@@ -38,12 +37,12 @@ def test_windows_about_an_approach() -> None:
 def test_pairs_are_ordered_by_their_largest_responses() -> None:
     # Windows before contact at 45: 36-45, then 26-35, 16-25, 6-15.
     seen = clip(peaks(60, {40: 2.0, 30: 3.0, 20: 2.0, 10: 1.0, 50: 99.0}), 38, 45)
-    assert ordered_pairs(seen, NAME, 0) == ((0 + 0.5 + 1) / 3, 3)
+    assert seen.ordered_pairs(NAME, 0) == ((0 + 0.5 + 1) / 3, 3)
     # Four frames earlier the windows are 32-41, 22-31, 12-21 and a rest of 3-11.
-    assert ordered_pairs(seen, NAME, 4) == ((0 + 0.5 + 1) / 3, 3)
+    assert seen.ordered_pairs(NAME, 4) == ((0 + 0.5 + 1) / 3, 3)
     # Eight earlier the frame of the peak is in none: 28-37 holds the 3.
-    assert ordered_pairs(seen, NAME, 8) == (1.0, 3)
-    share, pairs = ordered_pairs(clip([0.0] * 60), NAME, 0)
+    assert seen.ordered_pairs(NAME, 8) == (1.0, 3)
+    share, pairs = clip([0.0] * 60).ordered_pairs(NAME, 0)
     assert np.isnan(share)
     assert pairs == 0
 
