@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from oppload_cli.cli.models import parameter_sets
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
 from oppload_cli.models.columns import ALARM_DETAILS, COMMON, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detectors
+from oppload_cli.pipeline.settings import parameter_sets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

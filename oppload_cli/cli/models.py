@@ -11,13 +11,12 @@ import cv2
 import numpy as np
 from click.shell_completion import CompletionItem
 
-from oppload_cli.detection.parameters import PlaceParams, alarm_params, place_params
+from oppload_cli.detection.parameters import alarm_params, place_params
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, detectors, parameters_of
-from oppload_cli.models.timebase import TimeParams, time_params
-from oppload_cli.motion.rmo import RmoParams
-from oppload_cli.pipeline.repeats import RepeatParams
+from oppload_cli.models.timebase import time_params
+from oppload_cli.pipeline.settings import parameter_sets
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -29,21 +28,6 @@ if TYPE_CHECKING:
 
 _MEASURED_SIZE = 240, 427  # height and width in px
 _MEASURED_FRAMES, _LEAD, _ROUNDS = 24, 8, 3
-
-
-def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
-    """Return the meaning and the class of every parameter set, by its name in settings."""
-    return {
-        **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
-        "alarm": ("the alarm of each model", type(alarm_params())),
-        "places": (
-            "looming objects: their number, their places and their times to contact",
-            PlaceParams,
-        ),
-        "rmo": ("radial motion opponency of motion vectors", RmoParams),
-        "repeats": ("pictures that a file repeats", RepeatParams),
-        "time": ("the time base of the models", TimeParams),
-    }
 
 
 def _complete(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:

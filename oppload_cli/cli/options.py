@@ -134,7 +134,7 @@ def complete_models(_: click.Context, __: click.Parameter, text: str) -> list[Co
 
 def _complete_settings(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
     """Complete ``set.parameter=value``: the parameter set, then the parameter, then its value."""
-    from oppload_cli.cli.models import parameter_sets
+    from oppload_cli.pipeline.settings import parameter_sets
 
     group, dot, rest = text.partition(".")
     sets = parameter_sets()

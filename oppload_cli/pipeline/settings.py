@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from oppload_cli.detection.parameters import (
     AlarmParams,
     PlaceParams,
+    alarm_params,
     alarm_params_with,
     place_params,
 )
@@ -25,7 +26,13 @@ from oppload_cli.models.presets import (
     preset_in,
     preset_named,
 )
-from oppload_cli.models.registry import default_names, known_names, names_of, parameters_of
+from oppload_cli.models.registry import (
+    default_names,
+    detectors,
+    known_names,
+    names_of,
+    parameters_of,
+)
 from oppload_cli.models.timebase import TimeParams, time_params
 from oppload_cli.motion.rmo import RmoParams
 from oppload_cli.pipeline.repeats import RepeatParams
@@ -193,6 +200,21 @@ class Settings:
             Working height in pixels; of a frame that is higher than wide, its width.
         """
         return {name: group.resolved(height) for name, group in self.groups.items()}
+
+
+def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
+    """Return the meaning and the class of every parameter set, by its name in settings."""
+    return {
+        **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
+        "alarm": ("the alarm of each model", type(alarm_params())),
+        "places": (
+            "looming objects: their number, their places and their times to contact",
+            PlaceParams,
+        ),
+        "rmo": ("radial motion opponency of motion vectors", RmoParams),
+        "repeats": ("pictures that a file repeats", RepeatParams),
+        "time": ("the time base of the models", TimeParams),
+    }
 
 
 def resolve(
