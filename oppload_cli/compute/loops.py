@@ -52,7 +52,7 @@ if TYPE_CHECKING:
         only_pathways: bool
 
 
-INTERFACE = 11  # that of maps.c; a build with another number is out of date
+INTERFACE = 12  # that of maps.c; a build with another number is out of date
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
 _BAND = 120  # rows that one thread computes at a time: their data stay in the cache
@@ -71,6 +71,10 @@ _NOTHING: dict[str, tuple[Any, ...]] = {
     ),
     "pool": (_pointer, _count, _count, _pointer, _count, _pointer, _count, _pointer, _pointer),
     "opponent_products": (_pointer, _pointer, _count, _count, _count, _pointer, _count, _pointer),
+    "leave_out_moving": (
+        *(_pointer, _count, _count, _count, ctypes.c_ssize_t, ctypes.c_ssize_t),
+        *(_float, _float, _pointer, _pointer, _pointer, _pointer),
+    ),
     "reduce": (_pointer, ctypes.c_ssize_t, _count, _count, _count, _pointer, _pointer),
     "rmo_sums": (_pointer, _pointer, _count, _double, _double, _double, _pointer, _pointer),
 }
@@ -288,6 +292,15 @@ def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
     return out[..., :columns]
 
 
+def _leave_out_moving(
+    maps: Sequence[Floats], change: Floats, border: int, least: float, share: float
+) -> None:
+    """Set S_phi to 0, as :func:`oppload_cli.models.camera.leave_out_moving` does."""
+    line, pixel = (stride // change.itemsize for stride in change.strides)
+    first, *firsts = (int(each.__array_interface__["data"][0]) for each in (change, *maps))
+    _library().leave_out_moving(first, *change.shape, border, line, pixel, least, share, *firsts)
+
+
 def _reduce(frame: Grey, reduction: int, out: Grey) -> None:
     """Average squares of pixels, as :func:`oppload_cli.motion.flow.reduce` does."""
     rows, columns = out.shape
@@ -343,6 +356,7 @@ _TWINS: dict[str, Callable[..., Any]] = {
     "group": _group,
     "pool": _pool,
     "opponent_products": _opponent_products,
+    "leave_out_moving": _leave_out_moving,
     "reduce": _reduce,
     "sample": _sample,
     "rmo_sums": _rmo_sums,

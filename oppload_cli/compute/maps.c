@@ -1,4 +1,4 @@
-/* Grouping, pooling and opponent products: compute/twins.py.
+/* Grouping, pooling, opponent products, and motion at an edge: compute/loops.py.
  *
  * S is 0 at most pixels of most videos: vectors of zeros are passed over.
  */
@@ -9,7 +9,7 @@
 #include "vectors.h"
 
 /* What is agreed on with compute/loops.py: one more with each change of a signature. */
-int interface(void) { return 11; }
+int interface(void) { return 12; }
 
 /* Tell whether the wider build of these files runs on this processor: whether it has AVX2 and
  * FMA, and the system keeps the wide registers. Compilers' own test of this needs a library that
@@ -166,4 +166,23 @@ void opponent_products(const float *passing, const float *opposite, int rows, in
                     STORE(sums + x, LOAD(sums + x) + weight * (LOAD(ahead + x) * LOAD(behind + x)));
             }
         }
+}
+
+/* Set four maps to 0 in the pixels of each line that move, from its first one on without a break,
+ * at most `reach` of them. A pixel moves if P is at least `least`, and `share` of the largest P of
+ * the first `border` pixels. Lines are `line` values apart, and their pixels `pixel` values. */
+void leave_out_moving(const float *p, int lines, int reach, int border, ptrdiff_t line,
+                      ptrdiff_t pixel, float least, float share, float *a, float *b, float *c,
+                      float *d)
+{
+    for (ptrdiff_t n = 0; n < lines; n++) {
+        const ptrdiff_t first = n * line;
+        float needed = 0;
+        for (int x = 0; x < border && x < reach; x++)
+            if (p[first + x * pixel] > needed) needed = p[first + x * pixel];
+        needed = needed * share > least ? needed * share : least;
+        for (int x = 0; x < reach && p[first + x * pixel] >= needed; x++)
+            a[first + x * pixel] = b[first + x * pixel] = c[first + x * pixel] =
+                d[first + x * pixel] = 0;
+    }
 }

@@ -1,6 +1,6 @@
-"""What a camera adds to a scene: light that flickers, and bars beside the picture.
+"""What a camera does to a scene: light that flickers, bars beside the picture, edges of the frame.
 
-Preset ``default`` of OppLoD leaves both out (``docs/presets.md``).
+Preset ``default`` of OppLoD leaves them out (``docs/presets.md``).
 """
 
 from __future__ import annotations
@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
+from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.dpc import smaller
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
@@ -113,7 +116,7 @@ def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
         return none + np.float32(gain)
     # Rows that are plain within themselves may as well move up or down.
     contrast = np.abs(before[:, 1:] - before[:, :-1]) / np.maximum(before[:, 1:], _DARKEST)
-    if usable.mean() < _EXPLAINED or _quantile(contrast, 1 / 2) < change / 4:
+    if usable.mean() < _EXPLAINED or not contrast.size or _quantile(contrast, 1 / 2) < change / 4:
         return none
     gains = np.sort(logarithms, axis=1)[:, logarithms.shape[1] // 2, None]
     left = _quantile(np.abs(logarithms - gains)[usable], _EXPLAINED)
@@ -213,3 +216,78 @@ def _plain_lines(lines: Map) -> tuple[int | None, bool]:
     plain = int(differs.argmax())
     beyond = np.abs(lines[min(plain + _BEYOND, len(lines) - 1)] - colour) > _EDGE
     return plain, float(beyond.mean()) >= _LEAST_EDGE
+
+
+# ---- Edges of the frame --------------------------------------------------------------------
+
+_LEAST_MOTION = 0.02  # P of a pixel that moves
+_OF_EDGE = 0.3  # least P of a pixel over the largest P beside the edge
+
+
+def leave_out_entering(
+    maps: Sequence[Map], change: Map, reach: int, border: int, bars: Widths = NO_BARS
+) -> None:
+    """Set S_phi to 0 where the motion may have come from outside the frame.
+
+    A fast edge that enters moves by more than the kernels' radius from frame to frame: its motion
+    before, which would inhibit it, was outside the frame. One that leaves is cut off. Both then
+    excite the pathways of both directions. Such motion reaches the edge of the frame without a
+    break.
+
+    Parameters
+    ----------
+    maps : sequence of ndarray of float32, shape (height, width)
+        S_phi; changed in place.
+    change : ndarray of float32, shape (height, width)
+        P(t), 0 to 1.
+    reach : int
+        Largest distance from the edge in px, at least 0.
+    border : int
+        Pixels from the edge on, of which the largest P is that of the motion.
+    bars : Widths
+        Bars beside the picture, whose edges count as those of the frame.
+
+    Source: ``docs/presets.md``.
+    """
+    height, width = change.shape
+    picture = np.s_[bars.top : height - bars.bottom, bars.left : width - bars.right]
+    p, *pathways = (each[picture] for each in (change, *maps))
+    for side in _SIDES:
+        strips = [side(pathway)[:, :reach] for pathway in pathways]
+        leave_out_moving(strips, side(p)[:, :reach], border, _LEAST_MOTION, _OF_EDGE)
+
+
+# Views of a map whose lines begin at the left, right, top and bottom.
+_SIDES: tuple[Callable[[Map], Map], ...] = (
+    lambda each: each,
+    lambda each: each[:, ::-1],
+    lambda each: each.T,
+    lambda each: each[::-1].T,
+)
+
+
+@with_twin
+def leave_out_moving(
+    maps: Sequence[Map], change: Map, border: int, least: float, share: float
+) -> None:
+    """Set S_phi to 0 in the pixels of each line that move, from the first one on without a break.
+
+    Parameters
+    ----------
+    maps : sequence of four ndarray of float32, shape (lines, pixels)
+        S_phi; changed in place. The views of all maps and of `change` have the same strides.
+    change : ndarray of float32, shape (lines, pixels)
+        P(t), 0 to 1.
+    border : int
+        Pixels of each line, of which the largest P is that of its motion.
+    least : float
+        Least P of a pixel that moves.
+    share : float
+        Least P of such a pixel over that of the motion.
+    """
+    at_edge = change[:, :border].max(axis=1, initial=0.0, keepdims=True)
+    rests = np.ones((len(change), change.shape[1] + 1), np.bool_)
+    rests[:, :-1] = change < np.maximum(np.float32(least), np.float32(share) * at_edge)
+    counts = np.arange(change.shape[1]) >= rests.argmax(axis=1)[:, None]
+    for each in maps:
+        np.multiply(each, counts, out=each)

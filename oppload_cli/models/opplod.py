@@ -137,6 +137,7 @@ _REFERENCE = OpplodParams(
     cell_share=1 / 30,
     pool_sigma=1.5,
     border=0,
+    entering=0,
     compression=1.0,
     stride=1,
     halved_weight=0.0,
@@ -235,9 +236,9 @@ class Opplod(Detector):
         super().__init__(shape, params, **others)
         axes = self.params.both_axes
         clock, layers = self.layers.clock, self.layers
-        self._light = None
-        if self.params.light_s:  # no other detector sees these frames
-            self._light = SteadyLight(self.params.light_s * clock.per_second)
+        lasting = self.params.light_s * clock.per_second
+        self._light = SteadyLight(lasting) if lasting else None
+        if lasting or self.params.entering:  # no other detector shares these frames and maps
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(self.params, axes, self.params.stride)
         self._smaller = None

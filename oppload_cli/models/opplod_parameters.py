@@ -119,6 +119,14 @@ class OpplodParams(_ArmParams):
         low=0,
         high=1000,
     )
+    entering: int = parameter(
+        40,
+        "S is also 0 where motion reaches the edge of the frame, or of a bar, without a break: up "
+        "to this distance; 0: nowhere",
+        unit="px",
+        low=0,
+        high=1000,
+    )
     compression: float = parameter(
         0.5, "exponent of the pooled S; below 1, contrast counts for less", low=0.1, high=2
     )
@@ -216,6 +224,7 @@ class OpplodParams(_ArmParams):
         literal = {
             "cell": 1,
             "border": 0,
+            "entering": 0,
             "cone": 90,
             "pool_sigma": 0,
             "periphery": 0,

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
-from oppload_cli.models.camera import NO_BARS, Widths
+from oppload_cli.models.camera import NO_BARS, Widths, leave_out_entering
 from oppload_cli.models.detector import UnitMaps
 from oppload_cli.models.dpc import Kernels, referred
 from oppload_cli.models.timebase import Background
@@ -412,7 +412,12 @@ class PooledJudgement:
             shape = pathways[one].shape
             self._pooling[times] = _pooling(self.maps, shape, self._params, times, self._bars)
         down, across = self._pooling[times]
-        pooled = pool([pathways[phi] for phi in directions], down, across)
+        maps = [pathways[phi] for phi in directions]
+        if seen is not None and self._params.entering:
+            reach, border = self._params.entering // times, max(1, self._params.border // times)
+            bars = Widths(*(bar // times for bar in self._bars))
+            leave_out_entering(maps, seen.maps[0], reach, border, bars)
+        pooled = pool(maps, down, across)
         if seen is not None and seen.share != 1:
             e = self._excitation * pool(seen.maps[:1], down, across)
             pooled = referred(pooled, e, seen.share, directional=True)

@@ -1,0 +1,75 @@
+"""Plain objects that pass the camera, entering and leaving the frame: none is an approach."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.registry import parameters_of
+from tests.media import texture
+
+HEIGHT, WIDTH = 240, 427
+FLOOR = Opplod.alarm_floors["default"]
+X, Y = np.arange(WIDTH) + 0.5, np.arange(HEIGHT)[:, None] + 0.5
+WIDTHS, KINDS = (40, 67, 120, 160), ("post", "box", "disk")
+
+Luma = NDArray[np.float32]
+
+
+def covered(kind: str, width: float, middle: float) -> NDArray[np.float64]:
+    """Return the share of each pixel that the object covers."""
+    across = width / 2 - np.abs(X - middle)
+    if kind == "disk":
+        return np.clip(width / 2 - np.hypot(X - middle, Y - HEIGHT / 2) + 0.5, 0, 1)
+    down = width / 2 - np.abs(Y - HEIGHT / 2) if kind == "box" else np.full_like(Y, width)
+    return np.clip(np.minimum(across, down) + 0.5, 0, 1)
+
+
+def peak(kind: str, width: float, speed: float, ground: Luma, **changes: object) -> float:
+    """Return the largest response of preset default to a dark object, over the floor."""
+    params = parameters_of("opplod", "default").replaced(**changes)
+    model = Opplod((HEIGHT, WIDTH), params, frame_rate=30)
+    largest = 0.0
+    for t in range(25 + int((WIDTH + 2 * width) / speed)):
+        share = covered(kind, width, speed * max(0, t - 15) - width / 2 - 5)
+        answer = model.step(np.asarray(ground * (1 - share) + 0.1 * share, np.float32))
+        largest = max(largest, answer.response if answer else 0.0)
+    return largest / FLOOR
+
+
+def plain() -> Luma:
+    return np.full((HEIGHT, WIDTH), 0.7, np.float32)
+
+
+@pytest.mark.parametrize("kind", ["post", "box"])
+def test_an_object_that_leaves_at_10_px_per_frame_is_no_approach(kind: str) -> None:
+    assert peak(kind, 160, 10, plain()) < 1
+    assert peak(kind, 160, 10, plain(), entering=0) > 5  # its front edge is cut off then
+
+
+def test_the_edge_of_a_bar_is_one_of_the_frame() -> None:
+    ground = plain()
+    ground[:, :60] = ground[:, -60:] = 0.1  # as dark as the object, which passes behind them
+    assert peak("post", 120, 10, ground) < 1
+    assert peak("post", 120, 10, ground, entering=0) > 2
+
+
+@pytest.mark.slow
+def test_up_to_10_px_per_frame_objects_that_pass_are_no_approach() -> None:
+    """From 13 px per frame on, the edges before and behind an object are taken for each other."""
+    grounds = plain(), np.asarray(0.4 + 0.5 * texture(HEIGHT, WIDTH, 4), np.float32)
+    over = {
+        speeds: [
+            case
+            for case in product(KINDS, WIDTHS, speeds, grounds)
+            if peak(case[0], case[1], case[2], case[3]) >= 1
+        ]
+        for speeds in ((2.0, 3.3, 5.0, 6.7, 8.0, 10.0), (13.3, 20.0, 33.0))
+    }
+    counts = [len(cases) for cases in over.values()]
+    assert counts[0] <= 4
+    assert 20 <= counts[1] <= 60
