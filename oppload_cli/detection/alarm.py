@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,29 @@ from oppload_cli.models.timebase import Background
 
 if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
+
+
+_LATEST_STEPS = 15  # between frames, whose median is the usual step
+_FIRST_STEP_S = 0.1  # the usual step before there is one
+_GAP = 2.0  # usual steps; after a longer one the frames do not follow each other
+
+
+class _Steps:
+    """Tells gaps, where frames are missing, by the times of the frames."""
+
+    def __init__(self) -> None:
+        self._before_s: float | None = None
+        self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
+
+    def gap_s(self, time_s: float) -> float:
+        """Return the time from the frame before to this one if frames are missing, else 0."""
+        before_s, self._before_s = self._before_s, time_s
+        if before_s is None:
+            return 0.0
+        step_s = time_s - before_s
+        usual_s = median(self._latest) if self._latest else _FIRST_STEP_S
+        self._latest.append(step_s)
+        return step_s if step_s > _GAP * usual_s else 0.0
 
 
 class Alarm:
@@ -57,8 +81,9 @@ class Alarm:
         self._background = Background(self.params.background_s, self.params.guard_s)
         self._above: deque[tuple[float, float]] = deque()
         self._before_s: float | None = None
+        self._steps = _Steps()
         self._until_s = self._ready_s = -math.inf
-        self._on = False
+        self._on = self._counted = False
         self.threshold = self._floor
 
     def step(
@@ -81,18 +106,23 @@ class Alarm:
         Returns
         -------
         bool
-            Whether the alarm is on.
+            Whether the alarm is on. It is off in a frame that comes after its end, also where no
+            frame came in between: another alarm starts in a later frame.
         """
+        is_gap = self._steps.gap_s(time_s) > 0
+        ended = self._on and time_s > self._until_s and (is_gap or not self._counted)
         background = self._background.step(response, time_s)
         self.threshold = max(self._floor, self.params.factor * background)
-        share = self.params.release if self._on else 1.0
+        share = self.params.release if self._on and not ended else 1.0
         evidence = self.params.evidence(response, contact_s)
         above = evidence > share * self.threshold and not blind
-        if self._long_enough(above, time_s) and (self._on or time_s >= self._ready_s):
+        enough = self._long_enough(above, time_s)
+        self._counted = enough and not ended and (self._on or time_s >= self._ready_s)
+        if self._counted:
             self._until_s = time_s + self.params.hold_s
         was_on, self._on = self._on, time_s <= self._until_s
         if was_on and not self._on:
-            self._ready_s = time_s + self.params.refractory_s
+            self._ready_s = (self._until_s if is_gap else time_s) + self.params.refractory_s
         return self._on
 
     def _long_enough(self, above: bool, time_s: float) -> bool:
@@ -113,17 +143,18 @@ class Alarm:
 
 
 class Cuts:
-    """Tells hard cuts, flashes, steps of luminance and motion out of rest from looming.
+    """Tells hard cuts, flashes, steps of luminance, motion out of rest and gaps from looming.
 
     The first three change most of the frame at once, far more than any of the frames
     before; an object that approaches takes many frames to fill the picture. Where the scene
     was at rest there is no inhibition yet: motion that begins, in any direction, excites all
-    pathways for as long as the detectors look back.
+    pathways for as long as the detectors look back. After a gap in time, longer than an alarm is
+    held, the detectors compare with another scene, as at the start of a video.
 
     Parameters
     ----------
     params : AlarmParams, optional
-        Its `cut_ratio`, `cut_share`, `rest` and `blind_s`.
+        Its `cut_ratio`, `cut_share`, `rest`, `blind_s` and `hold_s`.
 
     Source: ``docs/alarms.md``.
     """
@@ -136,6 +167,7 @@ class Cuts:
     def __init__(self, params: AlarmParams | None = None) -> None:
         self._params = params or AlarmParams()
         self._changes: deque[tuple[float, float]] = deque()
+        self._steps = _Steps()
         self._cut_s = -math.inf
 
     def step(self, photoreceptors: Map, change: float, time_s: float) -> bool:
@@ -157,7 +189,8 @@ class Cuts:
         """
         while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
             self._changes.popleft()
-        if self._is_cut(photoreceptors, change):
+        longest_s = max(self._params.hold_s, self._params.blind_s)
+        if self._steps.gap_s(time_s) > longest_s or self._is_cut(photoreceptors, change):
             self._cut_s = time_s
         self._changes.append((time_s, change))
         return time_s - self._cut_s < self._params.blind_s

@@ -94,6 +94,39 @@ def test_an_alarm_is_held_after_its_last_frame() -> None:
     assert alarms(responses, BARE.replaced(hold_s=4 / RATE)) == [1, 2, 3, 4, 5, 6, 7]
 
 
+def test_an_alarm_ends_in_a_gap_between_frames() -> None:
+    """Held to 0.6 s, it has ended when the next frame comes a minute later, whatever that shows."""
+    for late, expected in (
+        (0.05, [False, True, False, False, False, False]),
+        (0.5, [False, True, False, True, True, True]),  # off once: another alarm
+    ):
+        alarm, times = Alarm("opplod", alarm_params()), (0.0, 0.1, 60.0, 60.1, 60.2, 60.3)
+        shown = (0.0, 0.5, late, *([0.0] * 3 if late < 0.1 else [0.5] * 3))
+        found = [alarm.step(each, time_s) for each, time_s in zip(shown, times, strict=True)]
+        assert found == expected
+    # Its refractory time counts from its end, not from the frame that came after the gap.
+    params = BARE.replaced(hold_s=0.5, refractory_s=0.5)
+    for gap_s, expected in ((0.6, [False] * 2), (1.2, [False, True])):
+        alarm = Alarm("opplod", params)
+        assert [alarm.step(2.0, t / RATE) for t in range(4)] == [True] * 4
+        assert [alarm.step(2.0, 3 / RATE + gap_s + t / RATE) for t in range(2)] == expected
+
+
+def test_an_alarm_ends_once_its_condition_has_not_held_for_the_hold() -> None:
+    """A response that comes back in the first frame after that does not prolong it."""
+    params = BARE.replaced(hold_s=4 / RATE, release=0.5)
+    assert alarms([2, 0, 0, 0, 0.6, 0.6, 0, 0, 0, 0, 0], params) == list(range(10))
+    assert alarms([2, 0, 0, 0, 0, 0.6, 0.6], params) == list(range(5))
+
+
+@pytest.mark.parametrize("rate", [1, 4, 30])
+def test_frames_that_all_count_are_one_alarm_at_any_rate(rate: int) -> None:
+    for hold_s in (0.0, 0.1, 0.5):
+        alarm = Alarm("opplod", BARE.replaced(hold_s=hold_s))
+        shown = [0.0] * 3 + [2.0] * 9
+        assert [alarm.step(each, t / rate) for t, each in enumerate(shown)] == [*map(bool, shown)]
+
+
 def test_no_alarm_goes_on_within_the_refractory_time() -> None:
     # Off at frame 1: none before frame 5. Frame 8 follows frame 6 without a break.
     responses = [2.0, 0, 2, 2, 2, 0, 2, 2, 2]

@@ -16,6 +16,7 @@ from oppload_cli import (
     open_video,
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
+from oppload_cli.results.alarms import AlarmLog
 from tests.detection.showing import approaching
 from tests.media import disk, looming, texture, write_video
 from tests.presets import REFERENCE
@@ -229,6 +230,20 @@ def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(frame: int, late
     assert first - 1 <= other <= first + 6
     for expected, after in contacts[25:33]:
         assert after == pytest.approx(expected, rel=0.13)
+
+
+def test_an_alarm_ends_with_the_frames_before_a_gap() -> None:
+    """The frames stop for ten seconds while the alarm is on, and the scene is another one then."""
+    frames, log = approach(), AlarmLog("opplod")
+    shown = np.concatenate([frames, frames[:10]])
+    times = [*TIMES, *(TIMES[:10] + TIMES[-1] + 10)]
+    records = list(analyse(shown, times=times, rmo=False))
+    for record in records:
+        log.add(record)
+    assert records[33].alarms["opplod"]
+    assert not any(record.alarms["opplod"] for record in records[34:])
+    (alarm,) = log.verdict.alarms
+    assert alarm.end_s == pytest.approx(TIMES[-1] - TIMES[0])
 
 
 def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:

@@ -200,7 +200,10 @@
   const LOWEST = 0.01; // of the threshold, on the logarithmic axis
   const charts = [];
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const endOf = (r) => (r + 1 < rows ? time[r + 1] : time[r]);
+  const steps = time.slice(1).map((t, r) => t - time[r]).sort((a, b) => a - b);
+  const usual = steps[steps.length >> 1] || 0;
+  // A frame is on the screen until the next one, but no alarm is known within a gap.
+  const endOf = (r) => (r + 1 < rows ? Math.min(time[r + 1], time[r] + 2 * usual) : time[r]);
 
   function shade(u, first, last, colour, opacity, height) {
     const left = u.valToPos(time[first], "x", true);
