@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,9 +53,15 @@ def report(
 
     if show:
         check_display()
-    tables = [table for path in results for table in tables_in(path)]
+    whole = _holder([path for path in results if is_folder(path)])
+    found = [
+        (table, whole if whole and is_folder(path) else table.parent)
+        for path in results
+        for table in tables_in(path)
+    ]
     folder = output or _folder_of(results)
-    page, code = write_pages(tables, folder, videos=videos, jobs=jobs, quiet=quiet)
+    tables, roots = ([each[which] for each in found] for which in (0, 1))
+    page, code = write_pages(tables, folder, roots=roots, videos=videos, jobs=jobs, quiet=quiet)
     click.echo(page)
     if show:
         show_file(page)
@@ -62,9 +69,22 @@ def report(
 
 
 def write_pages(
-    tables: Sequence[Path], folder: Path, *, jobs: int, quiet: bool, videos: Path | None = None
+    tables: Sequence[Path],
+    folder: Path,
+    *,
+    roots: Sequence[Path],
+    jobs: int,
+    quiet: bool,
+    videos: Path | None = None,
 ) -> tuple[Path, ExitCode]:
     """Write pages, showing progress; print what they lack.
+
+    Parameters
+    ----------
+    tables, folder, roots, jobs, videos
+        As of :func:`~oppload_cli.report.writing.write_report`.
+    quiet : bool
+        Whether no progress is shown.
 
     Returns
     -------
@@ -82,6 +102,7 @@ def write_pages(
         written = write_report(
             tables,
             folder,
+            roots=roots,
             videos=videos,
             jobs=jobs or cores(),
             frames=bar.update if alone else None,
@@ -90,6 +111,16 @@ def write_pages(
     for line in (*written.notes, *map(str, written.failures)):
         say(f"oppload: {line}")
     return written.first, ExitCode.INCOMPLETE if written.failures else ExitCode.DONE
+
+
+def _holder(folders: Sequence[Path]) -> Path | None:
+    """Return the one folder, or the nearest that holds all; None where there is none."""
+    if len(folders) < 2:
+        return folders[0] if folders else None
+    try:
+        return Path(os.path.commonpath(folders))
+    except ValueError:  # an absolute and a relative path, or another drive
+        return None
 
 
 def _folder_of(results: Sequence[Path]) -> Path:

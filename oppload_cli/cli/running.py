@@ -171,7 +171,13 @@ def _report(tasks: Iterator[Task], options: RunOptions) -> int:
     tables = [table for table in named if os.path.lexists(table)]
     if not tables:
         return ExitCode.DONE
-    page, code = write_pages(tables, options.output, jobs=options.jobs, quiet=options.quiet)
+    page, code = write_pages(
+        tables,
+        options.output,
+        roots=[options.output] * len(tables),
+        jobs=options.jobs,
+        quiet=options.quiet,
+    )
     if not options.quiet:
         say(f"page: {page}")
     return code

@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
+from collections import Counter
 from dataclasses import dataclass, field
 from functools import cache, partial
 from importlib.resources import files
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
@@ -19,7 +21,13 @@ from oppload_cli.files.html import embedded, rendered
 from oppload_cli.processes.pool import outcomes
 from oppload_cli.report.page import Content, Curve
 from oppload_cli.report.video import VideoCopy, copy_video
-from oppload_cli.results.reading import BaseResult, find_video, read_result, stem_of
+from oppload_cli.results.reading import (
+    BaseResult,
+    find_video,
+    read_result,
+    stem_of,
+    title_and_input,
+)
 from oppload_cli.version import __version__
 from oppload_cli.video.inputs import REPORTED
 
@@ -104,18 +112,20 @@ class _Report:
 
 
 class _Item(NamedTuple):
-    """A result, the page to make of it, and where the videos are now."""
+    """A result, the page to make of it, its title, the index, and where the videos are now."""
 
     result: BaseResult | Path
     page: Path
+    title: str
     videos: Path | None
-    indexed: bool
+    listing: Path | None
 
 
 def write_report(
     results: Sequence[BaseResult | Path],
     folder: Path,
     *,
+    roots: Sequence[Path] | None = None,
     videos: Path | None = None,
     jobs: int = 1,
     frames: Callable[[int], object] | None = None,
@@ -129,6 +139,9 @@ def write_report(
         Results, or their tables; at least one.
     folder : Path
         Of the pages; made if it does not exist. Pages of the same name are replaced.
+    roots : sequence of Path, optional
+        Of each result a folder that holds it: the pages mirror the folders below. By default each
+        result's own, so that all pages lie in `folder`.
     videos : Path, optional
         The video, or the folder of the videos, where they have moved.
     jobs : int
@@ -154,9 +167,10 @@ def write_report(
     index = folder / _INDEX if len(results) > 1 else None
     if index is not None:
         _refuse_other(index)
+    pages = list(_pages(results, roots))
     items = [
-        _Item(result, page, videos, index is not None)
-        for result, page in zip(results, _pages(results, folder), strict=True)
+        _Item(result, folder / page, title, videos, index)
+        for result, page, title in zip(results, pages, _titles(results, pages), strict=True)
     ]
     found: dict[int, _Entry] = {}
     failed: dict[int, OpploadError] = {}
@@ -173,22 +187,43 @@ def write_report(
         raise failures[0]
     entries = [found[position] for position in sorted(found)]
     if index is not None:
-        write_atomic(index, _index_page(entries, failures))
+        write_atomic(index, _index_page(index, entries, failures))
     notes = [f"{entry.page}: {note}" for entry in entries for note in entry.notes]
     return _Report([entry.page for entry in entries], index, failures, notes)
 
 
-def _pages(results: Sequence[BaseResult | Path], folder: Path) -> Iterator[Path]:
-    """Yield the name of each page; results of one name are numbered."""
-    taken: set[str] = set()
-    for result in results:
-        stem = result.stem if isinstance(result, BaseResult) else stem_of(result)
-        name, number = stem, 1
+def _pages(
+    results: Sequence[BaseResult | Path], roots: Sequence[Path] | None
+) -> Iterator[PurePosixPath]:
+    """Yield the name of each page below their folder; results of one name there are numbered."""
+    taken: set[PurePosixPath] = set()
+    for place, result in enumerate(results):
+        path = result.path if isinstance(result, BaseResult) else result
+        root = roots[place] if roots else path.parent
+        below = PurePosixPath(path.parent.relative_to(root).as_posix())
+        stem = stem_of(path)
+        name, number = below / f"{stem}{_PAGE}", 1
         while name in taken:
             number += 1
-            name = f"{stem}-{number}"
+            name = below / f"{stem}-{number}{_PAGE}"
         taken.add(name)
-        yield folder / f"{name}{_PAGE}"
+        yield name
+
+
+def _titles(results: Sequence[BaseResult | Path], pages: Sequence[PurePosixPath]) -> Iterator[str]:
+    """Yield the title of each page: the input's name, with folders where others have that name."""
+    inputs = [title_and_input(result) for result in results]
+    often = Counter(title for title, _ in inputs)
+    placed = [str(page.parent / title) for page, (title, _) in zip(pages, inputs, strict=True)]
+    of_inputs = Counter(name for _, name in inputs)
+    often_placed = Counter(placed)
+    for page, (title, name), below in zip(pages, inputs, placed, strict=True):
+        if often[title] == 1:
+            yield title
+        elif often_placed[below] == 1:
+            yield below
+        else:
+            yield name if of_inputs[name] == 1 else str(page).removesuffix(_PAGE)
 
 
 def _refuse_other(index: Path) -> None:
@@ -216,11 +251,13 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
     except SourceError as error:
         video_notes = [f"the page has no video ({error})"]
     notes = [*content.notes, *video_notes]
-    write_atomic(item.page, _page(content, copy, beside.name, notes, indexed=item.indexed))
+    index = _address(item.listing, item.page) if item.listing else None
+    page = _page(content, copy, beside, notes, title=item.title, index=index)
+    write_atomic(item.page, page)
     strongest = content.strongest
     times = result.frames["time_s"].to_numpy(float)
     return _Entry(
-        printable(result.title),
+        printable(item.title),
         item.page,
         copy.still if copy else b"",
         [(curve.label, curve.colour, _spark(curve, times)) for curve in content.curves],
@@ -238,7 +275,13 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
 
 
 def _page(
-    content: Content, copy: VideoCopy | None, beside: str, notes: list[str], *, indexed: bool
+    content: Content,
+    copy: VideoCopy | None,
+    beside: Path,
+    notes: list[str],
+    *,
+    title: str,
+    index: str | None,
 ) -> str:
     """Return the page of a result as HTML."""
     data = content.data()
@@ -247,8 +290,8 @@ def _page(
         times = [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()]
         data["video"] = {
             "times": times,
-            "address": None if copy.content is not None else _address(beside),
-            "name": printable(beside),
+            "address": None if copy.content is not None else _address(beside, beside),
+            "name": printable(beside.name),
         }
     return rendered(
         "result.html",
@@ -260,16 +303,16 @@ def _page(
         style=_part("uplot", "uPlot.min.css"),
         data=data,
         film=base64.b64encode(copy.content).decode("ascii") if copy and copy.content else "",
-        title=printable(content.result.title),
+        title=printable(title),
         content=content,
         notes=[printable(note) for note in notes],
-        indexed=indexed,
+        index=index,
         seconds=seconds,
         number=number,
     )
 
 
-def _index_page(entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> str:
+def _index_page(index: Path, entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> str:
     """Return the index as HTML: results with alarms first, the strongest before the others."""
     ordered = sorted(entries, key=lambda each: (not each.alarms, -each.peak, each.title))
     return rendered(
@@ -285,7 +328,7 @@ def _index_page(entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> 
         spark_size=_SPARK,
         threshold_row=_spark_row(1.0),
         embedded=partial(embedded, kind="jpeg"),
-        address=lambda path: _address(path.name),
+        address=lambda path: _address(path, index),
         seconds=seconds,
         number=number,
     )
@@ -308,9 +351,10 @@ def number(value: float) -> str:
     return f"{value:,.0f}" if value >= 10 else f"{value:.2g}"
 
 
-def _address(name: str) -> str:
-    """Return the relative address of a file beside the page, whatever characters it has."""
-    return "./" + quote(os.fsencode(name))
+def _address(path: Path, page: Path) -> str:
+    """Return the relative address of a file on a page, whatever characters it has."""
+    below = os.path.relpath(path, page.parent).replace(os.sep, "/")
+    return "./" + quote(os.fsencode(below))
 
 
 def _spark(curve: Curve, times: Any) -> str:

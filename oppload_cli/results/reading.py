@@ -275,6 +275,21 @@ def is_whole(name: str) -> bool:
     return name in _COUNTS or name.endswith(_ALARM)
 
 
+def title_and_input(result: BaseResult | Path) -> tuple[str, str]:
+    """Return a result's title, and its input as the run named it; the stem where neither is known.
+
+    It reads the sidecar alone, and raises no error.
+    """
+    if not isinstance(result, BaseResult):
+        path, frames = result, pd.DataFrame()
+        try:
+            sidecar = _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}"))
+        except ResultError:  # reading the result gives the reason
+            sidecar = {}
+        result = BaseResult(path, frames, sidecar)
+    return result.title, str(result.part("input").get("name") or result.stem)
+
+
 def stem_of(path: Path) -> str:
     """Return the name of a result without the suffixes of its table."""
     for suffix in SUFFIXES:

@@ -368,6 +368,56 @@ def test_a_run_with_a_report(tmp_path: Path, capsys: Capture) -> None:
         assert run(capsys, "run", clip, "--report", *wrong).returncode == 2
 
 
+def titles_in(index: Path) -> dict[str, str]:
+    """Return the title of each address in an index."""
+    cells = re.findall(r'<td class="name"><a href="([^"]+)">([^<]+)</a>', index.read_text())
+    return dict(sorted(cells))
+
+
+def test_pages_lie_beside_their_results(tmp_path: Path, capsys: Capture) -> None:
+    """Two videos of one name in two folders; a third one changes no name."""
+    clips = tmp_path / "v"
+    for place in ("x", "y"):
+        (clips / place).mkdir(parents=True)
+        write_clip(clips / place / "a.mkv")
+    out, more = tmp_path / "rv", ("--report", "--if-exists", "skip", "--no-rmo", "-j", "1", "-q")
+    assert run(capsys, "run", "-r", clips, "-o", out, *more).returncode == 0
+    both = {"./x/a.report.html": "x/a.mkv", "./y/a.report.html": "y/a.mkv"}
+    assert titles_in(out / "index.html") == both
+    for place in ("x", "y"):
+        page = (out / place / "a.report.html").read_text()
+        assert f"<h1>{place}/a.mkv</h1>" in page
+        assert '<a href="./../index.html">All videos</a>' in page
+        assert data_of(out / place / "a.report.html")["frames"] == list(range(20))
+    (clips / "w").mkdir()
+    shutil.copy(clips / "x" / "a.mkv", clips / "w" / "a.mkv")
+    shutil.copy(clips / "x" / "a.mkv", clips / "w" / "only.mkv")
+    assert run(capsys, "run", "-r", clips, "-o", out, *more).returncode == 0
+    joined = {"./w/a.report.html": "w/a.mkv", "./w/only.report.html": "only.mkv", **both}
+    assert titles_in(out / "index.html") == joined
+    assert len(list(out.rglob("*.report.html"))) == 4
+    # The same of the results alone, here and elsewhere.
+    for folder in (out, tmp_path / "pages"):
+        assert run(capsys, "report", out, "-o", folder, "-j", "1", "-q").returncode == 0
+        assert titles_in(folder / "index.html") == joined
+    assert sorted((tmp_path / "pages").iterdir()) == [
+        tmp_path / "pages" / name for name in ("index.html", "w", "x", "y")
+    ]
+    assert run(capsys, "report", out / "x", out / "y", "-o", tmp_path / "two", "-q").returncode == 0
+    assert titles_in(tmp_path / "two" / "index.html") == both
+
+
+def test_pages_in_one_folder_have_the_inputs_as_titles(table: Path, tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    other = write_numbered_result(tmp_path / "other")
+    index = write_report([table, other], tmp_path / "out").index
+    assert index
+    assert titles_in(index) == {
+        "./clip-2.report.html": str(tmp_path / "other" / "clip.mkv"),
+        "./clip.report.html": str(tmp_path / "clip.mkv"),
+    }
+
+
 def test_numbers_as_text() -> None:
     assert [seconds(value) for value in (0.366, 59.99, 60, 187.25)] == [
         *("0.37 s", "59.99 s", "1:00.00", "3:07.25")
