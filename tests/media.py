@@ -64,11 +64,12 @@ def write_video(
     time_base: Fraction | None = None,
     full_range: bool = False,
     options: dict[str, str] | None = None,
+    container: dict[str, str] | None = None,
 ) -> Path:
     """Encode images as a video; `times` are presentation times in units of `time_base`."""
     pictures = [av.VideoFrame.from_ndarray(image, format=source_format) for image in frames]
-    with av.open(str(path), "w") as container:
-        stream: Any = container.add_stream(codec, rate=Fraction(rate), options=options or {})
+    with av.open(str(path), "w", options=container or {}) as written:
+        stream: Any = written.add_stream(codec, rate=Fraction(rate), options=options or {})
         stream.height, stream.width = pictures[0].height, pictures[0].width
         stream.pix_fmt = pixel_format
         if codec.startswith(("libvpx", "libx264")):
@@ -82,7 +83,7 @@ def write_video(
             if times is not None:
                 frame.pts, frame.time_base = times[index], time_base or Fraction(1, rate)
             for packet in stream.encode(frame):
-                container.mux(packet)
+                written.mux(packet)
         for packet in stream.encode():
-            container.mux(packet)
+            written.mux(packet)
     return path

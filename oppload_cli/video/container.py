@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import errno
 import math
 import os
 import re
@@ -383,6 +384,9 @@ class ContainerSource:
             except StopIteration:
                 return
             except (av.error.FFmpegError, OSError) as error:
+                if self._is_end_without_length(error):
+                    yield None
+                    return
                 self.decode.failed(self._interruption(error) if self._remote else reason_of(error))
                 errors += 1
                 if errors > _MOST_DEMUX_ERRORS or self._remote:
@@ -400,6 +404,16 @@ class ContainerSource:
                     packet.dts = max(known, default=None)
                     next_dts = None if packet.dts is None else packet.dts + 1
                 yield packet
+
+    def _is_end_without_length(self, error: Exception) -> bool:
+        """Tell whether an error is the end of an HTTP answer whose length the server did not state.
+
+        FFmpeg takes the orderly close of such a connection for an error of the device. Whether all
+        frames have come then, only the container can say, see `_missing`.
+        """
+        is_http = self.name.lower().startswith(("http://", "https://"))
+        orderly = getattr(error, "errno", None) == errno.EIO
+        return is_http and orderly and self._container.size < 0
 
     @staticmethod
     def _interruption(error: Exception) -> str:

@@ -1,0 +1,92 @@
+"""Videos over HTTP, from a server on this machine that states a length, or none."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+from typing import TYPE_CHECKING
+
+import pytest
+
+from oppload_cli.video.source import open_video
+from tests.media import grey_frames, write_video
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from oppload_cli.video.frames import DecodeFacts
+
+FRAMES = 20
+# The format, its encoder, and whether the container says how long it is.
+KINDS = [
+    ("mkv", "ffv1", "gray", True),
+    ("mp4", "libx264", "yuv420p", True),
+    ("y4m", "rawvideo", "yuv420p", False),
+    ("ts", "mpeg2video", "yuv420p", False),
+]
+
+
+@contextmanager
+def served(content: bytes, stated: int | None) -> Iterator[str]:
+    """Give the address of a file that is sent once per request, and then the connection closes."""
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_GET(self) -> None:
+            self.send_response(200)
+            if stated is not None:
+                self.send_header("Content-Length", str(stated))
+            self.send_header("Connection", "close")
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_address[1]}/a"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def decoded(content: bytes, stated: int | None) -> DecodeFacts:
+    with served(content, stated) as address, open_video(address) as video:
+        assert all(frame.luma.shape == (240, 320) for frame in video)
+        return video.decode
+
+
+@pytest.mark.parametrize(("suffix", "codec", "pixels", "declares"), KINDS)
+def test_an_answer_without_a_length(
+    tmp_path: Path, suffix: str, codec: str, pixels: str, declares: bool
+) -> None:
+    """It is complete where it ends, unless the container declares more than came."""
+    frames = grey_frames(FRAMES)
+    content = write_video(
+        tmp_path / f"a.{suffix}",
+        frames,
+        codec=codec,
+        pixel_format=pixels,
+        options={"g": "1"},  # frames of one size, so that the cut is among them
+        container={"movflags": "+faststart"} if suffix == "mp4" else {},
+    ).read_bytes()
+    whole = decoded(content, None)
+    assert (whole.decoded, whole.complete, whole.messages) == (FRAMES, True, [])
+    cut = decoded(content[: len(content) * 7 // 10], None)
+    assert 4 < cut.decoded < FRAMES
+    assert (cut.missing > 0) is declares
+    assert not (declares and cut.complete)
+
+
+def test_an_answer_that_is_shorter_than_stated_broke_off(tmp_path: Path) -> None:
+    content = write_video(tmp_path / "a.mkv", grey_frames(FRAMES)).read_bytes()
+    cut = decoded(content[: len(content) * 7 // 10], len(content))
+    assert (cut.complete, cut.failures) == (False, 1)
+    assert "the stream broke off (input/output error)" in cut.messages
+    assert decoded(content, len(content)).complete
