@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from fractions import Fraction
 from numbers import Integral
-from statistics import median
+from statistics import fmean, median
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from oppload_cli.errors import ParameterError, SourceError
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 USUAL_RATE = Fraction(30)  # frames/s, assumed where an input states none
 _LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
-_MOST_STEPS = 1 << 10  # between frames, of which the rate is the median
+_MOST_STEPS = 1 << 10  # between frames, from which the rate follows
+_USUAL, _ROUNDING_S = 0.5, 1.001e-3  # share of the median; seconds
 _LATEST_STEPS = 15  # whose median is the usual step
 _CONTRADICTION = 0.1  # of the declared rate
 _LEAST_LASTING_S = 1.0  # a longer shift stays: the clock was set to another time
@@ -296,8 +297,16 @@ class FrameTimes:
 
     @property
     def rate(self) -> float | None:
-        """Frames per second by the median step of the first 1024 frames; None for one frame."""
-        return 1 / median(self._steps) if self._steps else None
+        """Frames per second by the usual steps of the first 1024 frames; None for one frame.
+
+        It is their mean, as files round times. Steps are usual within half of the median, or
+        within what rounding to milliseconds adds; gaps are not.
+        """
+        if not self._steps:
+            return None
+        middle = median(self._steps)
+        spread = max(_USUAL * middle, _ROUNDING_S)
+        return 1 / fmean(step for step in self._steps if abs(step - middle) <= spread)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the facts for the sidecar."""

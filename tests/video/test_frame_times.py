@@ -68,6 +68,25 @@ def test_times_that_all_stand_still_follow_by_the_declared_rate() -> None:
     assert taken([0.0] * 4)[0] == pytest.approx([0, 1 / 30, 2 / 30, 3 / 30])
 
 
+@pytest.mark.parametrize("rate", [10, 24, 29.97, 30, 60, 120, 240, 480, 1000])
+@pytest.mark.parametrize("lost", [0, 7, 20])
+def test_the_rate_is_right_although_times_are_rounded_and_frames_are_lost(
+    rate: float, lost: int
+) -> None:
+    """Times in whole milliseconds, as in Matroska; their median step alone says 30.3 for 30."""
+    counts = np.delete(np.arange(300), [20 + 9 * each + np.arange(3) for each in range(lost)])
+    _, kept = taken([round(1000 * count / rate) / 1000 for count in counts], rate)
+    assert kept.rate == pytest.approx(rate, rel=0.01)
+    assert kept.as_dict()["frames_per_s"] == pytest.approx(rate, rel=0.01)
+    assert kept.remarks() == []
+
+
+def test_the_rate_is_that_of_most_frames() -> None:
+    """A pause of a minute, and steps that double, move it as little as they moved the median."""
+    doubled = np.cumsum([1, 1, 1, 2] * 20) / 30
+    assert taken([0.0, *doubled, doubled[-1] + 60])[1].rate == pytest.approx(30)
+
+
 def test_a_declared_rate_that_the_times_contradict_is_named() -> None:
     _, kept = taken([t / 12 for t in range(20)], 30)
     assert kept.remarks() == [
