@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
+import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from oppload_cli.detection.alarm import Alarm, Cuts
-from oppload_cli.detection.parameters import alarm_params_with, place_params
+from oppload_cli.detection.parameters import (
+    AlarmParams,
+    PlaceParams,
+    alarm_params_with,
+    place_params,
+)
 from oppload_cli.detection.places import Detections
 from oppload_cli.errors import FrameError, ParameterError
 from oppload_cli.models.detector import Box
@@ -18,33 +25,48 @@ from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS, parse_height, pr
 from oppload_cli.models.registry import DetectorBank, default_names, detector_of, parameters_of
 from oppload_cli.models.timebase import NEARLY_ONE, TimeParams, time_params
 from oppload_cli.motion.flow import DenseFlow
-from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics
+from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics, RmoParams
 from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
 from oppload_cli.pipeline.sources import ArrayLuminance, check_type, checked_rate, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.results.table import FrameRecord
-from oppload_cli.video.frames import Frame, FrameTimes, InputFacts, WorkingSize, frames_ahead
+from oppload_cli.schema import Parameters
+from oppload_cli.video.frames import (
+    MAX_PIXELS,
+    Frame,
+    FrameTimes,
+    InputFacts,
+    WorkingSize,
+    frames_ahead,
+    is_integer,
+    max_pixels,
+    too_large,
+)
 from oppload_cli.video.optics import Optics, parse_fov
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from fractions import Fraction
+    from types import UnionType
 
     from numpy.typing import NDArray
 
-    from oppload_cli.detection.parameters import AlarmParams, PlaceParams
     from oppload_cli.detection.places import Detection
     from oppload_cli.models.detector import Response
-    from oppload_cli.motion.rmo import RmoParams
     from oppload_cli.pipeline.sources import Source
-    from oppload_cli.schema import Parameters
+
+
+_FEW_FRAMES = 10  # after which times of another unit are told
+_LONGEST_STEP_S = 1.0  # nobody asks for approaches at a lower rate
+_REPEATS = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
+_TIME = "oppload_cli.models.timebase.TimeParams(interval='frame')"
 
 
 class Analysis:
     """The detectors on frames that you hand over one by one, as of a robot's camera.
 
     It gives what :func:`analyse` gives for a video of the same frames: responses, alarms, and
-    looming objects with their boxes and times to contact.
+    looming objects with their boxes and times to contact. It cannot be copied or pickled.
 
     Parameters
     ----------
@@ -95,23 +117,19 @@ class Analysis:
         time: TimeParams | None = None,
         fov: float | None = None,
     ) -> None:
-        sides: tuple[int, ...] = shape  # a caller may give the shape of a colour image
-        if len(sides) != 2 or min(sides) < 1:
-            raise ParameterError(
-                f"shape must be height and width in pixels, not {shape}; of an image in colour "
-                "give image.shape[:2]"
-            )
-        rows, columns = shape
-        preset = preset or _preset_of(params or ())
+        rows, columns = _checked_shape(shape)
+        chosen = _resolved(params, preset, alarm, places, time)
+        _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
+        _check_kind("repeats", repeats, RepeatParams, _REPEATS)
         facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
-        pixels = parse_height(preset_named(preset).height if height is None else height)
+        pixels = parse_height(preset_named(chosen.preset).height if height is None else height)
         working = WorkingSize.of(facts, pixels)
         degrees = None if fov is None else parse_fov(fov)
         optics = None if degrees is None else Optics.of_fov(columns, rows, degrees)
-        self._shape = rows, columns
+        self._shape, self._working = (rows, columns), working
+        self._rate = float(facts.frame_rate) if facts.frame_rate else None
         self._luminance = ArrayLuminance(working)
         self._prepared = _Preparation(rmo, Repeats(repeats or RepeatParams()), facts.frame_rate)
-        chosen = _resolved(params, preset, alarm, places, time)
         self._detectors = _Detectors(working, facts.frame_rate, chosen, optics)
         self._first_s = 0.0
         self._count = 0
@@ -157,7 +175,73 @@ class Analysis:
         prepared = self._prepared.step(Frame(self._count, float(time_s) - self._first_s, luma))
         record = self._detectors.answer(prepared, self._count)
         self._count += 1
+        if self._count == _FEW_FRAMES and (doubt := self._doubt_of_unit()):
+            warnings.warn(doubt, stacklevel=2)
         return record
+
+    @property
+    def remarks(self) -> list[str]:
+        """What is wrong with the frames so far, a sentence each, as in the sidecar.
+
+        Times that go back, a frame rate that is too low or contradicts `rate`, times that seem to
+        be in another unit than seconds, repeated pictures, and too small frames.
+
+        Examples
+        --------
+        >>> import numpy as np, oppload_cli as oppload
+        >>> analysis = oppload.Analysis((90, 120))
+        >>> for frame in range(3):
+        ...     record = analysis.step(np.zeros((90, 120)), time_s=frame * 33.3)  # milliseconds
+        >>> analysis.remarks[-1]
+        'frames are 33.3 s apart by their times: give seconds, if these are of another unit'
+        """
+        times, repeats = self._prepared.times, self._prepared.repeats
+        doubt = self._doubt_of_unit()
+        return [
+            *times.remarks(),
+            *([doubt] if doubt else []),
+            *repeats.remarks(self._rate or times.rate),
+            *self._working.remarks(),
+        ]
+
+    def _doubt_of_unit(self) -> str:
+        """Return a sentence on times that seem to be in another unit; empty where they do not."""
+        rate = self._prepared.times.rate
+        if rate is None or rate * _LONGEST_STEP_S > 1:
+            return ""
+        return (
+            f"frames are {1 / rate:.3g} s apart by their times: give seconds, if these are of "
+            "another unit"
+        )
+
+    def __reduce_ex__(self, protocol: object) -> NoReturn:
+        """Refuse to be copied or pickled: filters of C libraries have no copy."""
+        raise TypeError(
+            "an Analysis cannot be copied or pickled; make another one with the same arguments, "
+            "in another process as well, and hand it the frames there"
+        )
+
+
+def _checked_shape(shape: object) -> tuple[int, int]:
+    """Return height and width, also of a list or of NumPy's integers."""
+    sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
+    if len(sides) != 2 or not all(is_integer(side, 1) for side in sides):
+        raise ParameterError(
+            f"shape must be height and width in pixels, not {shape!r}; of an image in colour "
+            "give image.shape[:2]"
+        )
+    rows, columns = map(int, sides)
+    if too_large(columns, rows):
+        raise ParameterError(
+            f"shape must have at most {max_pixels()} pixels, not {rows} x {columns}; give smaller "
+            f"frames, or set {MAX_PIXELS} higher"
+        )
+    return rows, columns
+
+
+def _check_kind(name: str, value: object, kind: type | UnionType, give: str) -> None:
+    if value is not None and not isinstance(value, kind):
+        raise ParameterError(f"{name} must not be {value!r}; give {give}")
 
 
 def analyse(
@@ -224,10 +308,11 @@ def analyse(
     ...         break
     alarm at 1.07 s
     """
-    preset = preset or _preset_of(params or ())
     chosen = _resolved(params, preset, alarm, places, time)
+    _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
+    _check_kind("repeats", repeats, RepeatParams | Repeats, _REPEATS)
     copies = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())
-    with open_source(source, rate=rate, times=times, height=height, preset=preset) as video:
+    with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
         preparation = _Preparation(rmo, copies, video.facts.frame_rate)
         detectors = _Detectors(video.working, video.facts.frame_rate, chosen, optics)
         # The flow runs in a thread of its own: it costs about as much as the detectors.
@@ -251,6 +336,7 @@ def _preset_of(params: Sequence[Parameters]) -> str:
 class _Chosen(NamedTuple):
     """The parameters of one pass: those that the caller gave, and else those of the preset."""
 
+    preset: str
     params: Sequence[Parameters]
     alarm: AlarmParams
     places: PlaceParams | None
@@ -259,15 +345,29 @@ class _Chosen(NamedTuple):
 
 def _resolved(
     params: Sequence[Parameters] | None,
-    preset: str,
+    preset: str | None,
     alarm: AlarmParams | None,
     places: PlaceParams | bool | None,
     time: TimeParams | None,
 ) -> _Chosen:
+    _check_kind("params", params, list | tuple, "a list such as [oppload_cli.OpplodParams()]")
+    _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
+    _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
+    _check_kind("time", time, TimeParams, _TIME)
+    for each in params or ():
+        _check_kind("params", each, Parameters, "sets of parameters, as of parameters_of('opplod')")
+    preset = preset or _preset_of(params or ())
     chosen = params or [parameters_of(name, preset) for name in default_names()]
+    names = [detector_of(each).name for each in chosen]
+    for name in names:
+        if names.count(name) > 1:
+            raise ParameterError(
+                f"params must not hold two sets of '{name}'; give the other one to a second pass"
+            )
     return _Chosen(
+        preset,
         chosen,
-        alarm or alarm_params_with([detector_of(each).name for each in chosen], preset),
+        alarm or alarm_params_with(names, preset),
         place_params(preset) if places is True else places or None,
         time or time_params(preset),
     )
@@ -287,18 +387,17 @@ class _Preparation:
     def __init__(
         self, rmo: RmoParams | bool | None, repeats: Repeats, rate: Fraction | None
     ) -> None:
-        self._times = FrameTimes(rate)
+        self.times, self.repeats = FrameTimes(rate), repeats
         params = DEFAULT_RMO if rmo is True else rmo or None
         self._flow = DenseFlow(params) if params else None
-        self._repeats = repeats
 
     def step(self, frame: Frame) -> _Prepared:
         """Take the next frame."""
         # An open video has put its times right; those of a caller's own frames may be wrong.
-        time_s = self._times.step(frame.time_s)
+        time_s = self.times.step(frame.time_s)
         if time_s != frame.time_s:
             frame = replace(frame, time_s=time_s)
-        flow, repeat = self._flow, self._repeats.step(frame.luma, frame.time_s)
+        flow, repeat = self._flow, self.repeats.step(frame.luma, frame.time_s)
         opponency = flow.step(frame.luma) if flow and not repeat.passed_over else None
         if flow and repeat.kind:
             opponency = RmoMetrics()
@@ -311,7 +410,7 @@ class _Detectors:
     def __init__(
         self, working: WorkingSize, rate: Fraction | None, chosen: _Chosen, optics: Optics | None
     ) -> None:
-        params, alarm, places, time = chosen
+        _, params, alarm, places, time = chosen
         stated = float(rate) if rate else None
         self._working, self._optics = working, optics
         self._bank = DetectorBank(working.shape, params, stated, time)

@@ -24,7 +24,8 @@ from oppload_cli.errors import (
 )
 from oppload_cli.files.atomic import cannot_write
 from oppload_cli.files.tables import Table, rows_in
-from oppload_cli.models.registry import loaded
+from oppload_cli.models.registry import detector_named, loaded
+from oppload_cli.models.timebase import FRAME, TimeParams
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL
@@ -336,12 +337,11 @@ class _Run:
                 f"has pixels of an aspect of {float(aspect):.4g}, which --fov takes as square: "
                 "angles down the frame are wrong"
             )
-        pictures, rate = self._pictures_per_s(), facts.frame_rate
-        if pictures is not None and rate is not None:
-            remarks.append(
-                f"holds about {pictures:.3g} different pictures/s in {float(rate):.4g} frames/s; "
-                "the repeats are left out"
-            )
+        remarks += self._repeats.remarks(float(facts.frame_rate) if facts.frame_rate else None)
+        remarks += self.video.working.remarks()
+        silent = [name for name, each in self._summaries.items() if not each.frames]
+        if self.frames and silent:
+            remarks.append(self._never_answered(silent))
         seconds = self.video.times.seconds
         if self.frames and seconds < self._settings.alarm.blind_s:
             remarks.append(
@@ -349,6 +349,18 @@ class _Run:
                 f"{self._settings.alarm.blind_s:.2g} s never count"
             )
         return tuple(remarks)
+
+    def _never_answered(self, silent: Sequence[str]) -> str:
+        """Return a remark on detectors that had no answer to any frame."""
+        labels = [detector_named(name).label for name in silent]
+        longest = max(detector_named(name).warm_up for name in silent)
+        interval = self._settings.time.interval
+        unit = "frames" if interval == FRAME else f"intervals of {interval} s"
+        return (
+            f"has no response of {', '.join(labels)} to any frame, so that nothing could cause an "
+            f"alarm: it ends within the warm-up of {longest} {unit}; give a longer video"
+            + ("" if interval in {FRAME, TimeParams().interval} else ", or a shorter time.interval")
+        )
 
     def _field_of_view(self, groups: Mapping[str, Parameters]) -> dict[str, Any] | None:
         """Return the field of view, and the sizes of the detectors in degrees."""

@@ -169,6 +169,16 @@ class Repeats:
             return None
         return frame_rate * self._pictures / (self._pictures + self._repeats)
 
+    def remarks(self, frame_rate: float | None) -> list[str]:
+        """Return a remark, a sentence, on pictures that are repeated in a cadence."""
+        pictures = frame_rate and self.pictures_per_s(frame_rate)
+        if not frame_rate or not pictures:
+            return []
+        return [
+            f"holds about {pictures:.3g} different pictures/s in {frame_rate:.4g} frames/s; the "
+            "repeats are left out"
+        ]
+
     def step(self, luma: Luma, time_s: float) -> Repeat:
         """Take the next frame.
 

@@ -93,6 +93,7 @@ class ArrayLuminance:
     def __init__(self, working: WorkingSize) -> None:
         self._working = working
         self._of_plane = Luminance(working)
+        self._colours: NDArray[np.uint16] | None = None
 
     def __call__(self, values: Frames, name: str) -> NDArray[np.float32]:
         """Return the luminance of a picture, 0 to 1, in memory of its own.
@@ -116,6 +117,8 @@ class ArrayLuminance:
             if not (np.isfinite(values).all() and values.min() >= 0 and values.max() <= 1):
                 raise SourceError(f"{name} holds values outside 0 to 1; scale it, or give uint8")
         if values.ndim == 3:
+            if values.dtype == np.uint8:
+                values = self._in_16_bits(values)
             values = np.asarray(cv2.cvtColor(np.ascontiguousarray(values), cv2.COLOR_RGB2GRAY))
         if not floating:
             bits = 8 * values.dtype.itemsize
@@ -124,6 +127,12 @@ class ArrayLuminance:
             return np.asarray(values, np.float32)
         size = (self._working.width, self._working.height)
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
+
+    def _in_16_bits(self, colours: NDArray[np.uint8]) -> NDArray[np.uint16]:
+        """Return colours in 16 bits: grey of 8 would be rounded twice, before it is resized too."""
+        if self._colours is None or self._colours.shape != colours.shape:
+            self._colours = np.empty(colours.shape, np.uint16)
+        return np.multiply(colours, np.uint16(257), out=self._colours, dtype=np.uint16)
 
 
 class _ArrayVideo:

@@ -135,7 +135,7 @@ def write_report(
 
     Parameters
     ----------
-    results : sequence of Result or Path
+    results : sequence of BaseResult or Path
         Results, or their tables; at least one.
     folder : Path
         Of the pages; made if it does not exist. Pages of the same name are replaced.

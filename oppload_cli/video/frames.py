@@ -381,6 +381,7 @@ def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
 
 # The detectors need about 100 bytes for each. Pixels that are made by enlarging a small
 # input show nothing more: its few bytes are no reason to take that much memory.
+_LEAST_SIDE = 13  # px; OppLoD and D-LGMD do not respond to a disk on fewer
 _MOST_WORKING_PIXELS, _MOST_ENLARGED = 1 << 25, 1 << 22
 
 
@@ -442,6 +443,15 @@ class WorkingSize(NamedTuple):
     def shape(self) -> tuple[int, int]:
         """Height and width, in the order of arrays."""
         return self.height, self.width
+
+    def remarks(self) -> list[str]:
+        """Return a remark, a sentence, on frames that are too small for an answer."""
+        if min(self.width, self.height) >= _LEAST_SIDE:
+            return []
+        return [
+            f"is seen at {self.width} x {self.height} px: below {_LEAST_SIDE} px no detector is "
+            "known to respond to an approach; choose a larger working height"
+        ]
 
     def coded(self, rotation: int) -> tuple[int, int]:
         """Return width and height before a turn by so many degrees."""

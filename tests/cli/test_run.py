@@ -173,6 +173,37 @@ def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
     assert "too short" not in oppload("run", tmp_path / "long.avi", *words).stderr
 
 
+def test_a_run_in_which_nothing_could_respond_says_so(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.avi", grey_frames(20))
+    words = ("--no-rmo", "--if-exists", "overwrite", "-o", tmp_path)
+    warm_up = (
+        "has no response of OppLoD, D-LGMD to any frame, so that nothing could cause an alarm: it "
+        "ends within the warm-up of 3 intervals of 10 s; give a longer video, or a shorter "
+        "time.interval"
+    )
+    frames = (
+        "has no response of D-LGMD to any frame, so that nothing could cause an alarm: it ends "
+        "within the warm-up of 3 frames; give a longer video"
+    )
+    small = (
+        "is seen at 1 x 1 px: below 13 px no detector is known to respond to an approach; choose a "
+        "larger working height"
+    )
+    part = ("--duration", "f3", "--model", "dlgmd", "--set", "time.interval=frame")
+    for more, said in (
+        (("--set", "time.interval=10"), warm_up),
+        (part, frames),
+        (("--height", "1"), small),
+        ((), None),
+    ):
+        done = oppload("run", path, *words, *more)
+        remarks = json.loads((tmp_path / "a.oppload.json").read_text())["remarks"]
+        told = [each for each in (warm_up, frames, small) if each in remarks]
+        assert told == [said] * (said is not None)
+        assert [each for each in (warm_up, frames, small) if each in done.stderr] == told
+        assert done.returncode == 0
+
+
 def test_an_existing_result_is_not_touched_without_being_asked(clip: Path, tmp_path: Path) -> None:
     there = tmp_path / "loom.frames.csv"
     there.write_text("mine")

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import copy
+import pickle
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,13 +19,15 @@ from oppload_cli import (
     open_video,
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
+from oppload_cli.pipeline.sources import ArrayLuminance
 from oppload_cli.results.alarms import AlarmLog
+from oppload_cli.video.frames import WorkingSize
 from tests.detection.showing import approaching
 from tests.media import disk, looming, texture, write_video
 from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -265,11 +270,84 @@ def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
         ({"fov": 0}, "fov must be"),
         ({"height": "tall"}, "height must be"),
         ({"preset": "lgmd"}, "no preset"),
+        ({"shape": 90}, "shape must be height and width in pixels, not 90"),
+        ({"shape": ("90", "120")}, "shape must be height and width"),
+        ({"shape": (100_000, 100_000)}, "at most 67108864 pixels.*or set OPPLOAD_MAX_PIXELS"),
+        ({"params": [DlgmdParams(), DlgmdParams()]}, "not hold two sets of 'dlgmd'"),
+        ({"params": DlgmdParams()}, r"give a list such as \[oppload_cli.OpplodParams\(\)\]"),
+        ({"params": ["opplod"]}, "params must not be 'opplod'; give sets of parameters"),
+        ({"alarm": 3}, r"alarm must not be 3; give oppload_cli.alarm_params\(\)"),
+        ({"rmo": "x"}, "rmo must not be 'x'; give True"),
+        ({"places": 3}, "places must not be 3; give True"),
+        ({"time": "frame"}, r"time must not be 'frame'; .*TimeParams\(interval='frame'\)"),
+        ({"repeats": "exact"}, r"repeats must not be 'exact'; .*RepeatParams\(handling='exact'\)"),
     ],
 )
 def test_wrong_uses_of_frames_one_by_one(options: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ParameterError, match=sentence):
         Analysis(**{"shape": (90, 120), **options})
+
+
+@pytest.mark.parametrize("options", [{"alarm": 3}, {"rmo": "x"}, {"time": 1}, {"repeats": "exact"}])
+def test_wrong_uses_of_a_pass(options: dict[str, Any]) -> None:
+    with pytest.raises(ParameterError, match=f"{next(iter(options))} must not be"):
+        next(analyse(np.zeros((2, 90, 120)), rate=30, **options))
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_an_analysis_is_not_copied(copied: Callable[[Analysis], object]) -> None:
+    with pytest.raises(TypeError, match="make another one with the same arguments"):
+        copied(Analysis((90, 120)))
+
+
+@pytest.mark.parametrize(
+    ("per_second", "apart"), [(1e3, "33.3"), (1e6, "3.33e+04"), (1e9, "3.33e+07")]
+)
+def test_times_of_another_unit_are_told(per_second: float, apart: str) -> None:
+    analysis, frames = Analysis((180, 320)), approach()
+    for index in range(9):
+        analysis.step(frames[index], index / 30 * per_second)
+    sentence = f"frames are {apart} s apart by their times: give seconds, if these are of"
+    with pytest.warns(UserWarning, match=re.escape(sentence)):
+        analysis.step(frames[9], 9 / 30 * per_second)
+    slow, unit = analysis.remarks
+    assert "frames/s are too few for the models, whose interval is 1/30 s" in slow
+    assert unit == f"{sentence} another unit"
+
+
+def test_the_remarks_are_those_of_the_sidecar() -> None:
+    """Every picture of 8 per second comes twice, one time goes back, and the rate is wrong."""
+    frames = [frame for frame in eight_bits(looming(120, 60, 60, 16)) for _ in range(2)]
+    times = [index / 16 for index in range(len(frames))]
+    times[20] = times[19]
+    analysis = Analysis((120, 120), rate=30, height=12)
+    assert len(analysis.remarks) == 1
+    for frame, time_s in zip(frames, times, strict=True):
+        analysis.step(frame, time_s)
+    back, rate, repeats, small = analysis.remarks
+    assert back.startswith("1 frame has a time that is not later than that of the frame before")
+    assert rate == "30 frames/s are declared, but the times of most frames say 16; the times count"
+    assert repeats.startswith("holds about 15 different pictures/s in 30 frames/s; the repeats")
+    assert small.startswith("is seen at 12 x 12 px: below 13 px no detector is known to respond")
+    steady = Analysis((180, 320))
+    for picture, time_s in zip(approach(), TIMES, strict=True):
+        steady.step(picture, time_s)
+    assert steady.remarks == []
+
+
+def test_colours_are_not_rounded_to_grey_of_8_bits() -> None:
+    """Grey of 8 bits holds no step that is smaller than a code; colours do, and average to it."""
+    blue = np.zeros((90, 120, 3), np.uint8)
+    blue[..., 2] = np.arange(120) // 30 * 2 + 10  # steps of 2 codes of blue: 0.23 of grey
+    blue[..., :2] = 60
+    luma = ArrayLuminance(WorkingSize(120, 90, 1, 1))(blue, "it")
+    exact = blue @ np.array([0.299, 0.587, 0.114]) / 255
+    np.testing.assert_allclose(luma, exact, atol=2e-5)
+    small = ArrayLuminance(WorkingSize(40, 30, 3, 3))(blue, "it")
+    np.testing.assert_allclose(small[:, 4::10], exact[::3, 13::30], atol=6e-4)
+    grey = np.repeat(np.arange(90 * 120).astype(np.uint8).reshape(90, 120, 1), 3, axis=2)
+    whole = ArrayLuminance(WorkingSize(120, 90, 1, 1))
+    np.testing.assert_array_equal(whole(grey, "it"), whole(grey[..., 0], "it"))
 
 
 def test_wrong_frames_one_by_one() -> None:
