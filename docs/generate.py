@@ -22,8 +22,8 @@ DOCS = Path(__file__).parent
 EXITS = {
     ExitCode.DONE: "done",
     ExitCode.BUG: "a bug of oppload",
-    ExitCode.USAGE: "wrong use, or a result that cannot be written",
-    ExitCode.NOTHING_READ: "nothing could be read",
+    ExitCode.USAGE: "wrong use, or a result that cannot be written; no result for `collect`",
+    ExitCode.NOTHING_READ: "nothing could be read: no input, or none of the results of `collect`",
     ExitCode.INCOMPLETE: "done but incomplete: a damaged or truncated input, or some inputs failed",
     ExitCode.CONDITION_MET: "a condition of `--fail-on` was met",
     ExitCode.INTERRUPTED: "interrupted",

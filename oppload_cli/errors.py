@@ -75,6 +75,12 @@ class ResultError(OpploadError):
     """A result file cannot be read back, or lacks what the command needs from it."""
 
 
+class NoResultError(ResultError):
+    """None of many results can be read back."""
+
+    exit_code: ClassVar[ExitCode] = ExitCode.NOTHING_READ
+
+
 class ManifestError(OpploadError):
     """A manifest of labelled clips, or their boxes, cannot be used."""
 

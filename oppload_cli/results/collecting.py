@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from oppload_cli.errors import ResultError
+from oppload_cli.errors import NoResultError, ResultError
 from oppload_cli.files.atomic import refuse_existing
 from oppload_cli.files.reading import is_file, is_folder, reading
 from oppload_cli.files.tables import open_table, typed
@@ -100,8 +100,10 @@ def collect(
 
     Raises
     ------
+    NoResultError
+        If there are results, but none can be collected.
     ResultError
-        If no result can be collected, or a folder cannot be read.
+        If there is no result, or a folder cannot be read.
     OutputError
         If the table exists already, or cannot be written.
     """
@@ -124,8 +126,9 @@ def collect(
                 good += 1
         if not good:
             where = ", ".join(map(str, folders))
-            reason = "no result could be read" if bad else "no result of 'oppload run' in there"
-            raise ResultError(f"{where}: {reason}; check the folder")
+            if bad:
+                raise NoResultError(f"{where}: no result could be read; {_REMEDY}")
+            raise ResultError(f"{where}: no result of 'oppload run' in there; check the folder")
     return Collected(good, bad, rows)
 
 

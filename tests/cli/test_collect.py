@@ -117,6 +117,20 @@ def test_a_bad_sidecar_is_named_and_spares_the_others(results: Path, tmp_path: P
     assert len(rows(tmp_path / "all.csv")) == 3
 
 
+@pytest.mark.parametrize("words", [(), ("--frames",)])
+def test_results_of_which_none_can_be_read(tmp_path: Path, words: tuple[str, ...]) -> None:
+    """Exit code 3, as of a run whose inputs cannot be read; no table is left."""
+    folder = tmp_path / "r"
+    folder.mkdir()
+    (folder / "cut.oppload.json").write_text('{"schema":')
+    done = oppload("collect", folder, "-o", tmp_path / "all.csv", *words)
+    assert done.returncode == 3
+    first, last = done.stderr.splitlines()
+    assert "cut.oppload.json: is not valid JSON" in first
+    assert last == f"oppload: {folder}: no result could be read; run its input again"
+    assert not (tmp_path / "all.csv").exists()
+
+
 def test_wrong_use(results: Path, tmp_path: Path) -> None:
     (tmp_path / "there.csv").write_text("mine")
     (tmp_path / "empty").mkdir()
