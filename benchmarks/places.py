@@ -61,7 +61,6 @@ CONDITIONS: list[tuple[str, str, dict[str, Any]]] = [
     ("contrast 0.15", "controls/looming-contrast", {"disk.luminance": 0.35}),
     ("noise 0.05", "controls/looming-noise", {"effects.noise": 0.05}),
     ("camera shake", "controls/looming-with-shake", {}),
-    ("near miss", "controls/near-miss", {}),
     ("two disks", "controls/two-looming-disks", {}),
     ("square, upright", "controls/looming-square", {"square.axis_deg": 0}),
     ("square, on its corner", "controls/looming-square", {"square.axis_deg": 45}),

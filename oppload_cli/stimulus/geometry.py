@@ -67,9 +67,9 @@ class Pose:
     travel_deg : tuple of float
         The object's own movement since the start, in the scene's frame before any turn.
     contact_in_s : float or None
-        Time to contact while it approaches.
+        Time to contact while it approaches and does not pass.
     looming : bool
-        Whether its complete outline grows.
+        Whether its complete outline grows, and it does not pass.
     """
 
     visible: bool

@@ -9,8 +9,10 @@ from __future__ import annotations
 import bisect
 import math
 import random
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from oppload_cli.stimulus.courses import HIT_SIZES
 from oppload_cli.stimulus.geometry import Extent, Pose, Projection
 from oppload_cli.stimulus.objects import FIELDS, LOOMING
 
@@ -55,7 +57,7 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
         zoom=math.exp(obj.motion.zoom_per_s * phase) if obj.motion else 1.0,
         travel_deg=travel,
         contact_in_s=_contact_in(obj, time, start, end),
-        looming=obj.kind in LOOMING and speed > 0,
+        looming=obj.kind in LOOMING and speed > 0 and not passes(obj, start, end),
     )
 
 
@@ -90,10 +92,53 @@ def shown(obj: Object, time: float, start: float, end: float) -> bool:
 
 def _contact_in(obj: Object, time: float, start: float, end: float) -> float | None:
     growth = obj.growth
-    if growth is None or growth.kind != "approach" or obj.reverse:
+    if growth is None or growth.kind != "approach" or obj.reverse or passes(obj, start, end):
         return None
     contact = end if growth.contact_s is None else growth.contact_s
     return contact - time if start <= time < min(contact, end) else None
+
+
+def passes(obj: Object, start: float, end: float) -> bool:
+    """Tell whether a shape that grows moves aside so far that it passes the observer.
+
+    The distance at which an object on a straight course passes, in its own sizes, is the movement
+    of its middle over the growth of its size, both as angles (Regan and Kaushal 1994, Vision Res
+    34:163): at more than half, all of its edges move to the same side. The movement is that from
+    the start to the end of its growth. A shake and the movement of the scene, which are those of a
+    camera, do not count.
+
+    Parameters
+    ----------
+    obj : Object
+        The shape.
+    start, end : float
+        When its motion starts and ends, in seconds of the clip.
+    """
+    if obj.growth is None or obj.motion is None:
+        return False
+    first, last = _growing(obj.growth, obj.size_deg or 0.0, start, end)
+    motion = replace(obj.motion, shake_deg=0.0)
+    before, after = (
+        (_movement(motion, time, obj.axis_deg, "")[0], _extent_of(obj, time, start, end).size)
+        for time in (first, last)
+    )
+    grown = (before[1] - after[1]) if obj.reverse else (after[1] - before[1])
+    return 0 < HIT_SIZES * grown < math.dist(before[0], after[0])
+
+
+def _growing(growth: Growth, size: float, start: float, end: float) -> tuple[float, float]:
+    """Return the first and the last second of a growth, from the start of the motion."""
+    first, last = 0.0, end - start
+    if growth.kind == "approach":
+        ratio = (growth.l_over_v_ms or 0.0) / 1000
+        ends = (end if growth.contact_s is None else growth.contact_s) - start
+        if growth.least_deg > 0:
+            first = max(first, ends - ratio / math.tan(math.radians(growth.least_deg / 2)))
+        last = min(last, ends - ratio / math.tan(math.radians(growth.most_deg / 2)))
+    elif growth.kind == "edge-speed" and growth.end_deg is not None:
+        edges = (growth.speed_deg_s or 0.0) * (2 if growth.sides == "both" else 1)
+        last = min(last, abs(growth.end_deg - size) / edges)
+    return min(first, last), last
 
 
 def _in_scene(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import StimulusError
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.kinematics import motion_times, pose_of
+from oppload_cli.stimulus.kinematics import motion_times, passes, pose_of
 from oppload_cli.stimulus.objects import LOOMING, PICTURE, SIZED
 from oppload_cli.stimulus.pictures import cutout_of
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
@@ -48,9 +48,9 @@ class ObjectTruth:
     centre_x_px, centre_y_px : float
         Middle of the shape as drawn; x right, y down, pixel i covers [i, i + 1).
     time_to_contact_s : float or None
-        Only while it approaches.
+        Only while it approaches and does not pass.
     looming : bool
-        Whether its complete outline grows.
+        Whether its complete outline grows, and it does not move aside so far that it passes.
     """
 
     id: str
@@ -180,15 +180,15 @@ def contact_time(protocol: Protocol) -> float | None:
     Returns
     -------
     float or None
-        Seconds of the clip, maybe after its end; None where nothing approaches.
+        Seconds of the clip, maybe after its end; None where nothing approaches, or all passes.
     """
     times = [
-        motion_times(protocol.timing, obj)[1]
-        if obj.growth.contact_s is None
-        else obj.growth.contact_s
+        end if obj.growth.contact_s is None else obj.growth.contact_s
         for obj in protocol.objects
         if obj.kind in LOOMING and not obj.reverse
         if obj.growth is not None and obj.growth.kind == "approach"
+        for start, end in [motion_times(protocol.timing, obj)]
+        if not passes(obj, start, end)
     ]
     staged = (contact_of(protocol, obj) for obj in protocol.objects if obj.kind == PICTURE)
     return min([*times, *(time for time in staged if time is not None)], default=None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -80,6 +80,52 @@ def test_approach_has_a_time_of_contact() -> None:
 )
 def test_only_complete_outlines_loom(name: str, looms: bool) -> None:
     assert stimulus.ground_truth(stimulus.load(name))["looming"] is looms
+
+
+_ASIDE: dict[str, Any] = {"disk.motion.speed_deg_s": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "passes"),
+    [
+        # From 5.72 to 40 degrees in 1.725 s: half of the growth is 17.1 degrees, 9.93 deg/s.
+        ({}, True),
+        ({"disk.motion.speed_deg_s": 9.9}, False),
+        ({"disk.motion.speed_deg_s": 10.0}, True),
+        ({"disk.motion.speed_deg_s": 10.0, "disk.motion.direction_deg": 200}, True),
+        # From 20 to 40 degrees in 0.293 s: 34.1 deg/s.
+        ({"disk.growth.least_deg": 20, "disk.motion.speed_deg_s": 34}, False),
+        ({"disk.growth.least_deg": 20, "disk.motion.speed_deg_s": 35}, True),
+        # Contact after the end of the clip: from 3.81 to 11.42 degrees in 2 s, 1.90 deg/s.
+        ({"disk.growth.contact_s": 3.2, "disk.motion.speed_deg_s": 1.8}, False),
+        ({"disk.growth.contact_s": 3.2, "disk.motion.speed_deg_s": 2.0}, True),
+        # A way out and back, a shake and the movement of all, which is that of the camera.
+        ({**_ASIDE, "disk.motion.path_deg": [[15, 0], [0, 0]], "disk.motion.path_s": [1, 1.7]}, False),
+        ({**_ASIDE, "disk.motion.shake_deg": 20}, False),
+        ({**_ASIDE, "scene.motion.speed_deg_s": 12}, False),
+    ],
+)  # fmt: skip
+def test_what_moves_aside_further_than_it_grows_passes(
+    changes: dict[str, Any], passes: bool
+) -> None:
+    """Then it neither looms nor touches; else contact is at the end of the motion."""
+    protocol = stimulus.load("controls/near-miss", changes)
+    truth = stimulus.ground_truth(protocol)
+    contact = changes.get("disk.growth.contact_s", 2.2)
+    assert truth["contact_time_s"] == (None if passes else contact)
+    assert truth["looming"] is not passes
+    middle = truth["frames"][30]["objects"][0]
+    assert middle["edge_speed_deg_s"] > 0 or "disk.growth.least_deg" in changes
+    assert middle["time_to_contact_s"] == (None if passes else pytest.approx(contact - 1))
+
+
+@pytest.mark.parametrize(("speed", "passes"), [(9.9, False), (10.1, True)])
+def test_a_disk_that_grows_at_constant_edge_speed_passes_too(speed: float, passes: bool) -> None:
+    """Both edges move by 10 deg/s; beyond, they move to the same side."""
+    changes = {"disk.motion.speed_deg_s": speed, "disk.growth.speed_deg_s": 10}
+    protocol = stimulus.load("klapoetke2017/loom-speed", changes)
+    truth = stimulus.ground_truth(protocol)
+    assert truth["looming"] is not passes
 
 
 @pytest.mark.parametrize(
