@@ -255,7 +255,9 @@ def _largest_angle(tuning: Tuning) -> float | None:
         display = first["display"]
         field = 180.0
         if display["projection"] == "flat":
-            scale = display["pixels_per_degree"] or display["width"] / display["field_of_view_deg"]
+            # One of the two is given, and the other stands in the sidecar as null, or not at all.
+            scale = display.get("pixels_per_degree")
+            scale = scale or display["width"] / display["field_of_view_deg"]
             field = min(display["width"], display["height"]) / scale
         return float(min([field, *(one["growth"].get("most_deg", 180) for one in first["object"])]))
     except (KeyError, TypeError, AttributeError, ZeroDivisionError):

@@ -118,6 +118,23 @@ def test_the_line_known_best_in_the_middle() -> None:
     assert around[1] < around[0] == pytest.approx(around[2])
 
 
+@pytest.mark.parametrize(
+    "scale", [{"pixels_per_degree": 5}, {"field_of_view_deg": 60},
+              {"pixels_per_degree": None, "field_of_view_deg": 60}],
+)  # fmt: skip
+def test_the_limit_is_drawn_for_either_way_to_give_the_scale(
+    scale: dict[str, Any], tmp_path: Path
+) -> None:
+    """300 px across are 60 degrees; the shorter side of 250 px spans 50."""
+    tuning = contact(tmp_path / "a.tuning.csv")
+    display = {"width": 300, "height": 250, "projection": "flat", **scale}
+    first = {"display": display, "object": [{"growth": {"most_deg": 180}}]}
+    tuning.sidecar["stimulus"]["first"] = first
+    _, (times, _) = plot_tuning(tuning, "contact")
+    labels = times.get_legend_handles_labels()[1]
+    assert "object fills the display or stops growing: 50 deg" in labels
+
+
 def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> None:
     tuning = contact(tmp_path / "a.tuning.csv", most_deg=60)
     _, (times, sizes) = plot_tuning(tuning, "contact")
