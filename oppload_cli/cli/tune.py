@@ -134,7 +134,14 @@ def _run(
     quiet: bool,
 ) -> Sequence[Path]:
     """Measure and write one sweep; return the files that were written."""
-    from oppload_cli.tuning.run import faint, to_onset, tune, write_tuning, write_tuning_sidecar
+    from oppload_cli.tuning.run import (
+        faint,
+        to_onset,
+        tune,
+        unlike_neurons,
+        write_tuning,
+        write_tuning_sidecar,
+    )
 
     entry, settings, presentations, figure, held = sweep
     for key, value in held.items():
@@ -148,7 +155,12 @@ def _run(
             jobs=jobs or cores(),
             progress=bar.update,
         )
-    doubts = [*faint(conditions, settings), *to_onset(conditions, entry, presentations)]
+    height = entry.protocols()[0].display.height
+    doubts = [
+        *faint(conditions, settings),
+        *to_onset(conditions, entry, presentations),
+        *unlike_neurons(conditions, settings, height),
+    ]
     for doubt in doubts:
         say(f"oppload: {doubt.text}")
     write_tuning(table, conditions)

@@ -289,12 +289,25 @@ def told_apart(names: Sequence[str], read: Sequence[BaseResult | Tuning]) -> lis
     """
     if len(read) == 1:
         return list(names)
+    sidecars = [each.sidecar for each in read]
+    shown = [indicator_of(sidecar) for sidecar in sidecars]
+    shown = [""] * len(shown) if len(set(shown)) == 1 else [one or "no indicator" for one in shown]
     if len(set(names)) == len(names):
-        return differences(names)
-    settings = _settings_of([each.sidecar for each in read])
+        return _joined(differences(names), shown)
+    settings = _joined(_settings_of(sidecars), shown)
     if len(set(settings)) == len(settings):
         return settings
     return differences([f"{each.path.parent.name}/{each.path.name}" for each in read])
+
+
+def indicator_of(sidecar: Mapping[str, Any]) -> str:
+    """Return the indicator through which ``oppload tune`` measured, in words; empty without one."""
+    seconds = sidecar.get("indicator_s")
+    return f"indicator of {seconds:g} s" if isinstance(seconds, int | float) and seconds else ""
+
+
+def _joined(names: Sequence[str], more: Sequence[str]) -> list[str]:
+    return [", ".join(filter(None, both)) for both in zip(names, more, strict=True)]
 
 
 def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -22,6 +22,7 @@ from oppload_cli.plots.style import (
     as_list,
     begin_at_zero,
     described,
+    indicator_of,
     looks_of,
     norm_of,
     styled_figure,
@@ -113,6 +114,10 @@ def plot_tuning(
     kind = kind or _kind_of(first)
     if title is None:
         title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
+        indicators = {indicator_of(each.sidecar) for each in tunings}
+        if len(indicators) == 1 and indicators != {""}:
+            through = f"through an {indicators.pop()}"
+            title = f"{title}, {through}" if title else through
     if kind == "polar":
         curves = direction_tunings(tunings, models, lplc2, labels)
         return plot_polar(curves, raw=raw, title=title)

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 _SCHEMA = "oppload.tuning/1"
 _FAINT = 0.1  # of an alarm's floor: the largest response to a stimulus that is hardly seen
 _ONSET_S = 2.5 / 30  # from the end of a pause: two intervals, and the delay of a late frame
+_NEURON = "arms"  # the judgement of a detector that answers as one LPLC2 neuron does
+_ONE_UNIT = "1x1"
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
 _MEASURES = tuple(field.name for field in fields(Measures))
 
@@ -207,6 +209,45 @@ def to_onset(
                 f"{detector_named(name).label}: {part} come within {_ONSET_S:.2g} s after the "
                 "pause before the motion: they answer to its start, and show no tuning; "
                 "--change timing.before_s=0 leaves the pause out",
+            )
+
+
+def unlike_neurons(
+    conditions: Sequence[Condition], settings: Settings, height: int
+) -> Iterator[Doubt]:
+    """Name the detectors that stand for LPLC2 neurons, but are not measured as those were.
+
+    The neurons were recorded one by one, by a calcium indicator (``docs/lplc2.md``). Without it the
+    peak is that of the first transient, and of many units the strongest one counts: either alone
+    makes the answers to bars several times as large.
+
+    Parameters
+    ----------
+    conditions : sequence of Condition
+        As measured.
+    settings : Settings
+        Of the detectors.
+    height : int
+        Of the stimulus in px.
+    """
+    resolved = settings.with_all_detectors().resolved(settings.height or height)
+    for name in settings.models:
+        if getattr(resolved[name], "judgement", "") != _NEURON:
+            continue
+        missing, advice = [], []
+        if not any(each.indicator_s for each in conditions):
+            missing, advice = ["no indicator"], ["--indicator 1"]
+        if getattr(resolved[name], "units", _ONE_UNIT) != _ONE_UNIT:
+            missing.append("more than one unit")
+            advice.append(f"--set {name}.units={_ONE_UNIT}")
+        if missing:
+            what = " and ".join(missing)
+            yield Doubt(
+                name,
+                f"{what}: larger for bars than in LPLC2 neurons",
+                f"{detector_named(name).label}: LPLC2 neurons were measured one at a time, by a "
+                f"calcium indicator; with {what} the answers to bars come out several times as "
+                f"large as theirs; add {' and '.join(advice)}",
             )
 
 

@@ -255,6 +255,29 @@ def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
         plot_tuning(tables, labels=["one"])
 
 
+def test_an_indicator_is_part_of_the_name(tmp_path: Path) -> None:
+    """In the names of tables where it differs, else in the title."""
+    tables: list[Tuning] = []
+    for number, seconds in enumerate((0.0, 1.0)):
+        (tmp_path / str(number)).mkdir()
+        path = tmp_path / str(number) / "a.tuning.csv"
+        write_tuning(path, AXES, {"opplod": [1.0, 4, 1, 4]})
+        content = json.loads(path.with_suffix(".json").read_text())
+        path.with_suffix(".json").write_text(json.dumps({**content, "indicator_s": seconds}))
+        tables.append(read_tuning(path))
+    _, (panel,) = plot_tuning(tables, lplc2="none")
+    labels = [text.partition(", peak")[0] for text in panel.get_legend_handles_labels()[1]]
+    assert labels == ["OppLoD, no indicator", "OppLoD, indicator of 1 s"]
+    figure, _ = plot_tuning(tables[1])
+    assert figure.get_suptitle().split("\n") == [
+        "klapoetke2017/bar-expand-10, through an", "indicator of 1 s",
+    ]  # fmt: skip
+    figure, _ = plot_tuning([tables[1], tables[1]], labels=["a", "b"])
+    assert figure.get_suptitle() == "through an indicator of 1 s"
+    figure, _ = plot_tuning(tables[0])
+    assert "indicator" not in figure.get_suptitle()
+
+
 @pytest.mark.parametrize(
     ("parameter", "label"),
     [

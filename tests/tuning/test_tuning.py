@@ -19,6 +19,7 @@ from oppload_cli.tuning.run import (
     faint,
     to_onset,
     tune,
+    unlike_neurons,
     write_tuning,
     write_tuning_sidecar,
 )
@@ -324,3 +325,29 @@ def test_an_indicator_and_alarms_that_are_off_change_what_is_said_of_faint_respo
         (doubt,) = faint([Condition("a", {}, measures)], settings)
         assert words in doubt.text
         assert not list(faint([Condition("a", {}, measures, 1.0)], settings))
+
+
+@pytest.mark.parametrize(
+    ("preset", "assigned", "indicator_s", "missing"),
+    [
+        ("lplc2", [], 0.0, "no indicator and more than one unit"),
+        ("lplc2", ["opplod.units=1x1"], 0.0, "no indicator"),
+        ("lplc2", [], 1.0, "more than one unit"),
+        ("lplc2", ["opplod.units=1x1"], 1.0, None),
+        ("reference", [], 0.0, None),
+    ],
+)
+def test_neurons_that_are_measured_unlike_the_study_are_named(
+    preset: str, assigned: list[str], indicator_s: float, missing: str | None
+) -> None:
+    settings = resolve(preset=preset, models=["opplod", "dlgmd"], assignments=assigned)
+    measures = {name: Measures(peak=1.0) for name in settings.models}
+    doubts = list(unlike_neurons([Condition("a", {}, measures, indicator_s)], settings, 360))
+    notes = [(each.detector, each.note) for each in doubts]
+    expected = f"{missing}: larger for bars than in LPLC2 neurons"
+    assert notes == ([("opplod", expected)] if missing else [])
+    advice = {"no indicator": "--indicator 1", "more than one unit": "--set opplod.units=1x1"}
+    for doubt in doubts:
+        assert missing is not None
+        named = [advice[each] for each in missing.split(" and ")]
+        assert doubt.text.endswith(f"add {' and '.join(named)}")
