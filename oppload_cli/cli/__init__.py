@@ -91,12 +91,13 @@ class _LazyGroup(click.Group):
         """Return the commands' names, in the order of the help."""
         return list(COMMANDS)
 
-    def get_command(self, _ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command, or None if none has that name."""
         if cmd_name not in COMMANDS:
             return None
         _check_memory(cmd_name)
         module = importlib.import_module(f"oppload_cli.cli.{cmd_name}")
+        _check_loaded(ctx.params.get("load") or ())
         command: click.Command = getattr(module, cmd_name)
         return command
 
@@ -135,10 +136,37 @@ oppload plot video.frames.csv  writes video.frames.png
 
 def _load(_ctx: click.Context, _option: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     """Have the registry load detectors, in this process and in others that it starts."""
+    for name in names:
+        if name.endswith(".py") and not Path(name).is_file():
+            raise ParameterError(f"--load {name}: no such file; check the name")
     if names:
         files = (Path(each).absolute() if each.endswith(".py") else each for each in names)
         os.environ[LOAD] = os.pathsep.join(map(str, files))
     return names
+
+
+def _check_loaded(names: Sequence[str]) -> None:
+    """Raise ParameterError if a file or a module of ``--load`` has registered no detector."""
+    if not names:
+        return
+    from oppload_cli.models.registry import detectors
+
+    classes = (each.__module__ for each in detectors().values())
+    modules = {module for module in classes if not module.startswith("oppload_cli.")}
+    registering = {name: _part_of(name, modules) for name in names}
+    if modules.difference(*registering.values()):
+        return  # a module that one of the files imports
+    for name, found in registering.items():
+        if not found:
+            raise ParameterError(
+                f"--load {name}: registers no detector; write @oppload.register above its class"
+            )
+
+
+def _part_of(name: str, modules: set[str]) -> set[str]:
+    """Return those of some modules that a file or a module of ``--load`` consists of."""
+    title = f"loaded_{Path(name).stem}" if name.endswith(".py") else name
+    return {module for module in modules if module == title or module.startswith(f"{title}.")}
 
 
 @click.group(cls=_LazyGroup, help=_HELP, context_settings={"help_option_names": ["-h", "--help"]})

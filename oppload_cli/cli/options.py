@@ -13,11 +13,12 @@ import click
 from click.shell_completion import CompletionItem
 
 import oppload_cli as oppload
+from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.reading import is_folder
 from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Sequence
 
     Command = Callable[..., Any]
 
@@ -166,6 +167,61 @@ def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[C
 
 def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
     return [CompletionItem(name) for name in names if name.startswith(text)]
+
+
+def check_models(names: Iterable[str], command: str) -> None:
+    """Check that the detectors of ``--model`` are known; one of the user's own must be loaded.
+
+    Parameters
+    ----------
+    names : iterable of str
+        As given, ``NAME``, ``NAME:VARIANT`` or ``NAME:PRESET``, or several with commas between.
+    command : str
+        Name of the command, for the message.
+
+    Raises
+    ------
+    ParameterError
+        If one is not known.
+    """
+    from oppload_cli.models.registry import ALL, known_names
+
+    known = known_names()
+    for text in names:
+        for part in text.split(","):
+            name = part.strip().partition(":")[0]
+            if name != ALL and name not in known:
+                raise ParameterError(
+                    f"no model '{name}'{suggestion(name, known)} (one of your own is loaded, as "
+                    f"in 'oppload --load FILE.py {command} ...')"
+                )
+
+
+def check_assignments(assignments: Iterable[str], models: Sequence[str]) -> None:
+    """Refuse a parameter of a detector that does not run.
+
+    Parameters
+    ----------
+    assignments : iterable of str
+        The values of ``--set``.
+    models : sequence of str
+        The detectors that run.
+
+    Raises
+    ------
+    ParameterError
+        If one has no effect.
+    """
+    from oppload_cli.models.registry import known_names
+
+    idle = set(known_names()) - set(models)
+    for text in assignments:
+        name = text.partition(".")[0].strip()
+        if name in idle:
+            raise ParameterError(
+                f"--set {text} has no effect, as '{name}' does not run; give --model {name} too, "
+                "or leave it out"
+            )
 
 
 class RunOptions(NamedTuple):

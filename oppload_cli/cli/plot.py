@@ -9,6 +9,7 @@ import click
 
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
+from oppload_cli.cli.options import check_models
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
@@ -125,6 +126,7 @@ def plot(
 
     if output is not None:
         style.check_suffix(output)
+    check_models(models, "plot")
     for model in models:
         detector_named(model)
     if show:

@@ -18,6 +18,7 @@ from click.core import ParameterSource
 from oppload_cli import stimulus
 from oppload_cli.batch.plan import Failure, Tally, parse_shard, planned, read_list, write_failures
 from oppload_cli.cli import say
+from oppload_cli.cli.options import check_assignments, check_models
 from oppload_cli.cli.progress import AlarmTable, BatchProgress, Progress, incomplete, report
 from oppload_cli.cli.report import write_pages
 from oppload_cli.compute import loops
@@ -80,7 +81,9 @@ def run_inputs(
     opening : Opening or None
         The only input, where it is being decoded already.
     """
+    check_models(chosen["models"], "run")
     settings = resolve(**chosen)
+    check_assignments(chosen["assignments"], settings.models)
     for given, option, needed in (
         (options.boxes != "alarm", "--boxes", "--annotate"),
         (options.null, "--null", "--files-from"),

@@ -12,6 +12,8 @@ from oppload_cli import stimulus as stimuli
 from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     change_option,
+    check_assignments,
+    check_models,
     complete_stimuli,
     if_exists_option,
     jobs_option,
@@ -113,7 +115,9 @@ def tune(
         "usual": STUDY_PRESET,
         "assignments": assignments,
     }
+    check_models(models, "tune")
     for sweep in sweeps(stimulus, figures, values, over, chosen):
+        check_assignments(assignments, sweep.settings.models)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         kept = [table, table.with_suffix(".json")]
         kept += [table.with_suffix(f".{form}")] if form != "none" else []

@@ -36,6 +36,7 @@ _ALARM = "_alarm"  # end of the name of a column
 _LARGEST = 1e15  # of a number that a curve may have
 _ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
+_LOAD_IT = "load it, as in 'oppload --load FILE.py plot"
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,8 +309,13 @@ def is_tuning(path: Path) -> bool:
     return header[:1] == ["stimulus"] and "model" in header
 
 
-def read_tuning(path: Path) -> Tuning:
+def read_tuning(path: str | Path) -> Tuning:
     """Read a ``.tuning.csv``.
+
+    Parameters
+    ----------
+    path : str or Path
+        The table; its sidecar is beside it.
 
     Raises
     ------
@@ -318,13 +324,13 @@ def read_tuning(path: Path) -> Tuning:
 
     Examples
     --------
-    >>> from pathlib import Path
     >>> import oppload_cli as oppload
-    >>> oppload.read_tuning(Path("missing.tuning.csv"))  # doctest: +ELLIPSIS
+    >>> oppload.read_tuning("missing.tuning.csv")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
     ...
     oppload_cli.errors.ResultError: missing.tuning.csv: cannot be read (no such file...
     """
+    path = Path(path)
     rows = read_table(path, _ANOTHER_TUNING)
     _need(path, rows, ("stimulus", "model", "peak"), _ANOTHER_TUNING)
     names = list(rows.columns)
@@ -335,7 +341,9 @@ def read_tuning(path: Path) -> Tuning:
         )
     unknown = sorted(set(map(str, rows["model"])) - set(known_names()))
     if unknown:
-        raise ResultError(f"{path}: column 'model' holds '{unknown[0]}'; {_ANOTHER_TUNING}")
+        raise ResultError(
+            f"{path}: its detector '{unknown[0]}' is not known here; {_LOAD_IT} ...'"
+        )
     _check_filled(path, rows, "peak", "make the stimulus longer than the warm-up of the detector")
     return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
 
@@ -527,8 +535,7 @@ def _alarm_params(result: BaseResult) -> AlarmParams:
     for name in named if isinstance(named, list) else ():
         if name not in known_names():
             raise ResultError(
-                f"{result.path}: its detector '{name}' is not known here; load it, as in "
-                "'oppload --load FILE.py plot ...'"
+                f"{result.path}: its detector '{name}' is not known here; {_LOAD_IT} ...'"
             )
     try:
         return alarm_params(**stated)

@@ -60,6 +60,11 @@ WRONG = [
         "--load stands before the command: oppload --load FILE.py",
     ),
     (["run", "CLIP", "--boxes", "all"], 2, "--boxes has no effect without --annotate"),
+    (
+        ["run", "CLIP", "--model", "dlgmd", "--set", "opplod.gain=2"],
+        2,
+        "--set opplod.gain=2 has no effect, as 'opplod' does not run; give --model opplod too",
+    ),
     (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),

@@ -67,9 +67,11 @@ def test_a_loaded_detector_runs_also_in_other_processes(tmp_path: Path) -> None:
 def test_a_file_that_cannot_be_loaded_is_named(tmp_path: Path) -> None:
     (tmp_path / "broken.py").write_text("x = (")
     (tmp_path / "nameless.py").write_text(DETECTOR.replace('"darkening"', '"dlgmd"'))
+    (tmp_path / "idle.py").write_text(DETECTOR.replace("@oppload.register\n", ""))
     for name, fault in (
         ("broken.py", "broken.py: cannot be imported (SyntaxError: '(' was never closed"),
-        ("none.py", "none.py: cannot be imported (FileNotFoundError: "),
+        ("none.py", "--load none.py: no such file; check the name"),
+        ("idle.py", "--load idle.py: registers no detector; write @oppload.register above its"),
         ("no_such_module", "no_such_module: cannot be imported (ModuleNotFoundError: "),
         ("nameless.py", "detector 'dlgmd' (loaded_nameless.Darkening): its name is taken"),
     ):
@@ -88,3 +90,33 @@ def test_a_step_that_fails_names_the_detector_and_leaves_no_file(tmp_path: Path)
     assert "detector 'darkening': its step failed (IndexError: list index" in done.stderr
     assert f"own.py, line {line}); correct the detector" in done.stderr
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> None:
+    """As of a file that imports the detectors of a study."""
+    (tmp_path / "study.py").write_text(DETECTOR)
+    (tmp_path / "all.py").write_text("import study")
+    done = oppload("--load", "all.py", "models", cwd=tmp_path, PYTHONPATH=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert "darkening" in done.stdout
+
+
+def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(DETECTOR)
+    words = ("tune", "bar-expand-60", "--over", "axis=0,90", "--model", "darkening", "--height",
+             "60", "-j", "1", "--plot", "none")  # fmt: skip
+    done = oppload("--load", "own.py", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = next(tmp_path.glob("*.tuning.csv"))
+    refused = oppload("plot", table.name, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert refused.stderr == (
+        f"oppload: {table.name}: its detector 'darkening' is not known here; load it, as in "
+        "'oppload --load FILE.py plot ...'\n"
+    )
+    for command in (("plot", table.name), ("tune", "bar-expand-60"), ("run", "a.avi")):
+        unknown = oppload(*command, "--model", "darkening", cwd=tmp_path)
+        assert unknown.returncode == 2
+        assert "no model 'darkening'; choose " in unknown.stderr
+        assert f"'oppload --load FILE.py {command[0]} ...'" in unknown.stderr
+    assert oppload("--load", "own.py", "plot", table.name, cwd=tmp_path).returncode == 0

@@ -107,7 +107,7 @@ def test_a_wrong_result(
     [
         ("stimulus,bar.axis_deg,model\na,0,opplod\n", "has no column 'peak'"),
         ("stimulus,model,peak\na,opplod,1\n", "has no column of a swept parameter"),
-        ("stimulus,bar.axis_deg,model,peak\na,0,lgmd,1\n", "column 'model' holds 'lgmd'"),
+        ("stimulus,bar.axis_deg,model,peak\na,0,lgmd,1\n", "its detector 'lgmd' is not known here"),
         ("stimulus,bar.axis_deg,model,peak\na,0,opplod,\n", "column 'peak' is empty in line 2"),
         ("stimulus,bar.axis_deg,model,peak\na,0,opplod,x\n", "column 'peak' holds 'x' in line 2"),
         ("stimulus,bar.axis_deg,model,peak\n", "holds no row"),

@@ -123,6 +123,7 @@ def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsy
         (["DISK", "--over", "speed=-5"], "speed_deg_s"),
         (["DISK", "--change", "disk.sise_deg=3"], "sise_deg"),
         (["DISK", "--set", "opplod.gian=3"], "did you mean 'gain'"),
+        (["DISK", "--set", "opplod.gain=3", "--model", "dlgmd"], "has no effect, as 'opplod' does"),
         (["DISK", "--model", "dlgdm"], "did you mean 'dlgmd'"),
         (["DISK", "--no-rmo"], "No such option"),
         (["DISK", "--jobs", "-1"], "--jobs"),

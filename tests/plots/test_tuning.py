@@ -248,6 +248,7 @@ def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
         path = tmp_path / f"{len(tables)}.tuning.csv"
         values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
         tables.append(read_tuning(write_tuning(path, values, peaks_of, stimulus=name)))
+    assert read_tuning(str(tables[0].path)).path == tables[0].path  # a text is a path too
     _, (panel,) = plot_tuning(tables)
     names = [text.partition(":")[0] for text in panel.get_legend_handles_labels()[1]]
     assert names == ["bright", "dark"]
