@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
+from click.core import ParameterSource
 
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
 from oppload_cli.cli.options import check_models
-from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.errors import ExitCode, ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
 from oppload_cli.results.collecting import tables_in
@@ -19,7 +21,7 @@ from oppload_cli.results.truths import truth_fault
 from oppload_cli.video.inputs import parse_position
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from matplotlib.figure import Figure
 
@@ -28,6 +30,19 @@ if TYPE_CHECKING:
 
 _CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")
 _TUNING_KINDS = ("polar", "line", "heat", *_CLASSIC_KINDS)
+# By option: the kinds of plot that take notice of it; the others of all kinds.
+_EFFECTS = {
+    "models": ("curves", "map", *_TUNING_KINDS),
+    "labels": ("curves", "rmo", "polar", "line", "contact", "contrast", "habituation"),
+    "scale": ("curves", "polar", "line"),
+    "xlim": ("curves", "rmo"),
+    **dict.fromkeys(
+        ("align", "threshold", "onset", "contact", "manifest", "any_length"), ("curves",)
+    ),
+    "video": ("map",),
+    "lplc2": ("polar",),
+    "published": ("contact", "ends"),
+}
 
 
 @click.command(short_help="plot results")
@@ -39,7 +54,8 @@ _TUNING_KINDS = ("polar", "line", "heat", *_CLASSIC_KINDS)
     "--output",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="All results in one figure: .png, .svg or .pdf.  [default: a .png beside each result]",
+    help="All results in one figure: .png, .svg or .pdf.  [default: a .png beside each "
+    "result; that of an unusual kind ends in .KIND.png]",
 )
 @click.option(
     "--kind",
@@ -112,7 +128,7 @@ def plot(
     lplc2: str,
     published: bool,
     show: bool,
-) -> None:
+) -> int:
     """Plot results over time, or tuning.
 
     RESULT is a frames.csv of 'oppload run', a tuning.csv of 'oppload tune', or a folder,
@@ -120,7 +136,7 @@ def plot(
     detector (--model) over several inputs shares one panel; several detectors get a
     panel per input; more than six curves become small multiples, and more than 24
     results a heat map. A NAME.stimulus.json beside a result is drawn as a strip of
-    ground truth.
+    ground truth. One of several results that cannot be drawn is left out, and told.
     """
     from oppload_cli.plots import style, tuning
 
@@ -132,38 +148,119 @@ def plot(
     if show:
         check_display()
     results = tuple(path for each in results for path in tables_in(each))
+    kinds = {path: _kind_of(path, kind) for path in results}
+    _check_effects(set(kinds.values()))
     marks = _Marks({"onset": onset, "contact": contact}, manifest)
-    groups = [(output, results)] if output else [(_beside(path), (path,)) for path in results]
-    look: dict[str, Any] = {"title": title, "labels": labels}
+    groups = [(output, results)] if output else [(None, (path,)) for path in results]
+    failures: list[ResultError] = []
     for target, paths in groups:
-        tuned = is_tuning(paths[0])
-        if tuned and kind and kind not in _TUNING_KINDS:
-            raise ResultError(
-                f"{paths[0]}: a table of 'oppload tune' has no column 'frame'; "
-                f"draw --kind {', '.join(_TUNING_KINDS)}"
-            )
+        look: dict[str, Any] = {"title": title}
         lines: list[str] = []
-        if kind in _TUNING_KINDS or tuned:
-            tunings = [oppload.read_tuning(path) for path in paths]
-            look |= {"models": models, "scale": scale or "peak", "lplc2": lplc2}
-            figure, _ = oppload.plot_tuning(tunings, kind, published=published, **look)
-            lines = tuning.lines_of(tunings, kind, models=models, lplc2=lplc2, labels=labels)
-        else:
-            drawn: dict[str, Any] = {
-                "models": models,
-                "scale": scale or "threshold",
-                "align": align,
-            }
-            drawn |= {"threshold": threshold, "any_length": any_length}
-            figure = _plot_results(paths, kind, {**look, "xlim": xlim}, drawn, marks, video=video)
-        style.save(figure, target)
-        click.echo("\n".join([*lines, str(target)]))
+        try:
+            if kind in _TUNING_KINDS or is_tuning(paths[0]):
+                tunings, look["labels"] = _readable(paths, labels, oppload.read_tuning, failures)
+                look |= {"models": models, "lplc2": lplc2}
+                figure, _ = oppload.plot_tuning(
+                    tunings, kind, scale=scale or "peak", published=published, **look
+                )
+                del look["title"]
+                lines = tuning.lines_of(tunings, kind, **look)
+            else:
+                read = partial(_read_result, kind=kind, models=models)
+                found, look["labels"] = _readable(paths, labels, read, failures)
+                curves: dict[str, Any] = {"models": models, "scale": scale or "threshold"}
+                curves |= {"align": align, "threshold": threshold, "any_length": any_length}
+                look["xlim"] = xlim
+                figure = _plot_results(found, kind, look, curves, marks, video=video)
+        except ResultError as error:
+            if len(groups) == 1:
+                raise
+            _leave_out(error, failures)
+            continue
+        made = target or _beside(paths[0], kinds[paths[0]])
+        style.save(figure, made)
+        click.echo("\n".join([*lines, str(made)]))
         if show:
-            show_file(target)
+            show_file(made)
+    if failures and len(failures) == len(results):
+        return failures[0].exit_code
+    return ExitCode.INCOMPLETE if failures else ExitCode.DONE
+
+
+def _kind_of(path: Path, kind: str | None) -> tuple[str, bool]:
+    """Return the kind of plot of a file, and whether it is the one that suits it without --kind."""
+    from oppload_cli.plots import tuning
+
+    if not is_tuning(path):
+        return kind or "curves", kind in {None, "curves"}
+    if kind and kind not in _TUNING_KINDS:
+        raise ResultError(
+            f"{path}: a table of 'oppload tune' has no column 'frame'; "
+            f"draw --kind {', '.join(_TUNING_KINDS)}"
+        )
+    try:
+        own = tuning.kind_of(oppload.read_tuning(path))
+    except ResultError:  # which is told as the table is drawn
+        own = kind or ""
+    return kind or own, kind in {None, own}
+
+
+def _check_effects(kinds: set[tuple[str, bool]]) -> None:
+    """Refuse an option that none of some kinds of plot takes notice of."""
+    shown = {kind for kind, _ in kinds}
+    context = click.get_current_context()
+    for option in context.command.params:
+        name = option.name or ""
+        given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if given and name in _EFFECTS and shown and shown.isdisjoint(_EFFECTS[name]):
+            word = max((*option.opts, *option.secondary_opts), key=len)
+            word = max(option.opts, key=len) if context.params[name] is not False else word
+            raise ParameterError(
+                f"{word} has no effect on --kind {' and '.join(sorted(shown))}; leave it out"
+            )
+
+
+T = TypeVar("T")
+
+
+def _readable(
+    paths: Sequence[Path],
+    labels: Sequence[str],
+    read: Callable[[Path], T],
+    failures: list[ResultError],
+) -> tuple[list[T], Sequence[str]]:
+    """Read the files of a figure and keep their labels; of several, one that fails is left out."""
+    found: dict[int, T] = {}
+    bad: list[ResultError] = []
+    for at, path in enumerate(paths):
+        try:
+            found[at] = read(path)
+        except ResultError as error:
+            bad.append(error)
+    if not found:
+        raise bad[0]
+    for each in bad:
+        _leave_out(each, failures)
+    kept = [labels[at] for at in found] if len(labels) == len(paths) else labels
+    return list(found.values()), kept
+
+
+def _leave_out(error: ResultError, failures: list[ResultError]) -> None:
+    """Tell of a result that is not drawn, and count it."""
+    failures.append(error)
+    say(f"oppload: left out: {error}")
+
+
+def _read_result(path: Path, kind: str | None, models: Sequence[str]) -> BaseResult:
+    """Read a result of ``oppload run`` with the columns that a kind of plot needs."""
+    from oppload_cli.plots import rmo
+
+    needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
+    return read_result(path, needed, () if kind == "rmo" else models or None)
 
 
 def _plot_results(
-    paths: Sequence[Path],
+    results: Sequence[BaseResult],
     kind: str | None,
     look: dict[str, Any],
     curves: dict[str, Any],
@@ -172,10 +269,8 @@ def _plot_results(
     video: str | None,
 ) -> Figure:
     """Draw results of ``oppload run``: `look` is for every kind, `curves` for curves only."""
-    from oppload_cli.plots import places, rmo
+    from oppload_cli.plots import places
 
-    needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
-    results = [read_result(path, needed) for path in paths]
     for result in results:
         for fault in filter(None, (result.shortfall, truth_fault(result))):
             say(f"oppload: {result.path}: {fault}")
@@ -183,7 +278,7 @@ def _plot_results(
         return oppload.plot_rmo(results, **look)[0]
     if kind == "map":
         if len(results) > 1:
-            raise ResultError(f"{paths[1]}: a map shows one result; leave out --output")
+            raise ResultError(f"{results[1].path}: a map shows one result; leave out --output")
         models = curves["models"]
         if len(models) > 1:
             raise ParameterError("--kind map shows one detector; give one --model")
@@ -191,11 +286,8 @@ def _plot_results(
         still = places.still_of(results[0], video, model=model)
         figure, _ = oppload.plot_places(results[0], still, title=look["title"], model=model)
         if still is None:
-            click.echo(
-                f"oppload: {paths[0]}: its video is gone, so the ground is white; --video says "
-                "where it is now",
-                err=True,
-            )
+            why = f"{results[0].path}: {places.why_no_still(results[0])}"
+            say(f"oppload: {why}, so the ground is white; --video says where it is")
         return figure
     return oppload.plot_curves(results, **look, **curves, marks=marks.of(results))[0]
 
@@ -243,5 +335,8 @@ def _time_of(result: BaseResult, text: str, label: str) -> float:
     return float(rows.iloc[0])
 
 
-def _beside(path: Path) -> Path:
-    return path.with_name(path.name.removesuffix(".part")).with_suffix(".png")
+def _beside(path: Path, kind: tuple[str, bool]) -> Path:
+    """Return the name of a figure beside its table; that of an unusual kind says the kind."""
+    name, usual = kind
+    plain = path.with_name(path.name.removesuffix(".part"))
+    return plain.with_suffix(".png" if usual else f".{name}.png")

@@ -12,6 +12,8 @@ from oppload_cli.models.detector import Box
 from oppload_cli.models.registry import detector_named, detectors, placing_detector
 from oppload_cli.plots.style import COLUMN, INK, SHADES, TITLE_WIDTH, styled_figure, wrapped
 from oppload_cli.results.reading import check_numbers, find_video, result_threshold
+from oppload_cli.results.table import SIDECAR
+from oppload_cli.results.truths import usable_truth
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.source import open_video
 
@@ -66,6 +68,18 @@ def still_of(
         for frame in source:
             return frame.luma
     raise ResultError(f"{name}: ends before frame {peak}, so it is not the input of {result.path}")
+
+
+def why_no_still(result: BaseResult) -> str:
+    """Return in a few words why :func:`still_of` finds no video."""
+    if not isinstance(result.part("input").get("name"), str):
+        return (
+            f"no sidecar ({result.stem}{SIDECAR}) names its video and its size"
+            if result.part("input").get("width") is None
+            else "no sidecar names its video"
+        )
+    kept = result.part("input").get("kind") in {"container", "images"}
+    return "its video is gone" if kept else "frames of a camera or a stream are not kept"
 
 
 def plot_places(
@@ -181,7 +195,7 @@ def _size(result: BaseResult, detector: type[Detector], still: Still | None) -> 
     """Return the rows and columns of the source, or those that the places reach."""
     if still is not None:
         return still.shape[0], still.shape[1]
-    facts = result.sidecar.get("input", {})
+    facts = result.part("input") or (usable_truth(result) or {}).get("display", {})
     try:
         return int(facts["height"]), int(facts["width"])
     except (KeyError, TypeError, ValueError):

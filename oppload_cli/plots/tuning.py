@@ -111,7 +111,7 @@ def plot_tuning(
             f"a table of peaks is drawn over its largest peak or raw, not --scale {scale}"
         )
     first, raw = tunings[0], scale == "raw"
-    kind = kind or _kind_of(first)
+    kind = kind or kind_of(first)
     if title is None:
         title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
         indicators = {indicator_of(each.sidecar) for each in tunings}
@@ -131,7 +131,7 @@ def plot_tuning(
     return _plot_heat(first, models, title)
 
 
-def _kind_of(tuning: Tuning) -> str:
+def kind_of(tuning: Tuning) -> str:
     """Return the kind of plot that suits a table.
 
     A table made for a classic figure has the kind of that figure; others ``heat``, ``polar`` or
@@ -163,7 +163,7 @@ def lines_of(
     list of str
         The directional selectivity of ``polar``, the fits of ``contact``; else none.
     """
-    kind = kind or _kind_of(tunings[0])
+    kind = kind or kind_of(tunings[0])
     if kind == "polar":
         return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
     if kind == "contact":

@@ -155,7 +155,9 @@ def direction_of(parameters: Iterable[str]) -> str | None:
     return next((key for key in parameters if key.rpartition(".")[2] in _DIRECTIONS), None)
 
 
-def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
+def read_result(
+    path: Path, needed: Sequence[str] = ("",), models: Sequence[str] | None = None
+) -> BaseResult:
     """Read a result.
 
     Parameters
@@ -166,6 +168,8 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
     needed : sequence of str
         Ends of the names of the columns to read, beside ``frame`` and ``time_s``: a table of
         many hours is large. By default all are read.
+    models : sequence of str, optional
+        The detectors of the result whose responses must not all be empty; by default all are.
 
     Raises
     ------
@@ -186,6 +190,8 @@ def read_result(path: Path, needed: Sequence[str] = ("",)) -> BaseResult:
             f"{path}: column 'frame' holds one row, and a curve needs two; run a longer input"
         )
     for model in result.models:
+        if models is not None and model not in models:
+            continue
         name = f"{model}_response"
         if np.isnan(frames[name].to_numpy(float)).all():
             raise ResultError(
@@ -341,9 +347,7 @@ def read_tuning(path: str | Path) -> Tuning:
         )
     unknown = sorted(set(map(str, rows["model"])) - set(known_names()))
     if unknown:
-        raise ResultError(
-            f"{path}: its detector '{unknown[0]}' is not known here; {_LOAD_IT} ...'"
-        )
+        raise ResultError(f"{path}: its detector '{unknown[0]}' is not known here; {_LOAD_IT} ...'")
     _check_filled(path, rows, "peak", "make the stimulus longer than the warm-up of the detector")
     return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
 

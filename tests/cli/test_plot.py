@@ -255,3 +255,88 @@ def test_a_damaged_ground_truth_is_left_out_and_told(tmp_path: Path, capsys: Cap
     assert done.returncode == 0
     assert f"{path}: its ground truth is left out ({tmp_path / 'clip.stimulus.json'}" in done.stderr
     assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+def test_a_result_without_a_response_does_not_keep_the_others_from_being_drawn(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    good = write_result(tmp_path / "good.frames.csv")
+    short = write_rows(tmp_path / "short.frames.csv", frame_rows()[:2])
+    left_out = f"oppload: left out: {short}: column 'opplod_response' is empty in every row"
+    done = run(capsys, "plot", tmp_path)
+    assert (done.returncode, done.stdout) == (4, f"{good.with_suffix('.png')}\n")
+    assert done.stderr.startswith(left_out)
+    both = tmp_path / "both.svg"
+    names = ("--label", "first", "--label", "second", "--model", "opplod", "-o", both)
+    done = run(capsys, "plot", short, good, *names)
+    assert (done.returncode, done.stdout) == (4, f"{both}\n")
+    assert done.stderr.startswith(left_out)
+    assert "<!-- second" in both.read_text()
+    assert "<!-- first" not in both.read_text()
+    # The responses do not matter to RMO, which the second frame has.
+    done = run(capsys, "plot", tmp_path, "--kind", "rmo")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert short.with_suffix(".rmo.png").exists()
+    # Nothing is left, or one alone fails: an error, as before.
+    assert run(capsys, "plot", short).returncode == 2
+    done = run(capsys, "plot", short, short)
+    assert (done.returncode, done.stdout) == (2, "")
+    done = run(capsys, "plot", short, short, "-o", both)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+
+
+def test_another_kind_has_a_name_of_its_own(tmp_path: Path, capsys: Capture) -> None:
+    table = write_result(tmp_path / "a.frames.csv")
+    tuned = write_tuning(
+        tmp_path / "b.tuning.csv", {"bar.axis_deg": [0.0, 90]}, {"opplod": [3.0, 1]}
+    )
+    for path, kind, name in (
+        (table, None, "a.frames.png"), (table, "curves", "a.frames.png"),
+        (table, "map", "a.frames.map.png"), (table, "rmo", "a.frames.rmo.png"),
+        (tuned, None, "b.tuning.png"), (tuned, "polar", "b.tuning.png"),
+        (tuned, "line", "b.tuning.line.png"),
+    ):  # fmt: skip
+        done = run(capsys, "plot", path, *(("--kind", kind) if kind else ()))
+        assert done.returncode == 0
+        assert done.stdout.splitlines()[-1] == str(tmp_path / name)
+    assert len(list(tmp_path.glob("*.png"))) == 5
+
+
+@pytest.mark.parametrize(
+    ("table", "options", "sentence"),
+    [
+        ("b", ["--align", "contact"], "--align has no effect on --kind polar"),
+        ("b", ["--any-length"], "--any-length has no effect on --kind polar"),
+        ("b", ["--kind", "line", "--lplc2", "10"], "--lplc2 has no effect on --kind line"),
+        ("b", ["--no-published"], "--no-published has no effect on --kind polar"),
+        ("a", ["--kind", "map", "--scale", "raw"], "--scale has no effect on --kind map"),
+        ("a", ["--kind", "map", "--label", "x"], "--label has no effect on --kind map"),
+        ("a", ["--kind", "rmo", "--no-threshold"], "--no-threshold has no effect on --kind rmo"),
+        ("a", ["--video", "a.mp4"], "--video has no effect on --kind curves"),
+    ],
+)
+def test_an_option_without_effect_is_an_error(
+    table: str, options: list[str], sentence: str, tmp_path: Path, capsys: Capture
+) -> None:
+    write_result(tmp_path / "a.frames.csv")
+    write_tuning(tmp_path / "b.tuning.csv", {"bar.axis_deg": [0.0, 90]}, {"opplod": [3.0, 1]})
+    suffix = "frames" if table == "a" else "tuning"
+    done = run(capsys, "plot", tmp_path / f"{table}.{suffix}.csv", *options)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert f"oppload: {sentence}; leave it out\n" == done.stderr
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_a_map_without_a_sidecar_says_so(tmp_path: Path, capsys: Capture) -> None:
+    table = write_result(tmp_path / "a.frames.csv")
+    done = run(capsys, "plot", table, "--kind", "map")
+    assert done.returncode == 0
+    assert done.stderr == (
+        f"oppload: {table}: no sidecar (a.oppload.json) names its video and its size, so the "
+        "ground is white; --video says where it is\n"
+    )
+    (tmp_path / "a.oppload.json").write_text(
+        json.dumps({"input": {"name": "gone.avi", "kind": "container", "width": 64, "height": 48}})
+    )
+    done = run(capsys, "plot", table, "--kind", "map")
+    assert "its video is gone, so the ground is white" in done.stderr

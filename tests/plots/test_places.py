@@ -38,6 +38,17 @@ def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
     assert panel.get_xlim() == (0, 96)
 
 
+def test_the_size_of_the_ground_is_that_of_a_ground_truth_without_a_sidecar(tmp_path: Path) -> None:
+    path = write_result(tmp_path / "clip.frames.csv", peak=30)
+    panel = plot_places(read_result(path))[1][0]
+    assert panel.get_xlim() == (0, 50)  # the places reach no further
+    truth = {"schema": "oppload.stimulus/1", "name": "disk", "looming": False, "frames": []}
+    truth |= {"contact_time_s": None, "display": {"width": 120, "height": 90}}
+    (tmp_path / "clip.stimulus.json").write_text(json.dumps(truth))
+    panel = plot_places(read_result(path))[1][0]
+    assert (panel.get_xlim(), panel.get_ylim()) == ((0, 120), (90, 0))
+
+
 def test_the_video_is_found_beside_the_result(tmp_path: Path) -> None:
     write_video(tmp_path / "clip.avi", [np.full((64, 96), 2 * t, np.uint8) for t in range(40)])
     path = write_result(tmp_path / "clip.frames.csv", peak=30)

@@ -83,6 +83,7 @@ def test_only_complete_outlines_loom(name: str, looms: bool) -> None:
 
 
 _ASIDE: dict[str, Any] = {"disk.motion.speed_deg_s": 0.0}
+_BACK: dict[str, Any] = {**_ASIDE, "disk.motion.path_s": [1, 1.7]}
 
 
 @pytest.mark.parametrize(
@@ -100,7 +101,8 @@ _ASIDE: dict[str, Any] = {"disk.motion.speed_deg_s": 0.0}
         ({"disk.growth.contact_s": 3.2, "disk.motion.speed_deg_s": 1.8}, False),
         ({"disk.growth.contact_s": 3.2, "disk.motion.speed_deg_s": 2.0}, True),
         # A way out and back, a shake and the movement of all, which is that of the camera.
-        ({**_ASIDE, "disk.motion.path_deg": [[15, 0], [0, 0]], "disk.motion.path_s": [1, 1.7]}, False),
+        ({**_BACK, "disk.motion.path_deg": [[15, 0], [0, 0]]}, False),
+        ({**_BACK, "disk.motion.path_deg": [[0, 0], [18, 0]]}, True),
         ({**_ASIDE, "disk.motion.shake_deg": 20}, False),
         ({**_ASIDE, "scene.motion.speed_deg_s": 12}, False),
     ],
