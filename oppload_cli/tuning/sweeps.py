@@ -83,7 +83,13 @@ FIGURES: dict[str, _Classic] = {
         "position",
         "klapoetke2017/loom-position",
         {"disk.centre_deg": [[right, up] for up, right in itertools.product(_PLACES, repeat=2)]},
-        {"disk.growth.end_deg": 24, "disk.growth.speed_deg_s": 40, "timing.motion_s": 0.5},
+        # Without a pause, after which detectors answer to the start of the motion, wherever it is.
+        {
+            "disk.growth.end_deg": 24,
+            "disk.growth.speed_deg_s": 40,
+            "timing.before_s": 0,
+            "timing.motion_s": 0.5,
+        },
         # OppLoD has a unit at every cell: the receptive field of a single unit is mapped.
         ("opplod.units=1x1",),
     ),
@@ -95,6 +101,14 @@ FIGURES: dict[str, _Classic] = {
             "bar.growth.sides": ["both", "forward"],
             # The diagonals among them: OppLoD responds most along them.
             "bar.axis_deg": list(range(0, 360, 15)),
+        },
+        # Without a pause, as above. The ends are fast enough for the usual detectors, and begin so
+        # near to each other that no peak falls into the first frames, which have no response.
+        {
+            "bar.size_deg": 2,
+            "bar.growth.speed_deg_s": 60,
+            "timing.before_s": 0,
+            "timing.motion_s": 0.5,
         },
     ),
     "contrast": _Classic(

@@ -18,7 +18,7 @@ from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.tuning import KINDS
 from oppload_cli.schema import Parameters, parameter
 from oppload_cli.tuning.present import Responses, low_passed, present
-from oppload_cli.tuning.run import tune, write_tuning
+from oppload_cli.tuning.run import faint, to_onset, tune, write_tuning
 from oppload_cli.tuning.sweeps import FIGURES, sweeps
 from tests.tuning.test_tuning import disk, swept
 
@@ -150,6 +150,25 @@ def test_every_figure_makes_its_stimuli() -> None:
         # One scale in all figures, so that fields in pixels are the same angle.
         assert {(each.display.height, each.display.scale) for each in shown} == {(360, 5)}
         resolve(assignments=figure.settings, usual="reference")
+
+
+@pytest.mark.parametrize(
+    ("name", "over"),
+    [
+        ("position", ["position=[[-12,0],[0,0],[12,12]]"]),
+        ("bar-ends", ["bar.axis_deg=0,45,180,225", "bar.growth.sides"]),
+    ],
+)
+def test_a_figure_shows_tuning_and_no_start_of_the_motion(name: str, over: list[str]) -> None:
+    settings = resolve(usual="reference", assignments=FIGURES[name].settings)
+    entry = entry_of(name, {}, over)
+    shown = tune(entry, settings)
+    assert [each.detector for each in to_onset(shown, entry)] == []
+    assert [each.detector for each in faint(shown, settings)] == []
+    # The first response is in frame 3: no peak is cut off there.
+    best = max(shown, key=lambda each: each.measures["opplod"].peak or 0).measures["opplod"]
+    assert best.peak_frame is not None
+    assert best.peak_frame > 3
 
 
 def test_other_values_of_what_a_figure_sweeps() -> None:
