@@ -357,14 +357,16 @@ def _shared(split: Sequence[Sequence[str]]) -> int:
 def in_number_order(labels: Sequence[str]) -> list[int]:
     """Return the order of labels in which 9 comes before 10.
 
-    Labels without a number, or with the same ones, stay in the order in which they were given.
+    Labels that differ in their numbers only stand together, where the first of them was given;
+    others stay in the order in which they were given.
     """
+    texts = [_NUMBER.sub("", label) for label in labels]
 
-    def key(at: int) -> tuple[list[float], int]:
-        return [float(number) for number in _NUMBER.findall(labels[at])], at
+    def key(at: int) -> tuple[int, list[float], int]:
+        numbers = [float(number) for number in _NUMBER.findall(labels[at])]
+        return texts.index(texts[at]), numbers, at
 
-    text = {_NUMBER.sub("", label) for label in labels}
-    return sorted(range(len(labels)), key=key) if len(text) == 1 else list(range(len(labels)))
+    return sorted(range(len(labels)), key=key)
 
 
 def wrapped(text: str, width: int) -> str:

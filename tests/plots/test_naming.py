@@ -39,6 +39,11 @@ def test_numbers_are_in_their_order_and_other_names_stay() -> None:
     assert in_number_order(["l/v 100", "l/v 20", "l/v 9"]) == [2, 1, 0]
     assert in_number_order(["x 1.5, y 20", "x 1.5, y 3"]) == [1, 0]
     assert in_number_order(["b", "a", "c 1"]) == [0, 1, 2]
+    # Of two stimuli, each in its own order, as a folder has them in the order of texts.
+    names = ["lum-0.2", "lum-0", "lum-1", "turn-0", "turn-135", "turn-45"]
+    assert [names[at] for at in in_number_order(names)] == [
+        "lum-0", "lum-0.2", "lum-1", "turn-0", "turn-45", "turn-135",
+    ]  # fmt: skip
 
 
 def test_long_names_are_wrapped_and_never_cut() -> None:
