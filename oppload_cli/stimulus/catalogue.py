@@ -13,12 +13,16 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from oppload_cli.errors import StimulusError, suggestion
+from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import SURROUNDINGS
+from oppload_cli.stimulus.words import WORDS, key_of
 
 _TABLES = ("display", "timing", "scene", "camera", "effects")
+_PAIRS = (("pixels_per_degree", "field_of_view_deg"), ("file", "drawing"))
+# By key: the one that stands in its place.
+_EITHER = {one: other for pair in _PAIRS for one, other in (pair, pair[::-1])}
 _MOST_MEMBERS = 10_000
 _LONGEST = 80  # characters of a value in a message
 _DEEPEST = 20  # dots in a swept key
@@ -104,8 +108,9 @@ class Entry:
         Parameters
         ----------
         settings : dict
-            Values by dotted key, e.g. ``{"bar.axis_deg": 45}``; a swept key is then swept
-            over this value only, or over a list of values.
+            Values by dotted key, e.g. ``{"bar.axis_deg": 45}``, or by a word such as ``l/v``; a
+            swept key is then swept over this value only, or over a list of values. Of two keys of
+            which a protocol has only one, the one that is given replaces that of the file.
 
         Raises
         ------
@@ -113,7 +118,11 @@ class Entry:
             If a key names no table or object of the file.
         """
         table, sweep, only = self.table, dict(self.sweep), self.only
+        settings = self.in_full(settings)
         for dotted, value in settings.items():
+            other = _instead_of(dotted)
+            if other and other not in settings:
+                table, _ = _without(table, other), sweep.pop(other, None)
             if dotted in sweep:
                 several = isinstance(value, list) and not isinstance(sweep[dotted][0], list)
                 sweep[dotted] = value if several and value else [value]
@@ -122,6 +131,24 @@ class Entry:
                 table = _with_value(table, dotted, value, f"{self.name}: --change {dotted}")
         changes = {**self.changes, **settings}
         return replace(self, table=table, sweep=sweep, only=only, changes=changes)
+
+    def in_full(self, settings: dict[str, Any]) -> dict[str, Any]:
+        """Return values by dotted key where some are given by a word such as ``l/v``.
+
+        Raises
+        ------
+        StimulusError
+            If a word means no key of this stimulus, or several.
+        """
+        try:
+            return {
+                key_of(word, self.name, self.table, self.sweep, "--change")
+                if word in WORDS
+                else word: value
+                for word, value in settings.items()
+            }
+        except ParameterError as error:
+            raise StimulusError(str(error)) from None
 
     def telling_changes(self) -> Entry:
         """Return a copy whose description names the changed values, as it may not fit them."""
@@ -434,6 +461,28 @@ def _with_value(table: dict[str, Any], dotted: str, value: object, where: str) -
         for one in objects
     ]
     return {**table, "object": changed}
+
+
+def _instead_of(dotted: str) -> str | None:
+    """Return the key that a protocol must not have beside another one, if there is such a key."""
+    owner, _, leaf = dotted.rpartition(".")
+    return f"{owner}.{_EITHER[leaf]}" if leaf in _EITHER else None
+
+
+def _without(table: dict[str, Any], dotted: str) -> dict[str, Any]:
+    """Copy a protocol's table without a key of one of its tables or objects."""
+    first, _, leaf = dotted.partition(".")
+
+    def cut(part: Any) -> Any:
+        return {key: value for key, value in part.items() if key != leaf}
+
+    if isinstance(table.get(first), dict):
+        return {**table, first: cut(table[first])}
+    listed = table.get("object", [])
+    if not isinstance(listed, list):
+        return table
+    kept = [cut(one) if isinstance(one, dict) and one.get("id") == first else one for one in listed]
+    return {**table, "object": kept}
 
 
 def _put(table: object, dotted: str, value: object, where: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus.catalogue import find
+from oppload_cli.stimulus.words import key_of, value_at
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -189,20 +190,22 @@ def sweeps(
         If there is no such stimulus, or if nothing is swept.
     """
     if stimulus is not None:
-        own = _entry_named(stimulus).with_settings(changes)
+        named = _entry_named(stimulus)
+        changes = named.in_full(changes)
+        own = named.with_settings(changes)
         entry = _swept(own, over)
         both = next((key for key in changes if over and key in entry.sweep), None)
         if both is not None:
             raise ParameterError(f"--change {both}: --over sweeps it; leave one of the two out")
         gone = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
-        held = {key: _at(entry.table, key) for key in sorted(gone)}
+        held = {key: value_at(entry.table, key) for key in sorted(gone)}
         stated = {key: value for key, value in held.items() if value is not None}
         return [Sweep(entry, resolve(**settings), 1, {}, stated)]
-    named = _figures_named(figures)
-    if over and len(named) > 1:
+    classic = _figures_named(figures)
+    if over and len(classic) > 1:
         raise ParameterError("--over goes with one --figure alone")
     made = []
-    for name, each in named.items():
+    for name, each in classic.items():
         assignments = [*each.settings, *settings.get("assignments", ())]
         resolved = resolve(**{**settings, "assignments": assignments})
         words = {"name": name, "title": each.title, "kind": each.kind}
@@ -225,6 +228,8 @@ def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str] = (
     """Return the stimuli of a figure; `over` gives other values of the keys that it sweeps."""
     figure = FIGURES[name]
     entry = _entry_named(figure.stimulus).with_settings(dict(figure.changes))
+    sweeping = replace(entry, sweep={key: list(values) for key, values in figure.sweep.items()})
+    changes = sweeping.in_full(dict(changes))
     for key in changes:
         if key in figure.sweep:
             raise ParameterError(f"--change {key}: figure {name} sweeps it; give --over {key}=...")
@@ -245,18 +250,8 @@ def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str] = (
     return replace(entry, name=name)
 
 
-# Words that stand for a key, and the keys that each may mean, with {id} for an object.
-_DIRECTIONS = ("{id}.axis_deg", "{id}.motion.direction_deg", "scene.rotation_deg")
-_WORDS = {
-    "axis": _DIRECTIONS,
-    "direction": _DIRECTIONS,
-    "speed": ("{id}.growth.speed_deg_s", "{id}.motion.speed_deg_s"),
-    "width": ("{id}.width_deg",),
-    "size": ("{id}.size_deg",),
-    "l/v": ("{id}.growth.l_over_v_ms",),
-    "position": ("{id}.centre_deg", "scene.centre_deg"),
-}
 _MOST_VALUES = 1000
+_PLACE = ".centre_deg"
 
 
 def _entry_named(name: str) -> Entry:
@@ -290,7 +285,7 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
         entry = replace(entry, name=name, sweep={}, only="*").with_settings(held)
     for text in over:
         word, equals, values = text.partition("=")
-        key = _key_of(own, word.strip())
+        key = key_of(word.strip(), own.name, own.table, own.sweep, "--over")
         if key in chosen:
             raise ParameterError(f"--over {text}: '{key}' is swept already; give all values once")
         if not equals and key not in entry.sweep:
@@ -299,31 +294,10 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
                 f"give some, e.g. --over {text}=10,20,40 or {text}=0:330:30"
             )
         chosen[key] = _values_of(text, values) if equals else entry.sweep[key]
+        if key.endswith(_PLACE):
+            _check_places(text, word, chosen[key])
     # Settings are checked as the protocols are made; one that names no table fails here.
     return replace(entry.with_settings({key: chosen[key][0] for key in chosen}), sweep=chosen)
-
-
-def _key_of(entry: Entry, word: str) -> str:
-    """Return the dotted key that a word of `_WORDS`, or a key itself, means in a stimulus."""
-    if "." in word:
-        return word
-    if word not in _WORDS:
-        hint = suggestion(word, _WORDS)
-        raise ParameterError(f"--over {word}: no parameter '{word}'{hint}; or a key as ID.size_deg")
-    objects = [one for one in entry.table.get("object", []) if isinstance(one, dict)]
-    meant = [pattern.format(id=one.get("id")) for one in objects for pattern in _WORDS[word]]
-    own = [key for key in dict.fromkeys(meant) if key in entry.sweep]
-    if len(own) == 1:
-        return own[0]
-    if word in {"axis", "direction"}:
-        return "scene.rotation_deg"
-    if len(objects) > 1 and word == "position":
-        return "scene.centre_deg"
-    keys = list(dict.fromkeys(key for key in meant if _stated(objects, key)))
-    if len(keys) != 1:
-        found = f"is {' or '.join(keys)}" if keys else "is not among its keys"
-        raise ParameterError(f"--over {word}: in {entry.name} that {found}; write a key in full")
-    return keys[0]
 
 
 def _values_of(text: str, values: str) -> list[Any]:
@@ -363,6 +337,17 @@ def _values_of(text: str, values: str) -> list[Any]:
     return listed
 
 
+def _check_places(text: str, word: str, values: Sequence[Any]) -> None:
+    """Raise ParameterError if values are numbers in place of positions, and say how to write it."""
+    if all(isinstance(value, list) for value in values):
+        return
+    places = [value if isinstance(value, list) else [value, 0] for value in values]
+    written = f"{word.strip()}={places}".replace(" ", "")
+    raise ParameterError(
+        f"--over {text}: a position is two numbers, [right,up]; write {written[:200]}"
+    )
+
+
 def _range(text: str, first: float, last: float, step: float) -> list[Any]:
     """Return the values from first to last; none without a step, or where an end is no number."""
     if not step or not math.isfinite(first + last + step):
@@ -379,21 +364,3 @@ def _range(text: str, first: float, last: float, step: float) -> list[Any]:
         )
     values = [first + index * step for index in range(math.floor(steps) + 1)]
     return [int(value) if value.is_integer() else value for value in values]
-
-
-def _stated(objects: Sequence[dict[str, Any]], key: str) -> bool:
-    """Tell whether the file gives a value for a key of one of its objects."""
-    if _at({"object": objects}, key) is not None:
-        return True
-    # An object without a position is in the middle.
-    return key.endswith(".centre_deg") and not key.startswith("scene.")
-
-
-def _at(table: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a dotted key in the table of a protocol; None where it has none."""
-    first, *rest = key.split(".")
-    value = next((one for one in table.get("object", []) if one.get("id") == first), None)
-    value = table.get(first) if value is None else value
-    for word in rest:
-        value = value.get(word) if isinstance(value, dict) else None
-    return value

@@ -147,9 +147,30 @@ def test_settings() -> None:
         ("disc.size_deg", "did you mean 'disk'"),
         ("disk.sise_deg", "did you mean 'size_deg'"),
         ("size_deg", "a key starts with"),
+        ("width", "--change width: no object of klapoetke2017/loom has width_deg; --change takes"),
     ):
         with pytest.raises(StimulusError, match=words):
             stimulus.load("klapoetke2017/loom", {dotted: 3})
+
+
+def test_words_stand_for_keys() -> None:
+    (one,) = stimulus.load_all("klapoetke2017/loom-l-over-v", {"l/v": 20})
+    assert one.name == "klapoetke2017/loom-l-over-v/l-over-v-20"
+    aside = stimulus.load("klapoetke2017/loom", {"position": [3, 4], "speed": 7})
+    (disk,) = aside.objects
+    assert disk.growth is not None
+    assert (disk.centre_deg, disk.growth.speed_deg_s) == ((3, 4), 7)
+
+
+def test_a_changed_value_replaces_the_one_that_stands_for_the_same() -> None:
+    """360 px span 72 degrees at 5 px/deg, and 60 at 6."""
+    wide = stimulus.load("klapoetke2017/loom", {"display.field_of_view_deg": 60})
+    assert (wide.display.scale, wide.display.pixels_per_degree) == (6, None)
+    both = {"display.field_of_view_deg": 60, "display.pixels_per_degree": 6}
+    with pytest.raises(StimulusError, match="give either pixels_per_degree or field_of_view_deg"):
+        stimulus.load("klapoetke2017/loom", both)
+    (staged, *_) = stimulus.load_all("staged/near-miss", {"thing.file": "car.png"})
+    assert [(obj.file, obj.drawing) for obj in staged.objects] == [("car.png", None)]
 
 
 def test_reading_the_catalogue_needs_no_numpy() -> None:

@@ -176,6 +176,12 @@ def test_other_values_of_what_a_figure_sweeps() -> None:
     two = entry_of("size-speed", {}, ["speed=30"]).sweep
     assert two["disk.growth.speed_deg_s"] == [30]
     assert len(two["disk.growth.end_deg"]) == 7
+    sizes = entry_of("size-speed", {}, ["size=15,30"]).sweep  # the size that the figure sweeps
+    assert sizes["disk.growth.end_deg"] == [15, 30]
+    assert len(sizes["disk.growth.speed_deg_s"]) == 5
+    (slow,) = entry_of("habituation", {"l/v": 80}).protocols()
+    assert slow.objects[0].growth is not None
+    assert slow.objects[0].growth.l_over_v_ms == 80
     (slow,) = entry_of("habituation", {"disk.growth.l_over_v_ms": 80}).protocols()
     assert slow.objects[0].growth is not None
     assert slow.objects[0].growth.l_over_v_ms == 80
@@ -196,6 +202,7 @@ def test_other_values_of_what_a_figure_sweeps() -> None:
             ["disk.luminance=0,1"],
             "figure peak-time sweeps disk.growth.l_over_v_ms",
         ),
+        ("peak-time", {"l/v": 3}, [], "--change disk.growth.l_over_v_ms: figure peak-time sweeps"),
         ("habituation", {}, ["disk.luminance=0,1"], "figure habituation sweeps nothing"),
         ("contrast", {"disc.size_deg": 3}, [], "did you mean 'disk'"),
     ],

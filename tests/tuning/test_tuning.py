@@ -191,7 +191,8 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     ],
 )
 def test_the_key_that_a_word_stands_for(stimulus: str, word: str, key: str) -> None:
-    assert list(swept(stimulus, [f"{word}=1"]).sweep) == [key]
+    value = "[[1,0]]" if word == "position" else "1"
+    assert list(swept(stimulus, [f"{word}={value}"]).sweep) == [key]
 
 
 def test_a_member_of_a_sweep_keeps_its_values() -> None:
@@ -250,8 +251,8 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
     ],
 )
 def test_values_are_lists_ranges_or_toml(text: str, values: list[object]) -> None:
-    entry = swept("klapoetke2017/loom", [f"position={text}"])
-    assert entry.sweep == {"disk.centre_deg": values}
+    key = "disk.centre_deg" if text.startswith("[") else "scene.rotation_deg"
+    assert swept("klapoetke2017/loom", [f"{key}={text}"]).sweep == {key: values}
 
 
 @pytest.mark.parametrize("values", ["", "a,b", "0:10", "0:10:0", "0:inf:1", "["])
@@ -280,7 +281,18 @@ def test_ranges_that_run_backwards_or_are_too_long(values: str, message: str) ->
         ("klapoetke2017/loom", [], "has no sweep of its own; name one"),
         ("klapoetke2017/loom", ["size"], "has no values of its own for 'disk.size_deg'"),
         ("klapoetke2017/loom", ["sped=1,2"], "no parameter 'sped'; did you mean 'speed'"),
-        ("klapoetke2017/loom", ["l/v=1,2"], "that is not among its keys"),
+        (
+            "klapoetke2017/loom",
+            ["l/v=1,2"],
+            "--over l/v: no object of klapoetke2017/loom has l_over_v_ms; --over takes axis, ",
+        ),
+        (
+            "klapoetke2017/loom-l-over-v",
+            ["width=10"],
+            "--over width: no object of klapoetke2017/loom-l-over-v has width_deg; --over takes "
+            "axis, direction, l/v, position, or a full key such as scene.rotation_deg",
+        ),
+        ("klapoetke2017/loom", ["position=0,10"], r"write position=\[\[0,0\],\[10,0\]\]$"),
         ("klapoetke2017/cross-inward", ["width=1,2"], "that is inward-right.width_deg or"),
         ("klapoetke2017/loom", ["disc.size_deg=1,2"], "did you mean 'disk'"),
         ("klapoetke2017/*", [], "stands for 19 stimuli; name one"),
