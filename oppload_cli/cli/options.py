@@ -15,7 +15,7 @@ from click.shell_completion import CompletionItem
 import oppload_cli as oppload
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.reading import is_folder
-from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
+from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS, preset_in
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -169,7 +169,7 @@ def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
     return [CompletionItem(name) for name in names if name.startswith(text)]
 
 
-def check_models(names: Iterable[str], command: str) -> None:
+def check_models(names: Sequence[str], command: str, preset: str | None = None) -> None:
     """Check that the detectors of ``--model`` are known; one of the user's own must be loaded.
 
     Parameters
@@ -178,11 +178,13 @@ def check_models(names: Iterable[str], command: str) -> None:
         As given, ``NAME``, ``NAME:VARIANT`` or ``NAME:PRESET``, or several with commas between.
     command : str
         Name of the command, for the message.
+    preset : str, optional
+        That of ``--preset``.
 
     Raises
     ------
     ParameterError
-        If one is not known.
+        If one is not known, or asks for another preset.
     """
     from oppload_cli.models.registry import ALL, known_names
 
@@ -195,6 +197,11 @@ def check_models(names: Iterable[str], command: str) -> None:
                     f"no model '{name}'{suggestion(name, known)} (one of your own is loaded, as "
                     f"in 'oppload --load FILE.py {command} ...')"
                 )
+    beside = preset_in(names) if preset else ""
+    if beside and beside != preset:
+        raise ParameterError(
+            f"--model asks for preset '{beside}' and --preset for '{preset}'; leave one out"
+        )
 
 
 def check_assignments(assignments: Iterable[str], models: Sequence[str]) -> None:

@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 
 @click.command(short_help="reproduce the synthetic figures of the OppLoD paper")
 @output_option("reproduction")
-@click.option("--only", multiple=True, metavar="FIG", help="Only this figure; may be given again.")
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="FIG",
+    help="Only this figure, or A,B for several; may be given again.",
+)
 @click.option("--list", "listed", is_flag=True, help="Print the names of the figures.")
 @jobs_option("Figures")
 @if_exists_option("a result")

@@ -10,6 +10,7 @@ import shlex
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -32,16 +33,17 @@ from oppload_cli.errors import (
     printable,
 )
 from oppload_cli.files.atomic import make_folder
+from oppload_cli.files.reading import is_file
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Interrupted, Outputs, Task, exists_already
 from oppload_cli.results.alarms import write_alarms
+from oppload_cli.video.inputs import GROUND_TRUTH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from fractions import Fraction
-    from pathlib import Path
 
     from oppload_cli.batch.plan import Plan
     from oppload_cli.cli.options import RunOptions
@@ -81,7 +83,7 @@ def run_inputs(
     opening : Opening or None
         The only input, where it is being decoded already.
     """
-    check_models(chosen["models"], "run")
+    check_models(chosen["models"], "run", chosen["preset"])
     settings = resolve(**chosen)
     check_assignments(chosen["assignments"], settings.models)
     for given, option, needed in (
@@ -158,7 +160,12 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
 
 
 def _stimulus_of(name: str) -> str:
-    """Return how to make the stimulus whose name was given in place of a file, or nothing."""
+    """Return how to make the video of a stimulus that was given in place of it, or nothing."""
+    if name.endswith(GROUND_TRUTH):
+        return "; this is the ground truth of a stimulus: give its video"
+    if name.endswith(".toml") and is_file(Path(name)):
+        words = shlex.join(["oppload", "stimuli", "generate", name])
+        return f"; if this is a stimulus, '{words}' makes its video"
     if os.path.lexists(name):
         return ""
     try:
@@ -296,7 +303,7 @@ class _Batch:
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):
-            yield f"oppload: {result.message}"
+            yield f"oppload: {result.message}{_stimulus_of(task.name)}"
             return
         if self._verbosity >= 0:
             yield from self._rows.lines(task.stem, result)

@@ -115,7 +115,7 @@ def tune(
         "usual": STUDY_PRESET,
         "assignments": assignments,
     }
-    check_models(models, "tune")
+    check_models(models, "tune", preset)
     for sweep in sweeps(stimulus, figures, values, over, chosen):
         check_assignments(assignments, sweep.settings.models)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"

@@ -239,7 +239,9 @@ def _half(x: Series, y: Series, share: NDArray[np.float64]) -> str:
     if not share.max() > 0:
         return "no response"
     distance = _half_distance(x, y, share)
-    return "not half on all sides" if distance is None else f"half at {distance:.0f} deg"
+    if distance is None:
+        return "never falls to half" if share.min() >= _HALF else "half on some sides only"
+    return f"half at {distance:.0f} deg"
 
 
 # ---- One end and both -----------------------------------------------------------------------

@@ -223,7 +223,8 @@ def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> 
             if rows[0] != rows[1] and not (options.any_length or options.align):
                 raise ResultError(
                     f"{other.result.path}: column 'frame' has {rows[1]} rows, that of "
-                    f"{first.result.path} {rows[0]}; give results of one length, or --any-length"
+                    f"{first.result.path} {rows[0]}; give results of one length, or "
+                    "--any-length (in Python any_length=True)"
                 )
 
 

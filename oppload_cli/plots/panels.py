@@ -216,7 +216,8 @@ def _contact(
     if contact is None:
         raise ResultError(
             f"{results[at].path}: its time of contact is not known; leave the result out, or give "
-            "the time with --contact, or with a --manifest of clips that states it"
+            "the time with --contact (in Python marks={'contact': [SECONDS, ...]}), or with a "
+            "--manifest of clips that states it"
         )
     return contact
 

@@ -25,6 +25,7 @@ from oppload_cli.plots.style import (
     wrapped,
 )
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
+from oppload_cli.results.reading import NOTHING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +46,6 @@ _MOST_CURVES = 6  # in one plot; more get a small plot each
 _SCENE = "scene.rotation_deg"
 _MOTION, _TURNED = "direction of motion", "rotation of the scene"
 _ROUNDING = 1e-6  # of a peak: equal responses differ by less
-_NOTHING = 1e-6  # of the alarm's floor: rounding errors of pathways that cancel are below
 
 
 @dataclass(frozen=True)
@@ -172,13 +172,16 @@ class DirectionTuning:
         n = self.numbers
         if n.peak <= 0:
             return f"{self.name}: no response"
-        missing = "opposite directions are the same" if self.symmetric else "opposite not shown"
+        missing = "unknown (opposite not shown)"
+        if self.symmetric:
+            missing = "does not apply (opposite directions are the same)"
         direction, axis = (
-            f"unknown ({why})" if index is None else f"{index:.3f}"
+            why if index is None else f"{index:.3f}"
             for index, why in (
-                (n.direction_index, missing), (n.axis_index, "axes not spread evenly"),
+                (n.direction_index, missing),
+                (n.axis_index, "unknown (axes not spread evenly)"),
             )
-        )  # fmt: skip
+        )
         return (
             f"{self.name}: peak {n.peak:.4g} ({self.unit}) at {n.preferred_deg:g} deg, "
             f"direction selectivity index {direction}, axis selectivity index {axis}, "
@@ -249,7 +252,7 @@ def _of_detector(
         raise ResultError(f"{tuning.path}: column 'model' never holds '{detector}'; leave it out")
     angles, values = rows[direction].to_numpy(float) % 360, rows["peak"].to_numpy(float)
     preset = tuning.sidecar.get("preset")
-    if isinstance(preset, str) and values.max() < _NOTHING * alarm_floor_of(detector, preset):
+    if isinstance(preset, str) and values.max() < NOTHING * alarm_floor_of(detector, preset):
         values = np.zeros_like(values)
     order = np.argsort(angles, kind="stable")
     angles, values = angles[order], values[order]

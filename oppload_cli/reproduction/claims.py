@@ -249,14 +249,14 @@ def chosen(only: Iterable[str]) -> list[str]:
     Parameters
     ----------
     only : iterable of str
-        Names of the figures; none for all.
+        Names of the figures, one or several with commas between; none for all.
 
     Raises
     ------
     ParameterError
         If no figure has such a name.
     """
-    names = list(only)
+    names = [name.strip() for text in only for name in text.split(",")]
     for name in names:
         if name not in FIGURES:
             raise ParameterError(f"no figure '{name}'{suggestion(name, FIGURES)}")

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
+NOTHING = 1e-6  # of an alarm's floor: rounding errors of pathways that cancel are below
 _COUNTS = ("frame", "flow_vectors", "rom_pairs")
 _ALARM = "_alarm"  # end of the name of a column
 _LARGEST = 1e15  # of a number that a curve may have

@@ -17,7 +17,7 @@ from oppload_cli.files.atomic import PartFile, write_atomic
 from oppload_cli.files.tables import formatted
 from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.processes.pool import results
-from oppload_cli.results.reading import direction_of
+from oppload_cli.results.reading import NOTHING, direction_of
 from oppload_cli.results.table import write_sidecar
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import Measures, measure, present
@@ -174,7 +174,15 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
     for name in settings.models:
         peak = max(each.measures[name].peak or 0 for each in conditions)
         floor = alarm_floor_of(name, settings.preset)
-        if peak < _FAINT * floor:
+        if peak < NOTHING * floor:
+            yield Doubt(
+                name,
+                "below a millionth of its floor",
+                f"{detector_named(name).label}: no response to this stimulus under preset "
+                f"{settings.preset}, or none above a millionth of {floor_of}, {floor:g}, which "
+                f"rounding errors reach; try a faster stimulus or another preset ('oppload models')",
+            )
+        elif peak < _FAINT * floor:
             yield Doubt(
                 name,
                 "below a tenth of its floor",

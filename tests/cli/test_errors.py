@@ -65,6 +65,12 @@ WRONG = [
         2,
         "--set opplod.gain=2 has no effect, as 'opplod' does not run; give --model opplod too",
     ),
+    (
+        ["run", "CLIP", "--model", "opplod:reference", "--preset", "paper"],
+        2,
+        "--model asks for preset 'reference' and --preset for 'paper'; leave one out",
+    ),
+    (["reproduce", "--only", "up-down,diagnals"], 2, "no figure 'diagnals'; did you mean"),
     (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),

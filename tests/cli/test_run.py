@@ -297,3 +297,20 @@ def test_an_incomplete_input_does_not_count_as_silent(tmp_path: Path) -> None:
     whole = write_video(tmp_path / "a.avi", images, codec="mpeg4", pixel_format="yuv420p")
     whole.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
     assert oppload("run", whole, "-o", tmp_path, "--fail-on", "no-alarm").returncode == 4
+
+
+def test_a_stimulus_in_place_of_its_video_is_told(tmp_path: Path) -> None:
+    for name in ("mine.toml", "mine.stimulus.json"):
+        (tmp_path / name).write_text("{}")
+    truth = "; this is the ground truth of a stimulus: give its video\n"
+    for name, advice in (
+        ("mine.toml", "; if this is a stimulus, 'oppload stimuli generate mine.toml' makes its"),
+        ("mine.stimulus.json", truth),
+    ):
+        done = oppload("run", name, "-o", "out", cwd=tmp_path)
+        assert done.returncode == 3
+        assert advice in done.stderr
+    both = oppload("run", "mine.toml", "mine.stimulus.json", "-o", "out", cwd=tmp_path)
+    assert both.returncode == 3
+    assert "'oppload stimuli generate mine.toml' makes its video" in both.stderr
+    assert truth in both.stderr

@@ -210,7 +210,17 @@ def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     assert left + (column + 0.5) * (end - left) / 9 == pytest.approx(5)
     assert bottom + (row + 0.5) * (top - bottom) / 9 == pytest.approx(0)
     assert panel.get_title(loc="left") == "OppLoD\nhalf at 10 deg"
-    assert whole.get_title(loc="left") == "D-LGMD\nnot half on all sides"
+    assert whole.get_title(loc="left") == "D-LGMD\nnever falls to half"
+
+
+def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
+    side = np.array([-20.0, -15, -10, -5, 0, 5, 10, 15, 20])
+    right, _ = np.meshgrid(side, side, indexing="xy")
+    edge: NDArray[np.float64] = np.where(right < 0, 0.2, 1.0)
+    peaks = {"opplod": edge.ravel().tolist()}
+    tuning = made(tmp_path / "a.tuning.csv", grid(edge, 5), peaks, figure={"kind": "position"})
+    _, (panel,) = plot_tuning(tuning)
+    assert panel.get_title(loc="left") == "OppLoD\nhalf on some sides only"
 
 
 def test_both_ends_over_one(tmp_path: Path) -> None:

@@ -46,7 +46,9 @@ def test_a_symmetric_axis_is_drawn_all_round_beside_lplc2(tmp_path: Path) -> Non
     np.testing.assert_allclose(y_of(dlgmd), 0)
     assert y_of(lplc2).max() == 1
     assert lines[0].startswith("OppLoD: peak 4 (arbitrary unit) at 45 deg, direction")
-    assert "direction selectivity index unknown (opposite directions are the same)" in lines[0]
+    assert (
+        "direction selectivity index does not apply (opposite directions are the same)" in lines[0]
+    )
     assert lines[1] == "D-LGMD: no response"
     assert lines[2].startswith("LPLC2, 10 deg bar: peak 0.41 (of the loom) at 165 deg")
 

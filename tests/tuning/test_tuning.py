@@ -337,6 +337,11 @@ def test_an_indicator_and_alarms_that_are_off_change_what_is_said_of_faint_respo
         (doubt,) = faint([Condition("a", {}, measures)], settings)
         assert words in doubt.text
         assert not list(faint([Condition("a", {}, measures, 1.0)], settings))
+        # As a polar plot, which says "no response" there too.
+        (doubt,) = faint([Condition("a", {}, {"dlgmd": Measures(peak=9e-9)})], settings)
+        assert doubt.note == "below a millionth of its floor"
+        assert doubt.text.startswith("D-LGMD: no response to this stimulus under preset")
+        assert "9e-09" not in doubt.text
 
 
 @pytest.mark.parametrize(
