@@ -21,6 +21,7 @@ from oppload_cli.plots.style import (
     TITLE_WIDTH,
     begin_at_zero,
     described,
+    edges_of,
     looks_of,
     styled_figure,
     with_doubts,
@@ -182,11 +183,10 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
                 raise ResultError(f"{tuning.path}: its positions are no grid; draw --kind heat")
             share = share / (float(share.max()) or 1.0)
             x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
-            step = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
-            image = panel.imshow(
-                share, origin="lower", cmap=SHADES, vmin=0, vmax=1,
-                extent=(x[0] - step[0], x[-1] + step[0], y[0] - step[1], y[-1] + step[1]),
-            )  # fmt: skip
+            image = panel.pcolormesh(
+                edges_of(x), edges_of(y), share, cmap=SHADES, vmin=0, vmax=1, rasterized=True
+            )
+            panel.set_aspect("equal")
             if share.min() < _HALF <= share.max():
                 panel.contour(x, y, share, levels=[_HALF], colors="white", linewidths=0.9)
             panel.set_xlabel(described(right))

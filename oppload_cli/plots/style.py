@@ -12,8 +12,9 @@ import textwrap
 import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
+from functools import cache
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import numpy as np
 from matplotlib import style
@@ -24,6 +25,8 @@ from oppload_cli import palette
 from oppload_cli.errors import ParameterError, printable
 from oppload_cli.files.atomic import write_atomic
 from oppload_cli.models.registry import detector_named, known_names
+from oppload_cli.schema import Parameter, Table
+from oppload_cli.stimulus import Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -50,14 +53,6 @@ MOST_HEIGHT = 23 / 2.54  # inches: that of a page
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
 _HEADROOM = 1.06  # over the highest point, for half of its marker
 DECADES = 4  # of a logarithmic heat map
-_PARAMETER_UNITS = {
-    "_deg_s": "deg/s",
-    "_deg": "deg",
-    "_ms": "ms",
-    "_hz": "Hz",
-    "_per_s": "1/s",
-    "_s": "s",
-}
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
 _STYLE: Any = {  # Any: the stubs list every key that matplotlib has
@@ -170,6 +165,25 @@ def with_doubts(label: str, tuning: Tuning, detector: str) -> str:
 def begin_at_zero(axes: Axes) -> None:
     """Begin the vertical axis at 0, and end it where the highest marker is not cut."""
     axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)
+
+
+def edges_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the edges of the cells of a map around rising places: half-way between them.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n,)
+        At least one; a single one has a cell of width 1.
+
+    Returns
+    -------
+    ndarray, shape (n + 1,)
+    """
+    if len(places) == 1:
+        return np.array([places[0] - 0.5, places[0] + 0.5])
+    middle = (places[1:] + places[:-1]) / 2
+    ends = 2 * places[0] - middle[0], 2 * places[-1] - middle[-1]
+    return np.concatenate(([ends[0]], middle, [ends[1]]))
 
 
 def norm_of(values: NDArray[np.float64], bounds: tuple[float, float] | None = None) -> Normalize:
@@ -361,10 +375,13 @@ def in_number_order(labels: Sequence[str]) -> list[int]:
     others stay in the order in which they were given.
     """
     texts = [_NUMBER.sub("", label) for label in labels]
+    first: dict[str, int] = {}
+    for at, text in enumerate(texts):
+        first.setdefault(text, at)
 
     def key(at: int) -> tuple[int, list[float], int]:
         numbers = [float(number) for number in _NUMBER.findall(labels[at])]
-        return texts.index(texts[at]), numbers, at
+        return first[texts[at]], numbers, at
 
     return sorted(range(len(labels)), key=key)
 
@@ -401,7 +418,23 @@ def described(parameter: str) -> str:
         return "l/v (ms)"
     if leaf == "end_deg":
         return "final size (deg)"
-    for suffix, unit in _PARAMETER_UNITS.items():
-        if leaf.endswith(suffix):
-            return f"{leaf.removesuffix(suffix).replace('_', ' ')} ({unit})"
-    return f"{owner} {leaf}".replace("_", " ").strip()
+    unit = _units().get(leaf, "")
+    ending = unit.lower().replace("1/", "per_").replace("/", "_")
+    if unit and leaf.endswith(f"_{ending}"):
+        return f"{leaf.removesuffix(f'_{ending}').replace('_', ' ')} ({unit})"
+    return f"{owner} {leaf}".replace("_", " ").strip() + f" ({unit})" * bool(unit)
+
+
+@cache
+def _units() -> dict[str, str]:
+    """Return the units of the keys of a protocol."""
+    return {each.name: each.unit for each in _declared(Protocol) if each.unit}
+
+
+def _declared(table: type[Table]) -> Iterator[Parameter]:
+    """Yield the keys of a table of a protocol and of the tables in it."""
+    for each in table.declared():
+        yield each
+        inner = (get_args(each.type) or (each.type,))[0]
+        if isinstance(inner, type) and issubclass(inner, Table):
+            yield from _declared(inner)

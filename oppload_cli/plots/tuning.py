@@ -22,6 +22,7 @@ from oppload_cli.plots.style import (
     as_list,
     begin_at_zero,
     described,
+    edges_of,
     indicator_of,
     looks_of,
     norm_of,
@@ -35,8 +36,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
 
     from oppload_cli.results.reading import Tuning
 
@@ -112,6 +113,12 @@ def plot_tuning(
         )
     first, raw = tunings[0], scale == "raw"
     kind = kind or kind_of(first)
+    for each in tunings:
+        if len(each.rows[list(each.parameters)].drop_duplicates()) < 2:
+            raise ResultError(
+                f"{each.path}: holds one condition, so that there is nothing to draw; sweep over "
+                "more values"
+            )
     if title is None:
         title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
         indicators = {indicator_of(each.sidecar) for each in tunings}
@@ -313,25 +320,42 @@ def _plot_small_heats(
     return figure, axes
 
 
-def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False) -> AxesImage:
+def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False) -> ScalarMappable:
     across, up = tuning.parameters
     cells = tuning.of(detector).pivot_table(index=up, columns=across, values="peak")
     values = cells.to_numpy(float)
     largest = float(np.nanmax(values))
     share = values / largest if largest > 0 else values
     norm = norm_of(share, (10.0**-DECADES, 1.0) if small else None)
-    image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
     every = -(-share.shape[1] // (6 if small else _MOST_TICKS))
     names = [_number(value) for value in cells.columns]
-    axes.set_xticks(range(0, share.shape[1], every), names[::every])
-    axes.set_yticks(range(share.shape[0]), [_number(value) for value in cells.index])
+    image: ScalarMappable
+    if {across.rpartition(".")[2], up.rpartition(".")[2]} == {"right", "up"}:  # true distances
+        x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
+        image = axes.pcolormesh(
+            edges_of(x), edges_of(y), share, cmap=SHADES, norm=norm, rasterized=True
+        )
+        axes.set_aspect("equal")
+    else:
+        x, y = np.arange(share.shape[1]), np.arange(share.shape[0])
+        image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
+    axes.set_xticks(x[::every], names[::every])
+    axes.set_yticks(y, [_number(value) for value in cells.index])
     if share.size <= 100 and share.shape[1] <= _WIDE and not small:
         least = norm.vmin or 0.0
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):
                 ink = "black" if norm(value) > 0.55 else "white"
                 text = f"{value:.2g}" if value >= least else f"<{least:.2g}"
-                axes.text(column, row, text, ha="center", va="center", color=ink, size=6)
+                axes.text(
+                    float(x[column]),
+                    float(y[row]),
+                    text,
+                    ha="center",
+                    va="center",
+                    color=ink,
+                    size=6,
+                )
     shown = detector_named(detector)
     if small:
         axes.tick_params(labelsize=6)

@@ -178,9 +178,10 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
             yield Doubt(
                 name,
                 "below a millionth of its floor",
-                f"{detector_named(name).label}: no response to this stimulus under preset "
-                f"{settings.preset}, or none above a millionth of {floor_of}, {floor:g}, which "
-                f"rounding errors reach; try a faster stimulus or another preset ('oppload models')",
+                f"{detector_named(name).label} does not respond to this stimulus under preset "
+                f"{settings.preset}: its largest response is below a millionth of {floor_of}, "
+                f"{floor:g}, as rounding errors are; "
+                f"try a faster stimulus or another preset ('oppload models')",
             )
         elif peak < _FAINT * floor:
             yield Doubt(

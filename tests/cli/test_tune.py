@@ -25,7 +25,9 @@ def stimulus(tmp_path: Path) -> Path:
 
 def faint(done: Done) -> list[str]:
     """The detectors of which the command says that they hardly respond."""
-    return re.findall(r"^oppload: (\S+) hardly responds", done.stderr, re.MULTILINE)
+    return re.findall(
+        r"^oppload: (\S+) (?:hardly responds|does not respond)", done.stderr, re.MULTILINE
+    )
 
 
 def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -44,7 +46,7 @@ def test_a_table_its_settings_and_the_plot(stimulus: Path, tmp_path: Path, capsy
     content = json.loads((out / names[1]).read_text())
     assert content["stimulus"]["first"]["timing"]["motion_s"] == 0.5
     assert content["parameters"]["opplod"]["receptive_field"] == 24
-    assert content["doubts"] == [{"model": "dlgmd", "note": "below a tenth of its floor"}]
+    assert content["doubts"] == [{"model": "dlgmd", "note": "below a millionth of its floor"}]
     assert (out / names[2]).read_bytes().startswith(b"\x89PNG")
 
 

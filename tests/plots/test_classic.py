@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from matplotlib.collections import QuadMesh
 
 from oppload_cli.errors import ResultError
 from oppload_cli.plots.contact import PeakTimes
@@ -19,6 +20,7 @@ from tests.results.make import write_tuning
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
     from numpy.typing import NDArray
 
@@ -196,6 +198,30 @@ def grid(values: NDArray[np.float64], step: float) -> dict[str, list[float]]:
     return {"disk.centre_deg.right": right, "disk.centre_deg.up": up}
 
 
+def cells_of(panel: Axes) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The values of a map, and the edges of its columns and rows."""
+    (mesh,) = panel.collections[:1]
+    assert isinstance(mesh, QuadMesh)
+    corners = np.asarray(mesh.get_coordinates())
+    return np.asarray(mesh.get_array(), float), corners[0, :, 0], corners[:, 0, 1]
+
+
+def test_positions_at_unequal_steps_have_their_true_distances(tmp_path: Path) -> None:
+    places = [(right, up) for up in (-10.0, 0, 14) for right in (-10.0, 0, 10, 14, 20)]
+    values = {f"disk.centre_deg.{side}": [each[at] for each in places]
+              for at, side in enumerate(("right", "up"))}  # fmt: skip
+    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [float(at) for at in range(1, 16)]})
+    for kind in ("position", "heat"):
+        _, (panel, *_) = plot_tuning(tuning, kind)
+        shown, x, y = cells_of(panel)
+        assert x.tolist() == [-15, -5, 5, 12, 17, 23]
+        assert y.tolist() == [-15, -5, 7, 21]
+        assert shown[2, 4] == 1
+        assert panel.get_aspect() == 1
+    assert [label.get_text() for label in panel.get_xticklabels()] == ["-10", "0", "10", "14", "20"]
+    assert panel.get_xticks().tolist() == [-10, 0, 10, 14, 20]
+
+
 def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     side = np.array([-20.0, -15, -10, -5, 0, 5, 10, 15, 20])
     right, up = np.meshgrid(side - 5, side, indexing="xy")
@@ -203,12 +229,11 @@ def test_a_map_of_positions_is_drawn_where_they_are(tmp_path: Path) -> None:
     peaks = {"opplod": (7 * cone).ravel().tolist(), "dlgmd": [1.0] * 81}
     tuning = made(tmp_path / "a.tuning.csv", grid(cone, 5), peaks, figure={"kind": "position"})
     _, (panel, whole) = plot_tuning(tuning)
-    image = panel.images[0]
-    shown = np.asarray(image.get_array(), float)
+    shown, x, y = cells_of(panel)
     row, column = np.unravel_index(int(shown.argmax()), shown.shape)
-    left, end, bottom, top = image.get_extent()
-    assert left + (column + 0.5) * (end - left) / 9 == pytest.approx(5)
-    assert bottom + (row + 0.5) * (top - bottom) / 9 == pytest.approx(0)
+    assert (x[column] + x[column + 1]) / 2 == pytest.approx(5)
+    assert (y[row] + y[row + 1]) / 2 == pytest.approx(0)
+    assert x == pytest.approx(np.arange(-22.5, 25, 5))
     assert panel.get_title(loc="left") == "OppLoD\nhalf at 10 deg"
     assert whole.get_title(loc="left") == "D-LGMD\nnever falls to half"
 

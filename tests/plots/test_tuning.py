@@ -289,11 +289,25 @@ def test_an_indicator_is_part_of_the_name(tmp_path: Path) -> None:
         ("disk.growth.l_over_v_ms", "l/v (ms)"),
         ("disk.centre_deg.right", "right (deg)"),
         ("effects.noise", "effects noise"),
+        ("display.frame_rate", "display frame rate (Hz)"),
+        ("display.width", "display width (px)"),
+        ("disk.motion.zoom_per_s", "zoom (1/s)"),
+        ("thing.course.speed_m_s", "speed (m/s)"),
         ("seed", "seed"),
     ],
 )
 def test_swept_parameters_have_their_unit(parameter: str, label: str) -> None:
     assert described(parameter) == label
+
+
+@pytest.mark.parametrize(
+    "values", [{"bar.axis_deg": [45.0]}, {"disk.size_deg": [4.0]},
+               {"disk.size_deg": [4.0], "disk.growth.speed_deg_s": [10.0]}],
+)  # fmt: skip
+def test_one_condition_is_no_curve(values: dict[str, list[float]], tmp_path: Path) -> None:
+    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0], "dlgmd": [2.0]})
+    with pytest.raises(ResultError, match="holds one condition, so that there is nothing to draw"):
+        plot_tuning(read_tuning(path))
 
 
 def presets(folder: Path, values: dict[str, list[float]]) -> list[Tuning]:

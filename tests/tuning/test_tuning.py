@@ -340,7 +340,7 @@ def test_an_indicator_and_alarms_that_are_off_change_what_is_said_of_faint_respo
         # As a polar plot, which says "no response" there too.
         (doubt,) = faint([Condition("a", {}, {"dlgmd": Measures(peak=9e-9)})], settings)
         assert doubt.note == "below a millionth of its floor"
-        assert doubt.text.startswith("D-LGMD: no response to this stimulus under preset")
+        assert doubt.text.startswith("D-LGMD does not respond to this stimulus under preset")
         assert "9e-09" not in doubt.text
 
 
