@@ -335,7 +335,6 @@ def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False
         image = axes.pcolormesh(
             edges_of(x), edges_of(y), share, cmap=SHADES, norm=norm, rasterized=True
         )
-        axes.set_aspect("equal")
     else:
         x, y = np.arange(share.shape[1]), np.arange(share.shape[0])
         image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
@@ -365,7 +364,7 @@ def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False
     axes.set_xlabel(described(across))
     axes.set_ylabel(described(up))
     title = f"{shown.label}, largest peak {largest:.3g} ({shown.unit})"
-    axes.set_title(with_doubts(title, tuning, detector))
+    axes.set_title(wrapped(with_doubts(title, tuning, detector), TITLE_WIDTH))
     return image
 
 
