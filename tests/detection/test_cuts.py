@@ -119,7 +119,9 @@ def test_no_alarm(scene: str, preset: str) -> None:
 @pytest.mark.parametrize(
     ("scene", "preset"),
     [
-        *((name, preset) for name in SCENES if "flash" in name for preset in PRESETS),
+        # Preset default leaves out a bright flash by itself, as a change of the light.
+        *((name, preset) for name in SCENES if "dark flash" in name for preset in PRESETS),
+        *((name, "reference") for name in SCENES if "bright flash" in name),
         *(("a step of luminance", preset) for preset in PRESETS),
     ],
 )

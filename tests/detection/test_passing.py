@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from oppload_cli.models.opplod import Opplod
-from oppload_cli.models.registry import parameters_of
+from oppload_cli.models.opplod_parameters import OpplodParams
 from tests.media import texture
 
 HEIGHT, WIDTH = 240, 427
@@ -24,15 +24,15 @@ def covered(kind: str, width: float, middle: float) -> NDArray[np.float64]:
     """Return the share of each pixel that the object covers."""
     across = width / 2 - np.abs(X - middle)
     if kind == "disk":
-        return np.clip(width / 2 - np.hypot(X - middle, Y - HEIGHT / 2) + 0.5, 0, 1)
+        share = np.clip(width / 2 - np.hypot(X - middle, Y - HEIGHT / 2) + 0.5, 0, 1)
+        return np.asarray(share, np.float64)
     down = width / 2 - np.abs(Y - HEIGHT / 2) if kind == "box" else np.full_like(Y, width)
-    return np.clip(np.minimum(across, down) + 0.5, 0, 1)
+    return np.asarray(np.clip(np.minimum(across, down) + 0.5, 0, 1), np.float64)
 
 
 def peak(kind: str, width: float, speed: float, ground: Luma, **changes: object) -> float:
     """Return the largest response of preset default to a dark object, over the floor."""
-    params = parameters_of("opplod", "default").replaced(**changes)
-    model = Opplod((HEIGHT, WIDTH), params, frame_rate=30)
+    model = Opplod((HEIGHT, WIDTH), OpplodParams().replaced(**changes), frame_rate=30)
     largest = 0.0
     for t in range(25 + int((WIDTH + 2 * width) / speed)):
         share = covered(kind, width, speed * max(0, t - 15) - width / 2 - 5)
