@@ -44,6 +44,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "no history": {"history": 0.0},
     "cone of 90 degrees": {"cone": 90.0},
     "no border": {"border": 0},
+    "nothing left out that enters": {"entering": 0},
     "no steady light": {"light_s": 0.0},
 }
 CONTROLS = (

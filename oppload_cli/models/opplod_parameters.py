@@ -120,7 +120,7 @@ class OpplodParams(_ArmParams):
         high=1000,
     )
     entering: int = parameter(
-        40,
+        24,
         "S is also 0 where motion reaches the edge of the frame, or of a bar, without a break: up "
         "to this distance; 0: nowhere",
         unit="px",
