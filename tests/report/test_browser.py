@@ -260,7 +260,7 @@ def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     for stem in ("<img src=x onerror=alert(1)>&amp;\"'", "plain"):
         table = write_numbered_result(tmp_path, stem, video="clip.mkv")
         content = sidecar_of(tmp_path / "clip.mkv")
-        content["input"]["name"] = f"{tmp_path}/{HOSTILE}"
+        content["input"]["name"] = f"{tmp_path}/{len(tables)}/{HOSTILE}"
         content["preset"] = content["command"][2] = HOSTILE
         content["decode"] = {"complete": False, "messages": [HOSTILE]}
         write_sidecar(table, content)
