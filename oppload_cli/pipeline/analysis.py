@@ -355,7 +355,7 @@ def _resolved(
     _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
     _check_kind("time", time, TimeParams, _TIME)
     for each in params or ():
-        _check_kind("params", each, Parameters, "sets of parameters, as of parameters_of('opplod')")
+        _check_kind("params", each, Parameters, "sets of parameters, as parameters_of gives them")
     preset = preset or _preset_of(params or ())
     chosen = params or [parameters_of(name, preset) for name in default_names()]
     names = [detector_of(each).name for each in chosen]

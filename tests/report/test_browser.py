@@ -256,7 +256,7 @@ def test_the_index_sorts_and_leads_to_the_pages(browser: Browser, index: Path) -
 def test_hostile_names_are_text(browser: Browser, tmp_path: Path) -> None:
     from tests.report.make import sidecar_of, write_sidecar
 
-    tables = []
+    tables: list[Path] = []
     for stem in ("<img src=x onerror=alert(1)>&amp;\"'", "plain"):
         table = write_numbered_result(tmp_path, stem, video="clip.mkv")
         content = sidecar_of(tmp_path / "clip.mkv")
