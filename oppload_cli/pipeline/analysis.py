@@ -350,7 +350,7 @@ def _resolved(
     places: PlaceParams | bool | None,
     time: TimeParams | None,
 ) -> _Chosen:
-    _check_kind("params", params, list | tuple, "a list such as [oppload_cli.OpplodParams()]")
+    _check_kind("params", params, list | tuple, "a list, as parameters_of(name) in brackets")
     _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
     _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
     _check_kind("time", time, TimeParams, _TIME)

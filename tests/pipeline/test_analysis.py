@@ -274,7 +274,7 @@ def test_frames_one_by_one_in_degrees_and_at_another_height() -> None:
         ({"shape": ("90", "120")}, "shape must be height and width"),
         ({"shape": (100_000, 100_000)}, "at most 67108864 pixels.*or set OPPLOAD_MAX_PIXELS"),
         ({"params": [DlgmdParams(), DlgmdParams()]}, "not hold two sets of 'dlgmd'"),
-        ({"params": DlgmdParams()}, r"give a list such as \[oppload_cli.OpplodParams\(\)\]"),
+        ({"params": DlgmdParams()}, r"give a list, as parameters_of\(name\) in brackets"),
         ({"params": ["opplod"]}, "params must not be 'opplod'; give sets of parameters"),
         ({"alarm": 3}, r"alarm must not be 3; give oppload_cli.alarm_params\(\)"),
         ({"rmo": "x"}, "rmo must not be 'x'; give True"),
