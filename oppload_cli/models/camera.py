@@ -21,7 +21,18 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Map
 
-_CELL = 8  # px: larger cells can hide that a pattern moves
+# Views of a map whose lines begin at the left, right, top and bottom of the frame.
+_SIDES: tuple[Callable[[Map], Map], ...] = (
+    lambda each: each,
+    lambda each: each[:, ::-1],
+    lambda each: each.T,
+    lambda each: each[::-1].T,
+)
+
+
+# ---- Light ---------------------------------------------------------------------------------
+
+_CELL = 8  # px: in larger cells, more gratings that move seem to change in brightness
 _DARKEST, _BRIGHTEST = 0.04, 0.997  # luminance between which a gain can be measured
 _LEAST_CELLS, _LEAST_USABLE = 20, 1 / 4  # in which it must be measured, and their share
 _LEAST_CHANGE = 1e-3  # median change of the logarithm of the luminance
@@ -143,10 +154,10 @@ _WIDEST = 0.45  # of a side of the frame
 class Widths(NamedTuple):
     """Widths in pixels of the bars along the four sides of the frame."""
 
-    top: int = 0
-    bottom: int = 0
     left: int = 0
     right: int = 0
+    top: int = 0
+    bottom: int = 0
 
 
 NO_BARS = Widths()
@@ -185,25 +196,26 @@ class Bars:
             Intervals from frame to frame, as a rule.
         """
         known = list(self.widths)
-        for side, lines in enumerate((luma, luma[::-1], luma.T, luma.T[::-1])):
-            plain, edge = _plain_lines(lines)
-            if plain is None:
+        for n, side in enumerate(_SIDES):
+            width, edge = _plain_strip(side(luma).T)
+            if width is None:
                 continue
-            known[side] = min(known[side], plain)
-            if abs(plain - self._candidates[side]) > 1 or not edge:
-                self._candidates[side], self._lasted[side] = plain, 0.0
+            if width < known[n] - 1:  # no bar, but ground that an object moves over
+                known[n] = 0
+            if abs(width - self._candidates[n]) > 1 or not edge:
+                self._candidates[n], self._lasted[n] = width, 0.0
                 continue
-            self._candidates[side] = min(plain, self._candidates[side])
-            self._lasted[side] += elapsed
-            if self._lasted[side] >= _LONG:
-                known[side] = self._candidates[side]
+            self._lasted[n] += elapsed
+            if self._lasted[n] >= _LONG:
+                known[n] = self._candidates[n]
         self.widths = Widths(*known)
 
 
-def _plain_lines(lines: Map) -> tuple[int | None, bool]:
-    """Return how many lines from the side on are plain, and whether an edge follows them.
+def _plain_strip(lines: Map) -> tuple[int | None, bool]:
+    """Return how many lines along a side are plain, and whether an edge follows them.
 
-    None where so many lines are plain that the frame shows nothing.
+    The lines are given from the side inwards. None where so many are plain that the frame shows
+    nothing.
     """
     first = lines[0]
     colour = float(first[len(first) // 2])
@@ -255,15 +267,6 @@ def leave_out_entering(
     for side in _SIDES:
         strips = [side(pathway)[:, :reach] for pathway in pathways]
         leave_out_moving(strips, side(p)[:, :reach], border, _LEAST_MOTION, _OF_EDGE)
-
-
-# Views of a map whose lines begin at the left, right, top and bottom.
-_SIDES: tuple[Callable[[Map], Map], ...] = (
-    lambda each: each,
-    lambda each: each[:, ::-1],
-    lambda each: each.T,
-    lambda each: each[::-1].T,
-)
 
 
 @with_twin

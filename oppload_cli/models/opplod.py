@@ -245,7 +245,8 @@ class Opplod(Detector):
         if self.params.halved_weight and self.params.judgement == "pooled":
             self._smaller = _SmallerFrames(shape, self.params, clock)
         self.judgement = self._judgement()
-        self._bars = Bars() if self.params.border else None
+        pooled = isinstance(self.judgement, PooledJudgement)
+        self._bars = Bars() if pooled and self.params.border else None
 
     def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:
         per_second = self.layers.clock.per_second

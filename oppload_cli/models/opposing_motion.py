@@ -316,7 +316,7 @@ def _pooling(
 ) -> list[Map]:
     """Return the weights, down and across, that pool maps `times` smaller than the frame."""
     sigma = params.pool_sigma * (params.cell or 1) / times
-    top, bottom, left, right = ((params.border + bar) // times for bar in bars)
+    left, right, top, bottom = ((params.border + bar) // times for bar in bars)
     return [
         pooling_weights(shape[0], maps.centres_y / times, sigma, (top, bottom)),
         pooling_weights(shape[1], maps.centres_x / times, sigma, (left, right)),
@@ -393,7 +393,8 @@ class PooledJudgement:
         Parameters
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees, of the working frame or of a smaller one.
+            S_phi by direction phi in degrees, of the working frame or of a smaller one. With
+            `entering` they are set to 0 in place where motion may have come from outside.
         seen : Photoreceptors, optional
             The photoreceptors that S was made from; they give the interval and the history.
         times : int
