@@ -291,7 +291,7 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
 
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
     found = [record.responses.get(detector.detector) for record in records]
-    response = _numbers(None if each is None else each.response for each in found)
+    response = _answered(_numbers(None if each is None else each.response for each in found))
     alarm = np.array([record.alarms.get(detector.detector, False) for record in records], bool)
     if not detector_named(detector.detector).places:
         return Output(response, response, alarm)
@@ -304,6 +304,12 @@ def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Outp
     left = _numbers(None if one is None else one.time_to_contact_s for one in objects)
     evidence = _numbers(map(detector.alarm.evidence, response, left))
     return Output(response, evidence, alarm, np.array(winner, float), np.array(seen, float), left)
+
+
+def _answered(response: Numbers) -> Numbers:
+    """Return responses in which a frame without an answer, after the first one, has a 0."""
+    known = ~np.isnan(response)
+    return np.where(known | ~np.logical_or.accumulate(known), response, 0.0)
 
 
 def _numbers(values: Iterable[float | None]) -> Numbers:

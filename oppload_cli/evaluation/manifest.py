@@ -388,7 +388,14 @@ def _protocols_of(
                 f"--background: none of {', '.join(names)} has a background and a camera at rest; "
                 "name others, such as 'staged/*'"
             )
-    made = {protocol.name: protocol for entry in found for protocol in entry.protocols()}
+    made: dict[str, Protocol] = {}
+    for entry in found:
+        for protocol in entry.protocols():
+            if made.setdefault(protocol.name, protocol) != protocol:
+                raise StimulusError(
+                    f"{entry.path}: two different stimuli are named '{protocol.name}'; rename a "
+                    "file, or evaluate them one by one"
+                )
     return list(made.values())
 
 
@@ -449,33 +456,42 @@ def _labels_of(name: str, truth: Table) -> list[Label]:
     looming = [frame["frame"] for frame in truth["frames"] if frame["looming"]]
     onsets = [frame for frame in looming if frame - 1 not in looming]
     ends = [frame for frame in looming if frame + 1 not in looming]
-    boxes: dict[int, Box] = {}
-    contacts: dict[int, float] = {}
-    wide, high = truth["display"]["width"], truth["display"]["height"]
-    for frame in truth["frames"]:
-        for one in frame["objects"]:
-            box = _within(one.get("box_px"), wide, high)
-            if one["looming"] and box is not None:
-                boxes[frame["frame"]] = box
-                contacts[frame["frame"]] = one["time_to_contact_s"]
     conditions = _conditions_of(truth["protocol"])
-    motion = "" if looming else conditions["kind"]
-    if len(onsets) < 2:
-        [onset], [contact] = onsets or [None], ends or [None]
-        return [Label(name, onset, contact, motion, boxes, contacts, conditions)]
-    return [
-        Label(
-            f"{name}, approach {number} of {len(onsets)}",
-            onset,
-            contact,
-            motion,
-            {frame: box for frame, box in boxes.items() if onset <= frame <= contact},
-            {frame: left for frame, left in contacts.items() if onset <= frame <= contact},
-            conditions,
-            since=onset if number > 1 else 0,
+    if not onsets:
+        return [Label(name, motion=conditions["kind"], conditions=conditions)]
+    wide, high = truth["display"]["width"], truth["display"]["height"]
+    labels = []
+    for number, (onset, contact) in enumerate(zip(onsets, ends, strict=True), 1):
+        boxes: dict[int, Box] = {}
+        contacts: dict[int, float] = {}
+        times: set[float] = set()
+        for frame in truth["frames"]:
+            if not onset <= frame["frame"] <= contact:
+                continue
+            approaching = [one for one in frame["objects"] if one["looming"]]
+            for one in approaching:
+                box = _within(one.get("box_px"), wide, high)
+                if box is not None:
+                    boxes[frame["frame"]] = box
+            left = [one["time_to_contact_s"] for one in approaching]
+            left = [each for each in left if each is not None]
+            if left:
+                contacts[frame["frame"]] = min(left)
+            times.update(round(frame["time_s"] + each, 6) for each in left)
+        labels.append(
+            Label(
+                f"{name}, approach {number} of {len(onsets)}" if len(onsets) > 1 else name,
+                onset,
+                contact,
+                "",
+                boxes,
+                contacts,
+                conditions,
+                tuple(sorted(times)),
+                since=onset if number > 1 else 0,
+            )
         )
-        for number, (onset, contact) in enumerate(zip(onsets, ends, strict=True), 1)
-    ]
+    return labels
 
 
 def _within(box: Sequence[float] | None, wide: int, high: int) -> Box | None:

@@ -142,7 +142,8 @@ MEASURES = {
     "place_distance_diagonals": _Definition(
         "distance to the box's centre",
         "box diagonals",
-        "The same over the diagonal of the box.",
+        "Distance from the centre of the winning unit to that of the box, over the diagonal of the "
+        "box.",
     ),
     "alarmed_share": _Definition(
         "clips with a false alarm",
@@ -176,8 +177,10 @@ INTERVALS = (
     "The clips are drawn with replacement, as many with and without an approach as there are "
     "(`--draws`, 1000 by default, from a fixed seed); 95 % of the draws give a value in the "
     "interval. It says how far a figure depends on the choice of clips of these kinds, and nothing "
-    "about other kinds. Where there was no false alarm in T minutes, the upper bound is 3 / T "
-    "(the rule of three): a detector with a higher rate would have had one with a chance of 95 %."
+    "about other kinds. Where the draws do not differ, as of clips that all agree, the interval is "
+    "the exact one: that of Clopper and Pearson for shares, and that of a Poisson process for "
+    "rates; without a false alarm in T minutes the upper bound is 3 / T (the rule of three): a "
+    "detector with a higher rate would have had one with a chance of 95 %."
 )
 
 
@@ -186,6 +189,7 @@ _HEADLINE = (
     ("detected", "detection_rate", "at 1 per minute"),
     ("lead (s)", "lead_time_s", "at 1 per minute"),
     ("detected, held out", "detection_rate", "held out at 1 per minute"),
+    ("its false alarms per minute", "false_alarms_per_minute", "held out at 1 per minute"),
     ("alarm as shipped: detected", "detection_rate", "alarm as shipped"),
     ("its false alarms per minute", "false_alarms_per_minute", "alarm as shipped"),
     ("ROC area", "roc_auc", "last second before contact"),
@@ -239,7 +243,7 @@ def page_of(
 
 
 def number(value: float | None) -> str:
-    """Return a number as the page shows it: two significant digits below 1, three above.
+    """Return a number as the page shows it: two significant digits below 1, else at least three.
 
     None and NaN become a dash.
     """

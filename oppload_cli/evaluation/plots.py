@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.evaluation.evaluate import Evaluation
     from oppload_cli.evaluation.metrics.clips import Numbers
+    from oppload_cli.evaluation.metrics.intervals import Measurement
     from oppload_cli.evaluation.metrics.measures import Performance
 
     Performances = Mapping[str, Performance]
@@ -32,6 +33,7 @@ _SIZE = 4.8, 3.2  # inches
 _DPI = 160
 _HIGHEST_RATE = 6.0  # false alarms per minute on the axis
 _RATE = 1.0  # false alarms per minute at which leads and kinds are shown
+_SHOWN = 1.6  # times the highest rate that the plot of false alarms shows
 
 
 def _detection(axes: Axes, performances: Performances) -> None:
@@ -134,24 +136,33 @@ def _rank_among_equal(values: Numbers) -> Numbers:
 
 def _false_alarms(axes: Axes, performances: Performances) -> None:
     prefix = f"{condition_of(_RATE)}, "
-    kinds: dict[str, float] = {}
+    kinds: dict[str, Measurement] = {}
+    highest = _RATE
     for index, (each, look) in enumerate(_looks(performances)):
         kinds = {
-            one.condition.removeprefix(prefix): one.value
+            one.condition.removeprefix(prefix): one
             for one in each.measurements
             if one.measure == "false_alarms_per_minute" and one.condition.startswith(prefix)
         }
         y, height = _beside(len(kinds), index, len(performances))
-        values = list(kinds.values())
+        values = np.array([one.value for one in kinds.values()])
+        bounds = np.array([[one.low, one.high] for one in kinds.values()]).reshape(-1, 2)
+        spread = np.abs(bounds.T - values)
         axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
-    axes.set_yticks(range(len(kinds)), list(kinds))
+        axes.errorbar(values, y, xerr=spread, fmt="none", ecolor=INK, elinewidth=0.7)
+        highest = max(highest, values.max(initial=0))
+    axes.set_yticks(range(len(kinds)), [f"{kind}\n{_clips(one.n)}" for kind, one in kinds.items()])
     axes.invert_yaxis()
-    axes.set_xlim(0, max(_RATE, axes.get_xlim()[1]))
+    axes.set_xlim(0, _SHOWN * highest)  # of few clips the intervals would hide the rates
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
     axes.set_xlabel("false alarms per minute")
-    if not any(bar.get_width() for bars in axes.containers for bar in bars):
+    if not any(bar.get_width() for bar in axes.patches):  # type: ignore[attr-defined]
         axes.text(0.5, 0.5, "no false alarm", transform=axes.transAxes, ha="center", color=FAINT)
     axes.legend(loc="best")
+
+
+def _clips(count: int) -> str:
+    return "1 clip" if count == 1 else f"{count} clips"
 
 
 def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
@@ -209,7 +220,9 @@ PLOTS = {
     ),
     "lead-time.png": _Plot("Lead of each detected approach.", _leads),
     "false-alarms.png": _Plot(
-        "False alarms per minute by kind of motion, at 1 per minute in all.", _false_alarms
+        "False alarms per minute by kind of motion, at 1 per minute in all; lines: 95 % "
+        "intervals, which may go on beyond the plot.",
+        _false_alarms,
     ),
 }
 

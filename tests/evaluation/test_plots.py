@@ -39,7 +39,7 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
     assert [label.get_text() for label in axes.get_yticklabels()] == ["detector\n2 of 2"]
     (axes,) = figure_of("false-alarms.png", MEASURED).axes
     kinds = [label.get_text() for label in axes.get_yticklabels()]
-    assert kinds == ["before an approach", "still", "walking"]
+    assert kinds == ["before an approach\n2 clips", "still\n1 clip", "walking\n1 clip"]
     assert [bar.get_width() for bar in axes.patches] == pytest.approx([0, 2, 0])  # type: ignore[attr-defined]
 
 

@@ -100,11 +100,11 @@ def test_approaches_one_after_the_other_are_measured_each(tmp_path: Path) -> Non
     shipped = outcomes_of(labels, [10, 35, 40, 58, 66, 95])
     assert list(shipped.detected) == [1, 0, 1, 0]
     assert list(shipped.false_alarms) == [1, 0, 0, 0]
-    assert shipped.lead_s[[0, 2]] == pytest.approx([4 / 30, 3 / 30])
+    assert shipped.lead_s[[0, 2]] == pytest.approx([7 / 30, 6 / 30])  # the disks stop 0.1 s before
     # Held from the first into the second and begun again, and held through the fourth.
     held = outcomes_of(labels, [*range(37, 50), 52, *range(74, 96)])
     np.testing.assert_array_equal(held.detected, [1, 1, 0, np.nan])
-    assert held.lead_s[[0, 1]] == pytest.approx([2 / 30, 2 / 30])
+    assert held.lead_s[[0, 1]] == pytest.approx([5 / 30, 5 / 30])
 
 
 def outcomes_of(labels: list[Label], alarms: list[int]) -> Any:
@@ -113,7 +113,43 @@ def outcomes_of(labels: list[Label], alarms: list[int]) -> Any:
     output = Output(on.astype(float), on.astype(float), on)
     clips = [Clip(label, np.arange(96) / 30, 64, 64, {"d": output}) for label in labels]
     assert [clip.quiet for clip in clips] == [(0, 30), (45, 45), (60, 60), (75, 75)]
-    return measured(clips, "d", draws_of([True] * 4, 100)).decisions[-1].outcomes
+    performance = measured(clips, "d", draws_of([True] * 4, 100))
+    fixed, own = performance.thresholds.outcomes(0.5), performance.decisions[-1].outcomes
+    for rule in ("detected", "lead_s"):  # a fixed threshold holds alarms as the detector does
+        np.testing.assert_array_equal(getattr(fixed, rule), getattr(own, rule))
+    return own
+
+
+@pytest.mark.parametrize(
+    ("name", "contacts"),
+    [
+        ("klapoetke2017/loom-l-over-v/l-over-v-200", [2.2]),  # stops at its largest size
+        ("controls/two-looming-disks", [1.6, 2.2]),
+        ("opplod2023/expanding-bar-vertical", []),  # a bar has no contact
+        ("controls/receding-disk", []),
+    ],
+)
+def test_leads_count_to_the_next_true_contact(name: str, contacts: list[float]) -> None:
+    label = label_of(name)
+    assert label.contact_times == pytest.approx(contacts)
+    if label.contact is None:
+        return
+    times = np.arange(300) / 60
+    shown = Clip(label, times, 64, 64, {})
+    for frame in (5, label.contact):
+        ahead = [each for each in contacts if each > times[frame]] or [times[label.contact]]
+        assert shown.lead(frame) == pytest.approx(ahead[0] - times[frame])
+
+
+def test_stimuli_of_one_name_are_refused(tmp_path: Path) -> None:
+    for folder, most in (("a", "30"), ("b", "40")):
+        (tmp_path / folder).mkdir()
+        disk = DISK.format("d", 0, 0.0, 1.4).replace("most_deg = 30", f"most_deg = {most}")
+        (tmp_path / folder / "x.toml").write_text(FOUR + disk)
+    names = [str(tmp_path / folder / "x.toml") for folder in ("a", "b")]
+    with pytest.raises(StimulusError, match="two different stimuli are named 'x'; rename a file"):
+        clips_of(names, None, [], [])
+    assert len(clips_of([names[0], names[0]], None, [], []).entries) == 1
 
 
 @pytest.mark.parametrize(
@@ -210,6 +246,11 @@ def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:
         3,
         2,
     )
+    # A clip without true times to contact says nothing about those of the detector.
+    clips[2].label.contacts.clear()
+    found = {one.measure: one for one in measured(clips, "d", draws).measurements}
+    assert found["contact_within"].value == pytest.approx(1 / 2)
+    assert found["contact_within"].n == 2
 
 
 @pytest.mark.parametrize(

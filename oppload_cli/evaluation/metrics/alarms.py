@@ -14,6 +14,7 @@ from oppload_cli.evaluation.metrics.intervals import (
     Estimate,
     Measurement,
     interval,
+    rate_interval,
     share_interval,
     weighted_mean,
     weighted_median,
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
 SILENCE_S = 1.0
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
 _HIGHEST_RATE = 10.0  # false alarms per minute up to which they are counted
-RULE_OF_THREE = 3.0  # upper bound (95 %) of the expected events where none was seen
 SHIPPED = "alarm as shipped"
+HELD_OUT = "held out"
 
 
 def events(above: Flags, time_s: Numbers) -> list[int]:
@@ -110,10 +111,12 @@ class Thresholds:
             ]
         ).reshape(len(clips), len(self.levels))
         self._largest = [
-            np.maximum.accumulate(each[slice(*clip.approach)])
+            np.fmax.accumulate(each[slice(*clip.approach)])
             for each, clip in zip(evidence, clips, strict=True)
         ]
         self.peaks = np.array([each[-1] if len(each) else np.nan for each in self._largest])
+        # An alarm may be held from an earlier approach: they are looked at frame by frame.
+        self._later = [index for index, clip in enumerate(clips) if clip.label.since]
 
     def rates(self, weights: Weights) -> Numbers:
         """Return the false alarms per minute at each level; NaN without footage.
@@ -166,11 +169,15 @@ class Thresholds:
     def detected(self, threshold: float) -> Numbers:
         """Return 1 for each approach with evidence above a threshold, and 0 for the others.
 
-        NaN for a clip without an approach, and for all at the threshold NaN.
+        NaN for a clip without an approach, for an alarm that is held from one approach through
+        the next, and for all at the threshold NaN.
         """
         if np.isnan(threshold):
             return np.full(len(self.peaks), np.nan)
-        return np.where(np.isnan(self.peaks), np.nan, self.peaks > threshold)
+        found = np.where(np.isnan(self.peaks), np.nan, self.peaks > threshold)
+        for index in self._later:
+            found[index] = self._first(index, threshold)[0]
+        return found
 
     def leads(self, threshold: float) -> Numbers:
         """Return the seconds before contact at which each approach is first above a threshold.
@@ -182,7 +189,13 @@ class Thresholds:
             clip = self.clips[index]
             above = int(np.searchsorted(self._largest[index], threshold, side="right"))
             made[index] = clip.lead(clip.approach[0] + above)
+        for index in self._later:
+            made[index] = self._first(index, threshold)[1]
         return made
+
+    def _first(self, index: int, threshold: float) -> tuple[float, float]:
+        clip = self.clips[index]
+        return _first_alarm(clip, clip.outputs[self.detector].evidence > threshold)
 
     def outcomes(self, level: float) -> _Outcomes:
         """Return the outcomes in every clip at one of the `levels`."""
@@ -267,7 +280,7 @@ def held_out(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
         None if np.isnan(threshold) else clip.outputs[detector].evidence > threshold
         for clip, threshold in zip(clips, chosen, strict=True)
     ]
-    outcomes, condition = _outcomes(clips, above), f"held out {condition_of(rate)}"
+    outcomes, condition = _outcomes(clips, above), f"{HELD_OUT} {condition_of(rate)}"
     # Each kind of motion has few clips: they are not split by clip again.
     measurements = _measurements(clips, detector, condition, outcomes, draws, by_kind=False)
     return Decision(condition, chosen, outcomes, list(measurements))
@@ -291,17 +304,25 @@ def _outcomes(clips: Sequence[Clip], alarms: Sequence[Flags | None]) -> _Outcome
             continue
         quiet = slice(*clip.quiet)
         false[index] = len(events(on[quiet], clip.time_s[quiet]))
-        start, stop = clip.approach
-        if stop > start and clip.label.looming:
-            found = start + np.flatnonzero(on[start:stop])
-            if clip.label.since and on[start - 1]:  # held since the approach before
-                if on[start:stop].all():
-                    continue  # nobody can tell whether this approach would have begun one
-                found = found[found > start + int(on[start:stop].argmin())]
-            detected[index] = float(len(found) > 0)
-            if len(found):
-                leads[index] = clip.lead(int(found[0]))
+        detected[index], leads[index] = _first_alarm(clip, on)
     return _Outcomes(detected, leads, false)
+
+
+def _first_alarm(clip: Clip, on: Flags) -> tuple[float, float]:
+    """Return whether an alarm begins in a clip's approach (1 or 0), and its lead in seconds.
+
+    Both are NaN without an approach, and where an alarm is held from the approach before through
+    this one, so that nobody can tell whether this one would have begun another.
+    """
+    start, stop = clip.approach
+    during = on[start:stop]
+    held = bool(clip.label.since and len(during) and on[start - 1])
+    if not len(during) or (held and during.all()):
+        return np.nan, np.nan
+    frames = np.flatnonzero(during)
+    if held:
+        frames = frames[frames > int(during.argmin())]
+    return float(len(frames) > 0), clip.lead(start + int(frames[0])) if len(frames) else np.nan
 
 
 def _measurements(
@@ -341,8 +362,10 @@ def _measurements(
 
         counted = members & ~np.isnan(outcomes.false_alarms)
         estimate = found(per_minute)
-        if estimate.value == 0:  # no draw differs: the bootstrap knows nothing
-            estimate = Estimate(0.0, 0.0, RULE_OF_THREE / float(minutes[counted].sum()))
+        if estimate.low == estimate.high:  # no draw differs: the bootstrap knows nothing
+            footage = float(minutes[counted].sum())
+            bounds = rate_interval(float(np.nansum(outcomes.false_alarms[counted])), footage)
+            estimate = Estimate(estimate.value, *bounds)
         yield Measurement(
             detector,
             "false_alarms_per_minute",

@@ -44,9 +44,13 @@ class Label:
     boxes : dict of int to tuple
         By frame, the object's left, top, width and height in source pixels.
     contacts : dict of int to float
-        By frame, the true time to contact in seconds, where it is known.
+        By frame, the true time to contact in seconds of the object that arrives first, where it
+        is known.
     conditions : dict of str to str
         Values by which clips of known truth are grouped, such as the speed.
+    contact_times : tuple of float
+        True times of contact of the approaching objects in seconds, rising, where they are known;
+        else the contact is at the time of the frame `contact`. An object may stop growing before.
     since : int
         First frame that counts: where a clip shows several approaches, one after the other, each
         has a label of its own, and only the frames before the first onset are footage without one.
@@ -59,6 +63,7 @@ class Label:
     boxes: dict[int, Box] = field(default_factory=dict)
     contacts: dict[int, float] = field(default_factory=dict)
     conditions: dict[str, str] = field(default_factory=dict)
+    contact_times: tuple[float, ...] = ()
     since: int = 0
 
     @property
@@ -173,10 +178,12 @@ class Clip:
         return float(self.time_s[stop - 1] - self.time_s[0]) + period
 
     def lead(self, frame: int) -> float:
-        """Return the time from a frame to contact, in seconds; NaN without an approach."""
+        """Return the time from a frame to the next contact, in seconds; NaN without an approach."""
         if self.label.contact is None:
             return float("nan")
-        return float(self.time_s[self.label.contact] - self.time_s[frame])
+        now = float(self.time_s[frame])
+        coming = [each for each in self.label.contact_times if each >= now - _EPSILON_S]
+        return (coming[0] if coming else float(self.time_s[self.label.contact])) - now
 
     def windows(self, start: int, stop: int) -> list[Window]:
         """Return the windows that tile the frames from `start` to before `stop`, the latest first.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 SEED = 20231
 DRAWS = 1000
 LEVEL = 95
+RULE_OF_THREE = 3.0  # upper bound (95 %) of the expected events where none was seen
 
 
 class Measurement(NamedTuple):
@@ -114,6 +116,47 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
         return low, high
     reach = ((100 - LEVEL) / 200) ** (1 / count)
     return (min(low, reach), 1.0) if share else (0.0, max(high, 1 - reach))
+
+
+def rate_interval(events: float, minutes: float) -> tuple[float, float]:
+    """Return the interval of a rate of events that come by chance, one at a time.
+
+    Parameters
+    ----------
+    events : float
+        Their number, at least 0.
+    minutes : float
+        The time in which they came, above 0.
+
+    Returns
+    -------
+    tuple of float
+        Per minute: 0 and 3 over the minutes for no event (the rule of three), else the exact
+        interval of a Poisson process (Garwood 1936, Biometrika 28:437).
+    """
+    if not events:
+        return 0.0, RULE_OF_THREE / minutes
+    tail = (100 - LEVEL) / 200
+    low = _expected(lambda mean: 1 - _poisson(int(events) - 1, mean), tail)
+    high = _expected(lambda mean: 1 - _poisson(int(events), mean), 1 - tail)
+    return low / minutes, high / minutes
+
+
+def _poisson(most: int, mean: float) -> float:
+    """Return the chance of at most so many events where `mean` are expected."""
+    logs = [k * math.log(mean) - mean - math.lgamma(k + 1) for k in range(most + 1)]
+    return math.fsum(map(math.exp, logs))
+
+
+def _expected(chance: Callable[[float], float], wanted: float) -> float:
+    """Return the expected number of events at which a chance that rises with it is as wanted."""
+    low, high = 0.0, 1.0
+    while chance(high) < wanted:
+        low, high = high, 2 * high
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if chance(middle) < wanted else (low, middle)
+    return high
 
 
 def interval(values: Numbers) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from oppload_cli.evaluation.metrics.clips import (
 from oppload_cli.evaluation.metrics.intervals import (
     Measurement,
     estimate,
+    share_interval,
     weighted_mean,
     weighted_median,
 )
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from oppload_cli.evaluation.metrics.clips import Box, Clip, Numbers
-    from oppload_cli.evaluation.metrics.intervals import Weights
+    from oppload_cli.evaluation.metrics.intervals import Estimate, Weights
 
 
 NEAR_CONTACT = 15  # frames before contact
@@ -94,7 +95,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         measurements.append(Measurement(detector, measure, condition, *found, len(score)))
     measurements += _of_order(clips, detector, draws)
     ratios = _distinct_ratios(clips, detector)
-    found = estimate(partial(weighted_median, ratios), draws)
+    found = _estimated(weighted_median, ratios, draws)
     known = int((~np.isnan(ratios)).sum())
     condition = "median over clips"
     measurements.append(Measurement(detector, "distinct_ratio", condition, *found, known))
@@ -107,13 +108,11 @@ def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[
     for frames in AHEAD:
         pairs = [clip.ordered_pairs(detector, frames) for clip in clips]
         shares = np.array([share for share, _ in pairs])
-        yield Measurement(
-            detector,
-            "ordered_pairs",
-            f"{frames} frames before contact",
-            *estimate(partial(weighted_mean, shares), draws),
-            sum(count for _, count in pairs),
-        )
+        share, low, high = _estimated(weighted_mean, shares, draws)
+        bounds = share_interval(share, int((~np.isnan(shares)).sum()), low, high)
+        where = f"{frames} frames before contact"
+        count = sum(count for _, count in pairs)
+        yield Measurement(detector, "ordered_pairs", where, share, *bounds, count)
 
 
 def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
@@ -201,7 +200,8 @@ def _order(text: str) -> tuple[float, str]:
 
 def _estimated(
     middle: Callable[[Numbers, Weights], float], values: Numbers, draws: Weights
-) -> tuple[float, float, float]:
+) -> Estimate:
+    """Return a mean or median of one value for each clip, with its interval."""
     return estimate(partial(middle, values), draws)
 
 
@@ -215,15 +215,16 @@ def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterato
         return
     overlaps = np.array([_overlap_of(clip, detector) for clip in clips])
     errors = np.array([_contact_error(clip, detector) for clip in clips])
-    looming = np.array([clip.label.looming for clip in clips])
     where = f"{_BEFORE_CONTACT} frames before contact"
     known = int((~np.isnan(overlaps)).sum())
-    found = _estimated(weighted_median, overlaps, draws)
-    yield Measurement(detector, "box_overlap", where, *found, known)
-    within = np.where(looming, np.nan_to_num(errors, nan=np.inf) <= _WITHIN, np.nan)
+    if known:
+        found = _estimated(weighted_median, overlaps, draws)
+        yield Measurement(detector, "box_overlap", where, *found, known)
+    timed = np.array([any(map(_is_last, clip.label.contacts.values())) for clip in clips])
+    within = np.where(timed, np.nan_to_num(errors, nan=np.inf) <= _WITHIN, np.nan)
     where = f"last {_LAST_S:g} s"
     found = _estimated(weighted_mean, within, draws)
-    yield Measurement(detector, "contact_within", where, *found, int(looming.sum()))
+    yield Measurement(detector, "contact_within", where, *found, int(timed.sum()))
     given = int((~np.isnan(errors)).sum())
     found = _estimated(weighted_median, errors, draws)
     yield Measurement(detector, "contact_error", where, *found, given)
@@ -256,6 +257,11 @@ def _overlap(first: tuple[float, ...], second: Box) -> float:
     return common / whole if whole > 0 else 0.0
 
 
+def _is_last(left_s: float) -> bool:
+    """Tell whether so many seconds to contact are of the last half second."""
+    return 0 < left_s <= _LAST_S
+
+
 def _contact_error(clip: Clip, detector: str) -> float:
     """Return the median relative error of the times to contact in the last half second.
 
@@ -267,7 +273,7 @@ def _contact_error(clip: Clip, detector: str) -> float:
     errors = [
         abs(float(times[frame]) / left - 1)
         for frame, left in clip.label.contacts.items()
-        if 0 < left <= _LAST_S and frame < len(clip) and not np.isnan(times[frame])
+        if _is_last(left) and frame < len(clip) and not np.isnan(times[frame])
     ]
     return float(np.median(errors)) if errors else float("nan")
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from oppload_cli.evaluation.metrics.alarms import (
     Thresholds,
@@ -12,7 +13,7 @@ from oppload_cli.evaluation.metrics.alarms import (
     held_out,
     shipped,
 )
-from oppload_cli.evaluation.metrics.intervals import draws_of, share_interval
+from oppload_cli.evaluation.metrics.intervals import draws_of, rate_interval, share_interval
 from tests.evaluation.make import NAME, clip, peaks
 
 # A minute of footage without an approach each, at 10 frames/s.
@@ -89,6 +90,13 @@ def test_a_threshold_is_compared_with_the_evidence() -> None:
         assert outcome == expected
     assert Thresholds([known], NAME).leads(3).tolist() == pytest.approx([0.3])
     assert Thresholds([known], NAME).levels.tolist() == [2.5, 0]
+
+
+def test_a_frame_without_evidence_hides_none_of_the_approach() -> None:
+    gap = [0.0] * 25 + [np.nan] * 3 + [0.0] * 7 + [2.0] * 10
+    looming = clip(gap, 20, 44)
+    assert Thresholds([looming], NAME).detected(1.0).tolist() == [1]
+    assert Thresholds([looming], NAME).leads(1.0).tolist() == pytest.approx([0.9])
 
 
 def test_contact_and_onset_are_part_of_the_approach() -> None:
@@ -181,3 +189,19 @@ def test_outcomes_that_all_agree_are_not_certain(
     """The exact interval of Clopper and Pearson, from scipy.stats.beta."""
     low, high = (0.4, 0.6) if share == 0.5 else (share, share)
     assert share_interval(share, count, low, high) == pytest.approx(expected, abs=5e-4)
+
+
+@pytest.mark.parametrize("events_seen", [1, 2, 5, 40])
+def test_the_interval_of_a_rate_is_that_of_garwood(events_seen: int) -> None:
+    low, high = rate_interval(events_seen, 2.0)
+    expected = chi2.ppf([0.025], 2 * events_seen)[0], chi2.ppf([0.975], 2 * events_seen + 2)[0]
+    assert [low, high] == pytest.approx([each / 4 for each in expected], rel=1e-6)
+    assert rate_interval(0, 2.0) == (0, 1.5)
+
+
+def test_one_clip_gives_a_rate_an_interval() -> None:
+    draws = draws_of([False], 100)
+    found = shipped([clip([0.0] * 603, alarm=[300])], NAME, draws)
+    assert found is not None
+    rate = next(one for one in found.measurements if one.measure == "false_alarms_per_minute")
+    assert [rate.value, rate.low, rate.high] == pytest.approx([1, 0.0253, 5.572], abs=1e-3)
