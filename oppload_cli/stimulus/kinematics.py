@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from oppload_cli.stimulus.courses import HIT_SIZES
 from oppload_cli.stimulus.geometry import Extent, Pose, Projection
 from oppload_cli.stimulus.objects import FIELDS, LOOMING
+from oppload_cli.stimulus.tables import exact_sum
 
 if TYPE_CHECKING:
     from oppload_cli.stimulus.objects import Brightness, Growth, Motion, Object
@@ -23,13 +24,16 @@ if TYPE_CHECKING:
 
 _Vector = tuple[float, float]
 _STILL: _Vector = (0.0, 0.0)
+# Seconds since a start are differences of floats: a frame on a switch is on the side after it.
+ROUNDING_S = 1e-9
 
 
 def motion_times(timing: Timing, obj: Object) -> tuple[float, float]:
     """Return when an object's motion starts and ends, in seconds of the clip."""
-    start = timing.before_s + obj.onset_s
-    end = timing.end_s if obj.duration_s is None else start + obj.duration_s
-    return start, end
+    begun = timing.before_s, obj.onset_s
+    if obj.duration_s is None:
+        return float(exact_sum(*begun)), timing.end_s
+    return float(exact_sum(*begun)), float(exact_sum(*begun, obj.duration_s))
 
 
 def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
@@ -198,9 +202,9 @@ def _luminance_at(
     brightness: Brightness | None, base: float, elapsed: float, duration: float
 ) -> float:
     """Luminance some seconds after the start of the motion (negative before it)."""
-    if brightness is None or elapsed < brightness.start_s:
+    if brightness is None or elapsed + ROUNDING_S < brightness.start_s:
         return base
-    since = elapsed - brightness.start_s
+    since = max(elapsed - brightness.start_s, 0.0)
     if brightness.kind == "step":
         share = 1.0
     elif brightness.kind == "ramp":
@@ -221,13 +225,13 @@ def _path(motion: Motion, elapsed: float) -> tuple[_Vector, _Vector]:
     if not points:
         return _STILL, _STILL
     for index in range(1, len(points)):
-        if times[index - 1] <= elapsed < times[index]:
+        if times[index - 1] <= elapsed + ROUNDING_S < times[index]:
             (x0, y0), (x1, y1) = points[index - 1], points[index]
             length = times[index] - times[index - 1]
             vx, vy = (x1 - x0) / length, (y1 - y0) / length
             since = elapsed - times[index - 1]
             return (x0 + vx * since, y0 + vy * since), (vx, vy)
-    return points[0] if elapsed < times[0] else points[-1], _STILL
+    return points[0] if elapsed + ROUNDING_S < times[0] else points[-1], _STILL
 
 
 def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector, _Vector]:
@@ -263,7 +267,7 @@ def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
         contact = end if growth.contact_s is None else growth.contact_s
         return _approach(growth, contact - start - elapsed)
     if growth.kind == "steps":
-        index = bisect.bisect_right(growth.times_s, elapsed + 1e-9)
+        index = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
         size = growth.sizes_deg[index - 1] if index else size
         return Extent(size / 2, size / 2)
     return _constant_edge_speed(growth, size, elapsed)
@@ -291,7 +295,7 @@ def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
     moving = True
     if growth.end_deg is not None:
         lasts = abs(growth.end_deg - size) / (forward + backward)
-        moving, elapsed = elapsed < lasts, min(elapsed, lasts)
+        moving, elapsed = elapsed + ROUNDING_S < lasts, min(elapsed, lasts)
         if growth.end_deg < size:
             forward, backward = -forward, -backward
     reach = Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.kinematics import motion_times, shaken, shown
+from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, shaken, shown
 from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.stimulus.tables import Camera
 
@@ -157,7 +157,9 @@ def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
     moving = start <= time < end
     velocity = line.velocity(elapsed) if moving else (0.0, 0.0, 0.0)
     contact = contact_of(protocol, obj)
-    left = None if contact is None or not moving or time >= contact else contact - time
+    left = None
+    if contact is not None and moving and time + ROUNDING_S < contact:
+        left = contact - time
     drawn = shown(obj, time, start, end) and view.from_camera(offset)[2] > NEAREST_M
     return Sight(drawn, offset, velocity, left, view)
 

@@ -5,12 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 from oppload_cli.errors import StimulusError
 from oppload_cli.schema import REQUIRED, Table, parameter
 from oppload_cli.stimulus.objects import Motion, Object
 
 SURROUNDINGS = ("plane", "street", "forest", "room", "sky")  # drawn by the package
+
+
+@lru_cache(maxsize=1024)
+def exact_sum(*seconds: float) -> Fraction:
+    """Return the sum of durations as they are written: 0.1 and 0.2 make 3/10.
+
+    A sum of floats may lie after the frame at that time, which is rounded from a fraction.
+    """
+    return sum((Fraction(repr(each)) for each in seconds), Fraction(0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,12 +89,12 @@ class Timing(Table):
     @property
     def end_s(self) -> float:
         """When the motion ends, in seconds of the clip."""
-        return self.before_s + self.motion_s
+        return float(exact_sum(self.before_s, self.motion_s))
 
     @property
     def total_s(self) -> float:
         """The clip's duration in seconds."""
-        return self.end_s + self.after_s
+        return float(exact_sum(self.before_s, self.motion_s, self.after_s))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +227,7 @@ class ProtocolTables(Table):
     def frame_count(self) -> int:
         """Number of frames: those whose time lies before the clip's end."""
         timing = self.timing
-        total = sum(Fraction(repr(s)) for s in (timing.before_s, timing.motion_s, timing.after_s))
+        total = exact_sum(timing.before_s, timing.motion_s, timing.after_s)
         return max(1, math.ceil(total * self.display.frame_rate))
 
     def time_of(self, frame: int) -> float:

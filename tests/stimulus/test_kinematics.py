@@ -171,6 +171,48 @@ def test_onset_duration_appearance() -> None:
     assert pose_of(protocol, obj, 0.7).centre_deg == pytest.approx((0, 2))
 
 
+@pytest.mark.parametrize(
+    ("before", "onset", "lasts", "first", "last"),
+    [(0.1, 0.0, 0.2, 3, 8), (0.2, 0.0, 0.4, 6, 17), (0.1, 0.2, 0.5, 9, 23), (0.1, 0.2, 0.4, 9, 20)],
+)
+def test_motions_start_and_end_at_the_frames_of_their_times(
+    before: float, onset: float, lasts: float, first: int, last: int
+) -> None:
+    """0.1 + 0.2 is more than 0.3 as a sum of floats, and 9 / 30 is 0.3."""
+    obj = disk(
+        growth=Growth(kind="approach", l_over_v_ms=40),
+        onset_s=onset,
+        duration_s=lasts if onset else None,
+        appears="onset",
+        vanishes="end",
+    )
+    timing = Timing(before_s=before, motion_s=1.0 if onset else lasts, after_s=0.3)
+    protocol = made(obj, timing=timing)
+    truths = [frame_truth(protocol, frame) for frame in range(protocol.frame_count)]
+    assert [truth.frame for truth in truths if truth.looming] == list(range(first, last + 1))
+    assert [one.frame for one in truths if one.objects[0].visible] == list(range(first, last + 1))
+    lefts = [one.objects[0].time_to_contact_s for one in truths]
+    assert min(left for left in lefts if left is not None) == pytest.approx(1 / 30)
+    assert timing.total_s == protocol.time_of(protocol.frame_count)
+
+
+def test_changes_within_a_motion_come_at_the_frames_of_their_times() -> None:
+    """0.3 - 0.1 is less than 0.2 as a difference of floats."""
+    obj = disk(
+        size_deg=8,
+        luminance=0.2,
+        growth=Growth(kind="edge-speed", speed_deg_s=10, end_deg=12),
+        brightness=Brightness(kind="step", to=0.8, start_s=0.2),
+    )
+    protocol = made(obj, timing=Timing(before_s=0.1, motion_s=1.0))
+    assert [frame_truth(protocol, frame).looming for frame in (8, 9)] == [True, False]
+    assert [pose_of(protocol, obj, time).luminance for time in (8 / 30, 9 / 30)] == [0.2, 0.8]
+    moved = disk(size_deg=8, motion=Motion(path_deg=((0, 0), (4, 0)), path_s=(0, 0.2)))
+    protocol = made(moved, timing=Timing(before_s=0.1, motion_s=1.0))
+    speeds = [frame_truth(protocol, frame).objects[0].edge_speed_deg_s for frame in (8, 9)]
+    assert speeds == [pytest.approx(20), 0]
+
+
 def test_scene_turns_and_shifts_everything() -> None:
     obj = disk(size_deg=8, centre_deg=(10, 0), motion=Motion(speed_deg_s=5))
     protocol = made(obj, scene=Scene(centre_deg=(1, 2), rotation_deg=90))

@@ -30,7 +30,7 @@ def staged(
 ) -> stimulus.Protocol:
     """Return a protocol of one picture; `others` are values of the object or tables."""
     table: dict[str, Any] = {"timing": {"motion_s": 1.0}, "scene": scene or {}}
-    for name in ("camera", "effects"):
+    for name in ("timing", "camera", "effects"):
         if name in others:
             table[name] = others.pop(name)
     table["display"] = {
@@ -227,6 +227,8 @@ def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
     assert looming == list(range(12, 27))
     assert stimulus.ground_truth(hit)["contact_time_s"] == pytest.approx(0.9)
     assert truth_of(hit, 12).time_to_contact_s == pytest.approx(0.5)
+    paused = staged({**course, "contact_s": 0.2}, timing={"before_s": 0.1, "motion_s": 0.5})
+    assert [truth_of(paused, index).time_to_contact_s is None for index in (8, 9)] == [False, True]
     missed = staged({"kind": "near-miss", "speed_m_s": 2.0, "miss_sizes": 1.0})
     assert not any(truth_of(missed, index).looming for index in range(30))
     assert truth_of(missed, 0).miss_sizes == pytest.approx(1.0)
