@@ -77,7 +77,19 @@ class Entry:
         return [str(tag) for tag in tags] if isinstance(tags, list) else []
 
     def values(self) -> dict[str, dict[str, Any]]:
-        """Return the swept values by dotted key of each member, by the member's name."""
+        """Return the swept values by dotted key of each member, by the member's name.
+
+        Raises
+        ------
+        StimulusError
+            If two values of a key have one name.
+        """
+        for dotted, several in self.sweep.items():
+            if len({_text(value) for value in several}) < len(several):
+                raise StimulusError(
+                    f"{self.label}: sweep: two values of {dotted} have one name; make them differ "
+                    "more"
+                )
         named = {}
         for chosen in itertools.product(*self.sweep.values()):
             values = dict(zip(self.sweep, chosen, strict=True))

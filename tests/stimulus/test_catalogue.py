@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import hashlib
 import os
 import shutil
@@ -151,6 +152,21 @@ def test_settings() -> None:
     ):
         with pytest.raises(StimulusError, match=words):
             stimulus.load("klapoetke2017/loom", {dotted: 3})
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("disk.growth.l_over_v_ms", [40.00001, 40.00002]),
+        ("disk.growth.l_over_v_ms", [40, 20, 40]),
+        ("description", ["A b", "a-b"]),
+    ],
+)
+def test_two_values_of_one_name_are_an_error(key: str, values: list[object]) -> None:
+    """Only one of the two stimuli would be shown."""
+    (entry,) = stimulus.find("klapoetke2017/loom-l-over-v")
+    with pytest.raises(StimulusError, match=f"two values of {key} have one name"):
+        dataclasses.replace(entry, sweep={key: values}).protocols()
 
 
 def test_words_stand_for_keys() -> None:
