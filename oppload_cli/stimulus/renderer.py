@@ -357,11 +357,14 @@ class _GratingPainter(_PatternPainter):
         return np.broadcast_to(luminance, window.shape).astype(np.float32)
 
     def _wave(self, pose: Pose, window: Window, turn_deg: float) -> Floats:
-        x, y = self._pattern_grid(pose, window)
+        # a gradient takes neighbours, which a window of one pixel does not have
+        whole = Window(0, self.height, 0, self.width)
+        x, y = self._pattern_grid(pose, whole if self.projection.perspective else window)
         turn, period = math.radians(turn_deg), self.obj.period_deg or 1.0
         phase = (x * math.cos(turn) + y * math.sin(turn)) / period
         if self.projection.perspective:
-            across, down = np.abs(np.gradient(phase, axis=1)), np.abs(np.gradient(phase, axis=0))
+            across, down = (np.abs(np.gradient(phase, axis=axis))[window.slices] for axis in (1, 0))
+            phase = phase[window.slices]
         else:
             heading = math.radians(pose.orientation_deg) + turn
             pixel = 1 / (self.projection.scale * pose.zoom * period)

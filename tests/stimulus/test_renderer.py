@@ -27,6 +27,8 @@ from oppload_cli.stimulus import (
     Scene,
     Timing,
 )
+from oppload_cli.stimulus.coverage import disk_coverage
+from oppload_cli.stimulus.geometry import Projection
 
 
 def made(*objects: Object, seconds: float = 1.0, scale: float = 5.0, **tables: Any) -> Protocol:
@@ -211,6 +213,27 @@ def test_perspective_warps_patterns_the_same_way() -> None:
     eye = 200 / math.tan(math.radians(50))
     expected = [200 + eye * math.tan(math.radians(angle)) for angle in range(-40, 41, 10)]
     np.testing.assert_allclose(crossings, expected, atol=1.0)
+
+
+@pytest.mark.parametrize("kind", ["sine-grating", "square-grating", "plaid"])
+@pytest.mark.parametrize(("size", "place"), [(0.4, (0.25, 0.25)), (10, (-23.3, 0)), (10, (0, 19))])
+def test_an_aperture_shows_the_pixels_of_the_whole_grating(
+    kind: str, size: float, place: tuple[float, float]
+) -> None:
+    """Also where it has one pixel, or reaches the display by one column or row."""
+    display = Display(width=80, height=60, pixels_per_degree=2, projection="perspective")
+    whole = Object(id="g", kind=kind, period_deg=7, centre_deg=place)
+    part = dataclasses.replace(whole, size_deg=size)
+    full, seen = (
+        Renderer(Protocol(display=display, timing=Timing(motion_s=0.1), objects=(obj,))).luminance(0)
+        for obj in (whole, part)
+    )
+    projection = Projection.of(display)
+    window, covered = disk_coverage(*projection.to_px(*place), projection.reach(size / 2), 60, 80)
+    assert 1 in window.shape
+    expected = np.ones_like(full)
+    expected[window.slices] += (full[window.slices] - 1) * covered.astype(np.float32)
+    np.testing.assert_allclose(seen, expected, atol=1e-6)
 
 
 def test_zoomed_dots_flow_outward() -> None:
