@@ -65,6 +65,13 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     )
 
 
+def aperture_centre(protocol: ProtocolTables, obj: Object) -> tuple[float, float]:
+    """Return the middle [right, up] of a pattern's aperture in degrees; no motion moves it."""
+    scene = protocol.scene
+    x, y = _turned(obj.centre_deg, math.radians(scene.rotation_deg))
+    return x + scene.centre_deg[0], y + scene.centre_deg[1]
+
+
 def reaches_field(protocol: ProtocolTables, obj: Object, pose: Pose) -> bool:
     """Tell whether an object may touch the display.
 

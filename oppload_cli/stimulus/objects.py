@@ -190,7 +190,7 @@ class Object(Table):
     size_deg: float | None = parameter(
         None,
         "diameter (disk, ring, patch), side (square), length along the axis (bar, cross); "
-        "of a pattern the diameter of a round aperture",
+        "of a pattern the diameter of a round aperture, which stays while the pattern moves",
         unit="deg",
         low=0,
         high=360,

@@ -18,7 +18,7 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
 from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
 from oppload_cli.stimulus.geometry import WIDEST_DEG, Projection, corners_of
-from oppload_cli.stimulus.kinematics import pose_of
+from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import GRATINGS, PICTURE
 from oppload_cli.stimulus.patterns import (
     DotField,
@@ -307,9 +307,7 @@ class _PatternPainter(_Painter):
         size = self.obj.size_deg
         if size is None:
             return Window(0, self.height, 0, self.width), np.ones((1, 1))
-        shift = self.protocol.scene.centre_deg
-        x, y = (a + b for a, b in zip(self.obj.centre_deg, shift, strict=True))
-        centre = self.projection.to_px(x, y)
+        centre = self.projection.to_px(*aperture_centre(self.protocol, self.obj))
         return disk_coverage(*centre, self.projection.reach(size / 2), self.height, self.width)
 
     @cached_property

@@ -139,7 +139,9 @@ class Scene(Table):
     rotation_deg: float = parameter(
         0.0, "turn of the complete scene about its middle, counter-clockwise", unit="deg"
     )
-    motion: Motion | None = parameter(None, "common motion of all objects")
+    motion: Motion | None = parameter(
+        None, "common motion of all objects; the apertures of patterns stay"
+    )
     background: str | None = parameter(
         None,
         f"drawn surroundings ({', '.join(SURROUNDINGS)}), an image or a video; default: "

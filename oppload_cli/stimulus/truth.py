@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import StimulusError
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.kinematics import motion_times, passes, pose_of
-from oppload_cli.stimulus.objects import LOOMING, PICTURE, SIZED
+from oppload_cli.stimulus.kinematics import aperture_centre, motion_times, passes, pose_of
+from oppload_cli.stimulus.objects import FIELDS, LOOMING, PICTURE, SIZED
 from oppload_cli.stimulus.pictures import cutout_of
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
 from oppload_cli.version import __version__
@@ -46,7 +46,8 @@ class ObjectTruth:
     edge_speed_px_frame : float
         The same on the display, in pixels per frame.
     centre_x_px, centre_y_px : float
-        Middle of the shape as drawn; x right, y down, pixel i covers [i, i + 1).
+        Middle of the shape as drawn; of a pattern its origin, or the middle of its aperture.
+        x right, y down, pixel i covers [i, i + 1).
     time_to_contact_s : float or None
         Only while it approaches and does not pass.
     looming : bool
@@ -216,6 +217,8 @@ def read_ground_truth(path: Path) -> dict[str, Any]:
 def _object_truth(protocol: Protocol, obj: Object, pose: Pose) -> ObjectTruth:
     projection = Projection.of(protocol.display)
     (x, y), _ = projection.middle_of(pose)
+    if obj.kind in FIELDS and obj.size_deg is not None:
+        x, y = projection.to_px(*aperture_centre(protocol, obj))
     degrees, pixels = _edge_speed(projection, pose)
     return ObjectTruth(
         id=obj.id,

@@ -215,6 +215,30 @@ def test_perspective_warps_patterns_the_same_way() -> None:
     np.testing.assert_allclose(crossings, expected, atol=1.0)
 
 
+@pytest.mark.parametrize("moves", ["object", "scene"])
+def test_an_aperture_turns_and_shifts_with_the_scene_and_then_stays(moves: str) -> None:
+    """The truth says where it is: (64, 34) px of 80 x 60, at 2 px/deg."""
+    motion = Motion(speed_deg_s=9)
+    field = Object(
+        id="f",
+        kind="field",
+        size_deg=8,
+        luminance=0.0,
+        centre_deg=(15, 0),
+        motion=motion if moves == "object" else None,
+    )
+    scene = Scene(
+        centre_deg=(12, -17), rotation_deg=90, motion=motion if moves == "scene" else None
+    )
+    display = Display(width=80, height=60, pixels_per_degree=2)
+    protocol = Protocol(display=display, timing=Timing(motion_s=1), scene=scene, objects=(field,))
+    for frame in (0, 20):
+        rows, columns = np.nonzero(Renderer(protocol).grey(frame) < 128)
+        truth = stimulus.frame_truth(protocol, frame).objects[0]
+        assert (truth.centre_x_px, truth.centre_y_px) == pytest.approx((64, 34))
+        assert (columns.mean() + 0.5, rows.mean() + 0.5) == pytest.approx((64, 34))
+
+
 @pytest.mark.parametrize("kind", ["sine-grating", "square-grating", "plaid"])
 @pytest.mark.parametrize(("size", "place"), [(0.4, (0.25, 0.25)), (10, (-23.3, 0)), (10, (0, 19))])
 def test_an_aperture_shows_the_pixels_of_the_whole_grating(
@@ -224,8 +248,9 @@ def test_an_aperture_shows_the_pixels_of_the_whole_grating(
     display = Display(width=80, height=60, pixels_per_degree=2, projection="perspective")
     whole = Object(id="g", kind=kind, period_deg=7, centre_deg=place)
     part = dataclasses.replace(whole, size_deg=size)
+    timing = Timing(motion_s=0.1)
     full, seen = (
-        Renderer(Protocol(display=display, timing=Timing(motion_s=0.1), objects=(obj,))).luminance(0)
+        Renderer(Protocol(display=display, timing=timing, objects=(obj,))).luminance(0)
         for obj in (whole, part)
     )
     projection = Projection.of(display)
