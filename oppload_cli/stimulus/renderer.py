@@ -110,7 +110,8 @@ class Renderer:
         Returns
         -------
         ndarray
-            float64 (h, w, 2): pixels right and down; NaN where nothing is drawn.
+            float64 (h, w, 2): pixels right and down; NaN where nothing is drawn, and everywhere
+            if the surroundings change between the two frames (``scene.cut_s``).
 
         Raises
         ------
@@ -123,7 +124,9 @@ class Renderer:
             )
         display = self.protocol.display
         place, view = self._background.at(self.protocol.time_of(frame))
-        _, later = self._background.at(self.protocol.time_of(frame + 1))
+        next_place, later = self._background.at(self.protocol.time_of(frame + 1))
+        if next_place is not place:
+            return np.full((display.height, display.width, 2), np.nan)
         return place.flow(view, later, display.height, display.width)
 
     def luminance(self, frame: int) -> NDArray[np.float32]:

@@ -146,6 +146,12 @@ def test_surroundings_turn_as_the_flow_says(kind: str) -> None:
     assert other.grey(3).tobytes() == renderer.grey(3).tobytes()
 
 
+def test_there_is_no_flow_across_a_cut() -> None:
+    protocol = staged(None, {"background": "room", "cut_s": 0.5}, camera={"forward_m_s": 1})
+    known = [np.isfinite(Renderer(protocol).flow(frame)).any() for frame in (13, 14, 15)]
+    assert known == [True, False, True]
+
+
 @pytest.mark.parametrize("drawing", DRAWINGS)
 def test_drawings_fill_their_boxes(drawing: str) -> None:
     course = {"kind": "hovering", "distance_m": 1.0}
