@@ -65,39 +65,23 @@ def contact_sheet(
     times_s : sequence of float
         The time of each picture in seconds, which is written under it; none for no times.
     """
-    small = [_reduced(picture, side) for picture in pictures]
-    height, width = small[0].shape
-    columns = min(columns, len(small))
-    rows = math.ceil(len(small) / columns)
+    scale = min(1.0, side / max(pictures[0].shape))
+    height, width = (max(1, round(size * scale)) for size in pictures[0].shape)
+    columns = min(columns, len(pictures))
+    rows = math.ceil(len(pictures) / columns)
     down, across = height + _GUTTER + _CAPTION * bool(times_s), width + _GUTTER
     sheet = np.full((rows * down + _GUTTER, columns * across + _GUTTER), 255, dtype=np.uint8)
-    for index, picture in enumerate(small):
+    for index, picture in enumerate(pictures):
+        small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
         top = _GUTTER + index // columns * down
         left = _GUTTER + index % columns * across
         sheet[top - 1 : top + height + 1, left - 1 : left + width + 1] = 0
-        sheet[top : top + height, left : left + width] = picture
+        sheet[top : top + height, left : left + width] = small
         if times_s:
             foot = left, top + height + _CAPTION - 2
             text, font = f"{times_s[index]:.3g} s", cv2.FONT_HERSHEY_SIMPLEX
             cv2.putText(sheet, text, foot, font, 0.4, 0, 1, cv2.LINE_AA)
     return sheet
-
-
-def _reduced(picture: Grey, side: int) -> Grey:
-    """Average over areas, which may end within a pixel."""
-    scale = side / max(picture.shape)
-    if scale >= 1:
-        return picture
-    rows, columns = (_averaging(size, max(1, round(size * scale))) for size in picture.shape)
-    return np.asarray(np.rint(rows @ picture @ columns.T), dtype=np.uint8)
-
-
-def _averaging(size: int, reduced: int) -> NDArray[np.float64]:
-    """Matrix whose rows average neighbouring samples: (reduced, size)."""
-    borders = np.arange(reduced + 1) * (size / reduced)
-    cells = np.arange(size)
-    overlap = np.minimum(borders[1:, None], cells + 1) - np.maximum(borders[:-1, None], cells)
-    return np.asarray(np.clip(overlap, 0, None) * (reduced / size))
 
 
 @dataclass(frozen=True)
