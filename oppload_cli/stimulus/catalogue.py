@@ -17,7 +17,7 @@ from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import SURROUNDINGS
-from oppload_cli.stimulus.words import WORDS, key_of
+from oppload_cli.stimulus.words import WORDS, key_of, value_at
 
 _TABLES = ("display", "timing", "scene", "camera", "effects")
 _PAIRS = (("pixels_per_degree", "field_of_view_deg"), ("file", "drawing"))
@@ -171,15 +171,7 @@ class Entry:
 
     def held(self, dotted: str) -> object:
         """Return the value of a dotted key, the list of a swept one, or None without any."""
-        if dotted in self.sweep:
-            return self.sweep[dotted]
-        first, _, rest = dotted.partition(".")
-        objects = self.table.get("object", [])
-        named = [one for one in objects if isinstance(one, dict) and one.get("id") == first]
-        part: object = named[0] if named else self.table.get(first)
-        for key in rest.split(".") if rest else ():
-            part = part.get(key) if isinstance(part, dict) else None
-        return part
+        return self.sweep.get(dotted, value_at(self.table, dotted))
 
 
 def catalogue_directory() -> Path:

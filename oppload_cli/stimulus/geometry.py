@@ -219,10 +219,10 @@ def corners_of(
         across = projection.reach((obj.width_deg or 0.0) / 2) if obj.kind == "bar" else half
         outline = [(half, across), (-half, across), (-half, -across), (half, -across)]
     angle = math.radians(pose.orientation_deg)
-    cosine, sine = _exact(math.cos(angle)), _exact(math.sin(angle))
+    cosine, sine = exact(math.cos(angle)), exact(math.sin(angle))
     return [(x + u * cosine - v * sine, y - u * sine - v * cosine) for u, v in outline]
 
 
-def _exact(value: float) -> float:
-    """Take the rounding error off the sines of multiples of 90 degrees."""
+def exact(value: float) -> float:
+    """Take the rounding error off the sines and cosines of multiples of 90 degrees."""
     return float(round(value)) if abs(value - round(value)) < 1e-12 else value

@@ -17,7 +17,7 @@ import numpy as np
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.background import Drawn, background_of
 from oppload_cli.stimulus.coverage import Window, disk_coverage, polygon_coverage
-from oppload_cli.stimulus.geometry import WIDEST_DEG, Projection, corners_of
+from oppload_cli.stimulus.geometry import Projection, corners_of, exact
 from oppload_cli.stimulus.kinematics import aperture_centre, pose_of
 from oppload_cli.stimulus.objects import GRATINGS, PICTURE
 from oppload_cli.stimulus.patterns import (
@@ -369,8 +369,8 @@ class _GratingPainter(_PatternPainter):
         else:
             heading = math.radians(pose.orientation_deg) + turn
             pixel = 1 / (self.projection.scale * pose.zoom * period)
-            across = np.array(_clean(math.cos(heading)) * pixel)
-            down = np.array(_clean(math.sin(heading)) * pixel)
+            across = np.array(exact(math.cos(heading)) * pixel)
+            down = np.array(exact(math.sin(heading)) * pixel)
         wave = square_wave if self.obj.kind == "square-grating" else sine_wave
         if across.size == 1 and not down.any():
             phase = phase[:1]
@@ -422,7 +422,7 @@ class _DotsPainter(_PatternPainter):
     def _colours(self, pose: Pose, window: Window) -> Picture:
         """Return the ground, with the dots on it."""
         places = self._dots.positions(pose)
-        x, y = self._to_px(places)
+        x, y = np.transpose([self.projection.to_px(*place) for place in places])
         radius = self.projection.reach((self.obj.dot_deg or 0.0) / 2)
         near = (np.abs(x - self.width / 2) < self.width / 2 + radius) & (
             np.abs(y - self.height / 2) < self.height / 2 + radius
@@ -432,14 +432,6 @@ class _DotsPainter(_PatternPainter):
             part, covered = disk_coverage(x[near], y[near], radius, self.height, self.width)
             picture[part.slices] *= (1 + self.obj.contrast * covered).astype(np.float32)
         return picture[window.slices]
-
-    def _to_px(self, places: Floats) -> tuple[Floats, Floats]:
-        scale = np.full(len(places), self.projection.scale)
-        if self.projection.perspective:
-            away = np.minimum(np.hypot(places[:, 0], places[:, 1]), WIDEST_DEG)
-            scale = self.projection.eye_px * np.tan(np.radians(away)) / np.maximum(away, 1e-12)
-        middle_x, middle_y = self.projection.middle
-        return middle_x + scale * places[:, 0], middle_y - scale * places[:, 1]
 
 
 class _PicturePainter:
@@ -495,8 +487,3 @@ class _PicturePainter:
             return 1.0
         behind = background_of(self._protocol).picture(0.0, 0.0)
         return wanted * float(behind.mean(dtype=np.float64)) / max(self._cutout.mean, 1e-6)
-
-
-def _clean(value: float) -> float:
-    """Make the cosine of 90 degrees 0."""
-    return 0.0 if abs(value) < 1e-12 else value

@@ -67,7 +67,7 @@ class Sight:
 
     Attributes
     ----------
-    drawn : bool
+    visible : bool
         Whether it is drawn: before the camera, in its time.
     offset, velocity : tuple of float
         Of its middle from the camera, in metres and m/s, in the world's axes.
@@ -77,21 +77,16 @@ class Sight:
         The camera.
     """
 
-    drawn: bool
+    visible: bool
     offset: Vector
     velocity: Vector
     contact_in_s: float | None
     view: View
 
     @property
-    def visible(self) -> bool:
-        """Whether it is drawn."""
-        return self.drawn
-
-    @property
     def look(self) -> tuple[object, ...]:
         """All that the picture depends on."""
-        return self.drawn, self.offset, self.view
+        return self.visible, self.offset, self.view
 
     def box(self, half_width: float, half_height: float) -> Box | None:
         """Return the box around a flat rectangle in its place, which faces the camera's first look.
@@ -160,8 +155,8 @@ def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
     left = None
     if contact is not None and moving and time + ROUNDING_S < contact:
         left = contact - time
-    drawn = shown(obj, time, start, end) and view.from_camera(offset)[2] > NEAREST_M
-    return Sight(drawn, offset, velocity, left, view)
+    visible = shown(obj, time, start, end) and view.from_camera(offset)[2] > NEAREST_M
+    return Sight(visible, offset, velocity, left, view)
 
 
 def contact_of(protocol: ProtocolTables, obj: Object) -> float | None:
@@ -187,7 +182,7 @@ def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
 def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
     """Tell whether a picture may touch the display: its bounding square does."""
     sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
-    if not sight.drawn:
+    if not sight.visible:
         return False
     box = sight.box(half, half)
     if box is None:

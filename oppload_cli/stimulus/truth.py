@@ -238,15 +238,15 @@ def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth
     sight, cutout = sight_of(protocol, obj, time), cutout_of(obj, protocol.seed)
     half, ahead = (obj.size_m or 0.0) / 2, sight.offset[2]
     seen = sight.view.from_camera(sight.offset)
-    x, y = sight.view.to_px(seen) if sight.drawn else sight.view.middle
+    x, y = sight.view.to_px(seen) if sight.visible else sight.view.middle
     speed = -half * sight.velocity[2]
     left = sight.contact_in_s
     soon = left is not None and left <= camera_of(protocol).looming_within_s
-    box = sight.box(half * cutout.width, half * cutout.height) if sight.drawn else None
+    box = sight.box(half * cutout.width, half * cutout.height) if sight.visible else None
     return PictureTruth(
         id=obj.id,
         kind=obj.kind,
-        visible=sight.drawn,
+        visible=sight.visible,
         angular_size_deg=2 * math.degrees(math.atan2(half, max(ahead, 0.0))),
         edge_speed_deg_s=math.degrees(speed / (ahead**2 + half**2)),
         edge_speed_px_frame=sight.view.eye_px
@@ -256,7 +256,7 @@ def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth
         centre_x_px=x,
         centre_y_px=y,
         time_to_contact_s=left,
-        looming=soon and sight.drawn,
+        looming=soon and sight.visible,
         box_px=box,
         offset_m=sight.offset,
         miss_sizes=miss_of(protocol, obj),
