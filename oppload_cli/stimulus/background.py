@@ -75,7 +75,7 @@ def background_of(protocol: protocols.Protocol) -> _Background:
     """
     if protocol.scene.background is None:
         return _Even(protocol)
-    if not protocol.scene.has_footage:
+    if not protocol.scene.has_file:
         return Drawn(protocol)
     path = Path(protocol.scene.background)
     # Of a pattern such as frame_%03d.png there is no such file.

@@ -1,6 +1,6 @@
 """Courses: how an object moves in three dimensions, as a table and in closed form.
 
-Positions are ``(right, up, ahead)`` in metres from the camera, along the axes of its first look.
+Positions are ``(right, up, ahead)`` in metres from the camera, along the world's axes.
 A moving camera takes these axes with it: speeds are those towards the camera.
 """
 

@@ -2,7 +2,7 @@
 
 The camera stands at the origin, looks ahead, and is an exact pinhole. World positions are
 ``(right, up, ahead)`` in metres from its first place; the ground lies ``height_m`` below it.
-A picture is flat and faces the camera's first look.
+A picture is flat and upright, at right angles to the world's axis ahead.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class Sight:
         return self.visible, self.offset, self.view
 
     def box(self, half_width: float, half_height: float) -> Box | None:
-        """Return the box around a flat rectangle in its place, which faces the camera's first look.
+        """Return the box around a rectangle in its place, at right angles to the axis ahead.
 
         Parameters
         ----------
@@ -211,11 +211,11 @@ def check_stage(protocol: ProtocolTables) -> None:
             "display: projection must be 'perspective' with scene.background and with objects of "
             "kind 'picture'"
         )
-    if camera is not None and camera.moves and scene.has_footage:
+    if camera is not None and camera.moves and scene.has_file:
         raise StimulusError(
-            "camera: forward_m_s, pan_deg_s, start_deg and shake_deg need drawn surroundings, for "
-            f"the camera of the video scene.background = '{scene.background}' has moved already; "
-            "remove them"
+            "camera: forward_m_s, pan_deg_s, start_deg and shake_deg need drawn surroundings; "
+            f"scene.background = '{scene.background}', an image or a video, does not move with "
+            "the camera; remove them"
         )
     for obj in pictures:
         try:

@@ -180,14 +180,14 @@ class Scene(Table):
                 "background is empty; name drawn surroundings or a video, or leave it out"
             )
         for key in ("background_start_s", "background_end", "background_fit", "background_rate"):
-            if getattr(self, key) is not None and not self.has_footage:
+            if getattr(self, key) is not None and not self.has_file:
                 raise StimulusError(f"{key} goes with a video as background; remove it")
         if self.cut_s is not None and self.background not in SURROUNDINGS:
             raise StimulusError("cut_s goes with drawn surroundings as background; remove it")
 
     @property
-    def has_footage(self) -> bool:
-        """Whether the background is a video."""
+    def has_file(self) -> bool:
+        """Whether the background is an image or a video."""
         return self.background is not None and self.background not in SURROUNDINGS
 
 

@@ -81,7 +81,7 @@ class PictureTruth(ObjectTruth):
         Left, top, width and height around its opaque part; it may reach beyond the display. None
         while it is not drawn.
     offset_m : tuple of float
-        Position [right, up, ahead] from the camera, along the axes of its first look.
+        Position from the camera, along the world's axes [right, up, ahead].
     miss_sizes : float or None
         Least distance of its course from the camera in its own sizes: at most 0.5 for one that
         hits. None for one that comes no nearer.

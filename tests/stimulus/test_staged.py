@@ -402,7 +402,7 @@ HIT = {"kind": "collision", "speed_m_s": 2.0}
         (
             HIT,
             {"scene": {"background": "a.mp4"}, "camera": {"pan_deg_s": 2.0}},
-            "camera: .* need drawn surroundings, .* scene.background = 'a.mp4'",
+            "camera: .* need drawn surroundings; scene.background = 'a.mp4', an image or a video,",
         ),
         (HIT, {"scene": {"background": ""}}, "scene: background is empty"),
         (HIT, {"scene": {"background_end": "loop"}}, "background_end goes with a video"),
