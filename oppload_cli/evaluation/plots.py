@@ -158,7 +158,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
     axes.set_xlabel("false alarms per minute")
     if not any(bar.get_width() for bar in axes.patches):  # type: ignore[attr-defined]
         axes.text(0.5, 0.5, "no false alarm", transform=axes.transAxes, ha="center", color=FAINT)
-    axes.legend(loc="best")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.2), ncols=3)
 
 
 def _clips(count: int) -> str:
