@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.inputs import Position, Span
 from oppload_cli.video.recording import Recording
-from oppload_cli.video.source import source_of
+from oppload_cli.video.source import source_of, stop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -98,13 +98,11 @@ def copy_video(
     source = Call(lambda: source_of(name, _image_rate(result), 0)).result()
     size = _even_size(source.facts, len(frames))
     file = PartFile(path)
+    ahead: Prefetch[tuple[int, float, av.VideoFrame]] | None = None
     try:
         recording = Recording(file, *size, source.facts.frame_rate, _CODEC)
-        with (
-            output_errors(path),
-            _abandoned(recording),
-            closing(_ahead(source, span, size)) as ahead,
-        ):
+        with output_errors(path), _abandoned(recording):
+            ahead = _ahead(source, span, size)
             for frame, time_s, shown in ahead:
                 written_s = recording.write(shown, time_s)
                 row = rows.get(frame)
@@ -123,7 +121,7 @@ def copy_video(
         else:
             file.commit()
     finally:
-        source.close()
+        stop(source, ahead)
         file.discard()
     return VideoCopy(times_s, picture, content, _difference(result, name, source.facts, times_s))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.threads import Call, Prefetch
@@ -123,10 +123,7 @@ class Video:
 
     def close(self) -> None:
         """Stop decoding, join its thread and close the input; may be called twice."""
-        self._source.stopping = True
-        # A source that a thread still uses, as it waits for a device or a network, stays open.
-        if self._prefetch is None or self._prefetch.close():
-            self._source.close()
+        stop(self._source, self._prefetch)
 
     def _frames(self) -> Iterator[Frame]:
         for picture in self._span.within(self._source):
@@ -181,6 +178,22 @@ def open_video(
     # In a thread: a call that blocks in a library would not answer Ctrl-C.
     source = Call(lambda: source_of(str(name), image_rate, threads)).result()
     return Video(source, height, span or Span(), colour=colour)
+
+
+def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
+    """Stop decoding, join the thread that decodes ahead, and close the source; may be called twice.
+
+    Parameters
+    ----------
+    source : PictureSource
+        An open input.
+    ahead : Prefetch or None
+        The thread that takes its pictures, if there is one.
+    """
+    source.stopping = True
+    # A source that a thread still uses, as it waits for a device or a network, stays open.
+    if ahead is None or ahead.close():
+        source.close()
 
 
 def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:

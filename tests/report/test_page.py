@@ -7,6 +7,7 @@ import io
 import json
 import re
 import shutil
+import time
 from typing import TYPE_CHECKING, Any
 
 import av
@@ -20,6 +21,7 @@ from oppload_cli.report.page import Content
 from oppload_cli.report.writing import number, seconds, write_report
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
+from oppload_cli.video.source import source_of
 from tests.cli.inside import run
 from tests.report.make import (
     ALARMS,
@@ -36,7 +38,10 @@ from tests.report.make import (
 from tests.results.make import write_result
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+
+    from oppload_cli.video.frames import Picture
 
 Capture = pytest.CaptureFixture[str]
 ROWS = LAST - FIRST + 1
@@ -224,6 +229,44 @@ def test_the_copy_of_a_long_video_is_smaller(table: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(video, "MANY_FRAMES", LAST + 1 - FIRST)
     monkeypatch.setattr(video, "SIDE_OF_MANY", width // 2)
     assert size() == (width // 2, height // 2)
+
+
+def test_a_video_is_not_closed_while_a_thread_decodes_it(
+    table: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Closing it under the thread would end the process by a signal."""
+    used: list[bool] = []
+
+    class Slow:
+        def __init__(self, *arguments: Any) -> None:
+            self._source, self._used, self.stopping = source_of(*arguments), False, False
+            self.facts, self.decode = self._source.facts, self._source.decode
+
+        def pictures(self) -> Iterator[Picture]:
+            for picture in self._source.pictures():
+                self._used = True
+                while picture.index > FIRST and not self.stopping:
+                    time.sleep(0.01)
+                self._used = False
+                yield picture
+
+        def finish(self) -> None:
+            self._source.finish()
+
+        def close(self) -> None:
+            used.append(self._used)
+            self._source.close()
+
+    def interrupt(_: object) -> bytes:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(video, "source_of", Slow)
+    monkeypatch.setattr(video, "_jpeg", interrupt)
+    result, clip, copy = read_result(table), table.with_name("clip.mkv"), table.with_name("c.mp4")
+    with pytest.raises(KeyboardInterrupt):
+        video.copy_video(result, str(clip), copy, still=0, tell=lambda _: None)
+    assert used == [False]
+    assert not list(table.parent.glob("*.part"))
 
 
 @pytest.mark.parametrize("kind", ["gone", "camera", "unknown", "broken", "another"])
