@@ -5,6 +5,7 @@ from __future__ import annotations
 import os.path
 import sys
 import time
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, NamedTuple
@@ -160,14 +161,21 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
             kept = ""
         elif isinstance(error, KeyboardInterrupt) and run.video.facts.live:
             finish()
-            kept = f"all {rows_in(csv)} rows are in {csv}"
+            kept = _rows_kept("all", csv)
         else:
             writing.keep()
-            kept = f"the first {rows_in(writing.part)} rows are in {writing.part}"
+            kept = _rows_kept("the first", writing.part)
         explained = _explained(error, csv, kept)
         if explained is None:
             raise
         raise explained from error
+
+
+def _rows_kept(which: str, table: Path) -> str:
+    """Return how many rows a table keeps, in words; nothing where it has gone with its folder."""
+    with suppress(OSError):
+        return f"{which} {rows_in(table)} rows are in {table}"
+    return ""
 
 
 def _is_bug(error: BaseException) -> bool:

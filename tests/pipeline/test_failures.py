@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
@@ -64,3 +66,34 @@ def test_rows_of_a_bug_go_and_all_others_are_named(
             run_task(task)
     else:
         assert run_task(task).frames == 12
+
+
+class Removing(Failing):
+    """A watcher in whose time somebody removes a folder."""
+
+    def __init__(self, folder: Path, error: BaseException, after: int) -> None:
+        super().__init__(error, after)
+        self._folder = folder
+
+    def frame(self, record: FrameRecord) -> None:
+        """Remove the folder, and raise the error when its time has come."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+        super().frame(record)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file keeps its folder there")
+@pytest.mark.parametrize(
+    ("after", "raised", "said"),
+    [(99, OutputError, "cannot be written (no such file"), (5, Interrupted, "")],
+)
+def test_a_folder_that_vanishes_during_a_run_is_told(
+    tmp_path: Path, after: int, raised: type[BaseException], said: str
+) -> None:
+    video = write_video(tmp_path / "a.avi", grey_frames(12, width=64, height=48))
+    settings = resolve(models=["opplod"], measure_rmo=False, height="24")
+    folder = tmp_path / "out"
+    task = Task(str(video), settings, Outputs.of(folder, "a", settings.models))
+    with pytest.raises(raised) as found:
+        run_task(task, Removing(folder, KeyboardInterrupt(), after))
+    assert said in str(found.value)
+    assert "rows are in" not in str(found.value)
