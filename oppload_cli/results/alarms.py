@@ -233,7 +233,8 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
     OutputError
         If it cannot be written.
     """
-    rows = [row for row in _rows_in(path) if row["video"] not in found]
+    names = set(map(printable, found))
+    rows = [row for row in _rows_in(path) if row["video"] not in names]
     for video, verdicts in found.items():
         rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
     with open_table(path, {name: kind for name, (kind, _) in COLUMNS.items()}) as table:

@@ -122,3 +122,11 @@ def test_they_come_back_from_a_sidecar_and_a_second_batch_adds_rows(tmp_path: Pa
         "end_s": "0.1", "peak_over_threshold": "1.5", "x": "1", "y": "0", "width": "9",
         "height": "9", "time_to_contact_s": "",
     }  # fmt: skip
+
+
+def test_a_second_batch_replaces_rows_of_a_name_that_no_text_can_hold(tmp_path: Path) -> None:
+    path = tmp_path / "alarms.csv"
+    for _ in range(2):
+        write_alarms(path, {"a\udcff\n.mp4": [verdict([0, 3, 0], on=[1])]})
+    rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    assert [row["video"] for row in rows] == [r"a\udcff\n.mp4"]
