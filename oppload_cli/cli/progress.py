@@ -9,8 +9,6 @@ import os.path
 import time
 from typing import TYPE_CHECKING, Never
 
-import click
-
 from oppload_cli.cli import on_terminal, progress_bar, say
 from oppload_cli.errors import printable
 from oppload_cli.processes.signals import stop_if_asked
@@ -56,7 +54,7 @@ class Progress:
     def opened(self, video: Video) -> None:
         """Show the sizes, and start the bar."""
         if self._verbosity >= 1:
-            click.echo(_described(video), err=True)
+            say(_described(video))
         if self._verbosity >= 0 and on_terminal():
             total = video.facts.frames_declared if self._to_end else None
             self._bar = progress_bar(total, "frame", quiet=False, name=self._name)
@@ -69,7 +67,7 @@ class Progress:
             self._bar.update()
         elif self._verbosity >= 0 and time.monotonic() >= self._next_line:
             self._next_line += _LINE_EVERY_S
-            click.echo(f"{self._name}: {self._frames} frames, {record.time_s:.1f} s", err=True)
+            say(f"{self._name}: {self._frames} frames, {record.time_s:.1f} s")
 
     def close(self) -> None:
         """Remove the bar; its total was only the number of frames that the container declares."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from oppload_cli.cli import progress_bar
+from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import if_exists_option, jobs_option, output_option, quiet_option
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
 from oppload_cli.processes import cores
@@ -61,4 +61,4 @@ def reproduce(
             write_atomic(claim if name == "report.json" else output / name, content)
         # Only now: the reader of the names may have gone.
         click.echo("\n".join(str(output / name) for name in made))
-        click.echo(f"verdicts on the statements of the paper: {verdicts}", err=True)
+        say(f"verdicts on the statements of the paper: {verdicts}")

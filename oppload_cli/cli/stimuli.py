@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from oppload_cli.cli import progress_bar
+from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     change_option,
     complete_stimuli,
@@ -114,7 +114,7 @@ def generate(
     protocols, problems = named(names, _settings(changes), form)
     wanted = not_made_yet(protocols, output, form, preview=preview, if_exists=if_exists)
     if form == "mp4":
-        click.echo("note: mp4 (H.264) is lossy; use ffv1 for exact luminance", err=True)
+        say("note: mp4 (H.264) is lossy; use ffv1 for exact luminance")
     total = sum(protocol.frame_count for protocol in wanted)
     with progress_bar(total, " frames", quiet=quiet) as bar:
         results = write_all(
@@ -153,7 +153,7 @@ def _settings(texts: Sequence[str]) -> dict[str, Any]:
 
 def _report(problems: list[OpploadError]) -> None:
     for problem in problems:
-        click.echo(f"oppload: {problem}", err=True)
+        say(f"oppload: {problem}")
 
 
 def _table(listed: Sequence[Entry]) -> str:

@@ -184,5 +184,5 @@ def _run(
             return paths[:2]
         style.save(drawn, paths[2])
         for line in tuning.lines_of([measured]):
-            click.echo(line, err=True)
+            say(line)
     return paths

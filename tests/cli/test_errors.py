@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
 
+from oppload_cli.cli import main
 from tests.cli import process
 from tests.cli.inside import oppload
 
@@ -121,6 +124,29 @@ def test_a_reader_that_goes_is_no_bug(clip: Path, command: tuple[str, ...]) -> N
     finally:
         os.close(write)
     assert (done.returncode, done.stderr) == (130, "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("run", "{clip}", "-o", "{place}", "-v", "--no-rmo"),
+        ("stimuli", "generate", "controls/appearing-disk", "--format", "mp4", "-o", "{place}"),
+    ],
+)
+def test_messages_that_nobody_reads_stop_no_work(
+    clip: Path, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    with (
+        io.TextIOWrapper(io.FileIO(write, "w"), write_through=True) as gone,
+        redirect_stderr(gone),
+        pytest.raises(SystemExit) as ended,
+    ):
+        main([word.format(clip=clip, place=tmp_path) for word in words])
+    assert not ended.value.code
+    assert list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("command", [("run", "{clip}", "-o", "-"), ("models",), ("config",)])

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 import pytest
 from click.shell_completion import ShellComplete
 
+from oppload_cli import cli
 from oppload_cli.cli import COMMANDS, oppload
 from oppload_cli.errors import StimulusError
 from oppload_cli.models.presets import PRESETS, preset_in
@@ -46,6 +48,12 @@ def test_one_name_for_one_thing() -> None:
     assert not options("stimulus-set")
     assert {each.metavar for each in options("set")} == {"SET.PARAMETER=VALUE"}
     assert {each.metavar for each in options("change")} == {"KEY=VALUE"}
+
+
+def test_every_message_goes_through_say() -> None:
+    """Which goes on where the reader of standard error has gone."""
+    sources = Path(cli.__file__).parent.glob("*.py")
+    assert sum(each.read_text(encoding="utf-8").count("err=True") for each in sources) == 1
 
 
 def completed(*words: str) -> list[str]:
