@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from oppload_cli.errors import ExitCode, ParameterError, printable
 from oppload_cli.files.reading import content_of, fault_of_stem, reading
 from oppload_cli.files.tables import open_table
+from oppload_cli.processes.threads import Call
 from oppload_cli.results.alarms import in_words, label_of
 from oppload_cli.video.inputs import each_once, found_inputs, is_image_file, result_stem
 
@@ -263,7 +264,9 @@ def _content(source: str) -> bytes:
     if source == _STANDARD_INPUT:
         if sys.stdin is None:  # as Python has it after "oppload ... <&-"
             raise ParameterError("--files-from -: standard input is closed; pipe a list into it")
-        return sys.stdin.buffer.read()
+        # In a thread, as the list may be long in coming.
+        content: bytes = Call(sys.stdin.buffer.read).result()
+        return content
     with reading(f"--files-from {source}", ParameterError):
         return content_of(source, pipes=True)
 

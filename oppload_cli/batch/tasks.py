@@ -232,7 +232,7 @@ def _connected(scheduler: str) -> Iterator[Any]:
 def _check_workers(client: Any, scheduler: str) -> None:
     """Check that workers are connected, and that each has this version of oppload."""
     try:
-        client.wait_for_workers(1, timeout=ANSWER_WITHIN_S)
+        Call(partial(client.wait_for_workers, 1, timeout=ANSWER_WITHIN_S)).result()
     except TimeoutError as error:
         raise ParameterError(
             f"--scheduler {scheduler}: has no worker; start some with 'dask worker {scheduler}'"

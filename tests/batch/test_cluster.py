@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from oppload_cli.batch import tasks
+from oppload_cli.processes import threads
 from tests.cli import inside
 from tests.cli.process import oppload
 from tests.cli.test_batch import FAST, sidecars, tables
@@ -102,6 +104,22 @@ def test_a_worker_that_is_killed_costs_no_result(ten: Path, tmp_path: Path) -> N
     assert tables(out) == tables(alone)
     assert sidecars(out) == sidecars(alone)
     assert not list(out.glob("*.part"))
+
+
+def test_waiting_for_workers_answers_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
+    came = threading.Event()
+
+    class Client:
+        def wait_for_workers(self, _count: int, timeout: float) -> None:
+            came.wait(timeout)
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threads, "stop_if_asked", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        tasks._check_workers(Client(), "tcp://127.0.0.1:1")
+    came.set()
 
 
 @pytest.mark.slow

@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import io
 import sys
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +19,7 @@ from oppload_cli.batch.plan import (
 )
 from oppload_cli.errors import ParameterError
 from oppload_cli.pipeline.task import Outcome
+from oppload_cli.processes import threads
 
 
 @pytest.fixture
@@ -139,6 +142,24 @@ def test_lists(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read_list(str(path))
     with pytest.raises(ParameterError, match="no such file"):
         read_list(str(tmp_path / "missing"))
+
+
+def test_a_list_that_does_not_come_answers_an_interruption(monkeypatch: pytest.MonkeyPatch) -> None:
+    came = threading.Event()
+
+    class Never(io.BytesIO):
+        def read(self, _size: int | None = -1) -> bytes:
+            came.wait(5)
+            return b"a.mp4"
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=Never()))
+    monkeypatch.setattr(threads, "stop_if_asked", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        read_list("-")
+    came.set()
 
 
 def test_failures_are_read_back_with_their_stems(tmp_path: Path) -> None:
