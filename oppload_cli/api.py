@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pandas as pd
 
-from oppload_cli.errors import ResultError
-from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write_atomic
+from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.files.atomic import refuse_existing, write_atomic
 from oppload_cli.files.reading import is_there, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
-from oppload_cli.pipeline.task import IfExists, Outputs
+from oppload_cli.pipeline.task import IfExists, Outputs, begun
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading as tables
@@ -154,7 +154,7 @@ class Result(tables.BaseResult):
     def save(
         self, folder: str | Path = ".", stem: str | None = None, *, if_exists: str = "error"
     ) -> Path:
-        """Write the files of ``oppload run``: table, detections and sidecar.
+        """Write the files of ``oppload run``; of a stimulus also its ground truth.
 
         Parameters
         ----------
@@ -174,6 +174,8 @@ class Result(tables.BaseResult):
         ------
         OutputError
             If a file exists already, or cannot be written.
+        ParameterError
+            If `if_exists` is another word.
 
         Examples
         --------
@@ -185,27 +187,37 @@ class Result(tables.BaseResult):
         >>> path.name, len(again.frames), len(again.detections) == len(result.detections)
         ('controls_looming-perspective.frames.csv', 102, True)
         """
+        try:
+            existing = IfExists(if_exists)
+        except ValueError:
+            words = ", ".join(IfExists)
+            raise ParameterError(f"if_exists must be one of {words}, not {if_exists!r}") from None
         folder, stem = Path(folder), file_stem(stem or self.stem)
-        outputs = Outputs.of(folder, stem, self.models)
-        if outputs.kept(IfExists(if_exists)):
-            return outputs.csv
-        make_folder(folder)
+        outputs, beside = Outputs.of(folder, stem, self.models), folder / f"{stem}{GROUND_TRUTH}"
         sidecar = dict(self.sidecar)
         truth = sidecar.get("stimulus")
-        if isinstance(truth, dict) and "frames" in truth:
-            beside = folder / f"{stem}{GROUND_TRUTH}"
-            write_atomic(beside, json.dumps(truth) + "\n")
-            sidecar["stimulus"] = facts_of_truth(beside, truth)
-        with PartFile(outputs.csv) as file, output_errors(outputs.csv):
-            table = Table(file.stream, self.frames.columns)
+        if not isinstance(truth, dict) or "frames" not in truth:
+            truth = None
+        refuse_existing([] if truth is None else [beside], if_exists)
+        table = None if outputs.kept(existing) else begun(outputs, existing)
+        if table is None:
+            return outputs.csv
+        with table as file:
+            rows = Table(file.stream, self.frames.columns)
             for row in _plain(self.frames):
-                table.write(row)
-        if outputs.detections is not None:
-            lines = [detection_line(row) for row in _plain(self.detections)]
-            write_atomic(outputs.detections, "".join(lines))
-        if outputs.sidecar is not None:
-            sidecar.pop("schema", None)
-            write_sidecar(outputs.sidecar, sidecar)
+                rows.write(row)
+            file.stream.flush()
+            # As in a run: an old table never lies beside new files, and the new one comes last.
+            outputs.csv.unlink(missing_ok=True)
+            if truth is not None:
+                write_atomic(beside, json.dumps(truth) + "\n")
+                sidecar["stimulus"] = facts_of_truth(beside, truth)
+            if outputs.detections is not None:
+                lines = [detection_line(row) for row in _plain(self.detections)]
+                write_atomic(outputs.detections, "".join(lines))
+            if outputs.sidecar is not None:
+                sidecar.pop("schema", None)
+                write_sidecar(outputs.sidecar, sidecar)
         return outputs.csv
 
 

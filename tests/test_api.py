@@ -109,6 +109,27 @@ def test_a_stimulus_may_be_named_and_keeps_its_truth(tmp_path: Path) -> None:
         oppload.run("klapoetke2017/loom-l-over-v")  # eight of them
 
 
+def test_a_result_that_cannot_be_saved_completely_has_no_table(tmp_path: Path) -> None:
+    protocol = oppload.stimulus.load("klapoetke2017/loom-l-over-v/l-over-v-10")
+    result = oppload.run(protocol, models=["dlgmd"], rmo=False, preset="reference", height=24)
+    truth = tmp_path / "a.stimulus.json"
+    truth.write_text("mine")
+    with pytest.raises(OutputError, match=r"a\.stimulus\.json: exists already"):
+        result.save(tmp_path, "a")
+    assert [path.name for path in tmp_path.iterdir()] == [truth.name]
+    assert truth.read_text() == "mine"
+    with pytest.raises(ParameterError, match="one of error, skip, overwrite, not 'bogus'"):
+        result.save(tmp_path, "a", if_exists="bogus")
+    path = result.save(tmp_path, "a", if_exists="overwrite")
+    assert json.loads(truth.read_text())["frames"]
+    (tmp_path / "a.oppload.json").unlink()
+    (tmp_path / "a.oppload.json").mkdir()  # in the way
+    with pytest.raises(OutputError, match=r"a\.oppload\.json: cannot be written"):
+        result.save(tmp_path, "a", if_exists="overwrite")
+    assert not path.exists()
+    assert not list(tmp_path.glob("*.part"))
+
+
 def test_the_alarm_is_that_of_the_preset() -> None:
     def floors(**options: Any) -> set[float]:
         records = oppload.analyse(np.stack(FRAMES), rate=30, rmo=False, height="native", **options)
