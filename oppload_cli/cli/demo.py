@@ -9,6 +9,8 @@ import click
 import oppload_cli as oppload
 from oppload_cli import stimulus
 from oppload_cli.cli.options import if_exists_option, output_option
+from oppload_cli.files.atomic import refuse_existing
+from oppload_cli.video.inputs import GROUND_TRUTH
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,25 +35,28 @@ def demo(output: Path, if_exists: str) -> None:
 
     stem, settings = stimulus.file_stem(_STIMULUS), resolve()
     outputs = Outputs.of(output, stem, settings.models)
+    video, figure = output / f"{stem}.avi", outputs.csv.with_suffix(".png")
     task = Task(
-        name=str(output / f"{stem}.avi"),
+        name=str(video),
         stem=stem,
         settings=settings,
         outputs=outputs,
         if_exists=IfExists(if_exists),
-        command=("oppload", "run", str(output / f"{stem}.avi"), "-o", str(output)),
+        command=("oppload", "run", str(video), "-o", str(output)),
     )
     if exists_already(task) is not None:
         click.echo(f"{outputs.csv} exists: nothing to do")
         return
+    others = video, output / f"{stem}{GROUND_TRUTH}", figure, output / f"{stem}.report.html"
+    refuse_existing(others, if_exists)
     protocol = stimulus.load(_STIMULUS)
     contact_s = stimulus.ground_truth(protocol)["contact_time_s"]
-    video = stimulus.write(protocol, output).video
+    stimulus.write(protocol, output)
     click.echo(f"{protocol.description}; contact at {contact_s:.2f} s")
     click.echo(f"$ oppload run {video} -o {output}")
     for line in report(task, run_task(task)):
         click.echo(line)
-    result, figure = oppload.read_result(outputs.csv), outputs.csv.with_suffix(".png")
+    result = oppload.read_result(outputs.csv)
     save(result.plot()[0], figure)
     click.echo(f"$ oppload plot {outputs.csv}\n  {figure}")
     click.echo(f"$ oppload report {outputs.csv}\n  {result.report(output)}")

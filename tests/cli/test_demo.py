@@ -29,3 +29,13 @@ def test_the_demo_alarms_before_contact_and_its_lines_give_the_same(tmp_path: Pa
         assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes()
     refused = oppload("demo", "-o", "demo", cwd=tmp_path)
     assert (refused.returncode, "exists already" in refused.stderr) == (2, True)
+
+
+def test_the_demo_replaces_no_file_unasked(tmp_path: Path) -> None:
+    for end in (".avi", ".stimulus.json", ".frames.png", ".report.html"):
+        mine = tmp_path / f"controls_looming-and-translating{end}"
+        mine.write_text("mine")
+        refused = oppload("demo", "-o", tmp_path)
+        assert (refused.returncode, f"{end}: exists already" in refused.stderr) == (2, True)
+        assert (list(tmp_path.iterdir()), mine.read_text()) == ([mine], "mine")
+        mine.unlink()
