@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pandas as pd
 
-from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.errors import ParameterError
 from oppload_cli.files.atomic import refuse_existing, write_atomic
-from oppload_cli.files.reading import is_there, reading
+from oppload_cli.files.reading import is_there
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected
@@ -22,13 +22,7 @@ from oppload_cli.pipeline.task import IfExists, Outputs, begun
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading as tables
-from oppload_cli.results.table import (
-    DETECTIONS,
-    TABLE,
-    detection_line,
-    detection_values,
-    write_sidecar,
-)
+from oppload_cli.results.table import TABLE, detection_line, detection_values, write_sidecar
 from oppload_cli.results.truths import facts_of_truth
 from oppload_cli.stimulus.files import file_stem
 from oppload_cli.stimulus.truth import ground_truth
@@ -316,11 +310,7 @@ def read_result(path: str | Path) -> Result:
     oppload_cli.errors.ResultError: missing.frames.csv: cannot be read (no such file...
     """
     read = tables.read_result(Path(path))
-    beside = read.path.with_name(f"{read.stem}{DETECTIONS}")
-    found: list[dict[str, Any]] = []
-    if beside.exists():
-        with reading(beside, ResultError, form="JSON lines", repair="run the input again"):
-            found = [json.loads(line) for line in beside.read_text(encoding="utf-8").splitlines()]
+    found = tables.read_detections(read.path) or []
     return Result(read.path, read.frames, read.sidecar, _detections(found), saved=True)
 
 

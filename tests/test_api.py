@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -234,8 +236,29 @@ def test_settings_reach_the_detectors() -> None:
 
 def test_damaged_detections_are_named(tmp_path: Path) -> None:
     path = oppload.run(np.stack(FRAMES), rate=30, rmo=False, **NATIVE).save(tmp_path, "a")
-    path.with_name("a.detections.jsonl").write_text('{"frame": ')
-    with pytest.raises(ResultError, match=r"a\.detections\.jsonl: is not valid JSON lines"):
-        oppload.read_result(path)
-    path.with_name("a.detections.jsonl").unlink()
+    lines = path.with_name("a.detections.jsonl")
+    whole = lines.read_text()
+    for damaged in ('{"frame": ', "5", "null", "[1, 2]", '{"frame": 8}'):
+        lines.write_text(f"{damaged}\n")
+        with pytest.raises(ResultError, match=r"a\.detections\.jsonl: is not valid JSON Lines"):
+            oppload.read_result(path)
+    lines.write_text(whole[:-9])  # as a run leaves it that is killed
+    count = whole.count("\n")
+    assert len(oppload.read_result(path).detections) == count - 1 > 0
+    lines.unlink()
     assert len(oppload.read_result(path).detections) == 0
+    part = path.rename(path.with_name("a.frames.csv.part"))
+    part.with_name("a.detections.jsonl.part").write_text(whole)
+    assert len(oppload.read_result(part).detections) == count
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no POSIX pipes")
+def test_a_pipe_in_the_place_of_detections_is_told(tmp_path: Path) -> None:
+    path = oppload.run(np.stack(FRAMES), rate=30, rmo=False, **NATIVE).save(tmp_path, "a")
+    lines = path.with_name("a.detections.jsonl")
+    lines.unlink()
+    os.mkfifo(lines)
+    with pytest.raises(
+        ResultError, match=r"jsonl: cannot be read \(a pipe or a device, not a file"
+    ):
+        oppload.read_result(path)

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from oppload_cli.errors import OpploadError, ResultError, printable
-from oppload_cli.files.reading import reading
+from oppload_cli.errors import OpploadError, printable
 from oppload_cli.models.presets import PRESETS
 from oppload_cli.models.registry import detector_named, placing_detector
 from oppload_cli.results.alarms import uncounted
-from oppload_cli.results.reading import check_numbers, check_schema, result_threshold
-from oppload_cli.results.table import DETECTIONS
+from oppload_cli.results.reading import (
+    check_numbers,
+    check_schema,
+    read_detections,
+    result_threshold,
+)
 from oppload_cli.results.truths import find_truth
 from oppload_cli.version import __version__
 
@@ -278,22 +280,14 @@ def _contact_s(times: Series, rows: range, boxes: dict[int, list[list[Any]]]) ->
 def _boxes(result: BaseResult, name: str) -> dict[int, list[list[Any]]]:
     """Return the boxes by row: from ``detections.jsonl``, or else those of the table."""
     rows = {int(frame): row for row, frame in enumerate(result.frames["frame"])}
-    path = result.path.with_name(f"{result.stem}{DETECTIONS}")
-    if result.path.name.endswith(".part"):
-        path = path.with_name(f"{path.name}.part")
     boxes: dict[int, list[list[Any]]] = {}
-    if path.exists():
-        again = "run the input again"
-        with reading(path, ResultError, form="JSON Lines", repair=again):
-            lines = path.read_text(encoding="utf-8").split("\n")
-            for line in lines[:-1]:  # the text after the last line end is cut short, or empty
-                found = json.loads(line)
-                if not isinstance(found, dict) or not _is_box(found):
-                    raise ValueError(f"not a detection: {line[:40]}")
-                if found["frame"] in rows:
-                    boxes.setdefault(rows[found["frame"]], []).append(
-                        [_short(found.get(key)) for key in _DETECTION]
-                    )
+    detections = read_detections(result.path)
+    if detections is not None:
+        for found in detections:
+            if found["frame"] in rows:
+                boxes.setdefault(rows[found["frame"]], []).append(
+                    [_short(found.get(key)) for key in _DETECTION]
+                )
         return boxes
     sides = [f"{name}_{side}" for side in _DETECTION[:4]]
     if not set(sides) <= set(result.frames.columns):
@@ -310,14 +304,6 @@ _DETECTION = (
     *("x", "y", "width", "height"),
     *("centre_x", "centre_y", "id", "alarm", "time_to_contact_s"),
 )
-
-
-def _is_box(found: dict[str, Any]) -> bool:
-    numbers = [found.get(key) for key in ("frame", *_DETECTION[:4])]
-    others = [found.get(key) for key in _DETECTION[4:]]
-    return all(isinstance(each, int | float) for each in numbers) and all(
-        each is None or isinstance(each, int | float) for each in others
-    )
 
 
 def _truth(result: BaseResult) -> dict[str, Any] | None:

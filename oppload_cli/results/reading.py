@@ -17,9 +17,10 @@ import pandas as pd
 from oppload_cli.detection.alarm import Alarm
 from oppload_cli.detection.parameters import AlarmParams, alarm_params
 from oppload_cli.errors import OpploadError, ResultError, SourceError, reason_of
-from oppload_cli.files.reading import is_file, is_folder, reading, text_of
+from oppload_cli.files.atomic import part_of
+from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
 from oppload_cli.models.registry import default_names, detector_named, known_names
-from oppload_cli.results.table import SCHEMA, SIDECAR, TABLE, columns_for
+from oppload_cli.results.table import DETECTIONS, SCHEMA, SIDECAR, TABLE, columns_for
 from oppload_cli.video.inputs import NUMBER, is_camera, is_video
 
 if TYPE_CHECKING:
@@ -201,6 +202,47 @@ def read_result(
                 f"{detector_named(model).warm_up} intervals"
             )
     return result
+
+
+def read_detections(table: Path) -> list[dict[str, Any]] | None:
+    """Read the looming objects of a result: the lines of its ``detections.jsonl``.
+
+    Parameters
+    ----------
+    table : Path
+        The ``frames.csv``, or the ``.part`` of an interrupted run.
+
+    Returns
+    -------
+    list of dict or None
+        By the keys of ``docs/formats.md``; None where there is no such file. A last line without
+        its end is cut short, and left out.
+
+    Raises
+    ------
+    ResultError
+        If it cannot be read, or a line is no detection.
+    """
+    path = table.with_name(f"{stem_of(table)}{DETECTIONS}")
+    path = part_of(path) if table.name.endswith(".part") else path
+    if not is_there(path):
+        return None
+    found = []
+    with reading(path, ResultError, form="JSON Lines", repair="run the input again"):
+        for line in text_of(path).split("\n")[:-1]:
+            found.append(json.loads(line))
+            if not _is_detection(found[-1]):
+                raise ValueError(f"not a detection: {line[:40]}")
+    return found
+
+
+def _is_detection(found: Any) -> bool:
+    if not isinstance(found, dict):
+        return False
+    needed = [found.get(key) for key in ("frame", "x", "y", "width", "height")]
+    return None not in needed and all(
+        value is None or isinstance(value, int | float) for value in found.values()
+    )
 
 
 def read_table(
