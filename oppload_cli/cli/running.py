@@ -55,7 +55,10 @@ if TYPE_CHECKING:
 
 _STANDARD_OUTPUT = "-"
 _LISTED = 10  # inputs with alarms, or with remarks, that are printed
-_NAMES_INPUTS = {"recursive", "files_from", "null", "shard", "dry_run", "if_exists"}
+# Options that a retry does not repeat.
+_OF_ALL_INPUTS = {
+    "recursive", "files_from", "null", "shard", "dry_run", "if_exists", "report_pages",
+}  # fmt: skip
 
 
 def run_inputs(
@@ -340,23 +343,28 @@ class _Batch:
                 )
         if self._tally.failures and self._failures.exists():
             say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
-            say(f"  {_retry_command(click.get_current_context(), self._failures)}")
+            for command in _retry_commands(click.get_current_context(), self._failures):
+                say(f"  {shlex.join(command)}")
 
 
-def _retry_command(context: click.Context, failures: Path) -> str:
-    """Return the command line, with every option given, that does just the failed inputs again."""
+def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str]]:
+    """Yield the command line, with every option given, that does just the failed inputs again.
+
+    Where pages are asked for, another one makes them: the index is of all results, not of these.
+    """
     loads = context.find_root().params.get("load", ())
-    words = ["oppload", *(word for name in loads for word in ("--load", name))]
-    words += [str(context.info_name), "--files-from", str(failures)]
+    begin = ["oppload", *(word for name in loads for word in ("--load", name))]
+    words = [*begin, str(context.info_name), "--files-from", str(failures)]
     for option in context.command.params:
         name = option.name or ""
         given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        if not given or name in _NAMES_INPUTS or not isinstance(option, click.Option):
+        if not given or name in _OF_ALL_INPUTS or not isinstance(option, click.Option):
             continue
         value = context.params[name]
         flag = max(option.opts, key=len)
         values = value if option.multiple else [value]
         words += [flag] if option.is_flag else [w for v in values for w in (flag, str(v))]
     overwrite = context.params["if_exists"] == "overwrite"
-    words += ["--if-exists", "overwrite" if overwrite else "skip"]
-    return shlex.join(words)
+    yield [*words, "--if-exists", "overwrite" if overwrite else "skip"]
+    if context.params["report_pages"]:
+        yield [*begin, "report", str(failures.parent)]

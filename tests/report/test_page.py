@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import re
+import shlex
 import shutil
 import time
 from typing import TYPE_CHECKING, Any
@@ -409,6 +410,18 @@ def test_a_run_with_a_report(tmp_path: Path, capsys: Capture) -> None:
     assert "needs a display" in run(capsys, "report", out, "--show").stderr
     for wrong in (("-o", "-"), ("--shard", "1/2")):
         assert run(capsys, "run", clip, "--report", *wrong).returncode == 2
+
+
+def test_a_retry_makes_an_index_of_all_results(tmp_path: Path, capsys: Capture) -> None:
+    clip, out = write_numbered_result(tmp_path, "one").with_name("one.mkv"), tmp_path / "out"
+    late = tmp_path / "two.mkv"
+    more = ("--report", "--no-rmo", "-j", "1")
+    done = run(capsys, "run", clip, late, "-o", out, *more)
+    assert done.returncode == 4
+    shutil.copy(clip, late)
+    commands = [shlex.split(line) for line in done.stderr.splitlines() if line[:9] == "  oppload"]
+    assert [run(capsys, *words[1:]).returncode for words in commands] == [0, 0]
+    assert (out / "index.html").read_text().count("<tr data-title") == 2
 
 
 def titles_in(index: Path) -> dict[str, str]:
