@@ -8,6 +8,7 @@ documentation and the sidecar. Nothing here needs NumPy.
 from __future__ import annotations
 
 import math
+import numbers
 import re
 import typing
 from dataclasses import MISSING, dataclass, field, fields, replace
@@ -230,8 +231,11 @@ class Table:
             return tuple(cls._converted(each, kinds[0], one) for one in value)
         if kind is Fraction and not isinstance(value, Fraction):
             return cls._fraction(label, value)
-        if kind is float and isinstance(value, int) and not isinstance(value, bool):
-            return _float(value)
+        if not isinstance(value, bool):  # numbers of NumPy are registered with `numbers`
+            if kind is float and isinstance(value, numbers.Real):
+                return _float(value)
+            if kind is int and isinstance(value, numbers.Integral):
+                return int(value)
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
             raise cls._mistyped(each, kind, value)
         return value
@@ -453,7 +457,7 @@ def _numbers(value: object) -> list[float | Fraction]:
     return []
 
 
-def _float(number: float | Fraction) -> float:
+def _float(number: Any) -> float:
     """Convert to float; a number beyond its range becomes infinite."""
     try:
         return float(number)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError, StimulusError
@@ -47,6 +48,20 @@ def test_values_are_converted() -> None:
     assert Outer.from_table(outer.as_table(), "again") == outer
     assert outer.as_table()["rate"] == "2997/100"
     assert "width" not in Outer().as_table()
+
+
+@pytest.mark.parametrize("number", [np.float32(2), np.float64(2), np.int64(2), Fraction(2)])
+def test_numbers_of_numpy_are_plain_numbers(number: Any) -> None:
+    params = SomeParams()
+    gain = params.replaced(gain=number).gain
+    assert (type(gain), gain) == (float, 2)
+    cell = params.replaced(cell=np.int64(2)).cell
+    assert (type(cell), cell) == (int, 2)
+    for wrong in (np.True_, "2"):
+        with pytest.raises(ParameterError, match="gain' of some takes a number, not"):
+            params.replaced(gain=wrong)
+    with pytest.raises(ParameterError, match="cell' of some takes a whole number or none, not"):
+        params.replaced(cell=np.float32(2))
 
 
 @pytest.mark.parametrize(
