@@ -114,8 +114,12 @@ def open_table(path: Path, columns: Mapping[str, type], *, new: bool = False) ->
             yield Table(file.stream, columns, _text)
             return
         table = _Parquet(arrow, file, columns)
-        yield table
-        table.close()
+        try:
+            yield table
+            table.close()
+        except BaseException:
+            table.abandon()
+            raise
 
 
 def rows_in(path: Path) -> int:
@@ -176,6 +180,10 @@ class _Parquet:
     def close(self) -> None:
         self._flush()
         self._writer.close()
+
+    def abandon(self) -> None:
+        # Else it would write the end of the file as it is deleted, when the file is closed.
+        self._writer.is_open = False
 
     def _flush(self) -> None:
         arrays = [

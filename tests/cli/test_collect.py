@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import gc
 import io
 import json
 import shutil
@@ -145,6 +146,20 @@ def test_wrong_use(results: Path, tmp_path: Path) -> None:
         assert (done.returncode, done.stderr.count("\n")) == (2, 1)
         assert sentence in done.stderr
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_parquet_that_fails_is_dropped_without_a_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from oppload_cli.files.tables import open_table
+
+    pytest.importorskip("pyarrow", reason="NOT TESTED: pip install 'oppload[parquet]'")
+    told: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", told.append)
+    with pytest.raises(KeyboardInterrupt), open_table(tmp_path / "a.parquet", {"n": int}):
+        raise KeyboardInterrupt
+    gc.collect()  # the writer is deleted by now
+    assert (told, list(tmp_path.iterdir())) == ([], [])
 
 
 def test_without_pyarrow(results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
