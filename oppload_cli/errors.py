@@ -122,7 +122,9 @@ def shortage(error: BaseException | None) -> str:
     # An error that a thread has kept is raised again, and may then be its own cause.
     while error is not None and error not in seen:
         seen.append(error)
-        number, said = getattr(error, "errno", None), str(error).lower()
+        number = getattr(error, "errno", None)
+        # The whole text of an error of the system holds a path, whose words say nothing.
+        said = str(getattr(error, "strerror", None) or error).lower()
         known = isinstance(error, MemoryError) or number == errno.ENOMEM
         if known or any(words in said for words in _NO_MEMORY):
             return (

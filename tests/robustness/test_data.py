@@ -281,6 +281,7 @@ def test_a_shortage_is_no_bug() -> None:
     assert "process or thread" in shortage(BlockingIOError(11, "Resource temporarily unavailable"))
     assert "files are open" in shortage(OSError(24, "Too many open files"))
     assert shortage(ParameterError("wrong")) == ""
+    assert shortage(FileNotFoundError(2, "No such file or directory", "out of memory/a.mp4")) == ""
     again, other = OSError(28, "No space left on device"), ParameterError("wrong")
     again.__context__, other.__cause__ = other, again
     assert shortage(again) == ""
