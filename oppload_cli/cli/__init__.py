@@ -139,9 +139,15 @@ def _load(_ctx: click.Context, _option: click.Parameter, names: tuple[str, ...])
     for name in names:
         if name.endswith(".py") and not Path(name).is_file():
             raise ParameterError(f"--load {name}: no such file; check the name")
+    files = [str(Path(each).absolute()) if each.endswith(".py") else each for each in names]
+    for name, file in zip(names, files, strict=True):
+        if os.pathsep in file:
+            raise ParameterError(
+                f"--load {name}: its path holds '{os.pathsep}', which separates the names in "
+                f"{LOAD}; rename the file or its folder"
+            )
     if names:
-        files = (Path(each).absolute() if each.endswith(".py") else each for each in names)
-        os.environ[LOAD] = os.pathsep.join(map(str, files))
+        os.environ[LOAD] = os.pathsep.join(files)
     return names
 
 

@@ -6,9 +6,13 @@ import csv
 import hashlib
 import json
 import shlex
+import sys
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import pytest
+
+from tests.cli.inside import run
 from tests.cli.process import oppload
 from tests.media import grey_frames, write_video
 
@@ -78,6 +82,19 @@ def test_a_file_that_cannot_be_loaded_is_named(tmp_path: Path) -> None:
         done = oppload("--load", name, "models", cwd=tmp_path)
         assert (done.returncode, fault in done.stderr) == (2, True), done.stderr
         assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no name has a colon there")
+def test_a_path_that_separates_names_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "a:b"
+    folder.mkdir()
+    (folder / "own.py").write_text(DETECTOR)
+    monkeypatch.chdir(folder)
+    done = run(capsys, "--load", "own.py", "models")
+    assert done.returncode == 2
+    assert "--load own.py: its path holds ':', which separates the names" in done.stderr
 
 
 def test_a_step_that_fails_names_the_detector_and_leaves_no_file(tmp_path: Path) -> None:
