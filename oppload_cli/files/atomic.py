@@ -184,8 +184,8 @@ class PartFile(_Part):
     """A file that appears under its name only when it is complete.
 
     It is written as ``NAME.part`` under a lock. An interrupted run keeps that, readable
-    as far as it goes. Where the file system has no locks the part file is
-    ``NAME.HOST-PROCESS.part``, so that two runs never write into one file. A link, a
+    as far as it goes. Where there are no locks, as on Windows, a second
+    run writes ``NAME.HOST-PROCESS.part``, so that two runs never write into one file. A link, a
     folder or a pipe in the place of the part file is an error; no link is followed.
 
     Parameters
@@ -406,10 +406,10 @@ def _check_alone(there: os.stat_result, part: Path) -> None:
 def _lock(file: int, path: Path) -> bool | None:
     """Lock an open file; tell whether no other process holds it, or has just renamed it.
 
-    None where the file system has no locks.
+    None where the system or the file system has no locks.
     """
     if sys.platform == "win32":
-        return True
+        return None
     deadline = time.monotonic() + _DYING_S
     while True:
         try:

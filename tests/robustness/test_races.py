@@ -6,11 +6,13 @@ import os
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from oppload_cli.errors import BusyError, OutputError
+from oppload_cli.files import atomic
 from oppload_cli.files.atomic import PartFile, PartFolder, claimed
 from tests.cli.inside import oppload
 from tests.cli.process import ENTRY
@@ -109,15 +111,19 @@ def test_another_file_in_the_place_of_the_part_file(tmp_path: Path) -> None:
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_where_the_file_system_has_no_locks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("windows", [False, True])
+def test_where_there_are_no_locks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, windows: bool
 ) -> None:
     fcntl = pytest.importorskip("fcntl", reason="NOT TESTED: no POSIX locks")
 
     def refuse(*_: object) -> None:
         raise OSError
 
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    if windows:
+        monkeypatch.setattr(atomic, "sys", SimpleNamespace(platform="win32"))
+    else:
+        monkeypatch.setattr(fcntl, "flock", refuse)
     first = PartFile(tmp_path / "a", new=True)
     with pytest.raises(OutputError, match=r"a\.part: exists already"):
         PartFile(tmp_path / "a", new=True)
