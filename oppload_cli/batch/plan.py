@@ -312,11 +312,10 @@ class Tally:
         Parameters
         ----------
         fail_on : str or None
-            ``alarm``: met if an input had an alarm; ``no-alarm``: met if an input that is done had
-            none.
+            ``alarm``: met if an input had an alarm; ``no-alarm``: met if an input that is complete
+            had none.
         """
-        quiet = self.silent > 0 and self.exit_code == ExitCode.DONE
-        if (fail_on == "alarm" and self.alarmed) or (fail_on == "no-alarm" and quiet):
+        if (fail_on == "alarm" and self.alarmed) or (fail_on == "no-alarm" and self.silent):
             return ExitCode.CONDITION_MET
         return self.exit_code
 

@@ -191,6 +191,23 @@ def test_exit_codes_of_a_batch() -> None:
         assert tally.exit_code == code
 
 
+def test_a_silent_input_meets_its_condition_whatever_the_others_do() -> None:
+    bad, cut, silent = Failure("a", "a", 3, "no"), Outcome(complete=False), Outcome()
+    for results, code in (
+        ([silent], 5),
+        ([silent, cut], 5),
+        ([silent, bad], 5),
+        ([cut], 4),  # it may have had an alarm
+        ([cut, bad], 4),
+        ([bad], 3),
+    ):
+        tally = Tally()
+        for result in results:
+            tally.add("a", result)  # type: ignore[arg-type]
+        assert tally.exit_code_unless("no-alarm") == code
+        assert tally.exit_code_unless("alarm") == tally.exit_code
+
+
 def test_the_table_counts_every_state() -> None:
     tally = Tally([Failure("a", "", 3, "no")])
     for result in (Outcome(frames=10), Outcome(frames=5, complete=False), Outcome(skipped=True)):
