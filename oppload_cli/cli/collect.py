@@ -47,5 +47,6 @@ def collect(
         results, rows = "s" * (found.good != 1), "s" * (found.rows != 1)
         say(f"{found.good} result{results}, {found.rows} row{rows} -> {output}")
     if found.bad:
-        say(f"oppload: {found.bad} results could not be collected; the others are in {output}")
+        lost = f"{found.bad} result{'s' * (found.bad != 1)}"
+        say(f"oppload: {lost} could not be collected; the others are in {output}")
     return ExitCode.INCOMPLETE if found.bad else ExitCode.DONE

@@ -136,7 +136,7 @@ def plot(
     detector (--model) over several inputs shares one panel; several detectors get a
     panel per input; more than six curves become small multiples, and more than 24
     results a heat map. A NAME.stimulus.json beside a result is drawn as a strip of
-    ground truth. One of several results that cannot be drawn is left out, and told.
+    ground truth. One of several results that cannot be drawn is left out, and named.
     """
     from oppload_cli.plots import style, tuning
 
@@ -200,7 +200,7 @@ def _kind_of(path: Path, kind: str | None) -> tuple[str, bool]:
         )
     try:
         own = tuning.kind_of(oppload.read_tuning(path))
-    except ResultError:  # which is told as the table is drawn
+    except ResultError:  # which is reported as the table is drawn
         own = kind or ""
     return kind or own, kind in {None, own}
 

@@ -219,7 +219,7 @@ class AlarmTable:
         self._stars = self._stars or any(map(_is_uncounted, outcome.verdicts))
         shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
         row = "".join(f"{cells.get(model, ''):<{_CELL}}" for model in self._models)
-        end = "kept" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
+        end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
         return f"{shown:<{self._wide}}  {row}{end}"
 
 

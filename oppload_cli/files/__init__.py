@@ -1,1 +1,1 @@
-"""Result files: one way to write them."""
+"""Files: results that appear complete or not at all, tables, pages, and what is read back."""

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from oppload_cli.pipeline.sources import Source
 
 
-_FEW_FRAMES = 10  # after which times of another unit are told
+_FEW_FRAMES = 10  # after which times of another unit are reported
 _LONGEST_STEP_S = 1.0  # nobody asks for approaches at a lower rate
 _REPEATS = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
 _TIME = "oppload_cli.models.timebase.TimeParams(interval='frame')"

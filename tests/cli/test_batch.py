@@ -164,7 +164,9 @@ def test_shards_in_parallel_by_plain_shell_then_again(
     again = [oppload("run", clips, "-o", out, *FAST, "--if-exists", "skip", "--shard", "3/8")]
     again += [oppload("run", clips, "-o", out, *FAST, "--if-exists", "skip", "-j", "2")]
     assert [done.returncode for done in again] == [0, 0]
-    kept = [[line for line in done.stderr.splitlines() if line.endswith(" kept")] for done in again]
+    kept = [
+        [line for line in done.stderr.splitlines() if line.endswith(" skipped")] for done in again
+    ]
     assert [len(lines) for lines in kept] == [2, 12]
     assert written(out) == before
 
