@@ -150,9 +150,10 @@ def reason_of(error: BaseException) -> str:
     return first[:1].lower() + first[1:]
 
 
-def remedy_of(error: BaseException) -> str:
-    """Return what a user can do about a file that cannot be read."""
-    return "check its rights" if isinstance(error, PermissionError) else "check the path"
+def cannot_read(name: str, error: OSError) -> SourceError:
+    """Return the error to raise where the system refuses to read an input."""
+    remedy = "check its rights" if isinstance(error, PermissionError) else "check the path"
+    return SourceError(f"{name}: cannot be read ({reason_of(error)}); {remedy}")
 
 
 def printable(text: str) -> str:

@@ -19,7 +19,7 @@ import av
 import numpy as np
 from av.codec.context import Flags
 
-from oppload_cli.errors import SourceError, reason_of, remedy_of
+from oppload_cli.errors import SourceError, cannot_read, reason_of
 from oppload_cli.processes import cores
 from oppload_cli.video.frames import (
     MAX_PIXELS,
@@ -215,9 +215,7 @@ class ContainerSource:
         except FileNotFoundError as error:
             raise SourceError(f"{self.name}: no such file; check the path") from error
         except OSError as error:
-            raise SourceError(
-                f"{self.name}: cannot be read ({reason_of(error)}); {remedy_of(error)}"
-            ) from error
+            raise cannot_read(self.name, error) from error
         if path.is_file() and size == 0:
             raise SourceError(f"{self.name}: the file is empty; copy or record it again")
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from PIL import Image, ImageOps, UnidentifiedImageError
 
-from oppload_cli.errors import SourceError, reason_of, remedy_of
+from oppload_cli.errors import SourceError, cannot_read, reason_of
 from oppload_cli.video.frames import (
     MAX_PIXELS,
     USUAL_RATE,
@@ -169,8 +169,7 @@ def _image_paths(name: str) -> list[Path]:
     except (FileNotFoundError, NotADirectoryError) as error:
         raise SourceError(f"{name}: no such folder; check the path") from error
     except OSError as error:
-        reason = reason_of(error)
-        raise SourceError(f"{name}: cannot be read ({reason}); {remedy_of(error)}") from error
+        raise cannot_read(name, error) from error
     if not paths:
         raise SourceError(f"{name}: no image there; give a folder or a pattern of images")
     return sorted(paths, key=_numerical_order)

@@ -15,7 +15,7 @@ from numbers import Real
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from oppload_cli.errors import ParameterError, SourceError, reason_of, remedy_of
+from oppload_cli.errors import ParameterError, SourceError, cannot_read
 from oppload_cli.files.reading import fault_of_name, fault_of_stem, is_folder
 from oppload_cli.video.frames import FrameTimes, is_integer
 
@@ -144,14 +144,10 @@ def _below(root: str) -> Iterator[_Found]:
             yield _Found(folder, folder=above)
         empty = empty and not videos and len(numbered) < 2
     for error in refused:
-        yield _Found(str(error.filename), _cannot_read(error.filename, error))
+        yield _Found(str(error.filename), cannot_read(error.filename, error))
     if empty and not refused:
         reason = "no video and no numbered images in this folder or below"
         yield _Found(root, SourceError(f"{root}: {reason}; check the path"))
-
-
-def _cannot_read(name: str, error: OSError) -> SourceError:
-    return SourceError(f"{name}: cannot be read ({reason_of(error)}); {remedy_of(error)}")
 
 
 def is_video(name: str) -> bool:
@@ -203,7 +199,7 @@ def _single_inputs(name: str) -> list[str]:
             if entry.is_file() and not entry.name.startswith(".")
         }
     except OSError as error:
-        raise _cannot_read(name, error) from error
+        raise cannot_read(name, error) from error
     videos = sorted(entry for entry in suffixes if is_video(entry.name))
     if videos:
         return [str(video) for video in videos]
