@@ -8,7 +8,13 @@ from pathlib import Path
 import click
 
 from oppload_cli.cli import progress_bar
-from oppload_cli.cli.options import complete_models, jobs_option, output_option, quiet_option
+from oppload_cli.cli.options import (
+    complete_models,
+    jobs_option,
+    names_in,
+    output_option,
+    quiet_option,
+)
 from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import make_folder
 from oppload_cli.processes import cores
@@ -61,9 +67,8 @@ def benchmark(
     from oppload_cli.evaluation.evaluate import evaluate
     from oppload_cli.evaluation.manifest import read_manifest
 
-    names = [name for text in models for name in text.split(",")]
-    columns = columns_of([name for text in only for name in text.split(",")])
-    detectors = chosen_detectors(names)
+    columns = columns_of(names_in(only))
+    detectors = chosen_detectors(names_in(models))
     make_folder(output)
     read = read_manifest(manifest) if manifest else None
     with progress_bar(None, "stimulus", quiet=quiet) as bar:

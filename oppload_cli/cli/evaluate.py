@@ -15,6 +15,7 @@ from oppload_cli.cli.options import (
     complete_stimuli,
     if_exists_option,
     jobs_option,
+    names_in,
     output_option,
     quiet_option,
     repeats_option,
@@ -111,8 +112,7 @@ def evaluate(
     from oppload_cli.evaluation.manifest import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
 
-    names = [name for text in models for name in text.split(",")]
-    detectors = evaluated_detectors(names, repeats, assignments)
+    detectors = evaluated_detectors(names_in(models), repeats, assignments)
     read = clips_of(inputs, boxes, [str(path) for path in backgrounds], changes)
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()

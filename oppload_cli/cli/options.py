@@ -169,6 +169,11 @@ def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
     return [CompletionItem(name) for name in names if name.startswith(text)]
 
 
+def names_in(texts: Iterable[str]) -> list[str]:
+    """Return the names in the values of an option that takes ``A,B`` for several."""
+    return [name.strip() for text in texts for name in text.split(",")]
+
+
 def check_models(names: Sequence[str], command: str, preset: str | None = None) -> None:
     """Check that the detectors of ``--model`` are known; one of the user's own must be loaded.
 
@@ -189,14 +194,13 @@ def check_models(names: Sequence[str], command: str, preset: str | None = None) 
     from oppload_cli.models.registry import ALL, known_names
 
     known = known_names()
-    for text in names:
-        for part in text.split(","):
-            name = part.strip().partition(":")[0]
-            if name != ALL and name not in known:
-                raise ParameterError(
-                    f"no model '{name}'{suggestion(name, known)} (one of your own is loaded, as "
-                    f"in 'oppload --load FILE.py {command} ...')"
-                )
+    for each in names_in(names):
+        name = each.partition(":")[0]
+        if name != ALL and name not in known:
+            raise ParameterError(
+                f"no model '{name}'{suggestion(name, known)} (one of your own is loaded, as "
+                f"in 'oppload --load FILE.py {command} ...')"
+            )
     beside = preset_in(names) if preset else ""
     if beside and beside != preset:
         raise ParameterError(

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING
 import click
 
 from oppload_cli.cli import progress_bar, say
-from oppload_cli.cli.options import if_exists_option, jobs_option, output_option, quiet_option
+from oppload_cli.cli.options import (
+    if_exists_option,
+    jobs_option,
+    names_in,
+    output_option,
+    quiet_option,
+)
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
 from oppload_cli.processes import cores
 
@@ -47,7 +53,7 @@ def reproduce(
     if listed:
         click.echo("\n".join(FIGURES))
         return
-    names = chosen(only)
+    names = chosen(names_in(only))
     targets = [f"{name}.png" for name in names]
     targets += [table for name in names for table in TABLES.get(name, ())]
     targets += ["report.json", "index.html"]

@@ -23,7 +23,7 @@ from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.tuning.present import Responses
@@ -243,20 +243,19 @@ _PAPER = (
 MARKS = {Verdict.HOLDS: "yes", Verdict.IN_PART: "part", Verdict.DOES_NOT: "no"}  # CSS classes
 
 
-def chosen(only: Iterable[str]) -> list[str]:
+def chosen(names: Collection[str]) -> list[str]:
     """Return the figures to make, in the order of the page.
 
     Parameters
     ----------
-    only : iterable of str
-        Names of the figures, one or several with commas between; none for all.
+    names : collection of str
+        Of the figures; none for all.
 
     Raises
     ------
     ParameterError
         If no figure has such a name.
     """
-    names = [name.strip() for text in only for name in text.split(",")]
     for name in names:
         if name not in FIGURES:
             raise ParameterError(f"no figure '{name}'{suggestion(name, FIGURES)}")

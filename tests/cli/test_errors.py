@@ -74,6 +74,8 @@ WRONG = [
         "--model asks for preset 'reference' and --preset for 'paper'; leave one out",
     ),
     (["reproduce", "--only", "up-down,diagnals"], 2, "no figure 'diagnals'; did you mean"),
+    (["benchmark", "--only", " nonsense"], 2, "no table 'nonsense'; choose from"),
+    (["evaluate", "a.csv", "--model", "opplod, dlgdm"], 2, "no model 'dlgdm';"),
     (["run", "CLIP", "--null"], 2, "--null has no effect without --files-from"),
     (["rnu"], 2, "no command 'rnu'; did you mean 'run'?"),
     (["plot", "missing.csv"], 2, "missing.csv: cannot be read"),
