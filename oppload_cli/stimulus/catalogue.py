@@ -258,8 +258,8 @@ def find(wanted: str) -> list[Entry]:
     Parameters
     ----------
     wanted : str
-        A TOML file, an entry's or a member's name, the last parts of one, a fragment that only
-        one has, or a pattern with ``*``, ``?``, ``[]``.
+        A TOML file, one of its members (``FILE.toml/MEMBER``), an entry's or a member's name, the
+        last parts of one, a fragment that only one has, or a pattern with ``*``, ``?``, ``[]``.
 
     Returns
     -------
@@ -272,8 +272,9 @@ def find(wanted: str) -> list[Entry]:
         If there is no such file or entry, or several; the message suggests the nearest name, or
         names all of them.
     """
-    if wanted.endswith(".toml"):
-        return [read_entry(Path(wanted))]
+    file, is_file, member = wanted.partition(".toml")
+    if is_file and (not member or member.startswith("/")):
+        return [_of_file(read_entry(Path(file + is_file)), member)]
     known = entries()
     exact = [entry for entry in known if entry.name == wanted]
     if exact:
@@ -287,15 +288,33 @@ def find(wanted: str) -> list[Entry]:
     if not found:
         found = _by_part(wanted, known)
     if not found:
-        names = {entry.name for entry in known}
-        near = {name for entry in known for name in entry.values()} | names
-        hint = suggestion(wanted, near | {name.rpartition("/")[2] for name in names})
-        if any(name.startswith(f"{wanted}/") for name in names):
-            hint = f"; did you mean '{wanted}/*'?"
-        elif "did you mean" not in hint:
-            hint = "; see 'oppload stimuli list', or give a .toml file"
-        raise StimulusError(f"no stimulus '{wanted}' in the catalogue{hint}")
+        raise StimulusError(f"no stimulus '{wanted}' in the catalogue; {_hint(wanted, known)}")
     return found
+
+
+def _hint(wanted: str, known: tuple[Entry, ...]) -> str:
+    """Return the words that help after a name that is no stimulus."""
+    own, _, member = wanted.partition("/")
+    if member and Path(f"{own}.toml").is_file():
+        return f"did you mean '{own}.toml/{member}'?"
+    names = {entry.name for entry in known}
+    if any(name.startswith(f"{wanted}/") for name in names):
+        return f"did you mean '{wanted}/*'?"
+    near = {name for entry in known for name in entry.values()} | names
+    hint = suggestion(wanted, near | {name.rpartition("/")[2] for name in names})
+    if "did you mean" in hint:
+        return hint.removeprefix("; ")
+    return "see 'oppload stimuli list', or give FILE.toml or FILE.toml/MEMBER"
+
+
+def _of_file(entry: Entry, member: str) -> Entry:
+    """Return the entry of a file, or some of its members: of ``/MEMBER``, a name or a pattern."""
+    chosen = replace(entry, only=entry.name + member) if member else entry
+    if not chosen.values():
+        known = [f"{entry.path}{name.removeprefix(entry.name)}" for name in entry.values()]
+        hint = suggestion(f"{entry.path}{member}", known)
+        raise StimulusError(f"{entry.path}: has no member '{member[1:]}'{hint}")
+    return chosen
 
 
 def _by_part(wanted: str, known: tuple[Entry, ...]) -> list[Entry]:

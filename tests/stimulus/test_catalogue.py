@@ -126,6 +126,22 @@ def test_find_by_name_member_pattern_and_file(tmp_path: Path) -> None:
     assert stimulus.load(str(own)).name == "own"
 
 
+def test_members_of_a_file_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    source = catalogue_directory() / "klapoetke2017" / "loom-l-over-v.toml"
+    shutil.copy(source, tmp_path / "my.toml")
+    monkeypatch.chdir(tmp_path)
+    names = {
+        "my.toml/l-over-v-40": ["my/l-over-v-40"],
+        "my.toml/*-200": ["my/l-over-v-200"],
+        str(tmp_path / "my.toml/l-over-v-[24]0"): ["my/l-over-v-20", "my/l-over-v-40"],
+    }
+    for wanted, expected in names.items():
+        assert [each.name for each in stimulus.load_all(wanted)] == expected
+    for wanted in ("my.toml/l-over-v-41", "my/l-over-v-40"):
+        with pytest.raises(StimulusError, match=r"did you mean 'my\.toml/l-over-v-40'"):
+            stimulus.find(wanted)
+
+
 def test_nothing_found_suggests_the_nearest() -> None:
     with pytest.raises(StimulusError, match="did you mean 'klapoetke2017/loom'"):
         stimulus.find("klapoetke2017/lom")
