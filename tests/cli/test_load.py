@@ -29,7 +29,7 @@ import oppload_cli as oppload
 
 @oppload.register
 class Darkening(oppload.Detector):
-    name, label, colour = "darkening", "Darkening", "#117733"
+    name, label, colour = "darkening", "Darkening", "#33AA00"
     meaning = "share of pixels that darkened"
     alarm_floors: ClassVar = {"default": 0.1}
     before = None
