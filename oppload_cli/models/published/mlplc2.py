@@ -198,8 +198,8 @@ class Mlplc2(ChangeDetector):
         Column("sum_lm", "", "sum of the net motion in all directions"),
         Column("n_fields", "", "fields of attention"),
         Column("field_id", "", "number of the oldest field; 0: none"),
-        Column("field_x", "px", "middle of the oldest field, working size; -1: none"),
-        Column("field_y", "px", "row of the same, working size"),
+        Column("field_x", "px", "column of the middle of the oldest field, working size; -1: none"),
+        Column("field_y", "px", "row of the middle of the oldest field, working size"),
         *(
             Column(f"q_{key}", "", f"outward motion of the oldest field, {words}")
             for key, words in _QUADRANTS
