@@ -71,17 +71,12 @@ def _weights() -> Plane:
     """
     path = files(__package__) / _WEIGHTS_FILE
     try:
-        lines = path.read_text("ascii").split()
-        values = np.array([line.split(",") for line in lines], np.float64)
+        lines = path.read_text("ascii").splitlines()
+        return np.loadtxt(lines, delimiter=",").reshape(_FIELD, _FIELD)
     except (OSError, ValueError) as error:
-        values, reason = np.empty(0), str(error)
-    else:
-        reason = f"it holds {values.shape}, not ({_FIELD}, {_FIELD}) numbers"
-    if values.shape != (_FIELD, _FIELD):
         raise OpploadError(
-            f"{path}: the weights of zhou_lrf cannot be read ({reason}); reinstall oppload"
-        )
-    return values
+            f"{path}: the weights of zhou_lrf cannot be read ({error}); reinstall oppload"
+        ) from error
 
 
 def _blur_kernel(element: int) -> Plane:
