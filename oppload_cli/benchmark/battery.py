@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -14,6 +16,7 @@ import numpy as np
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.evaluation.evaluate import outputs_of
 from oppload_cli.files.atomic import write_atomic
+from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import find
@@ -22,7 +25,6 @@ from oppload_cli.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.stimulus.protocol import Protocol
@@ -232,9 +234,24 @@ class Measured:
 
 
 class Shown(NamedTuple):
-    """One stimulus of the battery with the measures of every detector."""
+    """One stimulus of the battery with the measures of every detector.
+
+    Attributes
+    ----------
+    column : Column
+        Of the battery.
+    key : str
+        The same for stimuli of several columns that are one.
+    stimulus : str
+        Its name.
+    motion_end_s : float
+        When its motion ends.
+    measured : list of Measured
+        One for each detector.
+    """
 
     column: Column
+    key: str
     stimulus: str
     motion_end_s: float
     measured: list[Measured]
@@ -285,8 +302,9 @@ def show(
     OutputError
         If a file cannot be written, or a process is ended from outside.
     """
+    code = _code(detectors)
     listed = [
-        (column, _task(protocol, detectors, folder))
+        (column, _task(protocol, detectors, code, folder))
         for column in columns
         for protocol in column.protocols()
     ]
@@ -304,13 +322,34 @@ def show(
 
     results(partial(_show, detectors), waiting, jobs, named=attrgetter("name"), progress=count)
     return [
-        Shown(column, task.name, task.motion_end_s, _kept(task) or []) for column, task in listed
+        Shown(column, task.key, task.name, task.motion_end_s, _kept(task) or [])
+        for column, task in listed
     ]
 
 
-def _task(protocol: Protocol, detectors: Sequence[EvaluatedDetector], folder: Path) -> _Task:
+# Rooms whose code responses and alarms depend on.
+_ROOMS = "compute", "detection", "models", "motion", "pipeline", "stimulus", "video"
+_SOURCES = {".py", ".c", ".h", ".csv"}
+
+
+def _code(detectors: Sequence[EvaluatedDetector]) -> str:
+    """Return a checksum of the code of detectors, so that no measure outlives a change of it."""
+    package = Path(__file__).parents[1]
+    files = {path for room in _ROOMS for path in (package / room).rglob("*.*")}
+    # A detector of the user's own lies elsewhere.
+    files |= {Path(inspect.getfile(detector_named(each.detector))) for each in detectors}
+    code = hashlib.sha256()
+    for path in sorted(path for path in files if path.suffix in _SOURCES):
+        code.update(path.read_bytes())
+    return code.hexdigest()
+
+
+def _task(
+    protocol: Protocol, detectors: Sequence[EvaluatedDetector], code: str, folder: Path
+) -> _Task:
     content = {
         "version": __version__,
+        "code": code,
         "stimulus": protocol.as_table(),
         "detectors": {each.name: each.as_dict() for each in detectors},
     }

@@ -85,7 +85,7 @@ class _Summary(NamedTuple):
         Chance that its peak is larger for a looming stimulus than for a control, 0 to 1;
         0.5 is chance.
     looming_alarmed, looming, controls_alarmed, controls : int
-        How many stimuli alarmed, of how many.
+        How many stimuli alarmed, of how many. A stimulus of several tables counts once.
     largest_control_over_loom : float
         Of all controls.
     largest_control : str
@@ -154,10 +154,11 @@ class Benchmark:
         )
 
     def summary(self, name: str) -> _Summary:
-        """Return the figures of one detector over the complete battery."""
-        kinds = np.array([each.column.kind for each in self.shown])
-        alarmed = np.array([_alarms(each, name) > 0 for each in self.shown])
-        peaks = self._peaks[name]
+        """Return the figures of one detector over the complete battery, each stimulus once."""
+        once = np.sort(np.unique([each.key for each in self.shown], return_index=True)[1])
+        shown, peaks = [self.shown[place] for place in once], self._peaks[name][once]
+        kinds = np.array([each.column.kind for each in shown])
+        alarmed = np.array([_alarms(each, name) > 0 for each in shown])
         looming, control = kinds == LOOMING, kinds == CONTROL
         higher = peaks[looming][:, None] - peaks[control]
         auc = float(np.mean(higher > 0) + np.mean(higher == 0) / 2) if higher.size else math.nan
@@ -165,7 +166,7 @@ class Benchmark:
         if control.any():
             place = int(np.argmax(np.where(control, peaks, -1)))
             over = self.over_loom(name, float(peaks[place]))
-            worst = self.shown[place].column.label
+            worst = shown[place].column.label
         cost = detectors()[name.partition(":")[0]].cost_ms
         return _Summary(
             auc,

@@ -71,14 +71,22 @@ def benchmark(
     detectors = chosen_detectors(names_in(models))
     make_folder(output)
     read = read_manifest(manifest) if manifest else None
+    counts: list[int] = []
     with progress_bar(None, "stimulus", quiet=quiet) as bar:
 
         def progress(done: int, total: int) -> None:
+            counts.append(done)
             bar.total = total
             bar.update(done - bar.n)
 
         shown = show(
             columns, detectors, output / "stimuli", jobs=jobs or cores(), progress=progress
+        )
+    if counts[0]:
+        click.echo(
+            f"{counts[0]} of {counts[-1]} stimuli kept from an earlier run of the same code "
+            f"({output / 'stimuli'})",
+            err=True,
         )
     clips = None
     if read is not None:

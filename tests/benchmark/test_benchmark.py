@@ -22,6 +22,7 @@ from oppload_cli.benchmark.battery import (
 from oppload_cli.benchmark.output import Benchmark
 from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
+from oppload_cli.models import registry
 from tests.cli import inside
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def shown(values: Sequence[tuple[str, float, int]]) -> list[Shown]:
     columns = [BATTERY[0]]
     columns += [battery.Column("selectivity", "x", "x", {}, kind) for kind, _, _ in values[1:]]
     return [
-        Shown(column, str(i), 1.0, [Measured("lgmd2", peak, 0.5, alarms, None)])
+        Shown(column, str(i), str(i), 1.0, [Measured("lgmd2", peak, 0.5, alarms, None)])
         for i, (column, (_, peak, alarms)) in enumerate(zip(columns, values, strict=True))
     ]
 
@@ -120,6 +121,56 @@ def test_the_summary_counts_pairs_and_alarms() -> None:
     assert (found.looming_alarmed, found.looming) == (1, 2)
     assert (found.controls_alarmed, found.controls) == (1, 2)
     assert (found.largest_control_over_loom, found.largest_control) == (0.25, "x")
+
+
+def test_a_stimulus_of_several_tables_counts_once() -> None:
+    stated = [(LOOMING, 4.0, 1), (LOOMING, 1.0, 0), (LOOMING, 4.0, 1), (CONTROL, 2.0, 0)]
+    rows = shown(stated)
+    rows[2] = rows[2]._replace(key=rows[0].key)
+    found = Benchmark(rows, chosen_detectors(["lgmd2"])).summary("lgmd2")
+    assert (found.looming_alarmed, found.looming, found.auc) == (1, 2, 0.5)
+
+
+def test_a_disk_of_several_tables_is_one_stimulus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(battery, "results", lambda *_, **__: None)  # nothing is shown
+    looming = [column for column in BATTERY if column.kind == LOOMING]
+    keys = {
+        (each.column.table, each.column.label): each.key
+        for each in show(looming, chosen_detectors(NAMES), tmp_path)
+    }
+    disk = {("selectivity", "looming disk"), ("polarity", "dark"), ("speed", "40"), ("size", "60")}
+    assert {place for place, key in keys.items() if key == keys["polarity", "dark"]} == disk
+    assert len(set(keys.values())) == len(keys) - 3
+
+
+SOURCE = """
+import oppload_cli
+
+@oppload_cli.register
+class Constant(oppload_cli.Detector):
+    name, label, colour, meaning = "constant", "Constant", "#445566", "always the same"
+    alarm_floors = {"default": 0.0}
+
+    def reset(self):
+        pass
+
+    def step(self, luma):
+        return oppload_cli.Response(1.0)
+"""
+
+
+def test_an_edited_detector_is_shown_again(tmp_path: Path) -> None:
+    file = tmp_path / "constant.py"
+    peaks = []
+    for source in (SOURCE, SOURCE.replace("1.0", "20.0")):
+        file.write_text(source)
+        registry.load(str(file))
+        (found,) = show([small("dark")], chosen_detectors(["constant"]), tmp_path)
+        peaks.append(found.measured[0].peak)
+    registry.forget("constant")
+    assert peaks == [1.0, 20.0]
 
 
 def test_a_detector_without_a_response_to_the_disk() -> None:
@@ -148,7 +199,8 @@ def test_the_command_writes_tables_figures_and_a_page(
     assert "LGMD1" in page
     assert "https://" not in page
     first = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
-    assert inside.run(capsys, *call).returncode == 0
+    told = inside.run(capsys, *call).stderr
+    assert told.startswith("2 of 2 stimuli kept from an earlier run")
     again = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     assert again == first
 
