@@ -118,10 +118,14 @@ def full_circle(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
     angles_deg, responses : ndarray
         Each direction once, in rising order, 0 to 360.
     """
-    angles = np.concatenate([angles_deg % 360, (angles_deg + 180) % 360])
-    values = np.concatenate([responses, responses])
-    _, first = np.unique(np.round(angles, 6), return_index=True)
-    return angles[first], values[first]
+    angles = np.concatenate([angles_deg, angles_deg + 180])
+    return _in_order(angles, np.concatenate([responses, responses]))
+
+
+def _in_order(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
+    """Return each direction once, in rising order, 0 to 360: 360 degrees are those of 0."""
+    _, first = np.unique(np.round(angles_deg, 6) % 360, return_index=True)
+    return angles_deg[first] % 360, responses[first]
 
 
 @dataclass(frozen=True)
@@ -250,14 +254,11 @@ def _of_detector(
     rows = tuning.of(detector)
     if rows.empty:
         raise ResultError(f"{tuning.path}: column 'model' never holds '{detector}'; leave it out")
-    angles, values = rows[direction].to_numpy(float) % 360, rows["peak"].to_numpy(float)
+    angles, values = rows[direction].to_numpy(float), rows["peak"].to_numpy(float)
     preset = tuning.sidecar.get("preset")
     if isinstance(preset, str) and values.max() < NOTHING * alarm_floor_of(detector, preset):
         values = np.zeros_like(values)
-    order = np.argsort(angles, kind="stable")
-    angles, values = angles[order], values[order]
-    if tuning.symmetric:
-        angles, values = full_circle(angles, values)
+    angles, values = (full_circle if tuning.symmetric else _in_order)(angles, values)
     label = detector_named(detector).label
     name = f"{label}, {table}" if table else label
     look = {**look, "marker": "o", "markersize": 2.2}

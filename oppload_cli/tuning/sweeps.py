@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.pipeline.settings import resolve
+from oppload_cli.results.reading import direction_of
 from oppload_cli.stimulus.catalogue import find
 from oppload_cli.stimulus.words import key_of, value_at
 
@@ -296,6 +297,8 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
         chosen[key] = _values_of(text, values) if equals else entry.sweep[key]
         if key.endswith(_PLACE):
             _check_places(text, word, chosen[key])
+        if equals and direction_of([key]):
+            _check_turns(text, chosen[key])
     # Settings are checked as the protocols are made; one that names no table fails here.
     return replace(entry.with_settings({key: chosen[key][0] for key in chosen}), sweep=chosen)
 
@@ -346,6 +349,20 @@ def _check_places(text: str, word: str, values: Sequence[Any]) -> None:
     raise ParameterError(
         f"--over {text}: a position is two numbers, [right,up]; write {written[:200]}"
     )
+
+
+def _check_turns(text: str, values: Sequence[Any]) -> None:
+    """Raise ParameterError if two directions are the same one, such as 0 and 360 degrees."""
+    seen: dict[float, float] = {}
+    for value in values:
+        if not isinstance(value, int | float):  # the protocol says that it is no number
+            return
+        first = seen.setdefault(round(value, 6) % 360, value)
+        if first != value:
+            raise ParameterError(
+                f"--over {text}: {value:g} degrees are the same direction as {first:g}; leave one "
+                "of the two out, as in 0:315:45"
+            )
 
 
 def _range(text: str, first: float, last: float, step: float) -> list[Any]:

@@ -89,6 +89,15 @@ def test_without_symmetry_a_half_circle_stays_open(tmp_path: Path) -> None:
     assert "direction selectivity index unknown (opposite not shown)" in curve.line()
 
 
+def test_a_direction_that_was_shown_twice_is_drawn_once(tmp_path: Path) -> None:
+    circle = {"bar.axis_deg": [float(angle) for angle in range(0, 361, 45)]}
+    peaks = {"opplod": [1.0, 2, 1, 2, 1, 2, 1, 2, 1]}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", circle, peaks))
+    (curve,) = direction_tunings([tuning], (), "none")
+    np.testing.assert_array_equal(curve.angles_deg, circle["bar.axis_deg"][:-1])
+    assert "axis selectivity index 0.000" in curve.line()
+
+
 def test_the_reference_has_the_published_numbers() -> None:
     assert bar_tuning(10) == {15: 0.33, 45: 0.34, 75: 0.32, 105: 0.38, 135: 0.39, 165: 0.41}
     assert bar_tuning(60) == {15: 0.19, 45: 0.05, 75: 0.15, 105: 0.18, 135: 0.07, 165: 0.23}

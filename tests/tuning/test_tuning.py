@@ -248,6 +248,7 @@ def test_peaks_at_the_start_of_motion_are_named() -> None:
         ("0:330:30", list(range(0, 331, 30))),
         ("1:0:-0.5", [1, 0.5, 0]),
         ("[[0, 0], [10, 0]]", [[0, 0], [10, 0]]),
+        ('"a","b"', ["a", "b"]),  # refused when the stimuli are made
     ],
 )
 def test_values_are_lists_ranges_or_toml(text: str, values: list[object]) -> None:
@@ -296,6 +297,12 @@ def test_ranges_that_run_backwards_or_are_too_long(values: str, message: str) ->
         ("klapoetke2017/cross-inward", ["width=1,2"], "that is inward-right.width_deg or"),
         ("klapoetke2017/loom", ["disc.size_deg=1,2"], "did you mean 'disk'"),
         ("klapoetke2017/*", [], "stands for 19 stimuli; name one"),
+        (
+            "klapoetke2017/bar-expand-10",
+            ["axis=0:360:45"],
+            "axis=0:360:45: 360 degrees are the same direction as 0; leave one of the two out",
+        ),
+        ("klapoetke2017/loom", ["scene.rotation_deg=-90,270"], "270 degrees are the same direction as -90"),
     ],
 )
 def test_a_wrong_sweep(stimulus: str, over: list[str], message: str) -> None:
