@@ -26,9 +26,10 @@ from oppload_cli.plots.style import (
 )
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
 from oppload_cli.results.reading import NOTHING
+from oppload_cli.stimulus.catalogue import entries
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -278,12 +279,24 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
     found = {re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings}
     widths = {int(match[1]) if match else None for match in found}
     width = widths.pop() if len(widths) == 1 else None
-    for tuning in tunings:
-        first = tuning.sidecar.get("stimulus", {}).get("first", {})
-        for bar in first.get("object", []):
-            if bar.get("width_deg") != width or first.get("effects", {}).get("invert"):
-                return None
-    return width if width in BAR_WIDTHS else None
+    unchanged = all(map(_as_published, tunings))
+    return width if width in BAR_WIDTHS and unchanged else None
+
+
+def _as_published(tuning: Tuning) -> bool:
+    """Tell whether the stimulus looks as in the catalogue, but for the axis of its bar."""
+    first = tuning.sidecar.get("stimulus", {}).get("first")
+    if not first:  # nothing is known of it
+        return True
+    known = [each for each in entries() if each.name == tuning.name]
+    return any(_looks(first) == _looks(each.protocols()[0].as_table()) for each in known)
+
+
+def _looks(table: Mapping[str, Any]) -> list[Any]:
+    """Return what decides how a stimulus looks: all but its resolution, its pauses and its axis."""
+    objects = [{**one, "axis_deg": 0} for one in table.get("object", [])]
+    background = table.get("display", {}).get("background")
+    return [objects, background, table.get("scene"), table.get("effects")]
 
 
 def names_of(tunings: Sequence[Tuning], labels: Sequence[str] = ()) -> list[str]:

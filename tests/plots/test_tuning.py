@@ -18,6 +18,7 @@ from oppload_cli.plots.style import CYCLE, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference import bar_tuning, lplc2_peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
+from oppload_cli.stimulus.catalogue import find
 from tests.results.make import write_tuning
 
 if TYPE_CHECKING:
@@ -64,13 +65,25 @@ def test_rounding_errors_are_no_response(tmp_path: Path) -> None:
 def test_lplc2_stands_beside_its_own_bar_only(tmp_path: Path) -> None:
     path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS, symmetric=True)
     sidecar = path.with_suffix(".json")
-    for width, invert, overlaid in ((10, False, True), (60, False, False), (10, True, False)):
-        content = json.loads(sidecar.read_text())
-        bar = {"id": "bar", "width_deg": width}
-        content["stimulus"]["first"] = {"object": [bar], "effects": {"invert": invert}}
+    content = json.loads(sidecar.read_text())
+    entry = find("klapoetke2017/bar-expand-10")[0]
+    for changes, overlaid in (
+        ({}, True),
+        ({"bar.axis_deg": 30, "timing.before_s": 0}, True),
+        ({"bar.width_deg": 60}, False),
+        ({"bar.growth.speed_deg_s": 100}, False),
+        ({"bar.growth.sides": "forward"}, False),
+        ({"bar.growth.end_deg": 15}, False),
+        ({"bar.luminance": 0.9}, False),
+        ({"display.background": 0.5}, False),
+        ({"scene.rotation_deg": 45}, False),
+        ({"effects.invert": True}, False),
+    ):
+        first = entry.with_settings(changes).protocols()[0].as_table()
+        content["stimulus"]["first"] = first
         sidecar.write_text(json.dumps(content))
         names = [curve.name for curve in direction_tunings([read_tuning(path)])]
-        assert any(name.startswith("LPLC2") for name in names) == overlaid
+        assert any(name.startswith("LPLC2") for name in names) == overlaid, changes
 
 
 def test_more_than_a_plot_can_show_is_refused(tmp_path: Path) -> None:
