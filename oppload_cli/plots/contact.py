@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from oppload_cli.errors import ResultError
+from oppload_cli.errors import ResultError, StimulusError
 from oppload_cli.plots.classic import FEW, Request, column_of, legend_above
 from oppload_cli.plots.style import (
     COLUMN,
@@ -25,6 +25,8 @@ from oppload_cli.plots.style import (
 )
 from oppload_cli.reference import AngularThreshold, angular_thresholds
 from oppload_cli.results.reading import check_numbers
+from oppload_cli.stimulus.geometry import Projection
+from oppload_cli.stimulus.tables import Display
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -252,15 +254,13 @@ def _largest_angle(tuning: Tuning) -> float | None:
     """Return the angle at which the object fills the display, or stops growing if that is less."""
     first = _first(tuning)
     try:
-        display = first["display"]
-        field = 180.0
-        if display["projection"] == "flat":
-            # One of the two is given, and the other stands in the sidecar as null, or not at all.
-            scale = display.get("pixels_per_degree")
-            scale = scale or display["width"] / display["field_of_view_deg"]
-            field = min(display["width"], display["height"]) / scale
+        display = Display.from_table(first["display"], "display")
+        half = min(display.width, display.height) / 2
+        field = 2 * half / display.scale
+        if display.projection == "perspective":
+            field = 2 * math.degrees(math.atan(half / Projection.of(display).eye_px))
         return float(min([field, *(one["growth"].get("most_deg", 180) for one in first["object"])]))
-    except (KeyError, TypeError, AttributeError, ZeroDivisionError):
+    except (KeyError, TypeError, AttributeError, StimulusError):
         return None
 
 

@@ -44,8 +44,8 @@ def made(
                 "display": {
                     "width": 360, "height": 360, "background": 0.5,
                     "projection": more.pop("projection", "flat"),
-                    "pixels_per_degree": more.pop("scale", 5), "field_of_view_deg": 90,
-                    "frame_rate": more.pop("rate", "1000000"),
+                    **more.pop("scale", {"pixels_per_degree": 5}),
+                    "frame_rate": more.pop("rate", "10000"),
                 },
                 "object": [{"growth": {"most_deg": more.pop("most_deg", 180)}}],
             },
@@ -137,6 +137,16 @@ def test_the_limit_is_drawn_for_either_way_to_give_the_scale(
     assert "object fills the display or stops growing: 50 deg" in labels
 
 
+def test_the_limit_of_a_perspective_display_is_that_of_its_shorter_side(tmp_path: Path) -> None:
+    """400 px across are 90 degrees: the eye is 200 px away, and 200 px are 2 atan(100 / 200)."""
+    tuning = contact(tmp_path / "a.tuning.csv")
+    display = {"width": 400, "height": 200, "projection": "perspective", "field_of_view_deg": 90}
+    tuning.sidecar["stimulus"]["first"]["display"] = display
+    _, (times, _) = plot_tuning(tuning, "contact")
+    labels = times.get_legend_handles_labels()[1]
+    assert "object fills the display or stops growing: 53 deg" in labels
+
+
 def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> None:
     tuning = contact(tmp_path / "a.tuning.csv", most_deg=60)
     _, (times, sizes) = plot_tuning(tuning, "contact")
@@ -168,15 +178,15 @@ def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> No
 def test_the_display_ends_before_a_disk_of_180_degrees(tmp_path: Path) -> None:
     _, (times, _) = plot_tuning(contact(tmp_path / "a.tuning.csv"), "contact", published=False)
     assert times.get_legend_handles_labels()[1][1].endswith("72 deg")
-    wide = contact(tmp_path / "b.tuning.csv", scale=None)
+    wide = contact(tmp_path / "b.tuning.csv", scale={"field_of_view_deg": 90})
     (label,) = plot_tuning(wide, "contact", published=False)[1][0].get_legend_handles_labels()[1][
         1:
     ]
     assert label.endswith("90 deg")
-    for other in ({"scale": 0}, {"scale": "x"}, {"projection": "perspective"}):
-        tuning = contact(tmp_path / "c.tuning.csv", **other)
+    for wrong in (0, "x"):
+        tuning = contact(tmp_path / "c.tuning.csv", scale={"pixels_per_degree": wrong})
         _, (times, _) = plot_tuning(tuning, "contact", published=False)
-        assert (len(times.get_legend_handles_labels()[1]) == 1) is (other != {"scale": 0})
+        assert len(times.get_legend_handles_labels()[1]) == 1
 
 
 def test_published_thresholds_have_source_and_error() -> None:

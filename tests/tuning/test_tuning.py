@@ -302,7 +302,11 @@ def test_ranges_that_run_backwards_or_are_too_long(values: str, message: str) ->
             ["axis=0:360:45"],
             "axis=0:360:45: 360 degrees are the same direction as 0; leave one of the two out",
         ),
-        ("klapoetke2017/loom", ["scene.rotation_deg=-90,270"], "270 degrees are the same direction as -90"),
+        (
+            "klapoetke2017/loom",
+            ["scene.rotation_deg=-90,270"],
+            "270 degrees are the same direction as -90",
+        ),
     ],
 )
 def test_a_wrong_sweep(stimulus: str, over: list[str], message: str) -> None:
