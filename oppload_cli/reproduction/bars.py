@@ -31,7 +31,8 @@ from oppload_cli.reproduction.claims import (
     presented,
     settings_of,
 )
-from oppload_cli.stimulus.catalogue import find
+from oppload_cli.stimulus.catalogue import find, load_all
+from oppload_cli.stimulus.truth import frame_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -39,13 +40,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 
 
 # 60 degrees across, as LPLC2's: 5 px/deg at a height of 360, so 200 px at 240.
 _FIELD = ("opplod.receptive_field=200",)
 _BAR, _LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
-_SPEED_DEG_S, _START_DEG, _END_DEG = 20.0, 5.0, 35.0  # of each end of the bar
+_END_DEG = 35.0  # of each end of the bar
 # The bar of the catalogue stops at the edge of the largest field, which would hide this edge.
 _LONGER = {"bar.growth.end_deg": 2 * _END_DEG, "timing.motion_s": 1.5}
 _BEYOND = 1.1  # of the way to the edge
@@ -64,6 +66,7 @@ class _Tunings:
     bars: dict[int, dict[int, Responses]]
     loom: float
     edge_deg: float  # from the middle of a receptive field to its edge
+    reach: NDArray[np.float64]  # of the ends of the bars by frame, in degrees; NaN once they stand
 
     def peaks(self, width: int) -> dict[int, float]:
         """Return the peak by axis in degrees."""
@@ -78,10 +81,11 @@ def bar_figures() -> list[Built]:
 
 def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     settings = settings_of(preset, _FIELD, detector="opplod")
+    changes = {**NO_PAUSE, **changes}
     bars = {}
     for width in BAR_WIDTHS:
         # Along all axes of the catalogue: with some left out, a curve can look like a needle.
-        shown = presented(_BAR.format(width), settings, {**NO_PAUSE, **changes})
+        shown = presented(_BAR.format(width), settings, changes)
         axes = [int(name.rpartition("-")[2]) for name in shown]
         bars[width] = dict(zip(axes, (each["opplod"] for each in shown.values()), strict=True))
     loom = presented(_LOOM, settings, NO_PAUSE)[_LOOM]["opplod"]
@@ -89,7 +93,8 @@ def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     height = settings.height or display.height
     field = settings.resolved(height)["opplod"].as_dict()["receptive_field"]
     edge_deg = field / 2 * display.height / height / display.scale
-    return _Tunings(bars, peak_of(loom), edge_deg)
+    reach = _reach(load_all(_BAR.format(BAR_WIDTHS[0]), changes)[0])
+    return _Tunings(bars, peak_of(loom), edge_deg, reach)
 
 
 def _over_time(tunings: dict[str, _Tunings]) -> Built:
@@ -128,7 +133,7 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
 
 
 def _middle(tunings: _Tunings) -> Finding:
-    ends = np.array([_reach(each)[each.peak or 0] for each in _responding(tunings)])
+    ends = np.array([tunings.reach[each.peak or 0] for each in _responding(tunings)])
     count = sum(len(bars) for bars in tunings.bars.values())
     edge = tunings.edge_deg
     good = int(np.sum((ends >= 0.25 * edge) & (ends <= 0.75 * edge)))
@@ -146,7 +151,7 @@ def _middle(tunings: _Tunings) -> Finding:
 
 def _edge(tunings: _Tunings) -> Finding:
     last = [
-        float(each.response[_reach(each) >= _BEYOND * tunings.edge_deg][0]) / peak_of(each)
+        float(each.response[tunings.reach >= _BEYOND * tunings.edge_deg][0]) / peak_of(each)
         for each in _responding(tunings)
     ]
     median = float(np.median(last)) if last else math.nan
@@ -162,10 +167,12 @@ def _responding(tunings: _Tunings) -> list[Responses]:
     return [each for each in every if peak_of(each) > 0]
 
 
-def _reach(responses: Responses) -> NDArray[np.float64]:
-    """Return how far the ends of the bar are out, in degrees, while it grows."""
-    reach = _START_DEG + _SPEED_DEG_S * responses.time_s
-    return np.where(reach <= _END_DEG + 1e-9, reach, np.nan)
+def _reach(protocol: Protocol) -> NDArray[np.float64]:
+    """Return how far the ends of the bar are out in each frame, in degrees, while it grows."""
+    truths = [frame_truth(protocol, frame) for frame in range(protocol.frame_count)]
+    reach = np.array([each.objects[0].angular_size_deg for each in truths], float) / 2
+    grows = [each.time_s <= protocol.timing.end_s + 1e-9 for each in truths]
+    return np.where(grows, reach, np.nan)
 
 
 def _polar(tunings: dict[str, _Tunings]) -> Built:
@@ -278,12 +285,12 @@ def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
                 largest = max(each.peaks(width).values()) or 1.0
                 for axis, responses in each.bars[width].items():
                     panel.plot(
-                        _reach(responses), responses.response / largest,
+                        each.reach, responses.response / largest,
                         color=shades[_OFF_DIAGONAL.index(abs(axis % 90 - 45))], lw=0.9,
                     )  # fmt: skip
                 panel.axvline(each.edge_deg, color=FAINT, lw=0.7, linestyle="--")
                 panel.set_title(f"{TITLES[preset]}, {width} deg bar (largest {plain(largest)})")
-                panel.set_xlim(_START_DEG, _END_DEG)
+                panel.set_xlim(each.reach[0], _END_DEG)
             row[0].set_ylabel("response / largest")
         for panel in axes[1]:
             panel.set_xlabel("reach of the bar's ends (deg)")

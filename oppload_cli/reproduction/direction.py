@@ -26,6 +26,7 @@ from oppload_cli.reproduction.claims import (
     settings_of,
 )
 from oppload_cli.stimulus.catalogue import load
+from oppload_cli.stimulus.truth import frame_truth
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -162,11 +163,8 @@ def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
 
 def _speed(protocol: Protocol, settings: Settings) -> float:
     """Return how fast an end of the bar moves, in px/frame of the working size."""
-    growth = protocol.objects[0].growth
-    degrees = growth.speed_deg_s if growth and growth.speed_deg_s else 0.0
-    height = settings.height or protocol.display.height
-    scale = protocol.display.scale * height / protocol.display.height
-    return degrees * scale / float(protocol.display.frame_rate)
+    speed = frame_truth(protocol, _SHOWN_FRAME[_BAR]).objects[0].edge_speed_px_frame
+    return speed * (settings.height or protocol.display.height) / protocol.display.height
 
 
 def _leak_at(speed: int) -> float:

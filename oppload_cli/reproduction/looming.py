@@ -29,13 +29,13 @@ from oppload_cli.reproduction.claims import (
     settings_of,
 )
 from oppload_cli.stimulus.catalogue import load
+from oppload_cli.stimulus.geometry import Projection
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
@@ -150,7 +150,7 @@ def _onset(responses: Responses) -> int:
 
 
 def _found(protocol: Protocol, shown: Shown) -> Claim:
-    centre = _centre(protocol)
+    centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
     findings = {}
     for preset, each in shown.items():
         responses = each["opplod"]
@@ -165,14 +165,6 @@ def _found(protocol: Protocol, shown: Shown) -> Claim:
         "holds: the winning unit is within 10 px of the disk's centre, in part: within 50 px",
         findings,
     )
-
-
-def _centre(protocol: Protocol) -> NDArray[np.float64]:
-    """Return x and y of the disk's centre in pixels."""
-    display = protocol.display
-    right, up = protocol.objects[0].centre_deg
-    x, y = display.width / 2 + right * display.scale, display.height / 2 - up * display.scale
-    return np.array([x, y])
 
 
 def _draw(protocol: Protocol, shown: Shown) -> Figure:

@@ -20,7 +20,7 @@ from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figur
 from oppload_cli.reference import SOURCE, lplc2_peaks
 from oppload_cli.reproduction.claims import DPI, NO_RESPONSE, WIDE, Built, Claim, Finding, Verdict
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import low_passed, present
+from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.tuning.present import Responses
 
     Series = NDArray[np.float64]
 
@@ -182,8 +181,8 @@ def _signals(
 def _signal(protocol: Protocol, settings: Settings, detector: str) -> tuple[Series, Series]:
     params = parameters_of("opplod", _PRESET)
     constant = params.calcium_s if isinstance(params, OpplodParams) else 0.0
-    found: Responses = present(protocol, settings)[detector]
-    return found.time_s, low_passed(found.response, found.time_s, constant)
+    found = present(protocol, settings, indicator_s=constant)[detector]
+    return found.time_s, np.nan_to_num(found.response)
 
 
 def off_centre(

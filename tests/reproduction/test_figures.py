@@ -12,6 +12,7 @@ from oppload_cli.motion.rmo import rmo
 from oppload_cli.reproduction import bars, direction, looming, thresholds
 from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen
 from oppload_cli.reproduction.rmo import _construct, definition
+from oppload_cli.stimulus.catalogue import load
 from oppload_cli.tuning.present import Responses
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars
         width: {axis: responses([float("nan"), 0, peak]) for axis, peak in peaks.items()}
         for width, peaks in ((10, ten), (60, sixty))
     }
-    return bars._Tunings(shown, loom, 30.0)
+    return bars._Tunings(shown, loom, 30.0, np.array([5.0, 7, 9]))
 
 
 @pytest.mark.parametrize(("beyond", "verdict"), [(0.0, Verdict.HOLDS), (0.5, Verdict.DOES_NOT)])
@@ -98,10 +99,18 @@ def test_the_edge_of_the_field_is_that_of_the_preset(beyond: float, verdict: Ver
     """A bar whose ends are 13 degrees out in frame 4, and 15 in the next one."""
     curve = [float("nan"), 1.0, *[0.9] * 3, *[beyond] * 20]
     shown = {width: {0: responses(curve)} for width in (10, 60)}
-    tuned = bars._Tunings(shown, 1.0, 12.0)
+    tuned = bars._Tunings(shown, 1.0, 12.0, np.arange(5.0, 55, 2))
     assert bars._edge(tuned).numbers["median_beyond_edge_over_peak"] == beyond
     assert bars._edge(tuned).verdict is verdict
     assert bars._middle(tuned).numbers["lower_quartile_deg"] == pytest.approx(7)
+
+
+def test_the_reach_of_the_ends_is_that_of_the_ground_truth() -> None:
+    """From 5 degrees at 20 deg/s, for 1.25 s of 30 frames/s."""
+    reach = bars._reach(load("klapoetke2017/bar-expand-10/axis-0", {"timing.before_s": 0}))
+    np.testing.assert_allclose(reach[:38], 5 + 20 * np.arange(38) / 30)
+    assert np.isnan(reach[38:]).all()
+    assert len(reach) > 38
 
 
 def test_bars_like_those_of_the_neurons_hold() -> None:
