@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from oppload_cli.errors import ResultError
@@ -138,6 +139,9 @@ def _panels(count: int, shape: float, above: float) -> Iterator[tuple[Figure, li
             free.set_visible(False)
         axes = list(grid[:count])
         yield figure, axes
+        for panel in axes[-columns:]:  # also above an empty place
+            panel.tick_params(labelbottom=True)
+            panel.set_xlabel(axes[-1].get_xlabel())
         lines = max(panel.get_title("left").count("\n") for panel in axes)
         height = above + rows * (0.4 + 0.11 * lines + shape * (width - 0.5) / columns)
         figure.set_figheight(min(MOST_HEIGHT, height))
@@ -267,14 +271,20 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
             )
             _draw_ends(panel, both, one, detector_named(name).colour)
             largest = max(*both.values(), *one.values())
-            label = f"{detector_named(name).label}, peak {largest:.2g}\n"
+            detector = detector_named(name)
+            label = f"{detector.label}, peak {largest:.2g}\n({detector.unit})\n"
             label += f"both / one {_range(_both_over_one(both, one))}"
             panel.set_title(wrapped(with_doubts(label, tuning, name), across), fontsize=7)
             panel.set_xlabel(described(axis))
             panel.set_ylabel("peak / largest peak")
             panel.label_outer()
-        begin_at_zero(max(axes, key=lambda panel: panel.dataLim.y1))  # of all: they share it
+        # The highest comes last: they share the axis.
+        for panel in sorted(axes, key=lambda panel: panel.dataLim.y1):
+            begin_at_zero(panel)
         legend_above(figure, axes[0], wrapped(request.title, TITLE_WIDTH) + note)
+        for handle in figure.legends[0].legend_handles:
+            if isinstance(handle, Line2D) and len(axes) > 1:  # it is for all colours
+                handle.set_color(INK)
     return figure, axes
 
 
@@ -400,7 +410,7 @@ def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
             panel.plot(rows[column], share, marker="o", markersize=size, **look, label=label)
         panel.set_ylim(0, 1.1 * most)
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
-        panel.set_xlabel("presentation (number)")
+        panel.set_xlabel("presentation")
         panel.set_ylabel("peak / peak of the first")
     return figure, [panel]
 

@@ -157,7 +157,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     few = len(curves) <= FEW
     known = [_peaks(tuning, model) for tuning, model, _, _ in curves]
     sized = any(sizes is not None for *_, sizes in known)
-    lines = len(curves) * (2 if few else 1 / 3) + 8 * request.published
+    lines = len(curves) * (2 if few else 0.5) + 8 * request.published
     height = 2.0 + 1.3 * sized + 0.14 * lines
     with styled_figure(COLUMN if few else PAGE, min(MOST_HEIGHT, height)) as figure:
         heights = (1.6, 1)[: 1 + sized]
@@ -173,7 +173,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
                 _draw_line(axes[0], fit, x.max(), look, limits=few)
             if top is not None and len(x) and 1000 * before.min() > top:
                 label += " (above)"
-            if few:  # three columns of many detectors have no room
+            if few:  # two columns of many detectors have no room
                 label = with_doubts(label, tuning, model)
             dots: dict[str, Any] = {"marker": "o", "markersize": 3}
             points = {"color": look["color"], "linestyle": "", **dots}
@@ -193,7 +193,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         axes[-1].set_xlim(left=0)
         if top is not None and axes[0].get_ylim()[1] > top:
             axes[0].set_ylim(-top / 8, top)
-        legend_above(figure, axes[0], request.title, 1 if few else 3)
+        legend_above(figure, axes[0], request.title, 1 if few else 2)
     return figure, axes
 
 

@@ -477,7 +477,8 @@ def _draw_multiples(
         notes: dict[str, None] = {}
         top = 0.0
         names = _names(panels, options)
-        for panel, curves, name, own in zip(axes, panels, names, scales, strict=True):
+        units = _units(panels, scale)
+        for panel, curves, name, own, unit in zip(axes, panels, names, scales, units, strict=True):
             found = draw_curves(panel, curves, options, own)
             shown = f"{name}: {curves[0].name}" if scale == "raw" and several else name
             if own == scale:
@@ -485,7 +486,7 @@ def _draw_multiples(
                 top = max(top, panel.get_ylim()[1])
             else:
                 shown += ", over its peak: no threshold"
-            panel.set_title(wrapped(shown, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
+            panel.set_title(wrapped(shown + unit, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
             panel.tick_params(labelsize=6)
         for panel, curves, truth, own in zip(axes, panels, truths, scales, strict=True):
             if own == "threshold":
@@ -501,13 +502,21 @@ def _draw_multiples(
         if len(shown_notes) < len(notes):
             shown_notes.append(NOT_DOTTED)
         _legend(figure, legend, shown_notes, wrapped(title, 2 * TITLE_WIDTH))
-        label = _value_label(scale, panels[0][0])
+        label = "response" * any(units) or _value_label(scale, panels[0][0])
         if rows == 1:  # in two lines, as one would be longer than the panel is high
             axes[0].set_ylabel(label.replace(" / ", " /\n").replace(" (", "\n("))
         else:
             figure.supylabel(label, fontsize=7.5)
         figure.supxlabel(options.time_label, fontsize=7.5)
     return figure, axes
+
+
+def _units(panels: Sequence[Sequence[Curve]], scale: str) -> list[str]:
+    """Return the unit of each panel, for its title; empty where one label is true for all."""
+    units = [detector_named(curves[0].detector).unit for curves in panels]
+    several = scale == "raw" and len(set(units)) > 1
+    whole = [unit.replace(" ", "\xa0") for unit in units]  # not parted at the end of a line
+    return [f" ({unit})" * several for unit in whole]
 
 
 def _value_label(scale: str, curve: Curve) -> str:

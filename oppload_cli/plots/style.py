@@ -53,6 +53,7 @@ MOST_HEIGHT = 23 / 2.54  # inches: that of a page
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
 _HEADROOM = 1.06  # over the highest point, for half of its marker
 DECADES = 4  # of a logarithmic heat map
+_UNIT = re.compile(r"(?<=\d) (?=(?:s|ms|deg|px)\b)")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
 _STYLE: Any = {  # Any: the stubs list every key that matplotlib has
@@ -163,8 +164,10 @@ def with_doubts(label: str, tuning: Tuning, detector: str) -> str:
 
 
 def begin_at_zero(axes: Axes) -> None:
-    """Begin the vertical axis at 0, and end it where the highest marker is not cut."""
+    """Begin the vertical axis at 0, and cut no marker: neither the highest nor those at 0."""
     axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)
+    for line in axes.lines:
+        line.set_clip_on(False)
 
 
 def edges_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -388,8 +391,9 @@ def in_number_order(labels: Sequence[str]) -> list[int]:
 
 def wrapped(text: str, width: int) -> str:
     """Return a text in lines of at most so many characters; nothing of it is cut."""
+    text = _UNIT.sub("\xa0", text)  # a number and its unit stay together
     lines = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
-    return _plain("\n".join(each for line in lines for each in line))
+    return _plain("\n".join(each for line in lines for each in line).replace("\xa0", " "))
 
 
 def in_two_lines(name: str) -> str:

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from matplotlib.collections import QuadMesh
+from matplotlib.lines import Line2D
 
 from oppload_cli.errors import ResultError
+from oppload_cli.models.registry import detectors
 from oppload_cli.plots.contact import PeakTimes
+from oppload_cli.plots.style import INK
 from oppload_cli.plots.tuning import lines_of, plot_tuning
 from oppload_cli.reference import angular_thresholds
 from oppload_cli.results.reading import read_tuning
@@ -21,7 +24,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
     from numpy.typing import NDArray
 
     from oppload_cli.results.reading import Tuning
@@ -175,6 +177,16 @@ def test_times_and_sizes_of_peaks_beside_published_neurons(tmp_path: Path) -> No
     ]
 
 
+def test_the_legend_of_many_detectors_is_as_wide_as_the_figure(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [20.0, 50, 80]}
+    tuning = made(tmp_path / "a.tuning.csv", values, {name: [1.0, 2, 3] for name in detectors()})
+    tuning.rows["peak_before_contact_s"] = np.repeat([0.04, 0.13, 0.22], len(detectors()))
+    tuning.rows["size_at_peak_deg"] = 40.0
+    figure, _ = plot_tuning(tuning, "contact")
+    figure.draw_without_rendering()
+    assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
+
+
 def test_the_display_ends_before_a_disk_of_180_degrees(tmp_path: Path) -> None:
     _, (times, _) = plot_tuning(contact(tmp_path / "a.tuning.csv"), "contact", published=False)
     assert times.get_legend_handles_labels()[1][1].endswith("72 deg")
@@ -269,7 +281,7 @@ def test_both_ends_over_one(tmp_path: Path) -> None:
     figure, (panel,) = plot_tuning(tuning, "ends")
     total = y_of(panel.lines[2])
     np.testing.assert_allclose(total, np.array([3, 1, 3, 1]) / 6)
-    assert panel.get_title(loc="left") == "OppLoD, peak 6\nboth / one 3 to 6"
+    assert panel.get_title(loc="left") == "OppLoD, peak 6\n(arbitrary unit)\nboth / one 3 to 6"
     assert "LPLC2 neurons: 2.9 to 4.6" in figure.legends[0].get_title().get_text()
 
 
@@ -281,7 +293,7 @@ def test_a_response_to_both_ends_alone_is_over_any_number(tmp_path: Path) -> Non
     }
     tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [0.0, 2, 0, 0]})
     _, (panel,) = plot_tuning(tuning, "ends")
-    assert panel.get_title(loc="left") == "OppLoD, peak 2\nboth / one over 1000"
+    assert panel.get_title(loc="left") == "OppLoD, peak 2\n(arbitrary unit)\nboth / one over 1000"
 
 
 def test_contrast_is_a_share_of_the_ground(tmp_path: Path) -> None:
@@ -423,9 +435,13 @@ def test_the_sum_of_single_ends_is_inside_the_axes(tmp_path: Path) -> None:
     }  # fmt: skip
     peaks = {"opplod": [2.0, 2, 2, 2], "dlgmd": [2.0, 2, 1, 1]}
     tuning = made(tmp_path / "a.tuning.csv", values, peaks)
-    for panel in plot_tuning(tuning, "ends")[1]:
+    figure, axes = plot_tuning(tuning, "ends")
+    for panel in axes:
         assert panel.get_ylim()[0] == 0
         assert panel.get_ylim()[1] > 2
+        assert not any(line.get_clip_on() for line in panel.lines)  # nor is a marker at 0 cut
+    # Its panels have two colours.
+    assert {handle.get_color() for handle in figure.legends[0].findobj(Line2D)} == {INK}
 
 
 def test_ratios_of_three_digits_have_no_exponent(tmp_path: Path) -> None:
@@ -435,4 +451,4 @@ def test_ratios_of_three_digits_have_no_exponent(tmp_path: Path) -> None:
     }  # fmt: skip
     tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [6.7, 12.3, 0.1, 0.1]})
     _, (panel,) = plot_tuning(tuning, "ends")
-    assert panel.get_title(loc="left") == "OppLoD, peak 12\nboth / one 67 to 123"
+    assert panel.get_title(loc="left") == "OppLoD, peak 12\n(arbitrary unit)\nboth / one 67 to 123"

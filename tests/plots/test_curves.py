@@ -163,6 +163,16 @@ def test_raw_responses_get_a_panel_each_with_their_unit(result: BaseResult) -> N
     assert np.nanmax(curve(second, 0)) == pytest.approx(0.039)
 
 
+def test_small_panels_of_several_units_have_them_in_their_titles(tmp_path: Path) -> None:
+    figure, axes = plot_curves(several(tmp_path, 4), scale="raw", threshold=False)
+    assert figure.get_supylabel() == "response"
+    titles = [panel.get_title("left").replace("\n", " ") for panel in axes]
+    assert titles[0].endswith(": OppLoD (arbitrary unit)")
+    assert titles[1].endswith(": D-LGMD (mean of G)")
+    figure, _ = plot_curves(several(tmp_path, 7), models=["opplod"], scale="raw", any_length=True)
+    assert figure.get_supylabel() == "response (arbitrary unit)"
+
+
 def test_one_model_over_several_inputs_shares_a_panel_in_number_order(tmp_path: Path) -> None:
     results = [result_in(tmp_path, f"l-over-v-{n}", peak=n) for n in (20, 30, 9)]
     _, (panel,) = plot_curves(results, models=["opplod"])

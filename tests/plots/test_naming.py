@@ -46,6 +46,10 @@ def test_numbers_are_in_their_order_and_other_names_stay() -> None:
     ]  # fmt: skip
 
 
+def test_a_number_and_its_unit_stay_in_one_line() -> None:
+    assert wrapped("a peak at 0.633 s", 15) == "a peak at\n0.633 s"
+
+
 def test_long_names_are_wrapped_and_never_cut() -> None:
     name = "a_name_without_any_space_" * 4 + " and some words"
     lines = wrapped(name, 30).splitlines()
