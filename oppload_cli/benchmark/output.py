@@ -55,6 +55,7 @@ _SUMMARY: dict[str, type] = {
     "largest_control": str,
     "cost_ms": float,
 }
+_DOTS = "dots: alarm, half a dot: for some stimuli"
 _LEAST, _MOST = 1e-3, 10.0  # of the shades: response over that to the looming disk
 _FILES = ("stimuli.csv", "summary.csv", "benchmark.json", "benchmark.html")
 
@@ -303,7 +304,8 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
                         x,
                         y,
                         "o",
-                        markersize=3.2,
+                        markersize=4,
+                        markeredgewidth=0.5,
                         color="black" if bright else "white",
                         fillstyle="full" if whole else "left",
                     )
@@ -311,7 +313,7 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
         axes.set_yticks(range(len(names)), [label_of(name) for name in names])
         axes.set_xlabel(table.axis)
         # Beside a few rows there is no room for a label of the bar.
-        axes.set_title(f"{table.title}\nshades: response over that to the looming disk")
+        axes.set_title(f"{table.title}\nshades: response over that to the looming disk\n{_DOTS}")
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
         figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
