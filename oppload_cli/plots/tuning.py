@@ -8,7 +8,7 @@ import numpy as np
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.classic import FEW, FIGURES, Request
+from oppload_cli.plots.classic import FEW, FIGURES, Request, legend_above
 from oppload_cli.plots.contact import contact_lines, plot_contact
 from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
@@ -204,8 +204,9 @@ def _plot_line(
     lines = sum(
         1 + with_doubts("", tuning, name).count("\n") for tuning in tunings for name in names
     )
-    height = 0.3 + len(groups) * 1.9 + 0.13 * lines
-    with styled_figure(COLUMN, min(MOST_HEIGHT, height)) as figure:
+    many = not raw and len(names) > FEW
+    height = 0.3 + len(groups) * 1.9 + lines * (0.09 if many else 0.13)
+    with styled_figure(PAGE if many else COLUMN, min(MOST_HEIGHT, height)) as figure:
         axes = figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0]
         for panel, group in zip(axes, groups, strict=True):
             shown = [
@@ -231,8 +232,14 @@ def _plot_line(
             )
             panel.set_ylabel(unit)
             begin_at_zero(panel)
-            panel.legend(loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1)
+            if not many:
+                panel.legend(
+                    loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1
+                )
         axes[-1].set_xlabel(described(parameter))
+        if many:
+            legend_above(figure, axes[0], title, 2)
+            return figure, list(axes)
         lines = sum(each.count("\n") + 1 for each in axes[0].get_legend_handles_labels()[1])
         axes[0].set_title(wrapped(title, TITLE_WIDTH), pad=6 + 10 * lines)
     return figure, list(axes)

@@ -139,6 +139,16 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
     assert panel.get_xlabel() == "l/v (ms)"
 
 
+def test_many_lines_leave_their_panel_room(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+    peaks = {name: [4.0, 2, 1] for name in detectors()}
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks))
+    figure, (panel,) = plot_tuning(tuning)
+    figure.draw_without_rendering()
+    assert panel.get_window_extent().height / figure.dpi > 1  # inches
+    assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
+
+
 def test_the_line_through_the_times_of_peaks() -> None:
     l_over_v, before = [0.01, 0.02, 0.04, 0.08], [0.01, 0.05, 0.07, 0.21]
     fit = PeakTimes.through(l_over_v, before)
