@@ -430,6 +430,10 @@ def _band_threads(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, "oppload-bands")
 
 
+if hasattr(os, "register_at_fork"):  # a forked child has the pools, but not their threads
+    os.register_at_fork(after_in_child=_band_threads.cache_clear)
+
+
 # ---- The library ----------------------------------------------------------------------------
 
 

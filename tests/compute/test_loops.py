@@ -210,6 +210,22 @@ def test_an_error_in_a_band_is_raised(threads: int) -> None:
         loops._in_bands((40, 3), fail)
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+def test_a_forked_child_has_threads_of_its_own() -> None:
+    code = """if True:
+        import cv2, os, signal
+        from oppload_cli.compute import loops
+        cv2.setNumThreads(2)
+        loops._in_bands((1000, 1000), lambda *_: None)
+        if child := os.fork():
+            raise SystemExit(os.waitpid(child, 0)[1])
+        signal.alarm(30)  # without threads it would wait for ever
+        loops._in_bands((1000, 1000), lambda *_: None)
+        os._exit(0)
+    """
+    subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=ROOT, check=True)
+
+
 @pytest.mark.slow
 def test_the_hook_builds_what_the_wheel_takes(tmp_path: Path) -> None:
     """Build a wheel in a copy of the project; without a compiler it is a pure one."""
