@@ -175,8 +175,9 @@ class Products:
         return float(along_x) / total, float(along_y) / total, difference
 
     def _half(self, square: float) -> float:
-        """Return the half size of an ellipse, at least half of the blur."""
-        return math.sqrt(max(2 * square - self._maps.spread**2, (self._maps.spread / 2) ** 2))
+        """Return the half size of an ellipse: at least half of the blur, and half a pixel."""
+        least = max(1.0, self._maps.spread) / 2
+        return math.sqrt(max(2 * square - self._maps.spread**2, least**2))
 
 
 @cache

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.detection.growth import SIDE, Growth, Picture, growth
+from oppload_cli.detection.growth import SIDE, Growth, Picture, Products, growth
+from oppload_cli.models.detector import UnitMaps
 from tests.media import disk
 
 if TYPE_CHECKING:
@@ -91,6 +92,18 @@ def test_noise_alone_is_no_growth() -> None:
 def test_what_the_frames_do_not_show_has_no_growth() -> None:
     picture = Picture(patterned(1))
     assert growth(picture, picture, (-60, 110, 60, 50)) is None
+
+
+def test_an_object_without_width_has_a_size() -> None:
+    """Two points of motion, one above the other, that no pooling spreads."""
+    up, down = np.zeros((2, 9, 9), np.float32)
+    up[2, 4] = down[6, 4] = 1
+    centres = np.arange(9.0)
+    pathways = {0: 0 * up, 90: up, 180: 0 * up, 270: down}
+    maps = UnitMaps(up, pathways, centres, centres, 9, 0)
+    extent = Products(maps).extent(4, 4, 4, 4)
+    assert extent is not None
+    assert (extent.x, extent.y) == pytest.approx((0.5, 8**0.5))
 
 
 def test_samples_are_taken_where_they_are_said_to_be() -> None:
