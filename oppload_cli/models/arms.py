@@ -137,9 +137,10 @@ def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -
     ndarray of float32
         From 0 to 1.
     """
-    ratio = np.maximum(outward, 0) / (np.float32(half) + np.maximum(suppression, 0))
-    power = ratio**exponent
-    return np.asarray(power / (1 + power), np.float32)
+    # Written by the inverse, which may overflow: 1 / (1 + inf) is 0.
+    with np.errstate(divide="ignore", over="ignore"):
+        inverse = (np.float32(half) + np.maximum(suppression, 0)) / np.maximum(outward, 0)
+        return np.asarray(1 / (1 + inverse**exponent), np.float32)
 
 
 def smoothing(elapsed: float, constant: float) -> float:

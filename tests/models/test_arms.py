@@ -77,6 +77,8 @@ def test_an_arm_saturates_and_is_divided() -> None:
     found = arm_response(outward, suppression, 1.0, 1.0)
     np.testing.assert_allclose(found, [0, 1 / 2, 3 / 4, 1 / 3], rtol=1e-6)
     np.testing.assert_allclose(arm_response(outward, suppression, 1.0, 2.0)[2], 0.9, rtol=1e-6)
+    # Within the ranges of the parameters powers leave the numbers of 32 bits.
+    np.testing.assert_allclose(arm_response(outward, suppression, 1e-12, 20.0), [0, 1, 1, 0.5])
 
 
 def test_a_low_pass_forgets_with_its_time_constant() -> None:
