@@ -111,7 +111,8 @@ class TtcGradient(Detector):
         side = min(shape)
         self._sigma = self.params.sigma * side / _MADE_FOR
         self._radius = max(1, round(_REACH * self._sigma))
-        self._half = round(self.params.window * side) // 2
+        # A window of one pixel does not determine three numbers.
+        self._half = max(1, round(self.params.window * side) // 2)
         step = max(1, round(side / 30))
         ends = height - 1 - self._half, width - 1 - self._half
         centres = [np.arange(self._half, end, step) for end in ends]

@@ -276,6 +276,17 @@ def test_ttc_gradient_tells_the_time_to_contact_and_the_place() -> None:
     assert retreat[-1].response < 0.2 * found[-1].response
 
 
+def test_ttc_gradient_answers_with_the_smallest_window() -> None:
+    kind = detector_named("ttc_gradient")
+    model = kind((40, 40), kind.parameters(window=0.02))  # type: ignore[call-arg]
+    frames = np.random.default_rng(4).random((2, 40, 40), dtype=np.float32)
+    first, second = (model.step(frame) for frame in frames)
+    assert first is None
+    assert second is not None
+    assert second.box is not None
+    assert (second.response > 0, second.box.width) == (True, 3)
+
+
 def test_ttc_gradient_says_its_least_size() -> None:
     with pytest.raises(ParameterError, match="needs frames of at least 9 x 9 px, not 20 x 8"):
         detector_named("ttc_gradient")((8, 20))
