@@ -113,7 +113,7 @@ def pooling_weights(
         weights[np.abs(distance) > reach] = 0
     else:
         weights = (np.floor(centres)[:, None] == np.arange(length)).astype(np.float64)
-    weights[:, : border[0]] = weights[:, length - border[1] :] = 0
+    weights[:, : border[0]] = weights[:, max(0, length - border[1]) :] = 0
     return np.asarray(weights, np.float32)
 
 

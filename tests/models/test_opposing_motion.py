@@ -72,6 +72,7 @@ def test_the_border_weighs_nothing(border: int) -> None:
     inner = slice(border, max(border, 38))
     np.testing.assert_array_equal(weights[:, inner], free[:, inner])
     assert np.count_nonzero(weights) == np.count_nonzero(weights[:, inner])
+    assert not pooling_weights(40, cell_centres(40, 5), 5.0, (border, 45)).any()
 
 
 def test_offsets_ahead_weigh_1_and_offsets_behind_minus_w_p() -> None:
