@@ -302,7 +302,7 @@ class Opplod(Detector):
             judgement = self.judgement.judge(self.pathways, seen, self._in_smaller(self.judgement))
         if judgement.response == 0:
             return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
-        field = float(self.params.receptive_field or 0)
+        field = self.units.field
         box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
         return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
 
