@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cv2
 
 from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.presets import DEFAULT_PRESET
-from oppload_cli.models.published.parts import grey_levels
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class AreaGrowthResponse(Response):
 class AreaGrowth(Detector):
     """The relative growth of the area that differs from frame 0.
 
-    ``area = count |L(t) - L(0)| > 0.1`` and ``size = sqrt(area)``. The growth,
+    ``area = count |L(t) - L(0)| > least`` (0.1) and ``size = sqrt(area)``. The growth,
     ``(size(t) - size(t-3)) / 3`` over the size, is one over the time to contact in frames. The
     detector is made for a camera that stands still and a scene that is empty in frame 0.
 

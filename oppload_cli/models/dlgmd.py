@@ -165,12 +165,12 @@ class Dlgmd(Detector):
         if not self._dpc.step(luma):
             return None
         params, dpc = self.params, self._dpc.layer
-        seen, share = dpc.photoreceptors, dpc.photoreceptors.share
-        t = threshold(params, share * seen.means[2])
+        photoreceptors, share = dpc.photoreceptors, dpc.photoreceptors.share
+        t = threshold(params, photoreceptors.means[2])
         side, limit = params.group_size, params.grouped_limit
         mean_s, mean_g = group(dpc.sums.presynaptic, side, t, limit, self.grouped)
         if share != 1:
-            e = excitation(seen.maps, dpc.kernels)
+            e = excitation(photoreceptors.maps, dpc.kernels)
             mean_e, grouped_e = group(e, side, t, limit, np.empty_like(e))
             mean_s = float(referred(mean_s, mean_e, share, directional=False))
             mean_g = float(referred(mean_g, grouped_e, share, directional=False))

@@ -7,6 +7,7 @@ video.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -14,6 +15,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.compute.loops import with_twin
+from oppload_cli.errors import FrameError
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -271,7 +273,7 @@ def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -
         out.pathways[axis + 180][:] = rectified(e, i - i_phi)
 
 
-# ---- Other intervals and sizes -------------------------------------------------------------
+# ---- Other intervals -----------------------------------------------------------------------
 
 
 _Values = TypeVar("_Values", float, "Map")
@@ -308,25 +310,58 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
     return result
 
 
-def smaller(luma: Map, times: int) -> Map:
+# ---- Frames --------------------------------------------------------------------------------
+
+
+def check_frame(luma: Map, shape: tuple[int, int]) -> None:
+    """Refuse an array that is no frame.
+
+    Parameters
+    ----------
+    luma : ndarray
+        What was given as luminance.
+    shape : tuple of int
+        Height and width of the frames.
+
+    Raises
+    ------
+    FrameError
+        If the array is not float32 of that shape, or holds a value that is not finite.
+    """
+    if luma.shape != shape or luma.dtype != np.float32:
+        raise FrameError(
+            f"a frame must be a float32 array of shape {shape}, "
+            f"not {luma.dtype} of shape {luma.shape}"
+        )
+    if not math.isfinite(cv2.sumElems(luma)[0]):
+        raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
+
+
+def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Return ``L8``, the luminance in integer grey levels, 0 to 255; errors as `check_frame`."""
+    check_frame(luma, shape)
+    return np.asarray(cv2.convertScaleAbs(luma, alpha=255.0), np.uint8)
+
+
+def smaller(luma: Map, reduction: int) -> Map:
     """Return a frame made smaller: means of squares of pixels.
 
     Parameters
     ----------
     luma : ndarray of float32, shape (height, width)
         Luminance, 0 to 1.
-    times : int
+    reduction : int
         Side of the squares in pixels, at least 1.
 
     Returns
     -------
-    ndarray of float32, shape (height // times, width // times), each at least 1
+    ndarray of float32, shape (height // reduction, width // reduction), each at least 1
         Rows and columns at the end that fill no square are left out.
 
     Source: ``docs/presets.md``.
     """
-    height, width = (max(1, length // times) for length in luma.shape)
-    squares = luma[: times * height, : times * width]
+    height, width = (max(1, length // reduction) for length in luma.shape)
+    squares = luma[: reduction * height, : reduction * width]
     return np.asarray(
         cv2.resize(squares, (width, height), interpolation=cv2.INTER_AREA), np.float32
     )

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.errors import FrameError
 from oppload_cli.models.detector import Detector, Response
+from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import Parameters, parameter
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
-
-_SHORTEST_SIDE = 16  # inverse search refuses smaller frames
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +66,7 @@ class FlowDivergence(Detector):
     """The largest mean divergence of the flow over any window of the frame.
 
     The flow between consecutive frames is OpenCV's dense inverse search (preset "ultrafast"). The
-    response is the rate at which areas expand; it is 0 for frames under 16 px on a side.
+    response is the rate at which areas expand.
 
     Source: Kroeger et al. 2016 for the flow; ``docs/evaluation.md`` for the measure.
 
@@ -87,11 +85,12 @@ class FlowDivergence(Detector):
     answers_to = "expansion of textured surfaces"
     made_for = "frames from 16 px on a side, any rate"
     cost_ms = 2.6
-    meaning = "optical flow: largest mean divergence over a window of 5/12 of the working height"
+    meaning = "optical flow: largest mean divergence over any window of the frame"
     unit = "1/frame"
     response_column = "1/frame", "largest mean divergence of optical flow over a window"
     parameters = FlowDivergenceParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 0.3}
+    least_size = 16, 16  # inverse search refuses smaller frames
 
     params: FlowDivergenceParams
 
@@ -108,14 +107,10 @@ class FlowDivergence(Detector):
 
     def step(self, luma: Map) -> Response | None:
         """Take the next frame; None for the first one."""
-        if luma.shape != self.shape:
-            raise FrameError(f"a frame must be of shape {self.shape}, not of shape {luma.shape}")
-        now = cv2.convertScaleAbs(luma, alpha=255.0).astype(np.uint8)
+        now = grey_levels(luma, self.shape)
         before, self._before = self._before, now
         if before is None:
             return None
-        if min(self.shape) < _SHORTEST_SIDE:
-            return Response(0.0)
         flow = np.zeros((*self.shape, 2), np.float32)
         self._search.calc(before, now, flow)
         return Response(largest_divergence(flow, round(self.params.window * min(self.shape))))

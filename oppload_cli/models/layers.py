@@ -17,6 +17,7 @@ from oppload_cli.errors import FrameError
 from oppload_cli.models.dpc import (
     Kernels,
     PresynapticSums,
+    check_frame,
     excitation,
     inhibition,
     photoreceptors,
@@ -43,12 +44,13 @@ _FIRST, _BRIGHTEST = 3, 2.0  # frames that are checked for 0 to 255, and the lum
 class _PastFrame:
     """P of one frame, and the past frame that it was compared with."""
 
-    __slots__ = ("at", "before", "change", "coarse", "mean")
+    __slots__ = ("at", "before", "change", "coarse", "mean", "share")
 
     def __init__(self, at: float) -> None:
         self.at = at
         self.change: Map | None = None
         self.mean = 0.0
+        self.share = 1.0
         self.before: _PastFrame | None = None
         self.coarse: Map | None = None
 
@@ -75,9 +77,6 @@ class Photoreceptors:
         How many frames were taken.
     elapsed : float
         Reference intervals from the frame before to the latest one.
-    share : float
-        The interval asked for, divided by the interval measured; exactly 1 where they differ by
-        less than 3 %.
     """
 
     def __init__(self, shape: tuple[int, int], stride: int = 1, clock: Clock | None = None) -> None:
@@ -90,13 +89,13 @@ class Photoreceptors:
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self.frames = 0
-        self.elapsed = self.share = 1.0
+        self.elapsed = 1.0
         self._now: float | None = None
         self._steps: deque[float] = deque(maxlen=_MANY)
         self._rest = 0.0  # when the latest frame without any change was
         self._latest = _PastFrame(0.0)
         self._lumas: deque[tuple[_PastFrame, Map]] = deque()
-        self._records: deque[_PastFrame] = deque()
+        self._kept: deque[_PastFrame] = deque()
 
     @property
     def _series(self) -> tuple[_PastFrame | None, ...]:
@@ -112,17 +111,22 @@ class Photoreceptors:
         ]
 
     @property
+    def share(self) -> float:
+        """The interval asked for over the one measured; 1 where they differ by less than 3 %."""
+        return self._latest.share
+
+    @property
     def means(self) -> list[float]:
-        """The mean of each of `maps` over the frame."""
-        return [each.mean if each else 0.0 for each in self._series]
+        """The mean of each of `maps` over the frame, 0 to 1.
+
+        Changes add up over time: each mean is scaled to the length of an interval.
+        """
+        return [each.mean * each.share if each else 0.0 for each in self._series]
 
     @property
     def luma_change(self) -> float | None:
-        """Mean of P(t) over the frame, 0 to 1; None where no earlier frame was compared.
-
-        Changes add up over time: the mean is scaled to the length of an interval.
-        """
-        return None if self._latest.change is None else self._latest.mean * self.share
+        """The first of `means`, that of P(t); None where no earlier frame was compared."""
+        return None if self._latest.change is None else self.means[0]
 
     @property
     def ready(self) -> bool:
@@ -175,12 +179,10 @@ class Photoreceptors:
         return averaged
 
     def need(self, luma: Map) -> None:
-        """Refuse an array of another shape or type with a FrameError."""
-        if luma.shape != self.shape or luma.dtype != np.float32:
-            raise FrameError(
-                f"a frame must be a float32 array of shape {self.shape}, "
-                f"not {luma.dtype} of shape {luma.shape}"
-            )
+        """Refuse what `step` would refuse, with a FrameError."""
+        check_frame(luma, self.shape)
+        if self.frames < _FIRST and cv2.minMaxLoc(luma)[1] > _BRIGHTEST:
+            raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
 
     def step(self, luma: Map) -> bool:
         """Take the next frame.
@@ -199,29 +201,24 @@ class Photoreceptors:
         ------
         FrameError
             If the array is not float32 of that shape, or holds a value that is not finite, or
-            one of the first three frames is not in the range from 0 to 1. Such a frame is not
-            taken.
+            one of the first three frames holds one above 2, as luminance of 0 to 255 does. Such
+            a frame is not taken. Other values outside 0 to 1 are not looked for.
         """
         self.need(luma)
-        if self.frames < _FIRST and _BRIGHTEST < cv2.minMaxLoc(luma)[1] < np.inf:
-            raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
-        record = _PastFrame(self._clock.now(self._now))
-        compared = self._compared_with(record.at)
+        frame = _PastFrame(self._clock.now(self._now))
+        compared = self._compared_with(frame.at)
         if compared:
-            record.before, luma_before = compared
-            record.change = photoreceptors(luma, luma_before, self._room())
-            record.mean = cv2.mean(record.change)[0]
-            if not np.isfinite(record.mean):
-                self._free.append(record.change)
-                raise FrameError("a frame holds luminance that is not finite (NaN or infinite)")
-            self.share = nearly_one(self.stride / (record.at - record.before.at))
-        if self._now is None or (compared and not record.mean):
-            self._rest = record.at
+            frame.before, luma_before = compared
+            frame.change = photoreceptors(luma, luma_before, self._room())
+            frame.mean = cv2.mean(frame.change)[0]
+            frame.share = nearly_one(self.stride / (frame.at - frame.before.at))
+        if self._now is None or (compared and not frame.mean):
+            self._rest = frame.at
         if self._now is not None:
-            self.elapsed = nearly_one(record.at - self._now)
+            self.elapsed = nearly_one(frame.at - self._now)
             self._steps.append(self.elapsed)
-        self._keep(record, luma)
-        self._now, self.frames = record.at, self.frames + 1
+        self._keep(frame, luma)
+        self._now, self.frames = frame.at, self.frames + 1
         return self.ready
 
     def _compared_with(self, now: float) -> tuple[_PastFrame, Map] | None:
@@ -233,28 +230,29 @@ class Photoreceptors:
             return None
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
         excess = wanted - older[0].at
-        if excess < -NEARLY_ONE * self.stride:  # none is old enough: as if one more had come before
+        if excess < -NEARLY_ONE * self.stride:
+            # At the start no frame is old enough: assume one more frame, a step before the first.
             younger, excess = older, excess + now - (self._now or 0.0)
         lacking = younger[0].at - wanted
         if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
             return younger
         return older if older[0].at <= wanted + NEARLY_ONE * self.stride else None
 
-    def _keep(self, record: _PastFrame, luma: Map) -> None:
+    def _keep(self, frame: _PastFrame, luma: Map) -> None:
         """Keep a frame for later ones, unless it comes shortly after the one kept last."""
-        records, before = self._records, self._latest
-        if before.change is not None and before is not records[-1]:
+        kept, before = self._kept, self._latest
+        if before.change is not None and before is not kept[-1]:
             self._free.append(before.change)
-        self._latest = record
-        if records and record.at - records[-1].at < self.stride / _MOST_KEPT:
+        self._latest = frame
+        if kept and frame.at - kept[-1].at < self.stride / _MOST_KEPT:
             return
-        kept = self._room()
-        np.copyto(kept, luma)
-        self._lumas.append((record, kept))
-        records.append(record)
+        copy = self._room()
+        np.copyto(copy, luma)
+        self._lumas.append((frame, copy))
+        kept.append(frame)
         oldest = self._series[-1]
-        while oldest and records[0] is not oldest:
-            forgotten = records.popleft()
+        while oldest and kept[0] is not oldest:
+            forgotten = kept.popleft()
             forgotten.before = None
             if forgotten.change is not None:
                 self._free.append(forgotten.change)

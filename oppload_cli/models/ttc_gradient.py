@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.errors import FrameError
 from oppload_cli.models.detector import Box, Column, Detector, Response
+from oppload_cli.models.dpc import check_frame
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import Parameters, parameter
 
@@ -128,8 +128,7 @@ class TtcGradient(Detector):
 
     def step(self, luma: Map) -> TtcGradientResponse | None:
         """Take the next frame; None for the first one."""
-        if luma.shape != self.shape:
-            raise FrameError(f"a frame must be of shape {self.shape}, not of shape {luma.shape}")
+        check_frame(luma, self.shape)
         side, sigma = 2 * self._radius + 1, self._sigma
         now = cv2.GaussianBlur(luma, (side, side), sigma, borderType=cv2.BORDER_REPLICATE)
         before, self._before = self._before, np.asarray(now, np.float32)

@@ -8,16 +8,16 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.errors import DetectorError, ParameterError
+from oppload_cli.errors import DetectorError, FrameError, ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.detector import Box, Column, Detector, Response
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
 from oppload_cli.models.frame_difference import FrameDifferenceParams
 from oppload_cli.models.opplod import Opplod, OpplodResponse
-from oppload_cli.models.registry import DetectorBank
+from oppload_cli.models.registry import DetectorBank, detectors
 from oppload_cli.schema import Parameters
 from tests.arithmetic import many_bands
-from tests.media import looming
+from tests.media import disk, looming
 from tests.presets import REFERENCE
 
 if TYPE_CHECKING:
@@ -50,6 +50,21 @@ def test_reset_starts_over() -> None:
     bank.reset()
     assert [bank.step(frame) for frame in frames] == first
     assert bank.luma_change is not None
+
+
+@pytest.mark.parametrize("kind", detectors().values(), ids=detectors())
+def test_every_detector_refuses_an_array_that_is_no_frame(kind: type[Detector]) -> None:
+    """In any frame, the first one too; its answers stay what they are without such arrays."""
+    frames = [disk(40, 20, 20, 5 + t) * np.float32(0.9 + 0.1 * (t % 2)) for t in range(7)]
+    model, other = kind((40, 40), frame_rate=30), kind((40, 40), frame_rate=30)
+    gap = frames[0].copy()
+    gap[3, 4] = np.nan
+    wrong: list[Any] = [gap, gap[1:], frames[0].astype(np.float64), np.full_like(gap, -np.inf)]
+    for frame in frames:
+        for each in wrong:
+            with pytest.raises(FrameError, match=r"float32 array of shape|not finite"):
+                model.step(each)
+        assert model.step(frame) == other.step(frame)
 
 
 def test_no_model_is_an_error() -> None:

@@ -210,12 +210,11 @@ def test_layers_of_a_stride_see_the_frames_that_layers_of_every_nth_frame_see(st
 def test_a_refused_frame_changes_nothing(stride: int) -> None:
     shape = (20, 30)
     one, other = (Layers(shape).dpc(DpcParams(), (45, 135), stride) for _ in "ab")
-    for t, frame in enumerate(random_frames(shape, 9)):
+    for frame in random_frames(shape, 9):
         with pytest.raises(FrameError, match="float32 array of shape"):
             one.step(frame[1:])
-        if t >= stride:
-            with pytest.raises(FrameError, match="not finite"):
-                one.step(np.full(shape, np.nan, np.float32))
+        with pytest.raises(FrameError, match="not finite"):
+            one.step(np.full(shape, np.nan, np.float32))
         assert one.step(frame) == other.step(frame)
         np.testing.assert_array_equal(all_of(one.layer.sums), all_of(other.layer.sums))
 

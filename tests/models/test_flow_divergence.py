@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.errors import FrameError
-from oppload_cli.models.detector import Response
+from oppload_cli.errors import ParameterError
 from oppload_cli.models.flow_divergence import (
     FlowDivergence,
     FlowDivergenceParams,
@@ -86,9 +85,12 @@ def test_reset_starts_over() -> None:
     assert [detector.step(frame) for frame in frames] == first
 
 
-def test_frames_too_small_and_of_another_size() -> None:
-    detector = FlowDivergence((8, 8))
-    assert detector.step(np.zeros((8, 8), np.float32)) is None
-    assert detector.step(np.ones((8, 8), np.float32)) == Response(0.0) == detector.at_rest()
-    with pytest.raises(FrameError, match=r"must be of shape \(8, 8\), not of shape \(9, 8\)"):
-        detector.step(np.ones((9, 8), np.float32))
+def test_frames_may_not_be_smaller_than_the_search_for_flow_takes() -> None:
+    with pytest.raises(ParameterError, match="needs frames of at least 16 x 16 px, not 40 x 15"):
+        FlowDivergence((15, 40))
+    frames = np.random.default_rng(1).random((2, 16, 40), dtype=np.float32)
+    detector = FlowDivergence((16, 40))
+    first, second = (detector.step(frame) for frame in frames)
+    assert first is None
+    assert second is not None
+    assert second.response > 0

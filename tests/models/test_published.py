@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from oppload_cli.errors import FrameError, ParameterError
+from oppload_cli.errors import ParameterError
 from oppload_cli.models.registry import detector_named
 from tests.models import published_reference as literal
 
@@ -113,12 +113,6 @@ def test_a_reset_forgets_everything() -> None:
         first = [model.step(light(each)) for each in frames]
         model.reset()
         assert [model.step(light(each)) for each in frames] == first, name
-
-
-def test_frames_of_another_shape_are_refused() -> None:
-    for name in (*NAMES, "plgmd"):
-        with pytest.raises(FrameError, match="must be of shape"):
-            model_of(name, scene("dark")).step(np.zeros((36, 50), np.float32))
 
 
 def test_the_milliseconds_of_a_frame_are_cut_to_an_integer() -> None:

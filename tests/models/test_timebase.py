@@ -99,6 +99,9 @@ def test_a_frame_that_was_dropped_makes_the_interval_longer() -> None:
     np.testing.assert_array_equal(layer.maps, changes)
     layer = seen([t / 30 for t in kept], [frames[t] for t in kept])
     assert (layer.share, layer.elapsed) == (1, 1)
+    # Each change goes by the length of its own interval: the second one was twice as long.
+    means = [float(change.mean()) for change in layer.maps]
+    assert layer.means == pytest.approx([means[0], means[1], means[2] / 2])
 
 
 def test_of_very_many_frames_some_are_kept() -> None:
@@ -106,7 +109,7 @@ def test_of_very_many_frames_some_are_kept() -> None:
     layer = seen([t / 3000 for t in range(400)], frames)
     assert layer.ready
     assert layer.share == pytest.approx(1, rel=0.07)
-    assert len(layer._records) <= 36
+    assert len(layer._kept) <= 36
 
 
 def test_times_that_stand_still_or_go_back_count_as_steps() -> None:

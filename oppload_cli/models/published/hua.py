@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.presets import DEFAULT_PRESET
-from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE, grey_levels
+from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:

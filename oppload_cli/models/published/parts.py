@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.errors import FrameError
 from oppload_cli.models.detector import Detector
+from oppload_cli.models.dpc import grey_levels
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,19 +89,6 @@ class ChangeDetector(Detector):
     @abstractmethod
     def forget(self) -> None:
         """Forget all changes."""
-
-
-def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return ``L8``, the luminance in integer grey levels, 0 to 255.
-
-    Raises
-    ------
-    FrameError
-        If the frame has another shape.
-    """
-    if luma.shape != shape:
-        raise FrameError(f"a frame must be of shape {shape}, not of shape {luma.shape}")
-    return np.asarray(cv2.convertScaleAbs(luma, alpha=255.0), np.uint8)
 
 
 def mean_change(p: Plane) -> float:

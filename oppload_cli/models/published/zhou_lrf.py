@@ -11,8 +11,9 @@ import numpy as np
 
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.presets import DEFAULT_PRESET
-from oppload_cli.models.published.parts import EDGE, grey_levels, sigmoid
+from oppload_cli.models.published.parts import EDGE, sigmoid
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
