@@ -14,6 +14,8 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from oppload_cli.models.detector import Detector
+
 
 @dataclass(frozen=True, kw_only=True)
 class AlarmParams(Parameters):
@@ -204,27 +206,28 @@ def alarm_params_with(names: Sequence[str], preset: str, **values: float) -> Ala
     return _restored(tuple(names), given)
 
 
-@cache
-def _alarm_class(names: tuple[str, ...]) -> type[AlarmParams]:
+@cache  # by the classes, not by names: a notebook may define a detector again
+def _alarm_class(kinds: tuple[type[Detector], ...]) -> type[AlarmParams]:
     """Return the class of the alarms' parameters with a floor for each detector."""
     floors = [
         (
-            f"{name}_floor",
+            f"{kind.name}_floor",
             float,
             parameter(
-                alarm_floor_of(name),
-                f"an alarm of {detector_named(name).label} needs a response above this",
+                kind.alarm_floors[DEFAULT_PRESET],
+                f"an alarm of {kind.label} needs a response above this",
                 low=0,
                 high=1e9,
             ),
         )
-        for name in names
+        for kind in kinds
     ]
     return make_dataclass("AlarmParams", floors, bases=(AlarmParams,), frozen=True, kw_only=True)
 
 
 def _restored(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
-    return (_alarm_class(names) if names else AlarmParams)(**values)  # type: ignore[arg-type]
+    kinds = tuple(map(detector_named, names))
+    return (_alarm_class(kinds) if kinds else AlarmParams)(**values)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from oppload_cli.detection.parameters import alarm_params
 from oppload_cli.errors import DetectorError, FrameError, ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.detector import Box, Column, Detector, Response
@@ -252,8 +253,10 @@ def again(**others: object) -> type[Detector]:
 
 def test_a_class_defined_again_takes_the_place_of_the_one_before() -> None:
     try:
-        for label in ("one", "two"):
-            registry.register(again(label=label))
+        for label, least in (("one", 0.5), ("two", 0.9)):
+            registry.register(again(label=label, alarm_floors={"default": least}))
+            floor = registry.detector_named("again").alarm_floors["default"]
+            assert type(alarm_params())().floor_of("again") == floor
         assert registry.detector_named("again").label == "two"
         with pytest.raises(ParameterError, match="its name is taken"):
             registry.register(again(__qualname__="Other"))
