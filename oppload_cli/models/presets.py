@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PRESET = "default"
 STUDY_PRESET = "reference"  # of commands that study the model itself
+REFERENCE_INTERVAL = "1/30"  # seconds
 NATIVE = "native"  # the working height that is the height of the video
 EXAMPLE_SETTING = "opplod.receptive_field=200"  # for help texts and messages
 
@@ -33,12 +34,15 @@ class Preset(NamedTuple):
         Working height in pixels that its parameters are made for.
     no_alarm : str
         Why its alarms are off; empty where they are calibrated.
+    interval : str
+        Its time base, as in ``time.interval``.
     """
 
     name: str
     meaning: str
     height: int
     no_alarm: str = ""
+    interval: str = REFERENCE_INTERVAL
 
 
 PRESETS = {
@@ -59,6 +63,7 @@ PRESETS = {
             "for comparison with the paper: its text to the letter, 25 units of 200 x 200 px",
             600,
             "it responds to inward as to outward motion, so that no threshold tells an approach",
+            interval="frame",
         ),
         Preset(
             "lplc2",

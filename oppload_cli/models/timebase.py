@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from oppload_cli.errors import ParameterError
-from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
+from oppload_cli.models.presets import DEFAULT_PRESET, REFERENCE_INTERVAL, preset_named
 from oppload_cli.schema import Parameters, parameter
 
 FRAME = "frame"
-_REFERENCE_S = Fraction(1, 30)
+_REFERENCE_S = Fraction(REFERENCE_INTERVAL)
 _SHORTEST_S, _LONGEST_S = 1e-4, 10.0
 NEARLY_ONE = 0.03  # times in files are rounded, often to milliseconds
 _MOST_VALUES = 1 << 14  # of a background, also where times stand still
@@ -29,7 +29,7 @@ class TimeParams(Parameters):
     """The time base (``docs/time.md``)."""
 
     interval: str = parameter(
-        str(_REFERENCE_S),
+        REFERENCE_INTERVAL,
         "step of the models in seconds, such as 1/30 or 0.04; 'frame': from frame to frame",
         unit="s",
     )
@@ -57,12 +57,9 @@ class TimeParams(Parameters):
         return None if self.interval == FRAME else float(1 / self._seconds())
 
 
-_PAPER = TimeParams(interval=FRAME)
-
-
 def time_params(preset: str = DEFAULT_PRESET) -> TimeParams:
     """Return the time base under a preset: frames for ``paper``, 1/30 s for the others."""
-    return _PAPER if preset_named(preset).name == "paper" else TimeParams()
+    return TimeParams(interval=preset_named(preset).interval)
 
 
 class Clock:
