@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -54,6 +55,17 @@ class _ArmParams(DpcParams):
     calcium_s: float = parameter(
         0.0, "time constant of the calcium signal; 0: none", unit="s", low=0, high=60
     )
+
+    @property
+    def least_scale(self) -> float:
+        """The least scale at which the scaled constants are within their ranges."""
+        ranges = {each.name: each for each in self.declared()}
+        least: float = max(
+            self.latency_lambda / (ranges["latency_lambda"].high or math.inf),
+            (ranges["sigma_excitation"].low or 0) / self.sigma_excitation,
+            (ranges["sigma_inhibition"].low or 0) / self.sigma_inhibition,
+        )
+        return least
 
     def scaled(self, scale: float) -> dict[str, float]:
         """Return the DPC constants in px at a working size that is `scale` times as large."""
@@ -252,8 +264,19 @@ class OpplodParams(_ArmParams):
 
         `receptive_field` and `cell` become their shares of the working height (240 and 12 px at
         240, and 100 and 8 px under preset ``reference``), but at least 2 and 1 px.
+
+        Raises
+        ------
+        ParameterError
+            If `kernel_height` is set, and the DPC constants cannot be scaled down so far.
         """
         scale = height / self.kernel_height if self.kernel_height else 1.0
+        if scale < self.least_scale:
+            least = math.ceil(self.kernel_height * self.least_scale)
+            raise ParameterError(
+                f"opplod with kernel_height={self.kernel_height} (preset lplc2) needs a working "
+                f"height of at least {least} px, not {height}; raise --height"
+            )
         return self.replaced(
             **self.scaled(scale),
             kernel_height=0,
@@ -261,6 +284,23 @@ class OpplodParams(_ArmParams):
             or max(2, min(8192, round(height * self.field_share))),
             cell=self.cell or max(1, min(1024, round(height * self.cell_share))),
         )
+
+    @property
+    def cell_px(self) -> int:
+        """`cell` of resolved parameters; a ParameterError for others."""
+        return self._in_px("cell", self.cell)
+
+    @property
+    def field_px(self) -> int:
+        """`receptive_field` of resolved parameters; a ParameterError for others."""
+        return self._in_px("receptive_field", self.receptive_field)
+
+    def _in_px(self, name: str, value: int | None) -> int:
+        if value is None:
+            raise ParameterError(
+                f"parameter '{name}' of opplod follows the working height; take resolved(height)"
+            )
+        return value
 
     @property
     def both_axes(self) -> tuple[int, int]:
