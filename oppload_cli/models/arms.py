@@ -23,6 +23,7 @@ from oppload_cli.models.dpc import (
 )
 from oppload_cli.models.opposing_motion import (
     Judgement,
+    emptied,
     has_history,
     pool,
     selected_units,
@@ -159,7 +160,7 @@ class ArmsJudgement:
     shape : tuple of int
         Height and width of the working frames.
     params : OpplodParams
-        Resolved parameters (`receptive_field` and `cell` are numbers).
+        Resolved parameters.
     per_second : float
         Intervals per second.
 
@@ -174,7 +175,7 @@ class ArmsJudgement:
     ) -> None:
         self._params, self._per_second = params, per_second
         self.maps, self._down, self._across = units_at_rest(shape, params)
-        reach = self.maps.field / 2 / (params.cell or 1)
+        reach = self.maps.field / 2 / params.cell_px
         further = reach * params.suppression_field
         self._excited = [arm_weights(reach, phi, params.arm_cone) for phi in DIRECTIONS]
         self._suppressed = [
@@ -186,6 +187,7 @@ class ArmsJudgement:
 
     def reset(self) -> None:
         """Forget the frames that have passed."""
+        self.maps = emptied(self.maps)
         self._calcium = np.zeros_like(self.maps.responses)
         nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
         self._now = 0.0  # intervals

@@ -271,7 +271,10 @@ class Detector(ABC):
 
     @abstractmethod
     def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
+        """Forget all frames: the next frame is frame 0.
+
+        Detectors that share layers are reset together, by ``DetectorBank.reset``.
+        """
 
     @classmethod
     def need_size(cls, shape: tuple[int, int], least: tuple[int, int]) -> None:

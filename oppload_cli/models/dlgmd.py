@@ -159,6 +159,7 @@ class Dlgmd(Detector):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._dpc.reset()
+        self.grouped[:] = 0
 
     def step(self, luma: Map) -> DlgmdResponse | None:
         """Take the next frame: S, grouping, means; None for the first three intervals."""

@@ -341,6 +341,8 @@ class Dpc:
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._photoreceptors.reset()
+        only_pathways = self.sums.only_pathways
+        self.sums = PresynapticSums.zeros(self._shape, self.axes, only_pathways=only_pathways)
 
     def step(self, luma: Map) -> bool:
         """Take the next frame; arguments, result and errors as `Photoreceptors.step`."""
@@ -406,6 +408,8 @@ class _Hold(Generic[_AnyLayer]):
 
 class Layers:
     """The layers of one video, each made and computed once however many detectors use it.
+
+    Detectors that share layers are reset together, by ``DetectorBank.reset``.
 
     Parameters
     ----------

@@ -286,7 +286,7 @@ def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMap
     shape : tuple of int
         Height and width of the working frames.
     params : OpplodParams
-        Resolved parameters (`receptive_field` and `cell` are numbers).
+        Resolved parameters.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMap
     down, across : ndarray of float32, shapes (rows, height) and (columns, width)
         The weights of :func:`pool`.
     """
-    cell, field = params.cell or 1, params.receptive_field or 0
+    cell, field = params.cell_px, params.field_px
     columns, rows = params.grid() or (None, None)
     centres_y, centres_x = (
         cell_centres(length, cell, units)
@@ -307,6 +307,11 @@ def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMap
     return maps, down, across
 
 
+def emptied(maps: UnitMaps) -> UnitMaps:
+    """Return units as they are before the first frame."""
+    return maps._replace(responses=np.zeros_like(maps.responses), pathways={})
+
+
 def _pooling(
     maps: UnitMaps,
     shape: tuple[int, ...],
@@ -315,7 +320,7 @@ def _pooling(
     bars: Widths = NO_BARS,
 ) -> list[Map]:
     """Return the weights, down and across, that pool maps `times` smaller than the frame."""
-    sigma = params.pool_sigma * (params.cell or 1) / times
+    sigma = params.pool_sigma * params.cell_px / times
     left, right, top, bottom = ((params.border + bar) // times for bar in bars)
     return [
         pooling_weights(shape[0], maps.centres_y / times, sigma, (top, bottom)),
@@ -331,7 +336,7 @@ class PooledJudgement:
     shape : tuple of int
         Height and width of the working frames.
     params : OpplodParams
-        Resolved parameters (`receptive_field` and `cell` are numbers).
+        Resolved parameters.
     per_second : float
         Intervals per second.
 
@@ -350,7 +355,7 @@ class PooledJudgement:
         self._pooling = {1: pooling}  # by how many times smaller the maps are
         # A power of a Gaussian is a Gaussian, wider where the power is below 1.
         self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
-        reach = int(maps.field / 2 // (params.cell or 1))
+        reach = int(maps.field / 2 // params.cell_px)
         self._weights = np.array(
             [
                 offset_weights(reach, axis, params.cone, params.periphery)
@@ -364,6 +369,7 @@ class PooledJudgement:
     def reset(self) -> None:
         """Forget the frames that have passed."""
         params = self._params
+        self.maps = emptied(self.maps)
         self._kept = np.zeros((2, *self.maps.responses.shape), np.float32)
         self._moving = 0.0  # intervals
         # Times of frames add up with rounding: a hundredth of an interval decides no comparison.
@@ -526,7 +532,7 @@ class PixelwiseJudgement:
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
         self._params = params
-        self._field = min(params.receptive_field or 0, *shape)
+        self._field = min(params.field_px, *shape)
         columns, rows = params.grid() or (1, 1)
         self.lefts = unit_starts(shape[1] - self._field, columns)
         self.tops = unit_starts(shape[0] - self._field, rows)
@@ -540,7 +546,8 @@ class PixelwiseJudgement:
         )
 
     def reset(self) -> None:
-        """Do nothing: this judgement remembers no frames."""
+        """Forget the latest frame, the only one that it remembers."""
+        self.maps.responses[:] = 0
 
     def judge(self, pathways: Mapping[int, Map], share: float = 1.0) -> Judgement:
         """Judge the S maps of the four pathways.

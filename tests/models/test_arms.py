@@ -114,4 +114,6 @@ def test_the_calcium_signal_has_a_column_of_its_own() -> None:
         assert answer.calcium is not None
         assert answer.calcium <= signal + 1e-6
     assert known[-1].calcium == pytest.approx(signal, rel=0.5)
+    model.reset()
+    assert not model.units.responses.any()
     assert Opplod((48, 48)).at_rest() == Opplod.answers(0.0)

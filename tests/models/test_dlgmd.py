@@ -22,6 +22,8 @@ def test_agrees_with_the_literal_reference(shape: tuple[int, int]) -> None:
     assert answers[3].response == pytest.approx(g.mean(), abs=1e-5)
     assert answers[3].box is None
     np.testing.assert_allclose(model.grouped, g, atol=1e-5)
+    model.reset()
+    assert not any(each.any() for each in model.maps.values())
 
 
 def test_the_threshold_follows_the_change_two_frames_ago_up_to_a_limit() -> None:

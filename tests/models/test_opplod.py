@@ -163,6 +163,8 @@ def test_threshold_and_gain_act_on_the_opponency() -> None:
 def test_defaults_follow_the_height() -> None:
     assert [REFERENCE.resolved(h).receptive_field for h in (240, 600, 1)] == [100, 250, 2]
     assert [REFERENCE.resolved(h).cell for h in (240, 600, 1)] == [8, 20, 1]
+    with pytest.raises(ParameterError, match="'cell' of opplod follows the working height"):
+        PooledJudgement((60, 80), REFERENCE)
 
 
 # ---- Additions of preset default ---------------------------------------------------------------
@@ -280,6 +282,9 @@ def test_a_model_of_several_parts_can_be_used_again(changes: dict[str, float]) -
     first = [model.step(frame) for frame in frames]
     assert sum(answer.response > 0 for answer in first if answer) > 1
     model.reset()
+    assert not model.units.responses.any()
+    assert not model.units.pathways
+    assert not any(each.any() for each in model.maps.values())
     assert [model.step(frame) for frame in frames] == first
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from oppload_cli.models.detector import Box
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import PixelwiseJudgement
 from tests import reference
@@ -66,4 +67,6 @@ def test_a_frame_smaller_than_the_field_still_answers() -> None:
     answers = [model.step(disk(30, 15, 10, 2 + t)[:20]) for t in range(6)]
     assert answers[-1] is not None
     assert answers[-1].response > 0
-    assert answers[-1].box == (5, 0, 20, 20)  # the field, which the frame cuts
+    assert answers[-1].box == Box(5, 0, 20, 20)  # the field, which the frame cuts
+    model.reset()
+    assert not model.units.responses.any()
