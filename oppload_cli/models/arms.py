@@ -194,6 +194,11 @@ class ArmsJudgement:
         # Times and suppressions of the latest frame that is an interval old and of all later ones.
         self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, nothing)])
 
+    @property
+    def calcium(self) -> float | None:
+        """The largest calcium signal of all units; None where there is none."""
+        return float(self._calcium.max()) if self._params.calcium_s else None
+
     def judge(self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels) -> Judgement:
         """Judge the motion of one frame.
 
@@ -246,7 +251,7 @@ class ArmsJudgement:
             float(total[row, column]),
             float(self.maps.centres_x[column]),
             float(self.maps.centres_y[row]),
-            float(self._calcium.max()) if params.calcium_s else None,
+            self.calcium,
         )
 
     def pooled(

@@ -297,7 +297,10 @@ class Detector(ABC):
             )
 
     def at_rest(self) -> Response:
-        """Return the answer to a frame in which nothing changed: a response of 0."""
+        """Return the answer to a frame in which nothing changed: a response of 0.
+
+        Inner values that outlast a motion keep their latest value.
+        """
         return self.answers(0.0)
 
     @property

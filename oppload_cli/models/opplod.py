@@ -282,6 +282,15 @@ class Opplod(Detector):
             self._smaller.reset()
         self.judgement.reset()
 
+    def at_rest(self) -> OpplodResponse:
+        """Return the answer to a frame in which nothing changed: a response of 0.
+
+        The calcium signal keeps its latest value: it holds over a few repeats of a picture, and
+        falls in a scene at rest, of which the detector is shown every frame.
+        """
+        arms = self.judgement if isinstance(self.judgement, ArmsJudgement) else None
+        return OpplodResponse(0.0, calcium=arms and arms.calcium)
+
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing.
 

@@ -391,6 +391,7 @@ class DetectorBank:
             raise ParameterError("no model is chosen; name at least one")
         self._layers = layers = Layers(shape, Clock(time, frame_rate))
         self._photoreceptors = layers.photoreceptors()
+        self._answered: set[str] = set()
         self.detectors: dict[str, Detector] = {}
         for each in params:
             kind = detector_of(each)
@@ -411,6 +412,7 @@ class DetectorBank:
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
+        self._answered.clear()
         self._photoreceptors.reset()
         for detector in self.detectors.values():
             detector.reset()
@@ -428,7 +430,7 @@ class DetectorBank:
         Returns
         -------
         dict of str to Response or None
-            By name; None during warm-up.
+            By name; None during warm-up, and never after an answer.
 
         Raises
         ------
@@ -443,20 +445,27 @@ class DetectorBank:
         luma = luma.view()
         luma.flags.writeable = False
         self._photoreceptors.step(luma)
-        return {name: _answer(each, luma) for name, each in self.detectors.items()}
+        answers = {name: _answer(each, luma) for name, each in self.detectors.items()}
+        self._answered |= {name for name, answer in answers.items() if answer is not None}
+        return {n: self._at_rest(n) if each is None else each for n, each in answers.items()}
 
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
         """Return every detector's answer to a frame in which nothing changed.
 
+        A detector has one if it has answered before. In a video that stands still from its start,
+        so that one frame was all to step through, the time of its warm-up is enough.
+
         Parameters
         ----------
         intervals : float
-            Intervals since the start of the video; a detector in its warm-up has no answer.
+            Intervals since the start of the video.
         """
-        return {
-            name: each.at_rest() if intervals >= each.warm_up else None
-            for name, each in self.detectors.items()
-        }
+        if self._photoreceptors.layer.frames == 1:
+            self._answered |= {n for n, each in self.detectors.items() if intervals >= each.warm_up}
+        return {name: self._at_rest(name) for name in self.detectors}
+
+    def _at_rest(self, name: str) -> Response | None:
+        return self.detectors[name].at_rest() if name in self._answered else None
 
 
 def _answer(detector: Detector, luma: Map) -> Response | None:

@@ -311,9 +311,9 @@ def analyse(
     chosen = _resolved(params, preset, alarm, places, time)
     _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
     _check_kind("repeats", repeats, RepeatParams | Repeats, _REPEATS)
-    copies = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())
+    repeats = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())
     with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
-        preparation = _Preparation(rmo, copies, video.facts.frame_rate)
+        preparation = _Preparation(rmo, repeats, video.facts.frame_rate)
         detectors = _Detectors(video.working, video.facts.frame_rate, chosen, optics)
         # The flow runs in a thread of its own: it costs about as much as the detectors.
         frames = (preparation.step(frame) for frame in video)

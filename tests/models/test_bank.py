@@ -119,11 +119,31 @@ def test_a_bank_forgets_within_its_memory(stride: int, memory: int) -> None:
 def test_the_answer_at_rest_is_that_to_a_repeated_frame() -> None:
     params = [REFERENCE, DlgmdParams(), FrameDifferenceParams()]
     bank = DetectorBank((60, 60), params)
+    none = {"opplod": None, "dlgmd": None, "frame_difference": None}
+    assert bank.at_rest(0) == none
     for frames in range(6):
-        assert bank.at_rest(frames) == bank.step(np.full((60, 60), 0.5, np.float32))
-    assert bank.at_rest(0) == {"opplod": None, "dlgmd": None, "frame_difference": None}
-    assert bank.at_rest(1)["frame_difference"] == Response(0.0)
+        answers = bank.step(np.full((60, 60), 0.5, np.float32))
+        assert bank.at_rest(frames) == answers
+    assert answers["dlgmd"] == DlgmdResponse(0.0)
+    bank.reset()
+    assert bank.at_rest(9) == none
+
+
+def test_a_detector_that_has_answered_is_never_silent() -> None:
+    """Also where its first answer was that of a video that stood still for its warm-up."""
+    bank = DetectorBank((60, 60), [DlgmdParams(), FrameDifferenceParams()])
+    frames = looming(60, 30, 30, 6)
+    assert bank.step(frames[0]) == bank.at_rest(0.5)
+    assert bank.at_rest(2) == {"dlgmd": None, "frame_difference": Response(0.0)}
     assert bank.at_rest(3)["dlgmd"] == DlgmdResponse(0.0)
+    given = [bank.step(frame)["dlgmd"] for frame in frames[1:]]
+    assert given[:2] == [DlgmdResponse(0.0)] * 2
+    alone = Dlgmd((60, 60))
+    assert given[2:] == [alone.step(frame) for frame in frames][3:]
+    moved = DetectorBank((60, 60), [DlgmdParams()])
+    for frame in frames[:2]:
+        moved.step(frame)
+    assert moved.at_rest(9) == {"dlgmd": None}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -152,6 +152,29 @@ def test_motion_after_a_still_start_is_answered_at_once(tmp_path: Path, pause: i
         assert record.responses["dlgmd"] == model.step(frame.astype(np.float32) / np.float32(255))
 
 
+@pytest.mark.parametrize("copies", [2, 3, 4, 5])
+def test_a_response_that_was_given_never_goes_back_to_empty(copies: int) -> None:
+    pictures = looming(60, 30, 30, 8)
+    frames = np.array([picture for picture in pictures for _ in range(copies)])
+    records = list(analyse(frames, rate=30, rmo=False))
+    for name in ("opplod", "dlgmd"):
+        given = [each.responses[name] is not None for each in records]
+        assert given == sorted(given)
+        assert given[-1]
+
+
+def test_the_calcium_signal_outlasts_the_motion() -> None:
+    """Held while frames may be repeats, then it falls with its time constant of 1 s."""
+    pictures = looming(120, 60, 60, 14)
+    frames = np.array(pictures + pictures[-1:] * 20)
+    answers = [each.responses["opplod"] for each in analyse(frames, preset="lplc2", rate=30)]
+    signal = [each.calcium or 0 for each in answers[13:] if isinstance(each, OpplodResponse)]
+    assert len(signal) == 21
+    assert signal[0] == signal[5] > 0
+    falling = [signal[0] * np.exp(-frame / 30) for frame in range(6, 21)]
+    assert signal[6:] == pytest.approx(falling, rel=0.05)
+
+
 def test_a_still_video_answers_zero_from_the_fourth_frame(tmp_path: Path) -> None:
     still = records(write_video(tmp_path / "a.mkv", [np.full((48, 64), 90, np.uint8)] * 12))
     assert [each.responses["opplod"] for each in still[:3]] == [None] * 3
