@@ -288,8 +288,9 @@ class Opplod(Detector):
         The calcium signal keeps its latest value: it holds over a few repeats of a picture, and
         falls in a scene at rest, of which the detector is shown every frame.
         """
-        arms = self.judgement if isinstance(self.judgement, ArmsJudgement) else None
-        return OpplodResponse(0.0, calcium=arms and arms.calcium)
+        judgement = self.judgement
+        calcium = judgement.calcium if isinstance(judgement, ArmsJudgement) else None
+        return OpplodResponse(0.0, calcium=calcium)
 
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing.

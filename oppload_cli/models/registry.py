@@ -452,8 +452,8 @@ class DetectorBank:
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
         """Return every detector's answer to a frame in which nothing changed.
 
-        A detector has one if it has answered before. In a video that stands still from its start,
-        so that one frame was all to step through, the time of its warm-up is enough.
+        A detector has one if it has answered before. Where the video stands still from its start,
+        so that `step` has taken one frame only, the time of its warm-up is enough.
 
         Parameters
         ----------
