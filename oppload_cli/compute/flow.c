@@ -1,4 +1,4 @@
-/* The steps before and after the search for optical flow: compute/twins.py.
+/* The steps before and after the search for optical flow: compute/loops.py.
  *
  * Rounding and order of sums are OpenCV's, so that the results have the same bits.
  */

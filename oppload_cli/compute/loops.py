@@ -58,7 +58,7 @@ SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 _BAND = 120  # rows that one thread computes at a time: their data stay in the cache
 _LARGE = 1 << 18  # pixels; below, handing work to other threads costs more than it saves
 _pointer, _count, _float, _double = ctypes.c_void_p, ctypes.c_int, ctypes.c_float, ctypes.c_double
-_NOTHING: dict[str, tuple[Any, ...]] = {
+_RETURN_NOTHING: dict[str, tuple[Any, ...]] = {
     "presynaptic_sums": (
         *(3 * [_pointer]),
         *(_count, _count, _pointer, _count, _pointer, _count, _pointer, _pointer, _count, _count),
@@ -78,7 +78,7 @@ _NOTHING: dict[str, tuple[Any, ...]] = {
     "reduce": (_pointer, ctypes.c_ssize_t, _count, _count, _count, _pointer, _pointer),
     "rmo_sums": (_pointer, _pointer, _count, _double, _double, _double, _pointer, _pointer),
 }
-_NUMBER: dict[str, tuple[Any, ...]] = {
+_RETURN_INT: dict[str, tuple[Any, ...]] = {
     "folded": (),
     "sample": (
         *(_pointer, _pointer, _pointer),
@@ -192,7 +192,7 @@ class _Plan:
         self._scratch: Floats = np.zeros((0, 0), np.float32)
 
     def scratch(self, bands: int) -> list[int]:
-        """Return the _address of each band's room for intermediate maps."""
+        """Return the address of each band's room for intermediate maps."""
         if len(self._scratch) < bands:
             self._scratch = np.zeros((bands, self._floats), np.float32)
         return _addresses(self._scratch)
@@ -247,13 +247,13 @@ def _presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: S
 
 
 def _group(
-    presynaptic: Floats, side: int, threshold: float, limit: float, out: Floats
+    presynaptic: Floats, side: int, least: float, limit: float, out: Floats
 ) -> tuple[float, float]:
     """Compute G, as :func:`oppload_cli.models.dlgmd.group` does."""
     height, width = shape = presynaptic.shape[0], presynaptic.shape[1]
     totals = np.empty((height, 2))
     arguments = (
-        *(_address(presynaptic), height, width, side, threshold, limit),
+        *(_address(presynaptic), height, width, side, least, limit),
         *(_address(out), _address(totals)),
     )
     compute = _library().group
@@ -438,7 +438,10 @@ if hasattr(os, "register_at_fork"):  # a forked child has the pools, but not the
 
 
 def _library() -> ctypes.CDLL:
-    """Return the compiled loops for this processor, which were built: a twin runs."""
+    """Return the compiled loops for this processor.
+
+    A twin calls this only after `with_twin` found the library.
+    """
     library = _loaded()[1]
     if library is None:
         raise RuntimeError("the compiled loops were not built")
@@ -473,7 +476,7 @@ def _opened(build: str) -> ctypes.CDLL | str:
             return f"{path} belongs to another version; install oppload again"
     except (OSError, AttributeError):
         return f"{path} does not load on this system; install the wheel of this platform"
-    for signatures, returned in ((_NOTHING, None), (_NUMBER, ctypes.c_int)):
+    for signatures, returned in ((_RETURN_NOTHING, None), (_RETURN_INT, ctypes.c_int)):
         for name, signature in signatures.items():
             function = getattr(library, name)
             function.argtypes, function.restype = signature, returned

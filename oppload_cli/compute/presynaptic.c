@@ -1,4 +1,4 @@
-/* The presynaptic sums S and S_phi: compute/twins.py.
+/* The presynaptic sums S and S_phi: compute/loops.py.
  *
  * The kernels are even across and down, and their directional parts are odd in one of the two
  * directions. So the pixels at (dx, dy) and at its mirror images are added or subtracted first

@@ -1,4 +1,4 @@
-/* Radial motion opponency over all pairs of vectors: compute/twins.py. */
+/* Radial motion opponency over all pairs of vectors: compute/loops.py. */
 #include <math.h>
 #if defined(__AVX__)
 #include <immintrin.h>

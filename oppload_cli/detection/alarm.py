@@ -160,8 +160,9 @@ class Cuts:
     """
 
     MEMORY_S = 0.18  # how far back the changes reach that a luminance change is compared with
-    # Of these the latest are kept, whatever their age: over lost frames noise does not grow with
-    # time, so that the change per interval is small, and the next one would pass for a cut.
+    # Of these the latest are kept, whatever their age. Noise does not grow with the time between
+    # frames, so the change per interval is small after lost frames. The next, ordinary change would
+    # then look like a cut.
     LEAST_KEPT = 3
 
     def __init__(self, params: AlarmParams | None = None) -> None:

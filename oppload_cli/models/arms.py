@@ -199,14 +199,16 @@ class ArmsJudgement:
         """The largest calcium signal of all units; None where there is none."""
         return float(self._calcium.max()) if self._params.calcium_s else None
 
-    def judge(self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels) -> Judgement:
+    def judge(
+        self, pathways: dict[int, Map], photoreceptors: Photoreceptors, kernels: Kernels
+    ) -> Judgement:
         """Judge the motion of one frame.
 
         Parameters
         ----------
         pathways : dict of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees; used where the direction is not graded.
-        seen : Photoreceptors
+        photoreceptors : Photoreceptors
             The photoreceptors, which hold the latest frames.
         kernels : Kernels
             With the masks of the axes 0 and 90 degrees.
@@ -218,10 +220,10 @@ class ArmsJudgement:
             is above T_o.
         """
         params = self._params
-        everywhere, moving = self.pooled(pathways, seen, kernels)
+        everywhere, moving = self.pooled(pathways, photoreceptors, kernels)
         self.maps = self.maps._replace(pathways=dict(zip(DIRECTIONS, moving, strict=True)))
         amount = _over(everywhere, self._field)
-        self._now += seen.elapsed
+        self._now += photoreceptors.elapsed
         # Suppression goes on from its value an interval ago, so that frames in between change
         # nothing. Times add up with rounding: 0.99 of an interval counts as one.
         while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
@@ -243,7 +245,7 @@ class ArmsJudgement:
         responses = np.asarray(params.gain * above**params.arm_power, np.float32)
         self.maps = self.maps._replace(responses=responses)
         if params.calcium_s:
-            new = smoothing(seen.elapsed, params.calcium_s * self._per_second)
+            new = smoothing(photoreceptors.elapsed, params.calcium_s * self._per_second)
             self._calcium += np.float32(new) * (responses - self._calcium)
         row, column = divmod(int(total.argmax()), total.shape[1])
         return Judgement(
@@ -255,7 +257,7 @@ class ArmsJudgement:
         )
 
     def pooled(
-        self, pathways: dict[int, Map], seen: Photoreceptors, kernels: Kernels
+        self, pathways: dict[int, Map], photoreceptors: Photoreceptors, kernels: Kernels
     ) -> tuple[Map, list[Map]]:
         """Return motion over cells, in units of E: its amount, and its part in each direction.
 
@@ -267,7 +269,7 @@ class ArmsJudgement:
             The amount, and its parts in `DIRECTIONS`, at least 0.
         """
         if self._params.graded:
-            motion = graded_motion(seen.maps, kernels)
+            motion = graded_motion(photoreceptors.maps, kernels)
             parts = [motion.amount]
             parts += [np.maximum(part, 0) for part in (motion.right, motion.up)]
             parts += [np.maximum(-part, 0) for part in (motion.right, motion.up)]
@@ -278,13 +280,13 @@ class ArmsJudgement:
         pooled = pool(parts, self._down, self._across)
         amount = pooled[0]
         factor = np.full_like(amount, unit)
-        if seen.share != 1:
-            e = pool(seen.maps[:1], self._down, self._across)[0]
+        if photoreceptors.share != 1:
+            e = pool(photoreceptors.maps[:1], self._down, self._across)[0]
             e *= np.float32(kernels.excitation.sum())
-            other = referred(amount, e, seen.share, directional=True)
+            other = referred(amount, e, photoreceptors.share, directional=True)
             factor *= other / np.maximum(amount, np.float32(1e-12))
         if self._params.history:
-            factor *= has_history(seen.coarse(amount.shape), self._params.history)
+            factor *= has_history(photoreceptors.coarse(amount.shape), self._params.history)
         return amount * factor, [part * factor for part in pooled[1:]]
 
 

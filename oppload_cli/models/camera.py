@@ -37,7 +37,8 @@ _DARKEST, _BRIGHTEST = 0.04, 0.997  # luminance between which a gain can be meas
 _LEAST_CELLS, _LEAST_USABLE = 20, 1 / 4  # in which it must be measured, and their share
 _LEAST_CHANGE = 1e-3  # median change of the logarithm of the luminance
 _MOST_CHANGE, _MOST_GAIN = 0.5, 0.7  # from frame to frame, and in all, as logarithms
-_EXPLAINED = 0.7  # share of the cells: of a grating every second one can seem to change alike
+# Share of the cells. In a moving grating up to half of the cells can change by the same gain.
+_EXPLAINED = 0.7
 # What a gain leaves of the median change: a gain of each row of cells must explain more, since it
 # can explain motion up and down as well.
 _LEFT, _LEFT_BY_ROWS = 1 / 2, 1 / 4
@@ -167,8 +168,8 @@ class Bars:
     """Plain strips along the sides of the frame, as beside an upright video in a wide frame.
 
     An edge that comes out from behind a bar meets no inhibition, as at the edge of the frame. A
-    strip is a bar when it has had the same luminance for a quarter of a second, and ends in a
-    straight edge over most of the side.
+    strip is a bar when it has had the same luminance for 7.5 intervals (a quarter of a second), and
+    ends in a straight edge over most of the side.
 
     Attributes
     ----------

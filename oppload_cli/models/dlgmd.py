@@ -66,10 +66,8 @@ def threshold(params: DlgmdParams, change_two_ago: float) -> float:
 
 
 @with_twin
-def group(
-    presynaptic: Map, side: int, threshold: float, limit: float, out: Map
-) -> tuple[float, float]:
-    """Group S: ``C = ones(side, side) * S``, ``G = S C`` from `threshold` on, up to `limit`.
+def group(presynaptic: Map, side: int, least: float, limit: float, out: Map) -> tuple[float, float]:
+    """Group S: ``C = ones(side, side) * S``, ``G = S C`` from `least` on, up to `limit`.
 
     Parameters
     ----------
@@ -77,8 +75,8 @@ def group(
         S, at least 0.
     side : int
         Of the square of grouping in pixels, at least 1.
-    threshold, limit : float
-        G is 0 below T = `threshold`, and at most `limit`.
+    least, limit : float
+        G is 0 below T = `least`, and at most `limit`.
     out : ndarray of float32, shape (height, width)
         Takes G.
 
@@ -99,7 +97,7 @@ def group(
         borderType=cv2.BORDER_CONSTANT,
     )
     np.multiply(sums, presynaptic, out=out)
-    out[out < np.float32(threshold)] = 0
+    out[out < np.float32(least)] = 0
     np.minimum(out, np.float32(limit), out=out)
     return cv2.mean(presynaptic)[0], cv2.mean(out)[0]
 

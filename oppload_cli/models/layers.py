@@ -464,8 +464,8 @@ class Layers:
             if same and (not axes or dpc.axes in {axes, ()}):
                 dpc.add_axes(axes)
                 return _Hold(dpc)
-        seen = self.photoreceptors(stride)
-        dpc = Dpc(self.shape, constants, axes, seen, only_pathways=bool(axes))
+        photoreceptors = self.photoreceptors(stride)
+        dpc = Dpc(self.shape, constants, axes, photoreceptors, only_pathways=bool(axes))
         self._dpcs.append((constants, stride, dpc))
         return _Hold(dpc)
 

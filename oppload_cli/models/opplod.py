@@ -111,8 +111,8 @@ class _SmallerFrames:
         return dpc is not None and dpc.layer.photoreceptors.motion_lasts
 
     @property
-    def times(self) -> int:
-        """How many times as high and wide the working frame is, at least 2."""
+    def reduction(self) -> int:
+        """Side of the working frame over that of the smaller one, at least 2."""
         return 2 * self._intervals
 
     @property
@@ -303,13 +303,15 @@ class Opplod(Detector):
             ready |= self._smaller.step(luma, self._dpc.layer.photoreceptors.usual_step)
         if not ready:
             return None
-        seen = self._dpc.layer.photoreceptors
+        photoreceptors = self._dpc.layer.photoreceptors
         if isinstance(self.judgement, PixelwiseJudgement):
-            judgement = self.judgement.judge(self.pathways, seen.share)
+            judgement = self.judgement.judge(self.pathways, photoreceptors.share)
         elif isinstance(self.judgement, ArmsJudgement):
-            judgement = self.judgement.judge(self.pathways, seen, self._dpc.layer.kernels)
+            judgement = self.judgement.judge(self.pathways, photoreceptors, self._dpc.layer.kernels)
         else:
-            judgement = self.judgement.judge(self.pathways, seen, self._in_smaller(self.judgement))
+            judgement = self.judgement.judge(
+                self.pathways, photoreceptors, self._in_smaller(self.judgement)
+            )
         if judgement.response == 0:
             return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
         field = self.units.field
@@ -318,16 +320,16 @@ class Opplod(Detector):
 
     def _scene(self, luma: Map) -> Map:
         """Return a frame in steady light, and tell the judgement where bars hide the scene."""
-        seen = self._dpc.layer.photoreceptors
-        seen.need(luma)
+        photoreceptors = self._dpc.layer.photoreceptors
+        photoreceptors.need(luma)
         if self._bars and isinstance(self.judgement, PooledJudgement):
-            self._bars.step(luma, seen.usual_step)
+            self._bars.step(luma, photoreceptors.usual_step)
             self.judgement.leave_out(self._bars.widths)
-        return self._light.step(luma, seen.usual_step) if self._light else luma
+        return self._light.step(luma, photoreceptors.usual_step) if self._light else luma
 
     def _in_smaller(self, judgement: PooledJudgement) -> Map | None:
         """Return R in the frame at half its size; None while its motion is too new to judge."""
         frames = self._smaller
         if not frames or not judgement.answers_to(frames.photoreceptors):
             return None
-        return judgement.opponency(frames.pathways, frames.photoreceptors, frames.times)
+        return judgement.opponency(frames.pathways, frames.photoreceptors, frames.reduction)

@@ -316,15 +316,15 @@ def _pooling(
     maps: UnitMaps,
     shape: tuple[int, ...],
     params: OpplodParams,
-    times: int = 1,
+    reduction: int = 1,
     bars: Widths = NO_BARS,
 ) -> list[Map]:
-    """Return the weights, down and across, that pool maps `times` smaller than the frame."""
-    sigma = params.pool_sigma * params.cell_px / times
-    left, right, top, bottom = ((params.border + bar) // times for bar in bars)
+    """Return the weights, down and across, that pool maps smaller than the frame by a reduction."""
+    sigma = params.pool_sigma * params.cell_px / reduction
+    left, right, top, bottom = ((params.border + bar) // reduction for bar in bars)
     return [
-        pooling_weights(shape[0], maps.centres_y / times, sigma, (top, bottom)),
-        pooling_weights(shape[1], maps.centres_x / times, sigma, (left, right)),
+        pooling_weights(shape[0], maps.centres_y / reduction, sigma, (top, bottom)),
+        pooling_weights(shape[1], maps.centres_x / reduction, sigma, (left, right)),
     ]
 
 
@@ -352,7 +352,7 @@ class PooledJudgement:
         self._params, self._per_second = params, per_second
         maps, *pooling = units_at_rest(shape, params)
         self._bars = NO_BARS
-        self._pooling = {1: pooling}  # by how many times smaller the maps are
+        self._pooling = {1: pooling}  # by the reduction of the maps
         # A power of a Gaussian is a Gaussian, wider where the power is below 1.
         self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
         reach = int(maps.field / 2 // params.cell_px)
@@ -383,16 +383,19 @@ class PooledJudgement:
         if bars != self._bars:
             self._bars, self._pooling = bars, {}
 
-    def answers_to(self, seen: Photoreceptors) -> bool:
+    def answers_to(self, photoreceptors: Photoreceptors) -> bool:
         """Tell whether motion has lasted for long enough to be judged.
 
         With `history`, a rest of the complete scene is like the start of a video
         (``docs/time.md``).
         """
-        return seen.motion_lasts if self._params.history else seen.ready
+        return photoreceptors.motion_lasts if self._params.history else photoreceptors.ready
 
     def opponency(
-        self, pathways: Mapping[int, Map], seen: Photoreceptors | None = None, times: int = 1
+        self,
+        pathways: Mapping[int, Map],
+        photoreceptors: Photoreceptors | None = None,
+        reduction: int = 1,
     ) -> Maps:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
 
@@ -401,10 +404,10 @@ class PooledJudgement:
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees, of the working frame or of a smaller one. With
             `entering` they are set to 0 in place where motion may have come from outside.
-        seen : Photoreceptors, optional
+        photoreceptors : Photoreceptors, optional
             The photoreceptors that S was made from; they give the interval and the history.
-        times : int
-            How many times as high and wide the working frame is, at least 1.
+        reduction : int
+            Side of the working frame over that of the maps, at least 1.
 
         Returns
         -------
@@ -415,31 +418,38 @@ class PooledJudgement:
         """
         one, other = self._params.both_axes
         directions = one, other, one + 180, other + 180
-        if times not in self._pooling:
+        if reduction not in self._pooling:
             shape = pathways[one].shape
-            self._pooling[times] = _pooling(self.maps, shape, self._params, times, self._bars)
-        down, across = self._pooling[times]
+            self._pooling[reduction] = _pooling(
+                self.maps, shape, self._params, reduction, self._bars
+            )
+        down, across = self._pooling[reduction]
         maps = [pathways[phi] for phi in directions]
-        if seen is not None and self._params.entering:
-            reach, border = self._params.entering // times, max(1, self._params.border // times)
-            bars = Widths(*(bar // times for bar in self._bars))
-            leave_out_entering(maps, seen.maps[0], reach, border, bars)
+        if photoreceptors is not None and self._params.entering:
+            reach, border = (
+                self._params.entering // reduction,
+                max(1, self._params.border // reduction),
+            )
+            bars = Widths(*(bar // reduction for bar in self._bars))
+            leave_out_entering(maps, photoreceptors.maps[0], reach, border, bars)
         pooled = pool(maps, down, across)
-        if seen is not None and seen.share != 1:
-            e = self._excitation * pool(seen.maps[:1], down, across)
-            pooled = referred(pooled, e, seen.share, directional=True)
+        if photoreceptors is not None and photoreceptors.share != 1:
+            e = self._excitation * pool(photoreceptors.maps[:1], down, across)
+            pooled = referred(pooled, e, photoreceptors.share, directional=True)
         if self._params.compression != 1:
             pooled **= self._params.compression
         everything = counted = self._outward(pooled)
-        if seen is not None and self._params.history:
-            known = has_history(seen.coarse(self.maps.responses.shape), self._params.history)
+        if photoreceptors is not None and self._params.history:
+            known = has_history(
+                photoreceptors.coarse(self.maps.responses.shape), self._params.history
+            )
             if not known.all():
                 pooled *= known
                 counted = self._outward(pooled)
         self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
         both = np.stack((counted, everything))
-        if seen is not None and seen.stride != 1:
-            both *= np.float32(seen.stride ** (-2 * self._params.compression))
+        if photoreceptors is not None and photoreceptors.stride != 1:
+            both *= np.float32(photoreceptors.stride ** (-2 * self._params.compression))
         return both
 
     def _outward(self, pooled: Maps) -> Map:
@@ -448,7 +458,7 @@ class PooledJudgement:
     def judge(
         self,
         pathways: Mapping[int, Map],
-        seen: Photoreceptors | None = None,
+        photoreceptors: Photoreceptors | None = None,
         smaller: Map | None = None,
     ) -> Judgement:
         """Judge the S maps of the four pathways.
@@ -457,7 +467,7 @@ class PooledJudgement:
         ----------
         pathways : mapping of int to ndarray of float32, shape (height, width)
             S_phi by direction phi in degrees.
-        seen : Photoreceptors, optional
+        photoreceptors : Photoreceptors, optional
             As for `opponency`.
         smaller : ndarray of float32, shape (2, rows, columns), optional
             R in the frame at half its size, which is added with the weight `halved_weight`.
@@ -468,10 +478,10 @@ class PooledJudgement:
             Of the best unit; its response is ``c2 R^2``, 0 unless R is above T_o.
         """
         params = self._params
-        elapsed = seen.elapsed if seen else 1.0
+        elapsed = photoreceptors.elapsed if photoreceptors else 1.0
         both = np.zeros_like(self._kept)
-        if seen is None or self.answers_to(seen):
-            both += self.opponency(pathways, seen)
+        if photoreceptors is None or self.answers_to(photoreceptors):
+            both += self.opponency(pathways, photoreceptors)
         elif smaller is None:
             self._kept[:] = 0  # as before the first response
         if smaller is not None:
@@ -480,7 +490,9 @@ class PooledJudgement:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
             # At low frame rates one picture counts for less than its full time, so that a single
             # chance response cannot pass.
-            most = min(_MOST_ELAPSED, max(1.0, seen.usual_step)) if seen else 1.0
+            most = (
+                min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step)) if photoreceptors else 1.0
+            )
             weight = 1 - params.persistence ** min(elapsed, most)
             cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)
             both = self._kept.copy()
