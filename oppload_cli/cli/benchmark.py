@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from oppload_cli.cli import progress_bar
+from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     complete_models,
     jobs_option,
@@ -83,10 +83,9 @@ def benchmark(
             columns, detectors, output / "stimuli", jobs=jobs or cores(), progress=progress
         )
     if counts[0]:
-        click.echo(
+        say(
             f"{counts[0]} of {counts[-1]} stimuli kept from an earlier run of the same code "
-            f"({output / 'stimuli'})",
-            err=True,
+            f"({output / 'stimuli'})"
         )
     clips = None
     if read is not None:

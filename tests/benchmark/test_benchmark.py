@@ -161,7 +161,8 @@ class Constant(oppload_cli.Detector):
 """
 
 
-def test_an_edited_detector_is_shown_again(tmp_path: Path) -> None:
+def test_an_edited_detector_is_shown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_loaded", {})  # which every sidecar states
     file = tmp_path / "constant.py"
     peaks = []
     for source in (SOURCE, SOURCE.replace("1.0", "20.0")):
