@@ -248,7 +248,7 @@ class Battery:
 
         Columns are the four arms' excitation, and their suppression.
         """
-        reach = (params.receptive_field or 0) / 2 / (params.cell_px)
+        reach = params.field_px / 2 / params.cell_px
         further = reach * params.suppression_field
         side = math.isqrt(self.maps.shape[1] // 5)
 
