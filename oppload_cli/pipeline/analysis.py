@@ -184,23 +184,28 @@ class Analysis:
         """What is wrong with the frames so far, a sentence each, as in the sidecar.
 
         Times that go back, a frame rate that is too low or contradicts `rate`, times that seem to
-        be in another unit than seconds, repeated pictures, and too small frames.
+        be in another unit than seconds, repeated pictures, a camera that stands still, and frames
+        that are too small.
 
         Examples
         --------
         >>> import numpy as np, oppload_cli as oppload
         >>> analysis = oppload.Analysis((90, 120))
         >>> for frame in range(3):
-        ...     record = analysis.step(np.zeros((90, 120)), time_s=frame * 33.3)  # milliseconds
+        ...     grey = np.full((90, 120), frame / 3)
+        ...     record = analysis.step(grey, time_s=frame * 33.3)  # milliseconds
         >>> analysis.remarks[-1]
         'frames are 33.3 s apart by their times: give seconds, if these are of another unit'
         """
         times, repeats = self._prepared.times, self._prepared.repeats
         doubt = self._doubt_of_unit()
+        told = repeats.remarks(times.rate or self._rate)
+        if not told and repeats.still_s:
+            told = [f"the picture has stood still for the latest {repeats.still_s:.1f} s"]
         return [
             *times.remarks(),
             *([doubt] if doubt else []),
-            *repeats.remarks(self._rate or times.rate),
+            *told,
             *self._working.remarks(),
         ]
 

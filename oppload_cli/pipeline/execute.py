@@ -311,8 +311,14 @@ class _Run:
         )
 
     def _pictures_per_s(self) -> float | None:
-        rate = self.video.facts.frame_rate
-        return self._repeats.pictures_per_s(float(rate)) if rate else None
+        rate = self._rate
+        return self._repeats.pictures_per_s(rate) if rate else None
+
+    @property
+    def _rate(self) -> float | None:
+        """Frames per second: those that the times give count, as for the models."""
+        declared = self.video.facts.frame_rate
+        return self.video.times.rate or (float(declared) if declared else None)
 
     def _remarks(self) -> tuple[str, ...]:
         facts = self.video.facts
@@ -345,7 +351,7 @@ class _Run:
                 f"has pixels of an aspect of {float(aspect):.4g}, which --fov takes as square: "
                 "angles down the frame are wrong"
             )
-        remarks += self._repeats.remarks(float(facts.frame_rate) if facts.frame_rate else None)
+        remarks += self._repeats.remarks(self._rate)
         remarks += self.video.working.remarks()
         silent = [name for name, each in self._summaries.items() if not each.frames]
         if self.frames and silent:

@@ -29,6 +29,7 @@ _LENIENT = 2.0  # in a cadence one of its two changes may be so many times large
 _SPAN = 20  # pictures over which their mean interval is taken
 _PULL = 0.1  # share by which an even time moves towards the frame before its picture is shown
 _WORTH_TELLING = 0.05  # share of repeats among all frames
+_STILL_S = 1.0  # so long no camera gives the same picture to the last bit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,6 +150,7 @@ class Repeats:
         self._passed_over = False
         self.exact = self.near = 0
         self._frames = 0
+        self._new_s = 0.0  # when a picture last differed from the one before
         self._pictures = self._repeats = 0  # while there is a cadence
 
     def pictures_per_s(self, frame_rate: float) -> float | None:
@@ -169,8 +171,22 @@ class Repeats:
             return None
         return frame_rate * self._pictures / (self._pictures + self._repeats)
 
+    @property
+    def still_s(self) -> float:
+        """For how long all pictures have been the same, in seconds; 0 below a second."""
+        lasted_s = self._before_s - self._new_s
+        return lasted_s if lasted_s >= _STILL_S else 0.0
+
     def remarks(self, frame_rate: float | None) -> list[str]:
-        """Return a remark, a sentence, on pictures that are repeated in a cadence."""
+        """Return a remark, a sentence, on pictures that are all the same, or repeat in a cadence.
+
+        Parameters
+        ----------
+        frame_rate : float or None
+            Frames per second by the times of the frames, where they are known.
+        """
+        if self.still_s and self.exact == self._frames - 1:
+            return ["all pictures are the same, and nothing can cause an alarm; check the input"]
         pictures = frame_rate and self.pictures_per_s(frame_rate)
         if not frame_rate or not pictures:
             return []
@@ -189,8 +205,11 @@ class Repeats:
         time_s : float
             Presentation time of the frame in seconds.
         """
+        known = self.exact
         repeat = self._recognised(luma, time_s)
         self.exact += repeat.kind == EXACT
+        if self.exact == known:
+            self._new_s = time_s
         self.near += repeat.kind == NEAR
         if not repeat.passed_over:
             self._shown = luma

@@ -124,7 +124,7 @@ class ImageSource:
     def _image(self, path: Path) -> Colour | None:
         """Return an image, or None, counted as a failure, if it cannot be read."""
         try:
-            colour, alone = _read(path)
+            colour, alone, opaque = _read(path)
         except SourceError as error:
             self.decode.failed(f"{path.name} is not an image that can be read ({error})")
             return None
@@ -133,6 +133,8 @@ class ImageSource:
                 f"{path.name} holds several pictures, of which only the first is read; "
                 f"convert it to a video or to single images"
             )
+        if not opaque:
+            self.decode.note("transparency is left out; draw the images on a ground first")
         return colour
 
 
@@ -234,8 +236,8 @@ def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
     return np.asarray(image.convert("RGBA").getchannel("A"), np.uint8)
 
 
-def _read(path: Path) -> tuple[Colour, bool]:
-    """Return the first picture of a file, and whether it is the only one.
+def _read(path: Path) -> tuple[Colour, bool, bool]:
+    """Return the first picture of a file, whether it is the only one, and whether it is opaque.
 
     Raises
     ------
@@ -243,9 +245,10 @@ def _read(path: Path) -> tuple[Colour, bool]:
         If it is no image, is damaged, or is too large.
     """
 
-    def taken(image: Image.Image) -> tuple[Colour, bool]:
+    def taken(image: Image.Image) -> tuple[Colour, bool, bool]:
         alone = image.format == "JPEG" or not getattr(image, "is_animated", False)
-        return _colour(image), alone
+        colour, opacity = _colour(image), _opacity(image)
+        return colour, alone, opacity is None or bool((opacity == np.uint8(255)).all())
 
     return _decoded(path, taken)
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -133,6 +134,30 @@ def test_a_cadence_of_repeats_is_told(tmp_path: Path) -> None:
         words = ("--repeats", handling, "--height", "48", "--no-rmo", "--if-exists", "overwrite")
         done = oppload("run", tmp_path / "cadence.avi", "-o", tmp_path, *words)
         assert (done.returncode, said in done.stderr) == (0, told)
+
+
+@pytest.mark.parametrize("handling", ["near", "exact", "keep"])
+def test_an_input_that_never_changes_is_told(tmp_path: Path, handling: str) -> None:
+    """A dead camera must not pass for a safe way."""
+    first, *others = grey_frames(40)
+    write_video(tmp_path / "frozen.avi", [first] * 40)
+    write_video(tmp_path / "starts.avi", [*[first] * 39, others[0]])
+    same = "frozen.avi: all pictures are the same, and nothing can cause an alarm; check"
+    words = ("--height", "48", "--no-rmo", "-o", tmp_path, "--repeats", handling)
+    assert same in oppload("run", tmp_path / "frozen.avi", *words).stderr
+    assert "the same" not in oppload("run", tmp_path / "starts.avi", *words).stderr
+
+
+def test_a_rate_that_the_times_contradict_does_not_count_repeats(tmp_path: Path) -> None:
+    pictures = [each for each in grey_frames(30, seed=2) for _ in range(2)]
+    times = [index * 40 for index in range(60)]
+    path = write_video(
+        tmp_path / "a.mkv", pictures, rate=1000, times=times, time_base=Fraction(1, 1000)
+    )
+    done = oppload("run", path, "-o", tmp_path, "--height", "48", "--no-rmo")
+    assert "holds about 12.5 different pictures/s in 25 frames/s; the repeats are" in done.stderr
+    decode = json.loads((tmp_path / "a.oppload.json").read_text())["decode"]
+    assert decode["pictures_per_s"] == pytest.approx(12.5)
 
 
 def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None:

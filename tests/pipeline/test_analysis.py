@@ -350,12 +350,27 @@ def test_the_remarks_are_those_of_the_sidecar() -> None:
     back, rate, repeats, small = analysis.remarks
     assert back.startswith("1 frame has a time that is not later than that of the frame before")
     assert rate == "30 frames/s are declared, but the times of most frames say 16; the times count"
-    assert repeats.startswith("holds about 15 different pictures/s in 30 frames/s; the repeats")
+    # By the times: the declared rate would make twice as many of them.
+    assert repeats.startswith("holds about 8 different pictures/s in 16 frames/s; the repeats")
     assert small.startswith("is seen at 12 x 12 px: below 13 px no detector is known to respond")
     steady = Analysis((180, 320))
     for picture, time_s in zip(approach(), TIMES, strict=True):
         steady.step(picture, time_s)
     assert steady.remarks == []
+
+
+def test_a_camera_that_stands_still_is_told() -> None:
+    dead, frozen = Analysis((90, 120)), Analysis((90, 120))
+    for index in range(60):
+        dead.step(np.zeros((90, 120)), index / 30)
+        frozen.step(np.full((90, 120), min(index, 20) / 59), index / 30)
+        if index == 29:
+            assert dead.remarks == frozen.remarks == []
+    same = "all pictures are the same, and nothing can cause an alarm; check the input"
+    assert dead.remarks == [same]
+    assert frozen.remarks == ["the picture has stood still for the latest 1.3 s"]
+    frozen.step(np.ones((90, 120)), 2)
+    assert frozen.remarks == []
 
 
 def test_colours_are_not_rounded_to_grey_of_8_bits() -> None:

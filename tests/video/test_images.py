@@ -135,6 +135,18 @@ def test_of_sixteen_bits_eight_are_kept(tmp_path: Path, suffix: str) -> None:
         np.testing.assert_array_equal(next(iter(video)).luma, SCENE / np.float32(255))
 
 
+@pytest.mark.parametrize("opacity", [255, 254])
+def test_images_that_are_not_opaque_are_told(tmp_path: Path, opacity: int) -> None:
+    for index in range(3):
+        alpha = np.full_like(SCENE, 255 if index == 1 else opacity)
+        Image.fromarray(np.dstack([RGB, alpha])).save(tmp_path / f"{index}.png")
+    with open_video(tmp_path) as video:
+        assert len(list(video)) == 3
+        said = ["transparency is left out; draw the images on a ground first"]
+        assert video.decode.messages == (said if opacity < 255 else [])
+        assert video.decode.complete
+
+
 def test_transparency_is_left_out_and_samples_of_32_bits_are_refused(tmp_path: Path) -> None:
     Image.fromarray(np.dstack([RGB, SCENE])).save(tmp_path / "0.tiff")
     Image.fromarray(SCENE / np.float32(255)).save(tmp_path / "1.tiff")
@@ -142,7 +154,7 @@ def test_transparency_is_left_out_and_samples_of_32_bits_are_refused(tmp_path: P
         [frame] = list(video)
         assert (
             "1.tiff is not an image that can be read (its samples have 32 bits"
-            in (video.decode.messages[0])
+            in (video.decode.messages[-1])
         )
     assert np.abs(frame.luma * 255 - GREY_OF_RGB).max() < 0.51
 
