@@ -20,7 +20,14 @@ from oppload_cli.files.reading import content_of, fault_of_stem, reading
 from oppload_cli.files.tables import open_table
 from oppload_cli.processes.threads import Call
 from oppload_cli.results.alarms import in_words, label_of
-from oppload_cli.video.inputs import each_once, found_inputs, is_image_file, result_stem
+from oppload_cli.results.table import TABLE
+from oppload_cli.video.inputs import (
+    each_once,
+    found_inputs,
+    is_image_file,
+    other_stems,
+    result_stem,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -73,7 +80,8 @@ class Failure:
     name : str
         The input, as the user named it.
     stem : str
-        Of its results; empty where no input was found under the name.
+        Of its results; empty where no input was found under the name. Trying it again from
+        ``failures.csv`` keeps it.
     code : int
         The exit code that it has alone (``docs/formats.md``).
     message : str
@@ -145,6 +153,7 @@ def planned(named: Iterable[str | Listed | Failure], *, recursive: bool = False)
                 failures.append(Failure(name, "", error.exit_code, str(error)))
     inputs: list[_Planned] = []
     holders: dict[str, str] = {}
+    clashing: list[str] = []
     kept = sorted(each_once(names))
     single_images = _single_images(kept)
     for folder, images in single_images.items():
@@ -161,13 +170,27 @@ def planned(named: Iterable[str | Listed | Failure], *, recursive: bool = False)
         holder = holders.setdefault(stem.casefold(), name)
         if holder == name:
             inputs.append(_Planned(name, stem))
-            continue
-        message = (
-            f"{name}: its results would have the names of those of {holder}; give a folder of "
-            f"both with --recursive, or each an --output of its own"
-        )
-        failures.append(Failure(name, "", ExitCode.USAGE, message))
+        else:
+            clashing.append(name)
+    failures += [_second(name, stems[name], holders) for name in clashing]
     return Plan(inputs, list(dict.fromkeys(failures)))
+
+
+def _second(name: str, stem: str, holders: dict[str, str]) -> Failure:
+    """Return the failure of an input whose stem another one holds; `holders` gets its new stem.
+
+    Only a list may give it that: which input comes second changes as others join.
+    """
+    holder = holders[stem.casefold()]
+    others = other_stems(name, stem)
+    own = next(each for each in others if holders.setdefault(each.casefold(), name) == name)
+    apart = Path(name).parent != Path(holder).parent and os.path.lexists(name)
+    message = (
+        f"{name}: its results would have the names of those of {holder}; "
+        f"{'give a folder of both with --recursive, or ' * apart}try it again by the list of "
+        f"failures, which names its table {own}{TABLE}"
+    )
+    return Failure(name, own, ExitCode.USAGE, message)
 
 
 def _single_images(names: Iterable[str]) -> dict[str, list[str]]:

@@ -6,6 +6,7 @@ The part of an input that is analysed follows from ``--start``, ``--end`` and ``
 from __future__ import annotations
 
 import glob
+import hashlib
 import math
 import os
 import re
@@ -229,6 +230,21 @@ def result_stem(name: str, folder: str = "") -> str:
     return _with_hash(stem, name) if fault_of_stem(inside) else inside
 
 
+def other_stems(name: str, stem: str) -> tuple[str, str]:
+    """Return stems for an input whose own is that of another input, the second always unique.
+
+    Parameters
+    ----------
+    name : str
+        A single input.
+    stem : str
+        From :func:`result_stem`.
+    """
+    suffix = "" if "://" in name or is_folder(Path(name)) else PurePath(name).suffix
+    folder, _, last = stem.rpartition("/")
+    return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
+
+
 def each_once(names: Iterable[str]) -> list[str]:
     """Return single inputs without those that are named twice, also in two spellings.
 
@@ -240,8 +256,6 @@ def each_once(names: Iterable[str]) -> list[str]:
 
 
 def _with_hash(stem: str, name: str) -> str:
-    import hashlib  # 3 ms; few inputs need it
-
     plain = re.sub(r"[\x00-\x1f\x7f-\x9f/\\]|(?<=^[A-Za-z]):", "-", stem)
     short = os.fsencode(plain)[:_LONGEST_STEM].decode("utf-8", "ignore")
     hashed = f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 import threading
 from pathlib import Path
@@ -74,6 +75,27 @@ def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() ->
     assert (
         "names of those of a/deep/x.avi; give a folder of both with --recursive" in failure.message
     )
+
+
+def test_inputs_of_one_name_have_names_of_their_own_in_the_list_of_failures(tree: Path) -> None:
+    """A name of the plain plan would change with the inputs that join; the list is the user's."""
+    for name in ("b.mkv", "b.avi", "c/b.mp4", "b.mp4.avi", "b/f_1.png", "b/f_2.png"):
+        (tree / name).parent.mkdir(exist_ok=True)
+        (tree / name).touch()
+    plan = planned(["b", "b.mkv", "b.avi", "b.mp4", "c/b.mp4", "b.mp4.avi"])
+    assert [(each.name, each.stem) for each in plan.inputs] == [("b", "b"), ("b.mp4.avi", "b.mp4")]
+    stems = {failure.name: failure.stem for failure in plan.failures}
+    assert list(stems) == ["b.avi", "b.mkv", "b.mp4", "c/b.mp4"]
+    assert (stems["b.avi"], stems["b.mkv"]) == ("b.avi", "b.mkv")
+    assert re.fullmatch("b-[0-9a-f]{8}", stems["b.mp4"])
+    assert re.fullmatch("b-[0-9a-f]{8}", stems["c/b.mp4"])
+    assert len(set(stems.values())) == 4
+    folders = [failure for failure in plan.failures if "--recursive" in failure.message]
+    assert [failure.name for failure in folders] == ["c/b.mp4"]
+    write_failures(tree / "failures.csv", plan.failures)
+    again = planned(read_list(str(tree / "failures.csv")))
+    assert {each.name: each.stem for each in again.inputs} == stems
+    assert not again.failures
 
 
 @pytest.mark.usefixtures("tree")
