@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os.path
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 import pandas as pd
 
-from oppload_cli.errors import ParameterError
-from oppload_cli.files.atomic import refuse_existing, write_atomic
+from oppload_cli.errors import OutputError, ParameterError
+from oppload_cli.files.atomic import write_atomic
 from oppload_cli.files.reading import is_there
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import DEFAULT_PRESET
@@ -192,7 +193,13 @@ class Result(tables.BaseResult):
         truth = sidecar.get("stimulus")
         if not isinstance(truth, dict) or "frames" not in truth:
             truth = None
-        refuse_existing([] if truth is None else [beside], if_exists)
+        made = [*([] if truth is None else [beside]), *outputs.paths()]
+        there = next(filter(os.path.lexists, made), None)
+        if there is not None and existing is IfExists.ERROR:
+            raise OutputError(
+                f"{there}: exists already; choose if_exists='overwrite' or 'skip', or another "
+                "folder or stem"
+            )
         table = None if outputs.kept(existing) else begun(outputs, existing)
         if table is None:
             return outputs.csv

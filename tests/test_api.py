@@ -51,7 +51,7 @@ def test_a_result_has_the_files_of_the_command_line(
     pd.testing.assert_frame_equal(again.frames, result.frames, check_dtype=False, rtol=1e-8)
     pd.testing.assert_frame_equal(again.detections, result.detections, check_dtype=False, rtol=1e-8)
     assert again.summary == result.summary
-    with pytest.raises(OutputError, match="exists already"):
+    with pytest.raises(OutputError, match="exists already; choose if_exists='overwrite' or 'skip'"):
         result.save(tmp_path / "api")
     result.save(tmp_path / "api", if_exists="overwrite")
     assert result.save(tmp_path / "api", "other").name == "other.frames.csv"

@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 import oppload_cli as oppload
 from oppload_cli.cli import check_display, say, show_file
-from oppload_cli.cli.options import check_models
+from oppload_cli.cli.options import check_models, names_in
 from oppload_cli.errors import ExitCode, ParameterError, ResultError
 from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.models.registry import detector_named
@@ -64,7 +64,13 @@ _EFFECTS = {
     "polar, line, heat, or the classic figures that 'oppload tune --figure' measures.  "
     "[default: the one that suits the file]",
 )
-@click.option("--model", "models", multiple=True, metavar="NAME", help="Draw only this detector.")
+@click.option(
+    "--model",
+    "models",
+    multiple=True,
+    metavar="NAME",
+    help="Draw only this detector; A,B for several, or given again.",
+)
 @click.option(
     "--scale",
     type=click.Choice(["threshold", "peak", "raw"]),
@@ -142,6 +148,7 @@ def plot(
 
     if output is not None:
         style.check_suffix(output)
+    models = tuple(names_in(models))
     check_models(models, "plot")
     for model in models:
         detector_named(model)

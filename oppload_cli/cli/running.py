@@ -10,6 +10,7 @@ import shlex
 import sys
 import time
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,12 +35,14 @@ from oppload_cli.errors import (
 )
 from oppload_cli.files.atomic import make_folder
 from oppload_cli.files.reading import is_file
+from oppload_cli.models.detector import Detector
 from oppload_cli.models.presets import PRESETS
+from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import IfExists, Interrupted, Outputs, Task, exists_already
 from oppload_cli.results.alarms import write_alarms
-from oppload_cli.video.inputs import GROUND_TRUTH
+from oppload_cli.video.inputs import GROUND_TRUTH, left_out
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -96,6 +99,7 @@ def run_inputs(
         if given and not getattr(options, needed.removeprefix("--").replace("-", "_")):
             raise ParameterError(f"{option} has no effect without {needed}; give both or neither")
     _check_alarms(settings, options.fail_on, quiet=options.quiet)
+    _check_floors(settings, quiet=options.quiet)
     _check_loops(quiet=options.quiet)
     if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]
     task = Task("", settings, None, span, image_rate, if_exists, command, boxes=options.boxes)
@@ -133,6 +137,19 @@ def _check_alarms(settings: Settings, fail_on: str | None, *, quiet: bool) -> No
         raise ParameterError(f"--fail-on: alarms are off{why}; choose another preset")
     if not quiet:
         say(f"oppload: alarms are off{why}; --set alarm.on=true switches them on")
+
+
+def _check_floors(settings: Settings, *, quiet: bool) -> None:
+    """Say which detectors alarm at any response, as their class states no floor."""
+    if quiet or not settings.alarm.on:
+        return
+    for name in settings.models:
+        inherited = detector_named(name).alarm_floors is Detector.alarm_floors
+        if inherited and not settings.alarm.floor_of(name):
+            say(
+                f"oppload: {name} has no floor: any response above 0 may cause an alarm; set "
+                f"alarm_floors in its class, or --set alarm.{name}_floor=NUMBER"
+            )
 
 
 def _check_loops(*, quiet: bool) -> None:
@@ -199,6 +216,9 @@ def _report(tasks: Iterator[Task], options: RunOptions) -> int:
 def _plan_of(inputs: tuple[str, ...], options: RunOptions) -> Plan:
     shard = parse_shard(options.shard) if options.shard else None
     listed = read_list(options.files_from, null=options.null) if options.files_from else []
+    if not options.recursive and not options.quiet:
+        for sentence in chain.from_iterable(map(left_out, inputs)):
+            say(f"oppload: {sentence}")
     plan = planned([*inputs, *listed], recursive=options.recursive)
     return plan.shard(*shard) if shard else plan
 

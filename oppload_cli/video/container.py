@@ -203,9 +203,9 @@ class ContainerSource:
                 options={"max_pixels": most_pixels},
             )
         except (av.error.FFmpegError, OSError, ValueError) as error:
+            advice = "check the address" if self._remote else "check the file, or convert it"
             raise SourceError(
-                f"{self.name}: not a video that can be read ({reason_of(error)}); "
-                f"check the file, or convert it"
+                f"{self.name}: not a video that can be read ({reason_of(error)}); {advice}"
             ) from error
 
     def _check_file(self) -> None:

@@ -383,6 +383,7 @@ def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
 # input show nothing more: its few bytes are no reason to take that much memory.
 _LEAST_SIDE = 13  # px; OppLoD and D-LGMD do not respond to a disk on fewer
 _MOST_WORKING_PIXELS, _MOST_ENLARGED = 1 << 25, 1 << 22
+_USUAL_ENLARGING = 2.5  # as preset paper, at 600 px, enlarges a video of 240 px
 
 
 class WorkingSize(NamedTuple):
@@ -445,9 +446,15 @@ class WorkingSize(NamedTuple):
         return self.height, self.width
 
     def remarks(self) -> list[str]:
-        """Return a remark, a sentence, on frames that are too small for an answer."""
+        """Return a remark, a sentence, on frames that are too small, or are much enlarged."""
+        larger = 1 / min(self.scale_x, self.scale_y)
         if min(self.width, self.height) >= _LEAST_SIDE:
-            return []
+            if larger <= _USUAL_ENLARGING:
+                return []
+            return [
+                f"is enlarged {larger:.3g} times, to {self.width} x {self.height} px: the models "
+                "see no more detail than it has; give a larger video, or a smaller working height"
+            ]
         return [
             f"is seen at {self.width} x {self.height} px: below {_LEAST_SIDE} px no detector is "
             "known to respond to an approach; choose a larger working height"

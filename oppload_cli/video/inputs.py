@@ -40,6 +40,7 @@ GROUND_TRUTH = ".stimulus.json"  # end of the name of the file beside a stimulus
 _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
 _CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
 _LONGEST_STEM = 200  # bytes; a name may have 255 in all
+_SHOWN = 3  # names in a sentence
 
 
 class _Found(NamedTuple):
@@ -128,27 +129,61 @@ def _below(root: str) -> Iterator[_Found]:
     empty = True
     for folder, within, files in os.walk(root, onerror=refused.append):
         within[:] = sorted(each for each in within if not each.startswith("."))
-        visible = sorted(each for each in files if not each.startswith("."))
+        videos, numbered = _inputs_of(files)
         # A pipe would make the batch wait.
-        videos = [
-            each
-            for each in visible
-            if is_video(each) and os.path.isfile(os.path.join(folder, each))  # noqa: PTH113, PTH118
-        ]
-        # A single image among other files, such as a plot, is no sequence.
-        numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
+        videos = [each for each in videos if os.path.isfile(os.path.join(folder, each))]  # noqa: PTH113, PTH118
         if videos:
             place = os.path.relpath(folder, root)
             yield from (_Found(os.path.join(folder, each), folder=place) for each in videos)  # noqa: PTH118
-        elif len(numbered) > 1:
+        elif numbered:
             above = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
             yield _Found(folder, folder=above)
-        empty = empty and not videos and len(numbered) < 2
+        empty = empty and not videos and not numbered
     for error in refused:
         yield _Found(str(error.filename), cannot_read(error.filename, error))
     if empty and not refused:
         reason = "no video and no numbered images in this folder or below"
         yield _Found(root, SourceError(f"{root}: {reason}; check the path"))
+
+
+def left_out(name: str) -> Iterator[str]:
+    """Yield a sentence on each kind of things in a folder that `found_inputs` passes over.
+
+    These are folders that hold inputs, which a search to any depth finds, and images beside
+    videos but for figures, whose names begin with that of a video.
+    """
+    try:
+        entries = sorted(each for each in Path(name).iterdir() if not each.name.startswith("."))
+        within = [each for each in entries if each.is_dir() and not each.is_symlink()]
+        folders = [
+            each.name for each in within if any(_inputs_of(one.name for one in each.iterdir()))
+        ]
+    except (OSError, ValueError):  # no folder, or its inputs give the error
+        return
+    if folders:
+        yield f"{name}: {_listed(folders, 'folder')} left out; --recursive runs the inputs there"
+    stems = tuple(f"{each.stem}." for each in entries if is_video(each.name))
+    images = [e.name for e in entries if _suffix(e.name) in IMAGE_SUFFIXES and stems]
+    if images := [each for each in images if not each.startswith(stems)]:
+        yield (
+            f"{name}: {_listed(images, 'image')} left out beside videos; give a folder of images "
+            "alone, or convert an animation to a video"
+        )
+
+
+def _listed(names: list[str], kind: str) -> str:
+    """Return how many things there are, the first few names, and the verb."""
+    count = len(names)
+    shown = ", ".join(names[:_SHOWN]) + ", ..." * (count > _SHOWN)
+    return f"{count} {kind}{'s' * (count > 1)} ({shown}) {'are' if count > 1 else 'is'}"
+
+
+def _inputs_of(names: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Return the videos and the images of a sequence among the names of files."""
+    visible = sorted(each for each in names if not each.startswith("."))
+    # A single image among other files, such as a plot, is no sequence.
+    numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
+    return [each for each in visible if is_video(each)], numbered if len(numbered) > 1 else []
 
 
 def is_video(name: str) -> bool:

@@ -68,6 +68,20 @@ def test_a_loaded_detector_runs_also_in_other_processes(tmp_path: Path) -> None:
     assert oppload("plot", result, OPPLOAD_LOAD=str(tmp_path / "own.py")).returncode == 0
 
 
+def test_a_detector_without_a_floor_is_told_once(tmp_path: Path) -> None:
+    bare = DETECTOR.replace('    alarm_floors: ClassVar = {"default": 0.1}\n', "")
+    (tmp_path / "own.py").write_text(bare)
+    for name in ("a.avi", "b.avi"):
+        write_video(tmp_path / name, grey_frames(9))
+    words = ["run", "a.avi", "b.avi", "-o", "out", "--model", "darkening,dlgmd", "--no-rmo"]
+    words += ["--if-exists", "overwrite", "--height", "native", "-j", "1"]
+    done = oppload("--load", "own.py", *words, cwd=tmp_path)
+    said = "oppload: darkening has no floor: any response above 0 may cause an alarm; set alarm_"
+    assert (done.returncode, done.stderr.count(said), done.stderr.count("no floor")) == (0, 1, 1)
+    for more in (("--set", "alarm.darkening_floor=0.1"), ("--set", "alarm.on=false")):
+        assert "no floor" not in oppload("--load", "own.py", *words, *more, cwd=tmp_path).stderr
+
+
 def test_a_file_that_cannot_be_loaded_is_named(tmp_path: Path) -> None:
     (tmp_path / "broken.py").write_text("x = (")
     (tmp_path / "nameless.py").write_text(DETECTOR.replace('"darkening"', '"dlgmd"'))

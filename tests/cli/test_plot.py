@@ -232,6 +232,15 @@ def test_a_wrong_name_of_a_figure_or_model(tmp_path: Path, capsys: Capture) -> N
     assert (done.returncode, "did you mean 'dlgmd'" in done.stderr) == (2, True)
 
 
+def test_detectors_may_be_named_with_commas(tmp_path: Path, capsys: Capture) -> None:
+    path = write_result(tmp_path / "a.frames.csv")
+    figures = []
+    for words in (("--model", "opplod,dlgmd"), ("--model", "opplod", "--model", "dlgmd")):
+        assert run(capsys, "plot", path, *words, "-o", tmp_path / "a.png").returncode == 0
+        figures.append((tmp_path / "a.png").read_bytes())
+    assert figures[0] == figures[1]
+
+
 def test_a_flat_video_gives_zeros(tmp_path: Path, capsys: Capture) -> None:
     import numpy as np
 

@@ -148,6 +148,30 @@ def test_an_input_that_never_changes_is_told(tmp_path: Path, handling: str) -> N
     assert "the same" not in oppload("run", tmp_path / "starts.avi", *words).stderr
 
 
+def test_a_folder_says_what_it_leaves_out_unless_it_is_searched(tmp_path: Path) -> None:
+    write_video(tmp_path / "a.avi", grey_frames(4))
+    (tmp_path / "within").mkdir()
+    write_video(tmp_path / "within" / "b.avi", grey_frames(4))
+    said = "1 folder (within) is left out; --recursive runs the inputs there"
+    for more, told in (((), True), (("-r",), False), (("-q",), False)):
+        done = oppload("run", tmp_path, "-o", tmp_path / "out", "--dry-run", *more)
+        assert (done.returncode, said in done.stderr) == (0, told)
+
+
+def test_a_small_video_that_is_enlarged_is_told(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "small.avi", grey_frames(12, 32, 24))
+    words = ("--no-rmo", "-o", tmp_path, "--if-exists", "overwrite", "--height")
+    said = "small.avi: is enlarged {} times, to {} px: the models see no more detail than it has"
+    assert said.format("10", "320 x 240") in oppload("run", path, *words, "240").stderr
+    assert said.format("2.54", "81 x 61") in oppload("run", path, *words, "61").stderr
+    assert "enlarged" not in oppload("run", path, *words, "60").stderr
+
+
+def test_an_address_that_does_not_answer_is_told_as_one(tmp_path: Path) -> None:
+    done = oppload("run", "tcp://127.0.0.1:9", "-o", tmp_path)
+    assert (done.returncode, "; check the address" in done.stderr) == (3, True)
+
+
 def test_a_rate_that_the_times_contradict_does_not_count_repeats(tmp_path: Path) -> None:
     pictures = [each for each in grey_frames(30, seed=2) for _ in range(2)]
     times = [index * 40 for index in range(60)]

@@ -360,7 +360,7 @@ def test_the_remarks_are_those_of_the_sidecar() -> None:
 
 
 def test_a_camera_that_stands_still_is_told() -> None:
-    dead, frozen = Analysis((90, 120)), Analysis((90, 120))
+    dead, frozen = Analysis((90, 120), height=90), Analysis((90, 120), height=90)
     for index in range(60):
         dead.step(np.zeros((90, 120)), index / 30)
         frozen.step(np.full((90, 120), min(index, 20) / 59), index / 30)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from oppload_cli.video.inputs import found_inputs, result_stem
+from oppload_cli.video.inputs import found_inputs, left_out, result_stem
 
 
 def test_a_folder_of_videos_is_each_of_them(tmp_path: Path) -> None:
@@ -19,6 +19,18 @@ def test_a_folder_of_videos_is_each_of_them(tmp_path: Path) -> None:
 def test_an_empty_folder(tmp_path: Path) -> None:
     (found,) = found_inputs(str(tmp_path))
     assert "no video and no image in this folder" in str(found.error)
+
+
+def test_what_a_folder_of_videos_leaves_out_is_told(tmp_path: Path) -> None:
+    names = ("a.avi", "a.frames.png", "still.jpg", "anim.webp", "results/a.frames.csv")
+    for name in (*names, "seq/1.png", "seq/2.png", "plots/x.png", ".trash/b.mp4", "cam/b.mp4"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    folders, images = left_out(str(tmp_path))
+    assert folders.endswith("2 folders (cam, seq) are left out; --recursive runs the inputs there")
+    assert ": 2 images (anim.webp, still.jpg) are left out beside videos; give a folder" in images
+    for name in ("seq", "cam", "plots", "a.avi", "none"):
+        assert not list(left_out(str(tmp_path / name)))
 
 
 def test_a_stem_depends_on_nothing_but_its_input() -> None:
