@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from oppload_cli.errors import ExitCode
 from oppload_cli.evaluation.page import CONDITIONS, INTERVALS, MEASURES
-from oppload_cli.models.columns import ALARM_DETAILS, COMMON, RMO, VIEW, columns_of
+from oppload_cli.models.columns import ALARM_DETAILS, COMMON, COMMON_DETAILS, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detectors
 from oppload_cli.pipeline.settings import parameter_sets
 
@@ -42,8 +42,9 @@ def formats() -> str:
         details = tuple(each for each in details if each.name not in general)
         parts += ["With `--columns all` also:\n", columns(details)] if details else []
     seen = "Each detector with a box has also, with its name in front:\n"
-    seen_by = "Each detector has also, with its name in front, the last one if it has a box:\n"
-    parts += ["### With `--columns all`", seen_by, columns(ALARM_DETAILS)]
+    parts += ["### With `--columns all`", columns(COMMON_DETAILS)]
+    seen_by = "Each detector has also, with its name in front, the first; one with a box has all:\n"
+    parts += [seen_by, columns(ALARM_DETAILS)]
     parts += ["### With `--fov`, and for stimuli with ground truth", seen, columns(VIEW)]
     parts += ["### Unless `--no-rmo`", columns(RMO)]
     parts += [

@@ -163,8 +163,8 @@ def test_its_inner_values_have_columns_where_all_are_wanted(
     table = rows(tmp_path)
     usual = [name for name in rows(result)[0] if name.startswith("toy_")]
     own = [name for name in table[0] if name.startswith("toy_")]
-    left = ("toy_time_to_contact_s", "toy_time_to_contact_error_s")
-    assert own == [*usual, "toy_count", "toy_over_threshold", *left]
+    left = ("evidence_over_threshold", "time_to_contact_s", "time_to_contact_error_s")
+    assert own == [*usual, "toy_count", "toy_over_threshold", *(f"toy_{each}" for each in left)]
     over = [float(row["toy_over_threshold"]) for row in table[1:]]
     at_floor = [float(row["toy_response"]) / FLOOR for row in table[1:]]
     assert max(over) > 1

@@ -59,6 +59,8 @@ class Alarm:
     threshold : float
         The evidence above which the latest frame sets the alarm off; above `release` times
         this it keeps the alarm on. Infinite where `params` has no alarm.
+    evidence : float
+        That of the latest frame.
 
     Raises
     ------
@@ -85,6 +87,7 @@ class Alarm:
         self._until_s = self._ready_s = -math.inf
         self._on = self._counted = False
         self.threshold = self._floor
+        self.evidence = 0.0
 
     def step(
         self, response: float, time_s: float, *, contact_s: float | None = None, blind: bool = False
@@ -114,8 +117,8 @@ class Alarm:
         background = self._background.step(response, time_s)
         self.threshold = max(self._floor, self.params.factor * background)
         share = self.params.release if self._on and not ended else 1.0
-        evidence = self.params.evidence(response, contact_s)
-        above = evidence > share * self.threshold and not blind
+        self.evidence = self.params.evidence(response, contact_s)
+        above = self.evidence > share * self.threshold and not blind
         enough = self._long_enough(above, time_s)
         self._counted = enough and not ended and (self._on or time_s >= self._ready_s)
         if self._counted:
@@ -169,9 +172,9 @@ class Cuts:
         self._params = params or AlarmParams()
         self._changes: deque[tuple[float, float]] = deque()
         self._steps = _Steps()
-        self._cut_s = -math.inf
+        self._cut_s, self._cause = -math.inf, ""
 
-    def step(self, photoreceptors: Map, change: float, time_s: float) -> bool:
+    def step(self, photoreceptors: Map, change: float, time_s: float) -> str:
         """Take the next frame.
 
         Parameters
@@ -185,24 +188,27 @@ class Cuts:
 
         Returns
         -------
-        bool
-            Whether the frame is blind: it shows such a change, or a recent frame did.
+        str
+            Why the frame is blind, as it shows such a change or a recent frame did: ``start`` of
+            the video, ``cut`` (or a flash, or a step), ``rest`` that ended, or ``gap``. Empty for
+            a frame that counts.
         """
         while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
             self._changes.popleft()
         longest_s = max(self._params.hold_s, self._params.blind_s)
-        if self._steps.gap_s(time_s) > longest_s or self._is_cut(photoreceptors, change):
-            self._cut_s = time_s
+        is_gap = self._steps.gap_s(time_s) > longest_s
+        if cause := "gap" if is_gap else self._cause_in(photoreceptors, change):
+            self._cut_s, self._cause = time_s, cause
         self._changes.append((time_s, change))
-        return time_s - self._cut_s < self._params.blind_s
+        return self._cause if time_s - self._cut_s < self._params.blind_s else ""
 
-    def _is_cut(self, photoreceptors: Map, change: float) -> bool:
+    def _cause_in(self, photoreceptors: Map, change: float) -> str:
         before = max((earlier for _, earlier in self._changes), default=0.0)
         if not self._params.cut_ratio or change <= self._params.cut_ratio * before:
-            return False
+            return ""
         if before <= self._params.rest:
-            return True
+            return "rest" if self._changes else "start"
         # In a cut most pixels change about as much as the mean; near an approaching object few
         # change much.
         changed = np.count_nonzero(photoreceptors > change / 4)
-        return bool(changed >= self._params.cut_share * photoreceptors.size)
+        return "cut" if changed >= self._params.cut_share * photoreceptors.size else ""

@@ -28,8 +28,10 @@ class Rows(Protocol):
         """Write one row; a column that it lacks is an empty cell."""
 
 
-def formatted(value: Value) -> str:
-    """Return a number as all tables have it: ``%.9g``, nothing for None, 1 for True."""
+def formatted(value: Cell) -> str:
+    """Return a cell as all tables have it: a number ``%.9g``, nothing for None, 1 for True."""
+    if isinstance(value, str):
+        return value
     return "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(int(value))
 
 

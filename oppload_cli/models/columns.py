@@ -26,6 +26,14 @@ COMMON = (
         "first frame",
     ),
 )
+COMMON_DETAILS = (  # with `--columns all`
+    Column(
+        "blind",
+        "text",
+        "why no alarm counts this frame: start (of the video), cut (or flash), rest (that ended) "
+        "or gap; empty where it counts",
+    ),
+)
 RMO = (
     Column(
         "flow_vectors",
@@ -72,6 +80,12 @@ VIEW = (
 ALARM_DETAILS = (
     Column(
         "over_threshold", "", "response over the threshold of its alarm; empty where there is none"
+    ),
+    Column(
+        "evidence_over_threshold",
+        "",
+        "the same for the evidence, which near a contact is larger than the response: above 1 the "
+        "frame counts unless it is blind",
     ),
     Column(
         "time_to_contact_s", "s", "until the strongest looming object arrives; empty if not known"

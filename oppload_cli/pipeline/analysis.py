@@ -438,7 +438,7 @@ class _Detectors:
             return _held(self._latest, prepared)
         answers = self._answers(prepared, count, time_s)
         change = 0.0 if prepared.repeat.kind else self._bank.luma_change
-        blind = False
+        blind = ""
         if change is not None and not prepared.repeat.passed_over:
             blind = self._cuts.step(self._bank.photoreceptors, change, time_s)
         found = {
@@ -448,7 +448,7 @@ class _Detectors:
         alarms = {
             name: answer is not None
             and self._alarms[name].step(
-                answer.response, time_s, contact_s=_contact_s(found.get(name)), blind=blind
+                answer.response, time_s, contact_s=_contact_s(found.get(name)), blind=bool(blind)
             )
             for name, answer in answers.items()
         }
@@ -471,6 +471,7 @@ class _Detectors:
             next(iter(found.values()), ()),
             {name: each[0] if each else None for name, each in found.items()},
             blind,
+            {name: self._alarms[name].evidence for name, each in answers.items() if each},
         )
         if not prepared.repeat.passed_over:
             self._latest = record

@@ -173,7 +173,7 @@ class Content:
             return ""
         held = self.result.part("alarms").get(best.name)
         blind = held.get("peak_blind") if isinstance(held, dict) else None
-        return f", {uncounted(blind if isinstance(blind, bool) else None)}"
+        return f", {uncounted(blind if isinstance(blind, bool | str) else None)}"
 
     @property
     def size(self) -> tuple[int, int]:

@@ -82,14 +82,15 @@ class Verdict(NamedTuple):
     peak : float or None
         The largest response over its threshold; None without a response, or where the alarm
         is off.
-    peak_blind : bool or None
-        Whether the frame of that peak does not count; None where that is not known.
+    peak_blind : str, bool or None
+        Why the frame of that peak does not count, as `blind` of a record; empty where it counts,
+        and None where that is not known. Sidecars before 1.0 tell only whether it counts.
     """
 
     model: str
     alarms: tuple[_AlarmEvent, ...]
     peak: float | None
-    peak_blind: bool | None = None
+    peak_blind: str | bool | None = None
 
     @property
     def strongest(self) -> float:
@@ -107,6 +108,9 @@ class Verdict(NamedTuple):
             "" if contact_s is None else f", contact about {contact_s:.1f} s later by its estimate"
         )
         strongest = f", strongest {times(self.strongest)} times the threshold"
+        if (self.peak or 0.0) > max(self.strongest, 1.0):
+            why = uncounted(self.peak_blind, beside_alarms=True)
+            strongest += f" (the peak is {times(self.peak or 0.0)} times, {why})"
         if not self.strongest:
             strongest = ", above a threshold of 0"
         elif self.strongest <= 1:
@@ -134,20 +138,33 @@ class Verdict(NamedTuple):
         return f", peak at {times(peak)} of the threshold" if peak else ""
 
 
-def uncounted(blind: bool | None) -> str:
+_CAUSES = {
+    "start": "it came at the start",
+    "cut": "it came at a cut or a flash",
+    "rest": "it came at the end of a rest",
+    "gap": "it came after a gap",
+}
+
+
+def uncounted(blind: str | bool | None, *, beside_alarms: bool = False) -> str:
     """Return why a response above the threshold set off no alarm, as the end of a sentence.
 
     Parameters
     ----------
-    blind : bool or None
+    blind : str, bool or None
         As `peak_blind` of :class:`Verdict`.
+    beside_alarms : bool
+        Whether the detector had alarms in other frames.
     """
-    reasons = {
-        True: "it came at the start, a cut, a flash or the end of a rest",
-        False: "it was too short",
-        None: "it came at the start, a cut, a flash or the end of a rest, or was too short",
-    }
-    return f"which did not count: {reasons[blind]}"
+    short = "soon after an alarm, or was too short" if beside_alarms else "was too short"
+    any_cause = "came at the start, a cut, a flash, the end of a rest or after a gap"
+    if blind is None:
+        reason = f"it {any_cause}, or {'came ' * beside_alarms}{short}"
+    elif blind:
+        reason = _CAUSES.get(str(blind), f"it {any_cause}")
+    else:
+        reason = f"it {'came ' * beside_alarms}{short}"
+    return f"which did not count: {reason}"
 
 
 class AlarmLog:
@@ -158,7 +175,7 @@ class AlarmLog:
         self._alarms: list[_AlarmEvent] = []
         self._on = False
         self._peak: float | None = None
-        self._peak_blind: bool | None = None
+        self._peak_blind: str | None = None
 
     def add(self, record: FrameRecord) -> None:
         """Take the next frame."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +13,7 @@ from oppload_cli.files.reading import is_file, is_folder, reading
 from oppload_cli.files.tables import open_table, typed
 from oppload_cli.models.registry import default_names, known_names
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.reading import check_frames, is_whole, read_table
+from oppload_cli.results.reading import check_frames, kind_of_column, read_table
 from oppload_cli.results.table import (
     SIDECAR,
     TABLE,
@@ -148,7 +147,7 @@ def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
             degrees = degrees or bool(content.get("field_of_view"))
     named = [name for name in known_names() if name in used]
     kinds = {
-        column.name: int if is_whole(column.name) else float
+        column.name: kind_of_column(column.name)
         for column in columns_for(
             named, rmo=True, details=details, degrees=degrees, presets=presets
         )
@@ -235,8 +234,8 @@ def _frame_rows(path: Path, name: str) -> Iterator[Row]:
         raise ResultError(f"{table}: is no table of 'oppload run'; {_REMEDY}")
     check_frames(table, frames, frames.columns)
     columns = list(frames.columns)
-    for values in frames.itertuples(index=False, name=None):
-        cells = (None if math.isnan(value) else value for value in values)
+    filled = frames.astype(object).where(frames.notna(), None)
+    for cells in filled.itertuples(index=False, name=None):
         yield {"result": name, "input": _text(source), **dict(zip(columns, cells, strict=True))}
 
 

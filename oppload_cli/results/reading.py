@@ -34,6 +34,7 @@ _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
 NOTHING = 1e-6  # of an alarm's floor: rounding errors of pathways that cancel are below
 _COUNTS = ("frame", "flow_vectors", "rom_pairs")
+_TEXTS = ("blind",)
 _ALARM = "_alarm"  # end of the name of a column
 _LARGEST = 1e15  # of a number that a curve may have
 _ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
@@ -306,23 +307,23 @@ def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None
         frame numbers or times do not increase; the line is named.
     """
     _need(path, frames, ("frame", "time_s"), _ANOTHER_RESULT)
-    for name in ("frame", "time_s", *sorted(set(names) - {"frame", "time_s"})):
+    for name in ("frame", "time_s", *sorted(set(names) - {"frame", "time_s", *_TEXTS})):
         values = check_numbers(path, frames, name)
         alarm = name.endswith(_ALARM)
         if alarm or name in {"frame", "time_s"}:
             _check_filled(path, frames, name, "run it again")
         if alarm:
             _refuse(path, frames, name, ~np.isin(values, (0, 1)), "is neither 0 nor 1")
-        elif is_whole(name):
+        elif kind_of_column(name) is int:
             _refuse(path, frames, name, values % 1 > 0, "is no whole number")
         if name in {"frame", "time_s"}:
             back = np.diff(values, prepend=-np.inf) <= 0
             _refuse(path, frames, name, back, "is not above the one in the row before")
 
 
-def is_whole(name: str) -> bool:
-    """Tell whether a column of a table holds whole numbers: counts and alarms."""
-    return name in _COUNTS or name.endswith(_ALARM)
+def kind_of_column(name: str) -> type:
+    """Return the type of a column's values: int for counts and alarms, str for words, or float."""
+    return int if name in _COUNTS or name.endswith(_ALARM) else str if name in _TEXTS else float
 
 
 def title_and_input(result: BaseResult | Path) -> tuple[str, str]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.files.atomic import PartFile, output_errors, write_atomic
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.files.tables import formatted, rows_in
-from oppload_cli.models.columns import COMMON, PLACE, RMO, VIEW, columns_of
+from oppload_cli.models.columns import COMMON, COMMON_DETAILS, PLACE, RMO, VIEW, columns_of
 from oppload_cli.models.registry import detector_named
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.detection.places import Detection
     from oppload_cli.errors import OpploadError
-    from oppload_cli.files.tables import Value
+    from oppload_cli.files.tables import Cell, Value
     from oppload_cli.models.detector import Box, Column, Response
     from oppload_cli.motion.rmo import RmoMetrics
 
@@ -53,8 +53,8 @@ def columns_for(
     Returns
     -------
     tuple of Column
-        ``frame``, ``time_s`` and ``luma_change``, then those of each detector, then those of
-        RMO.
+        ``frame``, ``time_s`` and ``luma_change`` (and ``blind`` among the details), then those of
+        each detector, then those of RMO.
     """
     of_models = tuple(
         column
@@ -63,7 +63,7 @@ def columns_for(
             detector_named(name), details=details, degrees=degrees, presets=presets
         )
     )
-    return COMMON + of_models + (RMO if rmo else ())
+    return COMMON + (COMMON_DETAILS if details else ()) + of_models + (RMO if rmo else ())
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,11 @@ class FrameRecord:
         first.
     objects : dict of str to Detection or None
         By detector with places, its strongest looming object.
-    blind : bool
-        Whether the frame does not count for an alarm.
+    blind : str
+        Why the frame does not count for an alarm: ``start``, ``cut``, ``rest`` or ``gap`` (see
+        ``docs/alarms.md``); empty where it counts.
+    evidence : dict of str to float
+        By detector, the number that its alarm compares with the threshold.
 
     Examples
     --------
@@ -116,7 +119,8 @@ class FrameRecord:
     thresholds: dict[str, float] = field(default_factory=dict)
     detections: tuple[Detection, ...] = ()
     objects: dict[str, Detection | None] = field(default_factory=dict)
-    blind: bool = False
+    blind: str = ""
+    evidence: dict[str, float] = field(default_factory=dict)
 
     @property
     def boxes(self) -> dict[str, Box | None]:
@@ -125,21 +129,25 @@ class FrameRecord:
 
     def over_threshold(self, model: str) -> float | None:
         """Return a detector's response over its threshold; None where there is no threshold."""
-        response, threshold = self.responses.get(model), self.thresholds.get(model, 0.0)
-        if response is None or not 0 < threshold < math.inf:
-            return None
-        return response.response / threshold
+        response = self.responses.get(model)
+        return self._multiple(model, None if response is None else response.response)
 
-    def values(self) -> dict[str, Value]:
+    def _multiple(self, model: str, value: float | None) -> float | None:
+        """Return a value over a detector's threshold; None where one of them is missing."""
+        threshold = self.thresholds.get(model, 0.0)
+        return None if value is None or not 0 < threshold < math.inf else value / threshold
+
+    def values(self) -> dict[str, Cell]:
         """Return the values by column, the same columns for every frame.
 
         A missing value is None: a response during warm-up, a box where nothing looms, RMO
         where it was not measured, degrees where the field of view is not known.
         """
-        values: dict[str, Value] = {
+        values: dict[str, Cell] = {
             "frame": self.frame,
             "time_s": self.time_s,
             "luma_change": self.luma_change,
+            "blind": self.blind,
         }
         for name, response in self.responses.items():
             detector = detector_named(name)
@@ -159,6 +167,8 @@ class FrameRecord:
                 values.update(
                     (f"{name}_{each.name}", getattr(view, each.name, None)) for each in VIEW
                 )
+                evidence = self._multiple(name, self.evidence.get(name))
+                values[f"{name}_evidence_over_threshold"] = evidence
                 for key in ("time_to_contact_s", "time_to_contact_error_s"):
                     values[f"{name}_{key}"] = getattr(found, key, None)
             values[f"{name}_over_threshold"] = self.over_threshold(name)

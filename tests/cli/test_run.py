@@ -7,6 +7,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import cv2
+import numpy as np
 import pytest
 
 from tests.cli import process
@@ -156,6 +157,32 @@ def test_a_folder_says_what_it_leaves_out_unless_it_is_searched(tmp_path: Path) 
     for more, told in (((), True), (("-r",), False), (("-q",), False)):
         done = oppload("run", tmp_path, "-o", tmp_path / "out", "--dry-run", *more)
         assert (done.returncode, said in done.stderr) == (0, told)
+
+
+def test_the_details_show_why_an_alarm_did_or_did_not_come(tmp_path: Path) -> None:
+    y, x = np.mgrid[:90, :120]
+    away = np.hypot(x - 60, y - 45)
+    disks = [np.clip(away - 60 / (30 - t), 0, 1) * 255 for t in range(26)]
+    path = write_video(tmp_path / "loom.avi", [each.astype(np.uint8) for each in disks])
+    done = oppload("run", path, "-o", tmp_path, "--columns", "all", "--no-rmo")
+    assert done.returncode == 0
+    table = rows((tmp_path / "loom.frames.csv").read_text())
+    assert [row["blind"] for row in table] == ["", *["start"] * 10, *[""] * 15]
+    near = 0
+    for row in table[3:]:
+        contact_s = float(row["opplod_time_to_contact_s"] or 9)
+        share = 10 if contact_s < 1 else 1  # 1 / alarm.contact_share
+        over, evidence = (
+            float(row[f"opplod_{name}"]) for name in ("over_threshold", "evidence_over_threshold")
+        )
+        assert evidence == pytest.approx(share * over)
+        near += share > 1
+        assert "dlgmd_evidence_over_threshold" not in row
+    assert near
+    collected = tmp_path / "all.csv"
+    assert oppload("collect", tmp_path, "--frames", "-o", collected).returncode == 0
+    assert [row["blind"] for row in rows(collected.read_text())] == [row["blind"] for row in table]
+    assert oppload("plot", tmp_path / "loom.frames.csv").returncode == 0
 
 
 def test_a_small_video_that_is_enlarged_is_told(tmp_path: Path) -> None:

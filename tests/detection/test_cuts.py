@@ -82,7 +82,21 @@ def test_a_second_cut_begins_anew() -> None:
 def test_a_video_begins_out_of_rest() -> None:
     cuts = Cuts(AlarmParams(blind_s=0.09))
     seen = [cuts.step(*changed(0.01, 0.1), t / 30) for t in range(5)]
-    assert seen == [True] * 3 + [False] * 2
+    assert seen == ["start"] * 3 + [""] * 2
+
+
+def test_a_blind_frame_has_its_latest_cause() -> None:
+    def causes(*events: tuple[float, float, float]) -> list[str]:
+        cuts = Cuts(AlarmParams(blind_s=0.1, hold_s=0.5))
+        seen = [cuts.step(*changed(0.01, 0.3), t / 10) for t in range(10)]
+        assert seen == ["start", *[""] * 9]
+        return [cuts.step(*changed(mean, share), time_s) for time_s, mean, share in events]
+
+    assert causes((1.0, 0.041, 0.5), (1.05, 0.01, 0.3), (1.2, 0.01, 0.3)) == ["cut", "cut", ""]
+    assert causes((1.6, 0.01, 0.3)) == ["gap"]
+    still = [(1 + t / 10, 0.0, 1.0) for t in range(4)]
+    assert causes(*still, (1.4, 0.01, 0.3)) == [*[""] * 4, "rest"]
+    assert causes((1.0, 0.041, 0.5), (1.6, 0.01, 0.3)) == ["cut", "gap"]
 
 
 @pytest.mark.parametrize("rate", [10, 24, 60, 240])

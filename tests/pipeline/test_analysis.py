@@ -233,7 +233,8 @@ def test_frames_one_by_one_give_what_the_array_gives() -> None:
         assert record.time_s == pytest.approx(each.time_s, abs=1e-6)
         own, other = record.values(), each.values()
         assert own.keys() == other.keys()
-        for name in own.keys() - {"time_s"}:
+        assert record.blind == each.blind
+        for name in own.keys() - {"time_s", "blind"}:
             one, same = (np.nan if value is None else value for value in (own[name], other[name]))
             assert one == pytest.approx(same, rel=1e-4, nan_ok=True), (index, name)
     assert expected[-1].alarms == {"opplod": True, "dlgmd": True}

@@ -126,7 +126,8 @@ def test_a_response_above_the_threshold_without_an_alarm_is_explained(table: Pat
     assert "did not count" in content.silence
     index = write_report([table, table], table.parent).first.read_text()
     reason = (
-        "did not count: it came at the start, a cut, a flash or the end of a rest, or was too short"
+        "did not count: it came at the start, a cut, a flash, the end of a rest or after a gap, or "
+        "was too short"
     )
     assert index.count(f'title="{reason}">not counted<') == 2
 

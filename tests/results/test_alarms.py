@@ -27,6 +27,8 @@ def verdict(
     responses: list[float],
     on: list[int],
     blind: tuple[int, ...] = (),
+    *,
+    cause: str = "rest",
     threshold: float | tuple[float, ...] = 2.0,
     contacts: tuple[int, ...] = (4,),
 ) -> Verdict:
@@ -44,7 +46,7 @@ def verdict(
                 {"opplod": t in on},
                 thresholds={"opplod": threshold[t] if isinstance(threshold, tuple) else threshold},
                 objects={"opplod": place},
-                blind=t in blind,
+                blind=cause * (t in blind),
             )
         )
     return log.verdict
@@ -94,14 +96,43 @@ def test_multiples_have_no_exponent() -> None:
 
 def test_no_alarm_tells_how_near_it_came() -> None:
     assert str(verdict([0, 0.5, 0], on=[])) == "no alarm, peak at 0.25 of the threshold"
-    assert str(verdict([0, 0.5, 9], on=[], blind=(2,))) == (
-        "no alarm, peak at 4.5 times the threshold, which did not count: it came at the start, "
-        "a cut, a flash or the end of a rest"
+    for cause, words in (
+        ("start", "at the start"),
+        ("cut", "at a cut or a flash"),
+        ("rest", "at the end of a rest"),
+        ("gap", "after a gap"),
+    ):
+        silent = verdict([0, 0.5, 9], on=[], blind=(2,), cause=cause)
+        assert str(silent) == (
+            f"no alarm, peak at 4.5 times the threshold, which did not count: it came {words}"
+        )
+        assert verdicts_in({"alarms": {"opplod": silent.as_dict()}}) == (silent,)
+    assert str(silent._replace(peak_blind=True)).endswith(  # of a sidecar before 1.0
+        "it came at the start, a cut, a flash, the end of a rest or after a gap"
     )
     assert str(verdict([0, 8, 0, 9], on=[], blind=(1,))) == (
         "no alarm, peak at 4.5 times the threshold, which did not count: it was too short"
     )
     assert str(verdict([0, 5], on=[], threshold=math.inf)) == "no alarm"
+
+
+def test_a_peak_outside_the_alarms_is_told_with_its_reason() -> None:
+    """The strongest alarm is not the peak, which the table of many inputs shows."""
+    begin = "alarm at 0.20 s (frame 2), strongest 1.5 times the threshold"
+    found = [verdict([0, 9, 3], on=[2], blind=blind, cause="start") for blind in ((1,), ())]
+    found.append(found[0]._replace(peak_blind=None))
+    assert list(map(str, found)) == [
+        f"{begin} (the peak is 4.5 times, which did not count: it came {why})"
+        for why in (
+            "at the start",
+            "soon after an alarm, or was too short",
+            "at the start, a cut, a flash, the end of a rest or after a gap, or came soon after an "
+            "alarm, or was too short",
+        )
+    ]
+
+
+def test_many_verdicts_are_one_line() -> None:
     assert in_words([verdict([0], []), verdict([3], [0])]) == (
         "OppLoD no alarm; OppLoD alarm at 0.00 s (frame 0), strongest 1.5 times the threshold"
     )
