@@ -19,7 +19,7 @@ from oppload_cli.errors import ExitCode, ParameterError, printable
 from oppload_cli.files.reading import content_of, fault_of_stem, reading
 from oppload_cli.files.tables import open_table
 from oppload_cli.processes.threads import Call
-from oppload_cli.results.alarms import in_words, label_of
+from oppload_cli.results.alarms import MOST_IN_A_LINE, in_words, label_of
 from oppload_cli.results.table import TABLE
 from oppload_cli.video.inputs import (
     each_once,
@@ -355,6 +355,8 @@ class Tally:
     def alarms(self, most: int, place: Path, shown: Mapping[str, str]) -> Iterator[str]:
         """Yield how many inputs alarmed, and the strongest alarms in words.
 
+        Of more detectors than fit into a line the inputs that each alarmed on are counted.
+
         Parameters
         ----------
         most : int
@@ -372,6 +374,11 @@ class Tally:
             if any(each.alarms for each in found)
         }
         counts = Counter(each.model for found in alarmed.values() for each in found if each.alarms)
+        if any(len(found) > MOST_IN_A_LINE for found in self.verdicts.values()):
+            yield f"{len(alarmed)} of {len(self.verdicts)} alarmed; all alarms: {place}"
+            for model, count in counts.most_common():
+                yield f"  {label_of(model):<26}{count}"
+            return
         by_model = ", ".join(f"{label_of(model)} {count}" for model, count in counts.items())
         several = any(len(found) > 1 for found in self.verdicts.values())
         detail = f" ({by_model})" if several and counts else ""

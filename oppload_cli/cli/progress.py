@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Never
 from oppload_cli.cli import on_terminal, progress_bar, say
 from oppload_cli.errors import printable
 from oppload_cli.processes.signals import stop_if_asked
-from oppload_cli.results.alarms import in_words, label_of, times, uncounted
+from oppload_cli.results.alarms import MOST_IN_A_LINE, in_words, label_of, times, uncounted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 
 _LINE_EVERY_S = 30.0
-_MOST_IN_A_LINE = 3  # detectors
-_WIDEST_NAME, _CELL = 40, 23  # characters of a table's columns
+_WIDEST_NAME, _LABEL, _CELL = 40, 26, 23  # characters of a table's columns
 
 
 class Progress:
@@ -157,12 +156,12 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
         yield f"{task.name}: skipped, {reason}"
     elif not task.settings.alarm.on:
         yield f"{task.name}: alarms are off; the responses are in the table"
-    elif len(outcome.verdicts) <= _MOST_IN_A_LINE:
+    elif len(outcome.verdicts) <= MOST_IN_A_LINE:
         yield f"{task.name}: {in_words(outcome.verdicts)}"
     else:
         yield f"{task.name}:"
         for each in outcome.verdicts:
-            yield f"  {label_of(each.model):<26}{each}"
+            yield f"  {label_of(each.model):<{_LABEL}}{each}"
     if task.outputs and not outcome.skipped:
         first, *others = task.outputs.paths()
         names = [str(first), *(each.name for each in others)]
@@ -178,8 +177,8 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
 class AlarmTable:
     """The rows of many inputs, printed as they end: first alarm and peak of every detector.
 
-    A peak is the largest response of an input over its threshold, with a star where it did not
-    count.
+    Of more detectors than fit into a line each has a row. A peak is the largest response of an
+    input over its threshold, with a star where it did not count.
 
     Parameters
     ----------
@@ -192,6 +191,7 @@ class AlarmTable:
     def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:
         self._wide = max(5, min(_WIDEST_NAME, max(map(len, names), default=0)))
         self._models, self._is_new = models, True
+        self._by_row = len(models) > MOST_IN_A_LINE
         self._stars = False
 
     def lines(self, name: str, outcome: Outcome) -> Iterator[str]:
@@ -199,7 +199,7 @@ class AlarmTable:
         if self._is_new:
             yield from self._header()
         self._is_new = False
-        yield self._row(name, outcome)
+        yield from self._rows(name, outcome)
 
     def legend(self) -> Iterator[str]:
         """Yield the meaning of the peaks in the rows; nothing where there is no row."""
@@ -209,18 +209,27 @@ class AlarmTable:
             yield f"*: a peak {uncounted(None)}"
 
     def _header(self) -> Iterator[str]:
-        labels = (f"{label_of(name):<{_CELL}}" for name in self._models)
-        yield f"{'':<{self._wide}}  {''.join(labels)}".rstrip()
-        titles = f"{'first alarm':<13}{'peak':<{_CELL - 13}}" * len(self._models)
+        titles = f"{'first alarm':<13}{'peak':<{_CELL - 13}}"
+        if self._by_row:
+            titles = f"{'detector':<{_LABEL}}{titles}"
+        else:
+            labels = (f"{label_of(name):<{_CELL}}" for name in self._models)
+            yield f"{'':<{self._wide}}  {''.join(labels)}".rstrip()
+            titles *= len(self._models)
         yield f"{'input':<{self._wide}}  {titles}frames/s"
 
-    def _row(self, name: str, outcome: Outcome) -> str:
+    def _rows(self, name: str, outcome: Outcome) -> Iterator[str]:
         cells = {each.model: _cell(each) for each in outcome.verdicts}
         self._stars = self._stars or any(map(_is_uncounted, outcome.verdicts))
         shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
-        row = "".join(f"{cells.get(model, ''):<{_CELL}}" for model in self._models)
         end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
-        return f"{shown:<{self._wide}}  {row}{end}"
+        rows = {model: f"{cells.get(model, ''):<{_CELL}}" for model in self._models}
+        if not self._by_row:
+            yield f"{shown:<{self._wide}}  {''.join(rows.values())}{end}"
+            return
+        for model, row in rows.items():
+            yield f"{shown:<{self._wide}}  {label_of(model):<{_LABEL}}{row}{end}".rstrip()
+            shown = end = ""  # once for all detectors
 
 
 def _cell(verdict: Verdict) -> str:

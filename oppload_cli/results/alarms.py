@@ -214,6 +214,9 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
     )
 
 
+MOST_IN_A_LINE = 3  # detectors; more have a row each
+
+
 def in_words(verdicts: Iterable[Verdict]) -> str:
     """Return the verdicts of all detectors on one input in one line."""
     listed = list(verdicts)

@@ -354,6 +354,23 @@ def test_the_table_marks_peaks_that_did_not_count() -> None:
     assert star.startswith("*: a peak which did not count: it came at the start, a cut, a flash")
 
 
+def test_of_many_detectors_each_has_a_row(tmp_path: Path) -> None:
+    for name in ("a.avi", "b.avi"):
+        write_video(tmp_path / name, grey_frames(6))
+    four = ["opplod", "dlgmd", "frame_difference", "area_growth"]
+    words = ("run", tmp_path, "-o", tmp_path, "-j", "1", "--model", ",".join(four), *FAST)
+    floor = ("--set", "alarm.frame_difference_floor=1e-9", "--set", "alarm.blind_s=0")
+    lines = oppload(*words, *floor).stderr.splitlines()
+    labels = ["OppLoD", "D-LGMD", "frame difference", "area growth"]
+    assert lines[0].split() == ["input", "detector", "first", "alarm", "peak", "frames/s"]
+    for first, name in ((1, "a"), (5, "b")):
+        rows = lines[first : first + 4]
+        assert [row[7:33].strip() for row in rows] == labels
+        assert [row[:7].strip() for row in rows] == [name, "", "", ""]
+    counted = f"2 of 2 alarmed; all alarms: {tmp_path / 'alarms.csv'}"
+    assert lines[lines.index(counted) + 1] == f"  {'frame difference':<26}2"
+
+
 def test_remarks_on_frame_rates_belong_to_every_batch(tmp_path: Path) -> None:
     slow = write_video(tmp_path / "slow0.avi", grey_frames(8), rate=5)
     for number in range(1, 12):
