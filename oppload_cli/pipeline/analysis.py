@@ -190,7 +190,7 @@ class Analysis:
         Examples
         --------
         >>> import numpy as np, oppload_cli as oppload
-        >>> analysis = oppload.Analysis((90, 120))
+        >>> analysis = oppload.Analysis((90, 120), height=90)
         >>> for frame in range(3):
         ...     grey = np.full((90, 120), frame / 3)
         ...     record = analysis.step(grey, time_s=frame * 33.3)  # milliseconds
