@@ -16,6 +16,7 @@ from oppload_cli.plots.style import (
     COLUMN,
     FAINT,
     INK,
+    LEGEND_WIDTH,
     MOST_HEIGHT,
     PAGE,
     SHADES,
@@ -367,7 +368,7 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
             order = np.argsort(x)
             panel.plot(
                 x[order], y[order], marker="o", markersize=3, **look,
-                label=with_doubts(label, tuning, model),
+                label=wrapped(with_doubts(label, tuning, model), LEGEND_WIDTH),
             )  # fmt: skip
         begin_at_zero(panel)
         panel.axvline(0, color=FAINT, lw=0.7)
@@ -407,6 +408,7 @@ def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
             size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= FEW)
             most = max(most, float(share.max()))
             label = with_doubts(f"{name}: last / first {share[-1]:.3f}", tuning, model)
+            label = wrapped(label, LEGEND_WIDTH)
             panel.plot(rows[column], share, marker="o", markersize=size, **look, label=label)
         panel.set_ylim(0, 1.1 * most)
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))

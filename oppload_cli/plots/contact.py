@@ -174,7 +174,8 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
             if top is not None and len(x) and 1000 * before.min() > top:
                 label += " (above)"
             if few:  # two columns of many detectors have no room
-                label = with_doubts(label, tuning, model)
+                doubts = wrapped(with_doubts("", tuning, model), LEGEND_WIDTH)
+                label += f"\n{doubts}" * bool(doubts)
             dots: dict[str, Any] = {"marker": "o", "markersize": 3}
             points = {"color": look["color"], "linestyle": "", **dots}
             axes[0].plot(x, 1000 * before, **points)

@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.transforms import ScaledTranslation
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.plots.style import (
     COLUMN,
     FAINT,
+    LEGEND_WIDTH,
     LPLC2,
     MOST_HEIGHT,
     PAGE,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 _TURN = 2 * np.pi
 _NARROW = 30  # characters in a line above a small plot
 _MOST_CURVES = 6  # in one plot; more get a small plot each
+_LABEL_POINTS, _LINE_POINTS = 28, 10  # from the circle down to below the label, or its first line
 _SCENE = "scene.rotation_deg"
 _MOTION, _TURNED = "direction of motion", "rotation of the scene"
 _ROUNDING = 1e-6  # of a peak: equal responses differ by less
@@ -329,15 +332,17 @@ def plot_polar(
     columns = 1 if len(groups) <= 2 else 2 if len(groups) <= 4 else 3
     rows = -(-len(groups) // columns)
     width = COLUMN if columns == 1 else PAGE
-    lines = len(curves) + sum(curve.doubts.count("\n") for curve in curves)
-    height = 0.1 + rows * (0.9 * width / columns + 0.4) + 0.13 * lines
+    across = LEGEND_WIDTH if columns < 3 else _NARROW
+    lines = [1 + _label(curve, across, raw=raw).count("\n") for curve in curves]
+    most = rows * max(lines) if raw else sum(lines)
+    height = 0.1 + 0.25 * bool(title) + rows * (0.9 * width / columns + 0.45) + 0.14 * most
     with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
         grid = figure.subplots(
             rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
         ).ravel()
         axes = list(grid[: len(groups)])
         for panel, group in zip(axes, groups, strict=True):
-            draw_polar(panel, group, raw=raw)
+            draw_polar(panel, group, raw=raw, across=across)
         for panel in grid[len(groups) :]:
             panel.set_visible(False)
         if title:
@@ -382,14 +387,22 @@ def spread(figure: Figure) -> None:
     engine.set(h_pad=0.09, w_pad=0.09)
 
 
-def draw_polar(axes: PolarAxes, curves: Sequence[DirectionTuning], *, raw: bool = False) -> None:
-    """Draw curves into one polar plot, in their own unit or over their peaks."""
+def draw_polar(
+    axes: PolarAxes,
+    curves: Sequence[DirectionTuning],
+    *,
+    raw: bool = False,
+    across: int = LEGEND_WIDTH,
+) -> None:
+    """Draw curves into one polar plot, in their own unit or over their peaks.
+
+    `across` is the number of characters for which the plot has room.
+    """
     for curve in curves:
         peak = curve.numbers.peak
         over = 1.0 if raw or peak <= 0 else peak
         angles, values = _closed(curve.angles_deg, curve.responses / over)
-        name = curve.name if raw else f"{curve.name}, {curve.about}"
-        axes.plot(np.deg2rad(angles), values, label=name + curve.doubts, **curve.look)
+        axes.plot(np.deg2rad(angles), values, label=_label(curve, across, raw=raw), **curve.look)
     axes.set_thetagrids(range(0, 360, 45), [f"{angle}°" for angle in range(0, 360, 45)])
     top = max(float(np.max(np.asarray(line.get_ydata()), initial=0)) for line in axes.lines) or 1.0
     ticks = [tick for tick in MaxNLocator(3).tick_values(0, top) if 0 < tick <= top]
@@ -403,8 +416,20 @@ def draw_polar(axes: PolarAxes, curves: Sequence[DirectionTuning], *, raw: bool 
     axes.spines["polar"].set_color(FAINT)
     axes.tick_params(pad=0)
     label = f"response ({curves[0].unit})" if raw else "response / peak"
-    axes.set_xlabel(f"radius: {label}; angle: {_angle_of(curves)}")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), borderaxespad=0)
+    narrow = across < LEGEND_WIDTH
+    between = ";\n" if narrow else "; "
+    axes.set_xlabel(f"radius: {label}{between}angle: {_angle_of(curves)}")
+    axes.set_anchor("S")  # so that the layout sees how far the legend reaches below
+    # At a distance of its own below the label, whatever size the layout gives the plot.
+    down = (_LABEL_POINTS + _LINE_POINTS * narrow) / 72
+    below = axes.transAxes + ScaledTranslation(0, -down, axes.figure.dpi_scale_trans)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0), bbox_transform=below, borderaxespad=0)
+
+
+def _label(curve: DirectionTuning, across: int, *, raw: bool) -> str:
+    """Return the entry of a curve in a legend, in lines of so many characters."""
+    name = curve.name if raw else f"{curve.name}, {curve.about}"
+    return wrapped(name + curve.doubts, across)
 
 
 def _angle_of(curves: Sequence[DirectionTuning]) -> str:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import json
 from typing import TYPE_CHECKING
 
@@ -260,6 +261,31 @@ def test_more_than_six_curves_have_a_polar_plot_each(tmp_path: Path) -> None:
     names = [panel.get_title("left").split("\n")[0] for panel in axes]
     assert names == [detector_named(name).label for name in peaks_of]
     np.testing.assert_allclose(np.asarray(axes[3].lines[0].get_ydata())[:8], peaks_of["opplod"])
+
+
+@pytest.mark.parametrize(("count", "scale"), [(1, "peak"), (6, "peak"), (2, "raw"), (6, "raw")])
+def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_path: Path) -> None:
+    peaks = {name: [1.0, 4, 1, 4] for name in list(detectors())[:count]}
+    path = write_tuning(tmp_path / "a.tuning.csv", AXES, peaks, symmetric=True)
+    content = json.loads(path.with_suffix(".json").read_text())
+    note = "no indicator and more than one unit: larger for bars than in LPLC2 neurons"
+    content["doubts"] = [{"model": name, "note": note} for name in peaks]
+    path.with_suffix(".json").write_text(json.dumps(content))
+    figure, panels = plot_tuning(read_tuning(path), scale=scale, lplc2="none")
+    figure.draw_without_rendering()
+    for panel in panels:
+        legend = panel.get_legend()
+        assert legend is not None
+        box, label = legend.get_window_extent(), panel.xaxis.label.get_window_extent()
+        for each in (box, label):
+            assert figure.bbox.x0 <= each.x0 < each.x1 <= figure.bbox.x1
+            assert figure.bbox.y0 <= each.y0
+        assert box.y1 <= label.y0  # the one is below the other
+    circle = panels[0].get_window_extent()
+    assert circle.width > 0.7 * figure.bbox.width / (1 if scale == "peak" or count < 3 else 3)
+    for one, other in itertools.combinations(panels, 2):
+        labels = [each.xaxis.label.get_window_extent() for each in (one, other)]
+        assert not labels[0].overlaps(labels[1])
 
 
 def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None:
