@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -168,21 +169,23 @@ def _run(
     for doubt in doubts:
         say(f"oppload: {doubt.text}")
     write_tuning(table, conditions)
-    command = ["oppload", *sys.argv[1:]]
-    write_tuning_sidecar(
-        paths[1], entry, settings,
-        command=command, indicator_s=indicator_s, figure=figure, doubts=doubts,
+    sidecar = partial(
+        write_tuning_sidecar, paths[1], entry, settings, command=["oppload", *sys.argv[1:]],
+        indicator_s=indicator_s, figure=figure, doubts=doubts,
     )  # fmt: skip
-    if len(paths) > 2:
-        from oppload_cli.plots import style, tuning
+    sidecar()
+    from oppload_cli.plots import style, tuning
 
+    try:
         measured = oppload.read_tuning(paths[0])
-        try:
-            drawn, _ = oppload.plot_tuning(measured)
-        except ResultError as error:  # the table is complete without it
+        sidecar(summary=tuning.summary_of(measured))
+        lines = tuning.lines_of([measured])
+        if len(paths) > 2:
+            style.save(oppload.plot_tuning(measured)[0], paths[2])
+    except ResultError as error:  # the table is complete without it
+        if len(paths) > 2:
             say(f"oppload: no plot: {error}")
-            return paths[:2]
-        style.save(drawn, paths[2])
-        for line in tuning.lines_of([measured]):
-            say(line)
+        return paths[:2]
+    for line in lines:
+        say(line)
     return paths

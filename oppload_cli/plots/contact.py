@@ -127,10 +127,15 @@ def contact_lines(request: Request) -> list[str]:
     """Return a line of text with the fit of each curve of :func:`plot_contact`."""
     made = []
     for tuning, model, name, _ in request.curves():
-        _, x, before, _ = _peaks(tuning, model)
-        fit = _line(tuning, x, before)
+        fit = fit_of(tuning, model)
         made.append(f"{name}: {fit.text if fit else 'fewer than three peaks, no line'}")
     return made
+
+
+def fit_of(tuning: Tuning, model: str) -> PeakTimes | None:
+    """Return the line through the peaks of one detector; None with fewer than three l/v."""
+    _, x, before, _ = _peaks(tuning, model)
+    return _line(tuning, x, before)
 
 
 def _peaks(tuning: Tuning, model: str) -> tuple[str, Series, Series, Series | None]:

@@ -9,7 +9,7 @@ import numpy as np
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.classic import FEW, FIGURES, Request, legend_above
-from oppload_cli.plots.contact import contact_lines, plot_contact
+from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
@@ -176,6 +176,51 @@ def lines_of(
     if kind == "contact":
         return contact_lines(Request(tunings, models, names_of(tunings, labels), "", False))
     return []
+
+
+def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
+    """Return the numbers of each curve of the usual plot of a table, by detector.
+
+    Returns
+    -------
+    dict of str to dict
+        The largest peak and the least one over it; over a direction, the preferred one in degrees
+        and both selectivity indices; of the times of peaks over l/v, the line with its limits of
+        95 % and the angular threshold in degrees. None is unknown.
+
+    Raises
+    ------
+    ResultError
+        If the table is not one of its kind.
+    """
+    kind = kind_of(tuning)
+    made: dict[str, dict[str, Any]] = {}
+    for name in tuning.models:
+        peaks = tuning.of(name)["peak"].to_numpy(float)
+        largest = float(peaks.max())
+        least = float(peaks.min()) / largest if largest > 0 else None
+        made[name] = {"largest_peak": largest, "least_over_largest": least}
+        fit = fit_of(tuning, name) if kind == "contact" else None
+        if fit is not None:
+            made[name] |= {
+                "slope": fit.slope,
+                "slope_error": fit.slope_error,
+                "threshold_deg": fit.angle_deg,
+                "threshold_limits_deg": list(fit.angle_limits_deg),
+                "delay_s": fit.delay_s,
+                "delay_error_s": fit.delay_error_s,
+            }
+    if kind == "polar":
+        for name, curve in zip(
+            tuning.models, direction_tunings([tuning], lplc2="none"), strict=True
+        ):
+            numbers = curve.numbers
+            made[name] |= {
+                "preferred_deg": numbers.preferred_deg if numbers.peak > 0 else None,
+                "direction_selectivity_index": numbers.direction_index,
+                "axis_selectivity_index": numbers.axis_index,
+            }
+    return made
 
 
 def _figure(tuning: Tuning) -> dict[str, Any]:

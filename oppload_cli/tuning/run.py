@@ -305,6 +305,7 @@ def write_tuning_sidecar(
     indicator_s: float = 0.0,
     figure: Mapping[str, Any] | None = None,
     doubts: Sequence[Doubt] = (),
+    summary: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
     """Write everything that is needed to trust or repeat a tuning table.
 
@@ -324,6 +325,9 @@ def write_tuning_sidecar(
         Name, title and kind of the classic figure that the table is for.
     doubts : sequence of Doubt
         Why curves mean little; figures show it.
+    summary : mapping, optional
+        The numbers of each curve, by detector, from
+        :func:`oppload_cli.plots.tuning.summary_of`.
 
     Raises
     ------
@@ -346,6 +350,7 @@ def write_tuning_sidecar(
         "sizes_deg": settings.angles,
         "indicator_s": indicator_s,
         "doubts": [{"model": each.detector, "note": each.note} for each in doubts],
+        "summary": {name: dict(each) for name, each in (summary or {}).items()},
         "stimulus": {
             "name": entry.name,
             "description": entry.description,

@@ -61,12 +61,30 @@ def test_a_classic_figure_is_drawn_as_its_kind(tmp_path: Path, capsys: Capture) 
     assert re.search(r"^D-LGMD: slope .* ± .* deg, .*, delay .* ms$", done.stderr, re.MULTILINE)
     content = json.loads((tmp_path / names[1]).read_text())
     assert (content["figure"]["kind"], content["indicator_s"]) == ("contact", 0.02)
+    fit = content["summary"]["dlgmd"]
+    assert f"slope {fit['slope']:.2f} ± {fit['slope_error']:.2f} " in done.stderr
+    assert f", delay {1000 * fit['delay_s']:.0f} ± " in done.stderr
+    more = "--plot", "none", "--if-exists", "overwrite"
+    assert run(capsys, *arguments, *more).stderr.splitlines()[-1] in done.stderr
     before = [(tmp_path / name).read_bytes() for name in (names[0], names[2])]
     assert run(capsys, *arguments, "--if-exists", "overwrite").returncode == 0
     assert [(tmp_path / name).read_bytes() for name in (names[0], names[2])] == before
     drawn = run(capsys, "plot", tmp_path / names[0], "-o", tmp_path / "a.svg", "--no-published")
     assert drawn.stdout.splitlines()[0] in done.stderr
     assert drawn.returncode == 0
+
+
+def test_the_indices_of_a_direction_stand_in_the_sidecar(tmp_path: Path, capsys: Capture) -> None:
+    done = run(
+        capsys, "tune", "klapoetke2017/bar-sweep", "--over", "direction=0,90,180,270",
+        "--model", "frame_difference", "--height", "60", "--change", "timing.motion_s=0.3",
+        "--plot", "none", "-o", tmp_path, "--jobs", "1",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    content = json.loads((tmp_path / "klapoetke2017_bar-sweep.tuning.json").read_text())
+    numbers = content["summary"]["frame_difference"]
+    assert f"selectivity index {numbers['direction_selectivity_index']:.3f}" in done.stderr
+    assert f"least response {numbers['least_over_largest']:.3g} of the peak" in done.stderr
 
 
 def test_a_detector_that_hardly_responds_is_named(
