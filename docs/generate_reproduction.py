@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from PIL import Image
 
-from oppload_cli.reproduction.claims import introduction, presets_of, tally
+from oppload_cli.reproduction.claims import introduction, presets_of, stated, tally
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -41,8 +41,8 @@ def summary(report: dict[str, Any]) -> Iterator[str]:
         "clips are not public."
     )
     yield ""
-    yield f"| figure | {' | '.join(presets)} |"
-    yield f"|---{'|---' * len(presets)}|"
+    yield f"| figure | {' | '.join(presets)} | settings |"
+    yield f"|---{'|---' * len(presets)}|---|"
     for each in figures:
         verdicts = " | ".join(
             f"{each['verdicts'][preset]} ({tally(each, preset)})"
@@ -50,7 +50,7 @@ def summary(report: dict[str, Any]) -> Iterator[str]:
             else ""
             for preset in presets
         )
-        yield f"| [{each['title']}](#{anchor(each['title'])}) | {verdicts} |"
+        yield f"| [{each['title']}](#{anchor(each['title'])}) | {verdicts} | {settings(each)} |"
     yield ""
 
 
@@ -64,18 +64,28 @@ def part(figure: dict[str, Any]) -> Iterator[str]:
     yield f"*{figure['shows']}*"
     for claim in figure["claims"]:
         yield ""
-        yield f"**The paper:** {claim['statement']}"
+        yield f"**{'The paper' if claim['source'] else 'Our reading'}:** {claim['statement']}"
         yield ""
+        if claim["source"]:
+            yield f"*{claim['source']}*"
+            yield ""
         yield f"Verdict: {claim['rule']}."
         yield ""
         yield "| preset | measured | verdict |"
         yield "|---|---|---|"
         for preset, found in claim["measured"].items():
-            yield f"| {preset} | {found['text'].replace('|', chr(92) + '|')} | {found['verdict']} |"
+            yield f"| {preset} | {found['text'].replace('|', chr(92) + '|')} | {stated(found)} |"
     yield ""
+    if figure["settings"]:
+        yield f"- Settings: {settings(figure)}."
     for note in figure["notes"]:
         yield f"- {note}"
     yield ""
+
+
+def settings(figure: dict[str, Any]) -> str:
+    """Return the working height and the changed parameters of each preset."""
+    return "; ".join(f"{preset}: {text}" for preset, text in figure["settings"].items())
 
 
 def anchor(title: str) -> str:

@@ -21,6 +21,8 @@ from oppload_cli.processes import cores
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from oppload_cli.reproduction.claims import Built
+
 
 @click.command(short_help="reproduce the synthetic figures of the OppLoD paper")
 @output_option("reproduction")
@@ -30,6 +32,14 @@ if TYPE_CHECKING:
     metavar="FIG",
     help="Only this figure, or A,B for several; may be given again.",
 )
+@click.option(
+    "--plot",
+    "form",
+    type=click.Choice(["png", "svg", "pdf"]),
+    default="png",
+    show_default=True,
+    help="Format of the figures.",
+)
 @click.option("--list", "listed", is_flag=True, help="Print the names of the figures.")
 @jobs_option("Figures")
 @if_exists_option("a result")
@@ -37,6 +47,7 @@ if TYPE_CHECKING:
 def reproduce(
     output: Path,
     only: tuple[str, ...],
+    form: str,
     listed: bool,
     jobs: int,
     if_exists: str,
@@ -44,27 +55,32 @@ def reproduce(
 ) -> None:
     """Reproduce every synthetic figure of the OppLoD paper; takes about four minutes.
 
-    DIR gets a PNG per figure, report.json with every statement of the paper, the measurement and
-    the verdict, and index.html, one page with all of it; figure lplc2 also gives lplc2.csv with
-    all its peaks.
+    DIR gets, as each figure is done, its picture and a CSV with the numbers behind it; at the end
+    report.json with every statement of the paper, the measurement and the verdict, and
+    index.html, one page with all of it.
     """
-    from oppload_cli.reproduction.claims import FIGURES, TABLES, build, chosen, files_of
+    from oppload_cli.reproduction.claims import FIGURES, build, chosen, pages_of
 
     if listed:
         click.echo("\n".join(FIGURES))
         return
     names = chosen(names_in(only))
-    targets = [f"{name}.png" for name in names]
-    targets += [table for name in names for table in TABLES.get(name, ())]
+    targets = [f"{name}.{suffix}" for name in names for suffix in (form, "csv")]
     targets += ["report.json", "index.html"]
     refuse_existing((output / name for name in targets), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:
         with progress_bar(len(names), "figure", quiet=quiet) as bar:
-            figures = build(names, jobs=jobs or cores(), progress=bar.update)
-        made, verdicts = files_of(figures, time.perf_counter() - started)
-        for name, content in made.items():
+
+            def write(figure: Built) -> None:
+                for name, content in figure.files(form).items():
+                    write_atomic(output / name, content)
+                bar.update()
+
+            figures = build(names, jobs=jobs or cores(), form=form, done=write)
+        pages, verdicts = pages_of(figures, time.perf_counter() - started, form)
+        for name, content in pages.items():
             write_atomic(claim if name == "report.json" else output / name, content)
         # Only now: the reader of the names may have gone.
-        click.echo("\n".join(str(output / name) for name in made))
+        click.echo("\n".join(str(output / name) for name in targets))
         say(f"verdicts on the statements of the paper: {verdicts}")

@@ -236,6 +236,11 @@ def png_bytes(figure: Figure, dpi: int) -> bytes:
     return _image(figure, ".png", dpi=dpi)
 
 
+def image_bytes(figure: Figure, form: str) -> bytes:
+    """Return a figure as ``png``, ``svg`` or ``pdf``."""
+    return _image(figure, f".{form}")
+
+
 def _image(figure: Figure, suffix: str, **options: Any) -> bytes:
     image = io.BytesIO()
     with _style(), warnings.catch_warnings():

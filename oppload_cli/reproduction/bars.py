@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.lines import Line2D
 
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle, spread
-from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
+from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, styled_figure
 from oppload_cli.reference import BAR_WIDTHS, SOURCE, bar_tuning
 from oppload_cli.reproduction.claims import (
-    DPI,
     NO_PAUSE,
     NO_RESPONSE,
     PRESETS,
@@ -26,6 +25,8 @@ from oppload_cli.reproduction.claims import (
     Verdict,
     at_least,
     at_most,
+    described_settings,
+    hardly,
     peak_of,
     plain,
     presented,
@@ -35,11 +36,12 @@ from oppload_cli.stimulus.catalogue import find, load_all
 from oppload_cli.stimulus.truth import frame_truth
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 
@@ -53,6 +55,10 @@ _LONGER = {"bar.growth.end_deg": 2 * _END_DEG, "timing.motion_s": 1.5}
 _BEYOND = 1.1  # of the way to the edge
 _OFF_DIAGONAL = [0, 15, 30, 45]  # of an axis, in degrees from the nearest diagonal
 _LIGHTEST = 0.8  # of the shades
+_OVER_TIME = (
+    "\u201cthe reactions reach maximum in the middle of the receptive field while dropping to "
+    "zero at the edge\u201d (comparison with LPLC2, (a) and (c))"
+)
 _FIELD_NOTE = (
     "Preset reference has its receptive field set to 60 degrees here, that of LPLC2. The stimuli "
     "start without a pause: after one, the first moving frames meet no delayed inhibition yet."
@@ -67,6 +73,15 @@ class _Tunings:
     loom: float
     edge_deg: float  # from the middle of a receptive field to its edge
     reach: NDArray[np.float64]  # of the ends of the bars by frame, in degrees; NaN once they stand
+    settings: Settings
+
+    def faint(self, *widths: int) -> str:
+        """Say whether the detector hardly responds to the bars of some widths."""
+        said = (
+            hardly({"opplod": self.bars[each].values()}, self.settings, f"to the {each} degree bar")
+            for each in widths
+        )
+        return " ".join(filter(None, said))
 
     def peaks(self, width: int) -> dict[int, float]:
         """Return the peak by axis in degrees."""
@@ -94,7 +109,14 @@ def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     field = settings.resolved(height)["opplod"].as_dict()["receptive_field"]
     edge_deg = field / 2 * display.height / height / display.scale
     reach = _reach(load_all(_BAR.format(BAR_WIDTHS[0]), changes)[0])
-    return _Tunings(bars, peak_of(loom), edge_deg, reach)
+    return _Tunings(bars, peak_of(loom), edge_deg, reach, settings)
+
+
+def _described(tunings: dict[str, _Tunings]) -> dict[str, str]:
+    return {
+        preset: described_settings(each.settings, *(_FIELD if preset != "paper" else ()))
+        for preset, each in tunings.items()
+    }
 
 
 def _over_time(tunings: dict[str, _Tunings]) -> Built:
@@ -105,12 +127,14 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
             "share of axes and widths whose peak falls while the ends are in the middle half of "
             "the way to the edge of the field; holds: at least 90 %, in part: at least half",
             {preset: _middle(each) for preset, each in tunings.items()},
+            _OVER_TIME,
         ),
         Claim(
             "The response drops to zero at the edge of the field.",
             "response with the ends a tenth of the way beyond the edge, over the peak, the median "
             "over axes and widths; holds: at most 5 %, in part: at most 25 %",
             {preset: _edge(each) for preset, each in tunings.items()},
+            _OVER_TIME,
         ),
     )
     return Built(
@@ -119,7 +143,19 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
         "Responses to an expanding bar along several axes; each panel over its largest response. "
         "Dashed: the edge of a receptive field.",
         claims,
-        png_bytes(_draw_over_time(tunings), DPI),
+        _draw_over_time(tunings),
+        tuple(
+            {
+                "preset": preset, "width_deg": width, "axis_deg": axis, "time_s": time,
+                "reach_deg": reach, "response": response,
+            }
+            for preset, each in tunings.items()
+            for width, by_axis in each.bars.items()
+            for axis, shown in by_axis.items()
+            for time, reach, response in zip(
+                shown.time_s, each.reach, shown.response, strict=True
+            )
+        ),
         (
             f"The bar grows until its ends are {_END_DEG:g} degrees out, beyond the fields. The "
             "fields of preset reference end at 30 degrees. Those of preset paper, 200 px of 600, "
@@ -129,7 +165,8 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
             "that the place of its peak says little.",
             _FIELD_NOTE,
         ),
-    )
+        _described(tunings),
+    )  # fmt: skip
 
 
 def _middle(tunings: _Tunings) -> Finding:
@@ -146,6 +183,7 @@ def _middle(tunings: _Tunings) -> Finding:
         text if ends.size else NO_RESPONSE,
         at_least(good / count, 0.9, 0.5),
         {"share": good / count, "lower_quartile_deg": low, "upper_quartile_deg": high},
+        tunings.faint(*BAR_WIDTHS) if ends.size else "",
     )
 
 
@@ -159,6 +197,7 @@ def _edge(tunings: _Tunings) -> Finding:
         f"{plain(100 * median)} % of the peak remains beyond the edge." if last else NO_RESPONSE,
         at_most(median, 0.05, 0.25),
         {"median_beyond_edge_over_peak": median},
+        tunings.faint(*BAR_WIDTHS) if last else "",
     )
 
 
@@ -181,18 +220,24 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
             "The 10 degree bar gives about the same response along every axis.",
             "holds: the least peak is at least 75 % of the largest; in part: at least 50 %",
             {preset: _evenness(each) for preset, each in tunings.items()},
+            "\u201cthe response intensity of our model to the 10\u00b0 one-dimensional bar "
+            "expansion stimuli are alike\u201d (comparison with LPLC2, (a))",
         ),
         Claim(
             "For the 60 degree bar the diagonals respond more than the other directions.",
             "holds: the mean peak over 45 and 135 degrees is above that of every other axis; in "
             "part: above their mean",
             {preset: _diagonal(each) for preset, each in tunings.items()},
+            "\u201cthe response intensity of the diagonal direction is larger than others for "
+            "the 10\u00b0 bar\u201d (comparison with LPLC2, (c), which shows the 60 degree bar)",
         ),
         Claim(
             "Tuning to both bars is like that of LPLC2 neurons.",
             "peaks relative to the looming disk, against the neurons' at their 12 bars; holds: "
             "root mean square difference at most 0.1 (in part: 0.25)",
             {preset: _likeness(each) for preset, each in tunings.items()},
+            "\u201cthe proposed model behaves quite similarly to LPLC2 neurons on many different "
+            "types of stimuli\u201d (comparison with LPLC2)",
         ),
     )
     ratio, _ = _diagonal_ratios(bar_tuning(60))
@@ -202,7 +247,12 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
         "Peak responses to the bars in polar form, beside LPLC2",
         "Peak response over the axis of the bar, each curve over its own peak.",
         claims,
-        png_bytes(_draw_polar(tunings), DPI),
+        _draw_polar(tunings),
+        tuple(
+            {"preset": name, "width_deg": width, "axis_deg": axis, "peak_over_loom": peak}
+            for name, width, peaks in _relative(tunings)
+            for axis, peak in peaks.items()
+        ),
         (
             f"LPLC2: {SOURCE}. Shapes are overlaid in the picture; the last claim compares sizes.",
             "The paper's sentence on the diagonals names the 10 degree bar twice; we take the "
@@ -217,7 +267,17 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
             "across axes are missing.",
             _FIELD_NOTE,
         ),
-    )
+        _described(tunings),
+    )  # fmt: skip
+
+
+def _relative(tunings: dict[str, _Tunings]) -> Iterator[tuple[str, int, Mapping[Any, float]]]:
+    """Yield name, width of the bar, and peaks over the loom by axis, for presets and neurons."""
+    for width in BAR_WIDTHS:
+        for preset, each in tunings.items():
+            loom = each.loom or math.nan
+            yield preset, width, {axis: peak / loom for axis, peak in each.peaks(width).items()}
+        yield "LPLC2 neurons", width, bar_tuning(width)
 
 
 def _evenness(tunings: _Tunings) -> Finding:
@@ -228,6 +288,7 @@ def _evenness(tunings: _Tunings) -> Finding:
         NO_RESPONSE if math.isnan(share) else text,
         at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
+        "" if math.isnan(share) else tunings.faint(10),
     )
 
 
@@ -242,6 +303,7 @@ def _diagonal(tunings: _Tunings) -> Finding:
         NO_RESPONSE if math.isnan(mean) else text,
         Verdict.HOLDS if largest > 1 else partly,
         {"diagonal_over_mean": mean, "diagonal_over_largest": largest},
+        "" if math.isnan(mean) else tunings.faint(60),
     )
 
 
@@ -272,6 +334,7 @@ def _likeness(tunings: _Tunings) -> Finding:
             "least_over_loom": float(model.min()),
             "largest_over_loom": float(model.max()),
         },
+        tunings.faint(*BAR_WIDTHS),
     )
 
 

@@ -6,24 +6,33 @@ The figures have names, and are made in processes.
 
 from __future__ import annotations
 
+import csv
 import importlib
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import partial
+from io import StringIO
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.html import embedded, rendered
+from oppload_cli.files.tables import formatted
 from oppload_cli.models.presets import STUDY_PRESET
+from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.settings import resolve
+from oppload_cli.plots.style import image_bytes, png_bytes
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load_all
-from oppload_cli.tuning.present import present
+from oppload_cli.tuning.present import measure, present
+from oppload_cli.tuning.run import Condition, faint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+    from matplotlib.figure import Figure
 
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.tuning.present import Responses
@@ -79,11 +88,14 @@ class Finding:
         Computed from the numbers by the claim's rule.
     numbers : dict
         The numbers by name.
+    faint : str
+        A sentence on the detectors that hardly respond, from :func:`hardly`; mostly empty.
     """
 
     text: str
     verdict: Verdict
     numbers: dict[str, float | None] = field(default_factory=dict)
+    faint: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding ready for JSON; NaN and infinite numbers become null."""
@@ -91,12 +103,17 @@ class Finding:
             name: value if value is not None and math.isfinite(value) else None
             for name, value in self.numbers.items()
         }
-        return {"text": self.text, "verdict": str(self.verdict), "numbers": numbers}
+        return {
+            "text": f"{self.text} {self.faint}".strip(),
+            "verdict": str(self.verdict),
+            "hardly_responds": bool(self.faint),
+            "numbers": numbers,
+        }
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper.
+    """One statement of the paper, or our reading of it.
 
     Attributes
     ----------
@@ -106,11 +123,14 @@ class Claim:
         How the verdict follows from the measurement.
     findings : dict of str to Finding
         By preset, or under `NO_PRESET`.
+    source : str
+        The paper's own words, and their place; empty for a reading of ours, which it does not say.
     """
 
     statement: str
     rule: str
     findings: dict[str, Finding]
+    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -127,23 +147,42 @@ class Built:
         The content of the picture.
     claims : tuple of Claim
         At least one.
-    png : bytes
-        The picture.
+    figure : Figure or None
+        As drawn; :func:`build` makes the pictures of it, and returns none.
+    rows : tuple of dict
+        The numbers behind the picture, for its CSV: one observation in a row, by column.
     notes : tuple of str
         Further remarks for the reader.
-    tables : dict of str to str
-        Further files by name: CSV text.
+    settings : dict of str to str
+        By preset, the working height and the parameters that differ from the preset's.
+    pictures : dict of str to bytes
+        By suffix, ``png`` among them.
     """
 
     name: str
     title: str
     shows: str
     claims: tuple[Claim, ...]
-    png: bytes
+    figure: Figure | None
+    rows: tuple[Mapping[str, Any], ...]
     notes: tuple[str, ...] = ()
-    tables: dict[str, str] = field(default_factory=dict)
+    settings: dict[str, str] = field(default_factory=dict)
+    pictures: dict[str, bytes] = field(default_factory=dict)
 
-    def as_dict(self) -> dict[str, Any]:
+    def table(self) -> str:
+        """Return the rows as CSV."""
+        text = StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(self.rows[0])
+        for row in self.rows:
+            writer.writerow([_cell(value) for value in row.values()])
+        return text.getvalue()
+
+    def files(self, form: str) -> dict[str, str | bytes]:
+        """Return the picture in a format, and the table, by name."""
+        return {f"{self.name}.{form}": self.pictures[form], f"{self.name}.csv": self.table()}
+
+    def as_dict(self, form: str = "png") -> dict[str, Any]:
         """Return all but the picture, ready for JSON, with the verdict over all claims."""
         found: dict[str, list[Verdict]] = {}
         for claim in self.claims:
@@ -153,12 +192,15 @@ class Built:
             "name": self.name,
             "title": self.title,
             "shows": self.shows,
-            "file": f"{self.name}.png",
+            "file": f"{self.name}.{form}",
+            "table": f"{self.name}.csv",
+            "settings": self.settings,
             "command": f"oppload reproduce --only {self.name}",
             "verdicts": {preset: str(_overall(verdicts)) for preset, verdicts in found.items()},
             "claims": [
                 {
                     "statement": claim.statement,
+                    "source": claim.source,
                     "rule": claim.rule,
                     "measured": {
                         preset: finding.as_dict() for preset, finding in claim.findings.items()
@@ -168,6 +210,46 @@ class Built:
             ],
             "notes": list(self.notes),
         }
+
+
+def _cell(value: Any) -> str:
+    """Return a value of a table; unknown and infinite numbers are empty."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    return formatted(value) if math.isfinite(value) else ""
+
+
+def hardly(
+    responses: Mapping[str, Iterable[Responses]], settings: Settings, what: str = "here"
+) -> str:
+    """Return a sentence on the detectors that hardly respond, as ``oppload tune`` judges it.
+
+    Parameters
+    ----------
+    responses : mapping of str to iterable of Responses
+        By detector, to all stimuli of a measurement.
+    settings : Settings
+        Under which they were measured.
+    what : str
+        The stimuli, such as ``to the disk``.
+    """
+    said = []
+    for name, shown in responses.items():
+        measured = [Condition("", {}, {name: measure(each)}) for each in shown]
+        only = replace(settings, models=(name,))
+        peak = max((each.measures[name].peak or 0 for each in measured), default=0.0)
+        said += [
+            f"{detector_named(name).label} hardly responds {what} (largest response {peak:.3g}, "
+            f"{doubt.note}): the shape of its curve means little."
+            for doubt in faint(measured, only)
+        ]
+    return " ".join(said)
+
+
+def described_settings(settings: Settings, *changed: str) -> str:
+    """Return the working height and the parameters that were changed, for the reader."""
+    height = "native size" if settings.height is None else f"{settings.height} px"
+    return ", ".join((height, *changed))
 
 
 def settings_of(
@@ -234,7 +316,6 @@ FIGURES = {
     "rmo-stimuli": ("rmo.stimuli", 8),
     "lplc2": ("lplc2.battery", 400),
 }
-TABLES = {"lplc2": ("lplc2.csv",)}  # further files of a figure
 _SCHEMA = "oppload.reproduction/1"
 _PAPER = (
     "OppLoD: the Opponency based Looming Detector, Model Extension of Looming Sensitivity from "
@@ -263,7 +344,11 @@ def chosen(names: Collection[str]) -> list[str]:
 
 
 def build(
-    names: Sequence[str], *, jobs: int = 1, progress: Callable[[int], object] | None = None
+    names: Sequence[str],
+    *,
+    jobs: int = 1,
+    form: str = "png",
+    done: Callable[[Built], object] | None = None,
 ) -> list[Built]:
     """Make figures.
 
@@ -273,8 +358,10 @@ def build(
         From :func:`chosen`.
     jobs : int
         Processes; the result does not depend on it.
-    progress : callable, optional
-        Called with the number of figures that were just made.
+    form : str
+        ``png``, ``svg`` or ``pdf``: the format of the pictures; the page needs PNG as well.
+    done : callable, optional
+        Called with each figure once it is made.
 
     Returns
     -------
@@ -293,25 +380,37 @@ def build(
     def take(built: list[Built]) -> None:
         wanted = {each.name: each for each in built if each.name in names}
         made.update(wanted)
-        if progress:
-            progress(len(wanted))
+        for each in wanted.values():
+            if done:
+                done(each)
 
-    results(_make, ordered, jobs, named=_made_by, progress=take)
+    results(partial(_make, form), ordered, jobs, named=_made_by, progress=take)
     return [made[name] for name in names]
 
 
-def _make(maker: str) -> list[Built]:
+def _make(form: str, maker: str) -> list[Built]:
     module, _, function = maker.partition(".")
     built = getattr(importlib.import_module(f"oppload_cli.reproduction.{module}"), function)()
-    return list(built) if isinstance(built, list) else [built]
+    return [_with_pictures(each, form) for each in (built if isinstance(built, list) else [built])]
+
+
+def _with_pictures(built: Built, form: str) -> Built:
+    if built.figure is None:
+        return built
+    pictures = {"png": png_bytes(built.figure, DPI)}
+    if form not in pictures:
+        pictures[form] = image_bytes(built.figure, form)
+    return replace(built, figure=None, pictures=pictures)
 
 
 def _made_by(maker: str) -> str:
     return " and ".join(name for name, (each, _) in FIGURES.items() if each == maker)
 
 
-def files_of(figures: Sequence[Built], wall_s: float) -> tuple[dict[str, str | bytes], str]:
-    """Return the files of a reproduction.
+def pages_of(
+    figures: Sequence[Built], wall_s: float, form: str = "png"
+) -> tuple[dict[str, str], str]:
+    """Return the files on all figures of a reproduction.
 
     Parameters
     ----------
@@ -319,11 +418,13 @@ def files_of(figures: Sequence[Built], wall_s: float) -> tuple[dict[str, str | b
         In the order of the page.
     wall_s : float
         How long making them took, in seconds.
+    form : str
+        Of the pictures.
 
     Returns
     -------
-    files : dict of str to str or bytes
-        By name: pictures, tables, ``report.json`` and ``index.html``.
+    files : dict of str to str
+        By name: ``report.json`` and ``index.html``.
     verdicts : str
         How often each verdict was given.
     """
@@ -332,14 +433,10 @@ def files_of(figures: Sequence[Built], wall_s: float) -> tuple[dict[str, str | b
         "paper": _PAPER,
         "tool": environment(),
         "wall_s": round(wall_s, 1),
-        "figures": [figure.as_dict() for figure in figures],
+        "figures": [figure.as_dict(form) for figure in figures],
     }
-    pictures = {figure.name: figure.png for figure in figures}
-    files: dict[str, str | bytes] = {f"{name}.png": png for name, png in pictures.items()}
-    for figure in figures:
-        files.update(figure.tables)
-    files["report.json"] = json.dumps(report, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    files["index.html"] = rendered(
+    pictures = {figure.name: figure.pictures["png"] for figure in figures}
+    page = rendered(
         "reproduction.html",
         report=report,
         pictures=pictures,
@@ -347,9 +444,11 @@ def files_of(figures: Sequence[Built], wall_s: float) -> tuple[dict[str, str | b
         introduction=introduction(report),
         marks=MARKS,
         tally=tally,
+        stated=stated,
         embedded=embedded,
     )
-    return files, _verdicts(report)
+    text = json.dumps(report, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return {"report.json": text, "index.html": page}, _verdicts(report)
 
 
 def presets_of(report: Mapping[str, Any]) -> list[str]:
@@ -361,27 +460,41 @@ def presets_of(report: Mapping[str, Any]) -> list[str]:
 def introduction(report: Mapping[str, Any]) -> str:
     """Return the first paragraph for a reader, of the page and of the docs alike."""
     return (
-        "Every synthetic figure of the OppLoD paper, made by oppload alone. Each statement of "
-        "the paper, in our words, is followed by our measurement; the verdict follows from the "
+        "Every synthetic figure of the OppLoD paper, made by oppload alone. Each statement is in "
+        "our words, with the sentence of the paper that it goes by, or marked as our reading where "
+        "the paper does not say it. Our measurement follows, and the verdict follows from the "
         "measurement by the rule that is printed with it. Preset 'paper' is the paper to the "
-        "letter, preset 'reference' the same model made to work. Verdicts: "
-        f"{_verdicts(report)}. The table gives each figure's verdict, and how many of its "
-        "statements hold."
+        "letter, preset 'reference' the same model made to work; each figure names the working "
+        "height and the parameters that it changes. Where a detector hardly responds (below a "
+        "tenth of the floor of its alarm), the shape of its curve means little, and the verdict "
+        f"says so. Verdicts: {_verdicts(report)}. The table gives each figure's verdict, and those "
+        "of its statements."
     )
 
 
 def _verdicts(report: Mapping[str, Any]) -> str:
     """Return how often each verdict was given, over all statements and presets."""
     counts = dict.fromkeys(map(str, Verdict), 0)
+    faint = dict(counts)
     for figure in report["figures"]:
         for claim in figure["claims"]:
             for finding in claim["measured"].values():
                 counts[finding["verdict"]] += 1
-    return ", ".join(f"{count} '{verdict}'" for verdict, count in counts.items())
+                faint[finding["verdict"]] += finding["hardly_responds"]
+    notes = {
+        verdict: f" ({count} hardly responding)" * bool(count) for verdict, count in faint.items()
+    }
+    return ", ".join(f"{count} '{verdict}'{notes[verdict]}" for verdict, count in counts.items())
 
 
 def tally(figure: Mapping[str, Any], preset: str) -> str:
-    """Return how many statements of a figure hold for a preset, e.g. ``2 of 4``."""
+    """Return the verdicts of a figure for a preset, e.g. ``3 hold, 1 in part``."""
     judged = [claim["measured"] for claim in figure["claims"] if preset in claim["measured"]]
-    held = sum(measured[preset]["verdict"] == Verdict.HOLDS for measured in judged)
-    return f"{held} of {len(judged)}"
+    given = [measured[preset]["verdict"] for measured in judged]
+    held, part, failed = (given.count(verdict) for verdict in Verdict)
+    return f"{held} hold" + f", {part} in part" * bool(part) + f", {failed} not" * bool(failed)
+
+
+def stated(finding: Mapping[str, Any]) -> str:
+    """Return the verdict of a finding of a report, for the reader."""
+    return f"{finding['verdict']}{', hardly responds' * finding['hardly_responds']}"

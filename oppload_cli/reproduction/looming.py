@@ -1,20 +1,21 @@
 """Figures of looming disks, with the winning unit's field, and of inward motion.
 
-The paper says that OppLoD does not respond to inward motion, and that inward motion suppresses the
-response to outward motion.
+The paper says that the pathways together suppress inward motion, and that inward motion at the
+periphery suppresses the response to outward motion.
 """
 
 from __future__ import annotations
 
+import functools
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.patches import Rectangle
 
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.style import CYCLE, png_bytes, styled_figure
+from oppload_cli.plots.style import CYCLE, styled_figure
 from oppload_cli.reproduction.claims import (
-    DPI,
     NO_PAUSE,
     PRESETS,
     TITLES,
@@ -23,7 +24,10 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
+    at_least,
     at_most,
+    described_settings,
+    hardly,
     peak_of,
     presented,
     settings_of,
@@ -34,9 +38,12 @@ from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.tuning.present import Responses
 
@@ -47,7 +54,13 @@ if TYPE_CHECKING:
 _CENTRE, _OFF_CENTRE = "opplod2023/looming-disk-centre", "opplod2023/looming-disk-off-centre"
 # The paper's field of 200 px, at the size at which the disk is drawn.
 _FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
-_PAPER = {"opplod": 22, "dlgmd": 43}  # frame of the peak in the paper's figure
+_PAPER = {"opplod": 22, "dlgmd": 43}  # frame of the peak, for the disk in the middle only
+_SPEED = 4.0  # px/frame, of the edge of the disk: chosen here, as the paper prints none
+_SPEEDS = 3.0, 3.5, _SPEED, 4.25, 4.5, 5.0, 6.0
+_EARLIER = (
+    "\u201cour model responds to the looming objects stronger and earlier\u201d; off the middle "
+    "\u201cour model also performs much better\u201d (looming disk, (c) and (d))"
+)
 _EARLY = 0.1  # of the peak
 
 _STIMULI = {
@@ -73,74 +86,206 @@ def looming_off_centre() -> Built:
 
 
 def _figure(name: str, title: str, stimulus: str) -> Built:
+    settings = {preset: settings_of(preset, _FIELD, height="native") for preset in PRESETS}
+    by_speed = {speed: _shown_at(stimulus, speed, settings) for speed in _SPEEDS}
+    shown = by_speed[_SPEED]
     protocol = load(stimulus)
-    shown = {
-        preset: present(protocol, settings_of(preset, _FIELD, height="native"))
-        for preset in PRESETS
-    }
-    peak = "OppLoD's response peaks near frame 22."
+    centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
     notes = [
-        "The paper prints no size and no speed: radius 5 + 4 t px at 600 x 600, t in frames, is "
-        "chosen here. The detectors see it at this native size, and preset reference has the "
-        "paper's field: oppload run --height native --preset reference "
+        f"The paper prints no size and no speed: radius 5 + {_SPEED:g} t px at 600 x 600, t in "
+        "frames, is chosen here. The detectors see it at this native size, and preset reference "
+        "has the paper's field: oppload run --height native --preset reference "
         "--set opplod.receptive_field=200 --set opplod.cell=10 gives these curves.",
         "The peak comes when the edge of the disk leaves the receptive field, and D-LGMD sees the "
         "entire frame: an earlier peak is a statement about the size of the field. Figure "
         "'thresholds' compares at equal false alarms.",
     ]
-    if stimulus == _OFF_CENTRE:
-        peak = "Off the middle, OppLoD's peak comes as early as in it."
+    judged = functools.partial(_at_all_speeds, by_speed)
+    faint = functools.partial(_faintly, shown, settings)
+    claims = [
+        _claim(
+            "OppLoD responds earlier than D-LGMD.",
+            "holds: earlier both at 10 % of the own peak and at the peak; in part: at one of them",
+            judged(_earlier),
+            _EARLIER,
+            faint(*_PAPER),
+        ),
+        _claim(
+            "OppLoD responds more strongly than D-LGMD.",
+            "share of the frames up to OppLoD's peak in which its response over its own peak is "
+            "above that of D-LGMD, as the paper compares normalised curves; holds: at least 90 %, "
+            "in part: at least half",
+            judged(_stronger),
+            _EARLIER,
+            faint(*_PAPER),
+        ),
+        _claim(
+            "The model finds where the object is looming.",
+            "holds: the winning unit is within 10 px of the disk's centre, in part: within 50 px",
+            judged(functools.partial(_found, centre)),
+            "\u201cnot only detect the approaching obstacle but also localize it\u201d (looming "
+            "disk)",
+            faint("opplod"),
+        ),
+    ]
+    if stimulus == _CENTRE:
+        claims = [_peaks_near(by_speed, name, faint(name)) for name in _PAPER] + claims
+        notes.append(
+            "The speed decides when the peak comes: at 4 px/frame the disk reaches the edge of "
+            "the field of 200 px in frame (100 - 5) / 4 = 23.75. The agreement with frame 22 "
+            "therefore says that the speed was well chosen, and no more; the paper does not print "
+            "its own. D-LGMD's response grows until the stimulus ends, after 45 frames, a length "
+            "that was chosen here as well."
+        )
+    else:
         notes.append("D-LGMD's curve turns where the disk first reaches the frame's border.")
-    claims = (
-        _peaks_near(shown, "opplod", peak),
-        _peaks_near(shown, "dlgmd", "D-LGMD's response peaks near frame 43."),
-        _earlier(shown),
-        _found(protocol, shown),
-    )
     return Built(
         name,
         title,
         "Both detectors' curves for both presets, and the field of the winning unit at its peak.",
-        claims,
-        png_bytes(_draw(protocol, shown), DPI),
+        tuple(claims),
+        _draw(protocol, shown, _PAPER if stimulus == _CENTRE else {}),
+        tuple(
+            {
+                "preset": preset, "detector": detector, "frame": frame, "time_s": time,
+                "response": response,
+            }
+            for preset, each in shown.items()
+            for detector, responses in each.items()
+            for frame, time, response in zip(
+                responses.frame, responses.time_s, responses.response, strict=True
+            )
+        ),
         tuple(notes),
-    )
+        {
+            preset: described_settings(each, *(_FIELD if preset != "paper" else ()))
+            for preset, each in settings.items()
+        },
+    )  # fmt: skip
+
+
+def _shown_at(stimulus: str, speed: float, settings: dict[str, Settings]) -> Shown:
+    """Show the disk with an edge of so many px/frame."""
+    protocol = load(stimulus)
+    per_second = speed * float(protocol.display.frame_rate) / protocol.display.scale
+    protocol = load(stimulus, {"disk.growth.speed_deg_s": per_second})
+    return {preset: present(protocol, each) for preset, each in settings.items()}
+
+
+def _at_all_speeds(
+    by_speed: dict[float, Shown], judge: Callable[[dict[str, Responses]], Finding]
+) -> dict[float, dict[str, Finding]]:
+    return {
+        speed: {preset: judge(each) for preset, each in shown.items()}
+        for speed, shown in by_speed.items()
+    }
+
+
+def _claim(
+    statement: str,
+    rule: str,
+    by_speed: dict[float, dict[str, Finding]],
+    source: str,
+    faint: dict[str, str],
+) -> Claim:
+    """Judge a statement at the speed that was chosen; each finding says at which others it stands.
+
+    Parameters
+    ----------
+    statement, rule, source : str
+        Of the claim.
+    by_speed : dict of float to dict of str to Finding
+        By speed in px/frame and by preset.
+    faint : dict of str to str
+        By preset, which detectors hardly respond.
+    """
+    findings = {
+        preset: replace(
+            chosen,
+            text=f"{chosen.text} {_same(by_speed, preset, chosen.verdict)}",
+            faint=faint[preset],
+        )
+        for preset, chosen in by_speed[_SPEED].items()
+    }
+    return Claim(statement, rule, findings, source)
+
+
+def _same(findings: dict[float, dict[str, Finding]], preset: str, verdict: Verdict) -> str:
+    """Say at which other speeds of the disk a verdict is the same, and at which it is another."""
+    same: list[str] = []
+    another: list[str] = []
+    for speed, each in findings.items():
+        if speed != _SPEED:
+            (same if each[preset].verdict is verdict else another).append(f"{speed:g}")
+    if not another:
+        return f"The same verdict at {', '.join(same)} px/frame."
+    also = f"The same verdict at {', '.join(same)} px/frame, another" if same else "Another verdict"
+    return f"{also} at {', '.join(another)}{' px/frame' * (not same)}."
+
+
+def _faintly(shown: Shown, settings: dict[str, Settings], *detectors: str) -> dict[str, str]:
+    """Say for each preset which of some detectors hardly respond to the disk."""
+    return {
+        preset: hardly({name: [each[name]] for name in detectors}, settings[preset], "to the disk")
+        for preset, each in shown.items()
+    }
 
 
 def _frame_of_peak(responses: Responses) -> int:
     return int(responses.frame[responses.peak or 0])
 
 
-def _peaks_near(shown: Shown, detector: str, statement: str) -> Claim:
-    findings = {}
-    for preset, each in shown.items():
-        peak, paper = _frame_of_peak(each[detector]), _PAPER[detector]
-        findings[preset] = Finding(
-            f"{detector_named(detector).label} peaks at frame {peak}; "
-            f"the paper's figure says {paper}.",
+def _peaks_near(by_speed: dict[float, Shown], detector: str, faint: dict[str, str]) -> Claim:
+    paper, label = _PAPER[detector], detector_named(detector).label
+
+    def judged(each: dict[str, Responses]) -> Finding:
+        peak = _frame_of_peak(each[detector])
+        last = ", the last one" * (peak == int(each[detector].frame[-1]))
+        return Finding(
+            f"{label} peaks at frame {peak}{last}; the paper says {paper}.",
             at_most(abs(peak - paper), 1, 3),
             {"peak_frame": peak, "paper_frame": paper},
         )
-    rule = "holds: within 1 frame of the paper's, in part: within 3"
-    return Claim(statement, rule, findings)
+
+    return _claim(
+        f"{label}'s response peaks near frame {paper}.",
+        f"holds: within 1 frame of the paper's, in part: within 3; at {_SPEED:g} px/frame and over "
+        "45 frames, which were chosen here and set this frame",
+        _at_all_speeds(by_speed, judged),
+        "\u201cour model's output reaches the peak at near frame 22, while the baseline model at "
+        "near frame 43\u201d (looming disk, (c))",
+        faint,
+    )
 
 
-def _earlier(shown: Shown) -> Claim:
-    findings = {}
-    for preset, each in shown.items():
-        onset = {name: _onset(responses) for name, responses in each.items()}
-        peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
-        first = sum(at["opplod"] < at["dlgmd"] for at in (onset, peak))
-        findings[preset] = Finding(
-            f"10 % of its own peak: OppLoD at frame {onset['opplod']}, D-LGMD at {onset['dlgmd']}; "
-            f"peaks at {peak['opplod']} and {peak['dlgmd']}.",
-            (Verdict.DOES_NOT, Verdict.IN_PART, Verdict.HOLDS)[first],
-            {f"{name}_onset_frame": frame for name, frame in onset.items()},
-        )
-    return Claim(
-        "OppLoD responds earlier than D-LGMD.",
-        "holds: earlier both at 10 % of the own peak and at the peak; in part: at one of them",
-        findings,
+def _earlier(each: dict[str, Responses]) -> Finding:
+    onset = {name: _onset(responses) for name, responses in each.items()}
+    words = {
+        name: f"at or before frame {frame}" if frame == _first(each[name]) else f"at frame {frame}"
+        for name, frame in onset.items()
+    }
+    peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
+    first = sum(at["opplod"] < at["dlgmd"] for at in (onset, peak))
+    return Finding(
+        f"10 % of its own peak: OppLoD {words['opplod']}, D-LGMD {words['dlgmd']}; "
+        f"peaks at {peak['opplod']} and {peak['dlgmd']}.",
+        (Verdict.DOES_NOT, Verdict.IN_PART, Verdict.HOLDS)[first],
+        {f"{name}_onset_frame": frame for name, frame in onset.items()},
+    )
+
+
+def _stronger(each: dict[str, Responses]) -> Finding:
+    until = (each["opplod"].peak or 0) + 1
+    opplod, dlgmd = (
+        each[name].response[:until] / (peak_of(each[name]) or 1.0) for name in ("opplod", "dlgmd")
+    )
+    known = np.isfinite(opplod) & np.isfinite(dlgmd)
+    share = float(np.mean(opplod[known] > dlgmd[known])) if known.any() else np.nan
+    return Finding(
+        f"Over its own peak, OppLoD's response is above that of D-LGMD in {100 * share:.0f} % of "
+        "the frames up to OppLoD's peak.",
+        at_least(share, 0.9, 0.5),
+        {"share_above": share},
     )
 
 
@@ -149,25 +294,22 @@ def _onset(responses: Responses) -> int:
     return int(responses.frame[int(np.argmax(responses.response >= _EARLY * peak))])
 
 
-def _found(protocol: Protocol, shown: Shown) -> Claim:
-    centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
-    findings = {}
-    for preset, each in shown.items():
-        responses = each["opplod"]
-        away = float(np.hypot(*(responses.centre[responses.peak or 0] - centre)))
-        findings[preset] = Finding(
-            f"At the peak the winning unit is {away:.0f} px from the disk's centre.",
-            at_most(away, 10, 50),
-            {"distance_px": away},
-        )
-    return Claim(
-        "The model finds where the object is looming.",
-        "holds: the winning unit is within 10 px of the disk's centre, in part: within 50 px",
-        findings,
+def _first(responses: Responses) -> int:
+    """Return the first frame that has a response."""
+    return int(responses.frame[int(np.argmax(np.isfinite(responses.response)))])
+
+
+def _found(centre: tuple[float, float], each: dict[str, Responses]) -> Finding:
+    responses = each["opplod"]
+    away = float(np.hypot(*(responses.centre[responses.peak or 0] - centre)))
+    return Finding(
+        f"At the peak the winning unit is {away:.0f} px from the disk's centre.",
+        at_most(away, 10, 50),
+        {"distance_px": away},
     )
 
 
-def _draw(protocol: Protocol, shown: Shown) -> Figure:
+def _draw(protocol: Protocol, shown: Shown, paper: dict[str, int]) -> Figure:
     renderer = Renderer(protocol)
     with styled_figure(WIDE, 4.3) as figure:
         axes = figure.subplots(2, 2, width_ratios=[2, 1])
@@ -178,9 +320,11 @@ def _draw(protocol: Protocol, shown: Shown) -> Figure:
                 label = f"{detector_named(name).label}, peak {over:.3g}"
                 curves.plot(responses.frame, responses.response / over, color=colour, label=label)
                 curves.plot(responses.frame[peak], 1, "o", mfc="none", mec=colour, clip_on=False)
-            for name, frame in _PAPER.items():
+            for name, frame in paper.items():
                 curves.axvline(frame, color=detector_named(name).colour, lw=0.8, linestyle=":")
-            curves.set(title=TITLES[preset], xlabel="frame (dotted: the paper's peaks)")
+            curves.set(
+                title=TITLES[preset], xlabel="frame" + " (dotted: the paper's peaks)" * bool(paper)
+            )
             curves.set(ylabel="response / peak", ylim=(-0.03, 1.08))
             curves.legend(loc="upper left")
             responses = each["opplod"]
@@ -198,16 +342,20 @@ def inward_motion() -> Built:
     shown = {preset: _shown(preset) for preset in PRESETS}
     claims = (
         Claim(
-            "The model does not respond to inward motion.",
+            "The pathways together suppress inward motion.",
             "peak for two bars growing inward over that for one growing outward, the worse of two "
             "axes; holds: at most 5 %, in part: at most 25 %",
-            {preset: _inward(each) for preset, each in shown.items()},
+            {preset: _inward(each, preset) for preset, each in shown.items()},
+            "\u201cthey cooperate to suppress inward motions toward the center\u201d (motion "
+            "direction extracting)",
         ),
         Claim(
             "Inward motion at the periphery suppresses the response to outward motion.",
             "mean response with inward motion at the periphery over that without; holds: at most "
             "50 % along both axes, in part: at most 90 % along one",
-            {preset: _suppression(each) for preset, each in shown.items()},
+            {preset: _suppression(each, preset) for preset, each in shown.items()},
+            "\u201cmotion signals appearing at the periphery of the receptive field suppress the "
+            "activity\u201d (comparison with LPLC2, (b))",
         ),
     )
     return Built(
@@ -216,7 +364,17 @@ def inward_motion() -> Built:
         "Responses over time to outward, inward and both motions, the axis of the bar along a "
         "cardinal and a diagonal direction; and the weights of the filter.",
         claims,
-        png_bytes(_draw_inward(shown), DPI),
+        _draw_inward(shown),
+        tuple(
+            {
+                "preset": preset, "stimulus": label, "axis_deg": axis, "time_s": time,
+                "response": response,
+            }
+            for preset, inward in shown.items()
+            for label, by_axis in inward.items()
+            for axis, each in by_axis.items()
+            for time, response in zip(each.time_s, each.response, strict=True)
+        ),
         (
             "The paper shows a filter with negative weights but gives no equation. Preset "
             "reference subtracts, at every unit and axis, inward from outward opponency; preset "
@@ -226,7 +384,13 @@ def inward_motion() -> Built:
             "is missing.",
             "Preset reference has its receptive field set to 60 degrees here, that of LPLC2.",
         ),
-    )
+        {
+            preset: described_settings(
+                settings_of(preset), *(_FIELD_OF_60 if preset != "paper" else ())
+            )
+            for preset in PRESETS
+        },
+    )  # fmt: skip
 
 
 def _shown(preset: str) -> Inward:
@@ -239,7 +403,7 @@ def _shown(preset: str) -> Inward:
     return made
 
 
-def _inward(shown: Inward) -> Finding:
+def _inward(shown: Inward, preset: str) -> Finding:
     ratios = {
         angle: peak_of(shown[_INWARD][angle]) / max(peak_of(shown[_OUTWARD][angle]), 1e-30)
         for angle in _ANGLES
@@ -248,10 +412,11 @@ def _inward(shown: Inward) -> Finding:
         f"Inward motion gives {_stated(ratios)}.",
         at_most(max(ratios.values()), 0.05, 0.25),
         {f"ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
+        _faint(shown, preset),
     )
 
 
-def _suppression(shown: Inward) -> Finding:
+def _suppression(shown: Inward, preset: str) -> Finding:
     ratios = {
         angle: float(
             np.nanmean(shown[_BOTH][angle].response) / np.nanmean(shown[_OUTWARD][angle].response)
@@ -263,7 +428,13 @@ def _suppression(shown: Inward) -> Finding:
         f"With inward motion there remain {_stated(ratios)}.",
         at_most(worse, 0.5, np.inf) if better <= 0.9 else Verdict.DOES_NOT,
         {f"mean_ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
+        _faint(shown, preset),
     )
+
+
+def _faint(shown: Inward, preset: str) -> str:
+    outward = shown[_OUTWARD].values()
+    return hardly({"opplod": outward}, settings_of(preset), "to outward motion")
 
 
 def _stated(ratios: dict[int, float]) -> str:

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import math
 from dataclasses import dataclass
-from io import StringIO
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from oppload_cli.files.tables import formatted
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import detector_named, parameters_of
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle
-from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, png_bytes, styled_figure
+from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, styled_figure
 from oppload_cli.reference import SOURCE, lplc2_peaks
-from oppload_cli.reproduction.claims import DPI, NO_RESPONSE, WIDE, Built, Claim, Finding, Verdict
+from oppload_cli.reproduction.claims import (
+    NO_RESPONSE,
+    WIDE,
+    Built,
+    Claim,
+    Finding,
+    Verdict,
+    described_settings,
+)
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import present
 
@@ -142,11 +147,7 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
         preset ``lplc2`` for all.
     """
     detector = "opplod" if name in _SETTINGS else name
-    settings = (
-        resolve(preset=name, models=["opplod"], assignments=_SETTINGS[name])
-        if name in _SETTINGS
-        else resolve(models=[name])
-    )
+    settings = _settings(name)
     signals = {
         (family, axis): signal
         for family in families
@@ -169,6 +170,13 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
         if loom > 0 and axis in {None, 0, 45}
     }
     return _Shown(rows, courses)
+
+
+def _settings(name: str) -> Settings:
+    """Return the settings of a preset of OppLoD, or of another model."""
+    if name in _SETTINGS:
+        return resolve(preset=name, models=["opplod"], assignments=_SETTINGS[name])
+    return resolve(models=[name])
 
 
 def _signals(
@@ -300,6 +308,8 @@ def battery() -> Built:
             "over the 21 published peaks; holds: r at least 0.95 and rms at most 0.08; in part: "
             "r at least 0.5 and rms at most 0.25",
             {name: _alike(each.rows) for name, each in shown.items()},
+            "\u201cthe proposed model behaves quite similarly to LPLC2 neurons on many different "
+            "types of stimuli\u201d (comparison with LPLC2)",
         ),
         Claim(
             "Ends, crosses, inward motion and wide fields have the effects that they have on LPLC2 "
@@ -314,26 +324,15 @@ def battery() -> Built:
         "Peaks over the looming disk's for expanding bars by axis, for the other stimuli, and "
         "calcium signals over time of preset lplc2.",
         claims,
-        png_bytes(_draw(shown), DPI),
+        _draw(shown),
+        tuple(row._asdict() for each in shown.values() for row in each.rows),
         (
             f"Neurons: {SOURCE}.",
             "Response of the one unit in the middle of the stimulus (preset paper and the other "
             "models: of the complete detector), low-passed with the time constant of preset lplc2.",
         ),
-        {"lplc2.csv": table(row for each in shown.values() for row in each.rows)},
+        {name: described_settings(_settings(name), *_SETTINGS.get(name, ())) for name in shown},
     )
-
-
-def table(rows: Iterable[Row]) -> str:
-    """Return ``lplc2.csv``."""
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(Row._fields)
-    for row in rows:
-        numbers = ("" if value is None else formatted(value) for value in row[1:3])
-        last = ("" if value is None else formatted(value) for value in row[4:])
-        writer.writerow([row.stimulus, *numbers, row.preset_or_model, *last])
-    return text.getvalue()
 
 
 def _alike(rows: Sequence[Row]) -> Finding:

@@ -10,9 +10,8 @@ import numpy as np
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import rmo, rmo_metrics
 from oppload_cli.pipeline.sources import StimulusVideo
-from oppload_cli.plots.style import CYCLE, FAINT, INK, png_bytes, styled_figure
+from oppload_cli.plots.style import CYCLE, FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
-    DPI,
     NO_PAUSE,
     NO_PRESET,
     WIDE,
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from oppload_cli.motion.rmo import RmoMetrics
     from oppload_cli.stimulus.protocol import Protocol
 
     Point = NDArray[np.float64]
@@ -85,6 +85,7 @@ def definition() -> Built:
                     {"largest_difference": largest},
                 )
             },
+            "Problem formulation, steps (1) to (4) and the integral of the symmetric part",
         ),
         Claim(
             "Two motions that mirror each other have a degree of 100 %.",
@@ -106,7 +107,14 @@ def definition() -> Built:
         "Left: the construction for a pair of vectors. Right: typical patterns with their RMO; "
         "a cross marks a pair that is no outward ROM pair.",
         claims,
-        png_bytes(_draw_definition(), DPI),
+        _draw_definition(),
+        tuple(
+            {
+                "pattern": name, "rom_pairs": metrics.rom_pairs,
+                "rmo": metrics.rmo_max if metrics.rom_pairs else None,
+            }
+            for name, metrics in map(_pattern, _PATTERNS)
+        ),
         (
             "The paper's integral counts the symmetric part on one side of the centre, while the "
             "ratio's denominator counts both motions: its largest value is 50 %. We count both "
@@ -115,7 +123,7 @@ def definition() -> Built:
             "that step 1 fails for them; we take the shared line from the unit vectors.",
             "The delta of the integral is read as an indicator.",
         ),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -211,9 +219,14 @@ def _draw_construction(axes: Axes) -> None:
     axes.axis("off")
 
 
+def _pattern(name: str) -> tuple[str, RmoMetrics]:
+    s1, v1, s2, v2 = np.array(_PATTERNS[name], float)
+    return name, rmo_metrics(np.array([s1, s2]), np.array([v1, v2]))
+
+
 def _draw_pattern(axes: Axes, name: str, values: NDArray[np.float64]) -> None:
     s1, v1, s2, v2 = values
-    metrics = rmo_metrics(np.array([s1, s2]), np.array([v1, v2]))
+    _, metrics = _pattern(name)
     for start, vector, colour in ((s1, v1, CYCLE[0]), (s2, v2, CYCLE[1])):
         _arrow(axes, start, vector, colour)
         axes.plot(*start, "o", color=colour, markersize=2)
@@ -239,32 +252,48 @@ def _xy(point: Point) -> tuple[float, float]:
 
 def stimuli() -> Built:
     """Measure the RMO index of looming and other stimuli."""
-    looming, others = _indices(_LOOMING), _indices(_OTHERS)
+    by_frame = {"looming": _indices(_LOOMING), "other": _indices(_OTHERS)}
+    looming, others = (
+        {name: np.array(list(each.values())) for name, each in shown.items()}
+        for shown in by_frame.values()
+    )
     least = min(float(index.min()) for index in looming.values())
     worst = max(others, key=lambda name: float(others[name].max()))
     most = float(others[worst].max())
     typical, other = (np.median(np.concatenate(list(each.values()))) for each in (looming, others))
     overlap = Verdict.IN_PART if typical > other else Verdict.DOES_NOT
     claim = Claim(
-        "Looming is the motion of high radial motion opponency, so that a detector sensitive to "
-        "it is selective for looming.",
+        "Radial opponent motion comes with looming, and is stronger in it than in other motion.",
         "RMO index per frame while an edge moves over 0.5 px/frame at a height of 240; holds: "
         "every looming frame is above every other frame; in part: the medians are",
         {
             NO_PRESET: Finding(
-                f"Looming frames give at least {least:.2f}; the others at most {most:.2f} "
-                f"({worst.partition('/')[2]}).",
+                f"Looming frames give at least {least:.2f}, the others at most {most:.2f} "
+                f"({worst.partition('/')[2]}); the medians are {typical:.2f} and {other:.2f}.",
                 Verdict.HOLDS if least > most else overlap,
-                {"least_of_looming": least, "largest_of_others": most},
+                {
+                    "least_of_looming": least,
+                    "largest_of_others": most,
+                    "median_of_looming": float(typical),
+                    "median_of_others": float(other),
+                },
             )
         },
+        "\u201cradial-opponent-motion (ROM) always occurs in the visual process of observing an "
+        "approaching object\u201d (introduction)",
     )
     return Built(
         "rmo-stimuli",
         "RMO index of looming and other stimuli",
         "The range over the frames (line), and the median (dot), per stimulus.",
         (claim,),
-        png_bytes(_draw_stimuli(looming, others), DPI),
+        _draw_stimuli(looming, others),
+        tuple(
+            {"kind": kind, "stimulus": name, "frame": frame, "rmo_index": index}
+            for kind, shown in by_frame.items()
+            for name, each in shown.items()
+            for frame, index in each.items()
+        ),
         (
             "The paper does not say where motion vectors come from; here they are dense optical "
             "flow on a grid.",
@@ -273,31 +302,32 @@ def stimuli() -> Built:
             "A turning bar on a plain ground is the hard case: a straight edge shows only motion "
             "across itself (the aperture problem).",
         ),
+        {NO_PRESET: f"{_HEIGHT} px"},
     )
 
 
-def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, Index]:
-    """Return the RMO index of each stimulus that moves fast enough, by its name."""
+def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, dict[int, float]]:
+    """Return the RMO index by frame of each stimulus that moves fast enough, by its name."""
     found = {
         protocol.name: _index(protocol)
         for name, changed in changes.items()
         for protocol in load_all(name, {**NO_PAUSE, **changed})
     }
-    return {name: index for name, index in found.items() if index.size}
+    return {name: index for name, index in found.items() if index}
 
 
-def _index(protocol: Protocol) -> Index:
+def _index(protocol: Protocol) -> dict[int, float]:
     """Return the RMO index of the frames in which something moves fast enough."""
     flow, scale = DenseFlow(), _HEIGHT / protocol.display.height
     turning = any(each.motion and each.motion.rotation_deg_s for each in protocol.objects)
-    values = []
+    values = {}
     for frame in StimulusVideo(protocol, _HEIGHT):
         metrics = flow.step(frame.luma)
         moving = [each for each in frame_truth(protocol, frame.index).objects if each.visible]
         speed = max((abs(each.edge_speed_px_frame) for each in moving), default=0.0) * scale
         if metrics is not None and (speed > _SLOWEST or turning):
-            values.append(metrics.rmo_index)
-    return np.array(values)
+            values[frame.index] = metrics.rmo_index
+    return values
 
 
 def _draw_stimuli(looming: dict[str, Index], others: dict[str, Index]) -> Figure:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.style import FAINT, png_bytes, styled_figure
+from oppload_cli.plots.style import FAINT, INK, styled_figure
 from oppload_cli.reproduction.claims import (
-    DPI,
     NO_PAUSE,
     PRESETS,
     TITLES,
@@ -18,6 +17,7 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     at_least,
+    described_settings,
     peak_of,
     plain,
     presented,
@@ -85,14 +85,27 @@ def thresholds() -> Built:
         "falsely; share of looming stimuli in which OppLoD crosses its own first, or alone; "
         "holds: at least 90 %, in part: at least 50 %",
         {preset: _finding(first[preset], limits[preset]) for preset in PRESETS},
+        "\u201cour model responds to the looming objects stronger and earlier, which means that "
+        "can attain more time avoiding obstacles\u201d (looming disk)",
     )
     return Built(
         "thresholds",
         "First crossing of a threshold at equal false alarms",
         "For each looming stimulus, when each detector first exceeds its largest response to any "
-        "control stimulus; a cross at the right is a stimulus that the detector misses.",
+        "control stimulus; in the grey strip: never.",
         (claim,),
-        png_bytes(_draw(first), DPI),
+        _draw(first),
+        tuple(
+            {
+                "preset": preset, "detector": detector, "stimulus": name, "kind": kind,
+                "peak": peak_of(each[detector]), "threshold": limits[preset][detector],
+                "first_crossing_s": first[preset].get(name, {}).get(detector),
+            }
+            for preset in PRESETS
+            for kind, shown in (("looming", looming[preset]), ("control", controls[preset]))
+            for name, each in shown.items()
+            for detector in _DETECTORS
+        ),
         (
             "Peaks alone flatter OppLoD: they come when the edge leaves its field, which is "
             "smaller than the frame that D-LGMD sees. This figure compares first crossings, on "
@@ -108,7 +121,8 @@ def thresholds() -> Built:
                 for detector, (name, value) in each.items()
             ),
         ),
-    )
+        {preset: described_settings(settings_of(preset)) for preset in PRESETS},
+    )  # fmt: skip
 
 
 def _shown(preset: str, stimuli: Changes) -> Shown:
@@ -152,9 +166,11 @@ def _finding(first: First, limits: dict[str, float]) -> Finding:
     later = sum(d is not None and (o is None or d < o) for o, d in pairs)
     missed = [sum(pair[side] is None for pair in pairs) for side in (0, 1)]
     share = earlier / len(pairs)
+    neither = [_short(name) for name, each in first.items() if not any(each.values())]
+    both = f" Both miss {', '.join(neither)}." if neither else ""
     return Finding(
         f"OppLoD is first in {earlier}, D-LGMD in {later} of {len(pairs)} looming stimuli; "
-        f"OppLoD misses {missed[0]}, D-LGMD {missed[1]}.",
+        f"OppLoD misses {missed[0]}, D-LGMD {missed[1]}.{both}",
         at_least(share, 0.9, 0.5),
         {
             "opplod_first": earlier,
@@ -173,18 +189,22 @@ def _draw(first: dict[str, First]) -> Figure:
         axes = figure.subplots(1, len(first), sharey=True)
         for panel, (preset, each) in zip(axes, first.items(), strict=True):
             _draw_crossings(panel, each)
-            panel.set(title=TITLES[preset], xlabel="first crossing (s); cross: missed")
-        short = [name.partition("/")[2].replace("looming-disk", "disk") for name in names]
-        axes[0].set_yticks(range(len(names)), short)
+            panel.set(title=TITLES[preset], xlabel="first crossing (s)")
+        axes[0].set_yticks(range(len(names)), [_short(name) for name in names])
         axes[0].invert_yaxis()
         handles, labels = axes[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=2)
     return figure
 
 
+def _short(name: str) -> str:
+    return name.partition("/")[2].replace("looming-disk", "disk of the paper,").replace("-", " ")
+
+
 def _draw_crossings(axes: Axes, first: First) -> None:
     times = [time for each in first.values() for time in each.values() if time is not None]
-    end = 1.12 * max(times, default=1.0)
+    last = 1.05 * max(times, default=1.0)
+    end = 1.2 * last
     for name, marker, shift in zip(_DETECTORS, "os", (-0.12, 0.12), strict=True):
         crossings = [each[name] for each in first.values()]
         seen = [(time, row) for row, time in enumerate(crossings) if time is not None]
@@ -192,6 +212,13 @@ def _draw_crossings(axes: Axes, first: First) -> None:
         colour = detector_named(name).colour
         axes.plot([time for time, _ in seen], [row + shift for _, row in seen], marker,
                   color=colour, markersize=4, label=detector_named(name).label)  # fmt: skip
-        axes.plot([end] * len(missed), [row + shift for row in missed], "x", color=colour, ms=4)
+        # A strip of their own, without a time: at the end of the axis they would look like late
+        # alarms.
+        axes.plot([(last + end) / 2] * len(missed), [row + shift for row in missed], "x",
+                  color=colour, ms=4)  # fmt: skip
+    axes.axvspan(last, end, color=FAINT, alpha=0.25, lw=0)
+    axes.annotate("no alarm", ((last + end) / 2, 1), xycoords=("data", "axes fraction"),
+                  ha="center", va="bottom", fontsize=6, color=INK)  # fmt: skip
     axes.grid(axis="y", color=FAINT, lw=0.3)
-    axes.set_xlim(0, 1.04 * end)
+    axes.set_xlim(0, end)
+    axes.set_xticks([tick for tick in axes.get_xticks() if 0 <= tick <= last])

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from oppload_cli.reproduction import claims
 from oppload_cli.reproduction.claims import FIGURES, MARKS
 from tests.cli.inside import oppload, run
 
@@ -70,7 +71,7 @@ def check_page(folder: Path, names: list[str]) -> None:
         assert picture.std() > 5
         assert len(parts["statement"]) >= 1
         assert len(parts["measured"]) == len(parts["verdict"]) >= len(parts["statement"])
-        assert set(parts["verdict"]) <= set(MARKS)
+        assert {each.removesuffix(", hardly responds") for each in parts["verdict"]} <= set(MARKS)
         assert parts["command"] == [f"oppload reproduce --only {name}"]
     # Nothing is fetched: pictures are in the page, and links stay in it.
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in page.links)
@@ -80,10 +81,10 @@ def check_page(folder: Path, names: list[str]) -> None:
 def one_figure(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("reproduced")
     done = oppload("reproduce", "--only", "rmo-definition", "-o", folder)
-    names = ["rmo-definition.png", "report.json", "index.html"]
+    names = [f"rmo-definition.{end}" for end in ("png", "csv")] + ["report.json", "index.html"]
     assert done.returncode == 0
-    claims = json.loads((folder / "report.json").read_text())["figures"][0]["claims"]
-    given = [finding["verdict"] for claim in claims for finding in claim["measured"].values()]
+    judged = json.loads((folder / "report.json").read_text())["figures"][0]["claims"]
+    given = [finding["verdict"] for claim in judged for finding in claim["measured"].values()]
     counts = ", ".join(f"{given.count(each)} '{each}'" for each in MARKS)
     assert done.stderr == f"verdicts on the statements of the paper: {counts}\n"
     assert done.stdout.split() == [str(folder / name) for name in names]
@@ -110,6 +111,30 @@ def test_the_report_says_the_same(one_figure: Path) -> None:
 def test_a_browser_shows_the_figure(one_figure: Path, browser: Browser) -> None:
     browser.open(one_figure / "index.html")
     assert browser.pictures() == 1
+
+
+def test_figures_in_another_format_are_written_as_they_are_done(
+    tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[list[str]] = []
+    pages = claims.pages_of
+
+    def noted(*arguments: Any) -> Any:
+        seen.append(sorted(path.name for path in tmp_path.iterdir()))
+        return pages(*arguments)
+
+    monkeypatch.setattr(claims, "pages_of", noted)
+    call = "reproduce", "--only", "rmo-definition", "--plot", "svg", "-o", tmp_path, "-j", "1"
+    assert run(capsys, *call).returncode == 0
+    assert [name for name in seen[0] if not name.endswith(".part")] == [
+        "rmo-definition.csv",
+        "rmo-definition.svg",
+    ]
+    assert "</svg>" in (tmp_path / "rmo-definition.svg").read_text()
+    rows = (tmp_path / "rmo-definition.csv").read_text().splitlines()
+    assert rows[:2] == ["pattern,rom_pairs,rmo", '"outward, equal",1,1']
+    (figure,) = json.loads((tmp_path / "report.json").read_text())["figures"]
+    assert (figure["file"], figure["table"]) == ("rmo-definition.svg", "rmo-definition.csv")
 
 
 def test_the_names_of_the_figures(capsys: Capture) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from oppload_cli.reproduction.claims import (
@@ -9,7 +10,12 @@ from oppload_cli.reproduction.claims import (
     Verdict,
     at_least,
     at_most,
+    hardly,
+    settings_of,
+    stated,
+    tally,
 )
+from oppload_cli.tuning.present import Responses
 
 HOLDS, IN_PART, DOES_NOT = Verdict.HOLDS, Verdict.IN_PART, Verdict.DOES_NOT
 NAN = float("nan")
@@ -49,7 +55,8 @@ def test_a_value_that_should_be_large(value: float, verdict: Verdict) -> None:
 )
 def test_verdicts_sum_up(verdicts: tuple[Verdict, ...], sum_: Verdict) -> None:
     claims = tuple(Claim("s", "r", {"paper": Finding("x", each)}) for each in verdicts)
-    assert Built("name", "title", "shows", claims, b"").as_dict()["verdicts"] == {"paper": sum_}
+    built = Built("name", "title", "shows", claims, None, ())
+    assert built.as_dict()["verdicts"] == {"paper": sum_}
 
 
 def test_a_figure_is_judged_per_preset() -> None:
@@ -58,15 +65,40 @@ def test_a_figure_is_judged_per_preset() -> None:
         return Claim("s", "r", found)
 
     claims = (claim(reference=HOLDS, paper=DOES_NOT), claim(reference=HOLDS))
-    built = Built("name", "title", "shows", claims, b"")
+    built = Built("name", "title", "shows", claims, None, ())
     content = built.as_dict()
     assert content["verdicts"] == {"reference": HOLDS, "paper": DOES_NOT}
     assert content["command"] == "oppload reproduce --only name"
     assert content["claims"][0]["measured"]["paper"] == {
         "text": "x",
         "verdict": "does not hold",
+        "hardly_responds": False,
         "numbers": {"v": 1.0},
     }
+    assert tally(content, "reference") == "2 hold"
+
+
+def test_verdicts_are_counted_by_kind() -> None:
+    claims = tuple(Claim("s", "r", {"paper": Finding("x", each)}) for each in (IN_PART, DOES_NOT))
+    figure = Built("name", "title", "shows", claims, None, ()).as_dict()
+    assert tally(figure, "paper") == "0 hold, 1 in part, 1 not"
+
+
+def test_a_verdict_on_a_faint_response_says_so() -> None:
+    settings = settings_of("reference", height="native")
+    time = np.arange(3.0)
+    nothing = np.full((3, 4), NAN)
+    shown = {
+        peak: {"dlgmd": [Responses(time, time, np.array([NAN, 0, peak]), nothing[:, :2], nothing)]}
+        for peak in (1e-4, 1.0)
+    }
+    faint = hardly(shown[1e-4], settings, "to the disk")
+    assert faint.startswith("D-LGMD hardly responds to the disk (largest response 0.0001, below a")
+    assert hardly(shown[1.0], settings) == ""
+    found = Finding("Peak at 44.", HOLDS, {}, faint).as_dict()
+    assert found["text"] == f"Peak at 44. {faint}"
+    assert stated(found) == "holds, hardly responds"
+    assert stated(Finding("x", HOLDS).as_dict()) == "holds"
 
 
 def test_a_number_that_json_cannot_hold_is_null() -> None:

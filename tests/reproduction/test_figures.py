@@ -10,13 +10,17 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.motion.rmo import rmo
 from oppload_cli.reproduction import bars, direction, looming, thresholds
-from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen
+from oppload_cli.reproduction import rmo as reproduction_rmo
+from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen, settings_of
 from oppload_cli.reproduction.rmo import _construct, definition
 from oppload_cli.stimulus.catalogue import load
 from oppload_cli.tuning.present import Responses
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+REFERENCE = settings_of("reference", detector="opplod")
 
 
 def responses(values: list[float], boxes: NDArray[np.float64] | None = None) -> Responses:
@@ -58,13 +62,30 @@ def test_the_wrong_direction_leaks_as_the_documented_edge_does() -> None:
 
 def test_looming_disk_in_the_middle() -> None:
     built = looming.looming_centre()
-    near, dlgmd, earlier, found = (claim.findings["reference"] for claim in built.claims)
+    near, dlgmd, earlier, _, found = (claim.findings["reference"] for claim in built.claims)
     assert near.numbers["peak_frame"] == 23
     assert dlgmd.numbers["peak_frame"] == 44
     assert earlier.verdict is Verdict.IN_PART
     assert (found.numbers["distance_px"] or 99) <= 10
     assert built.claims[0].findings["paper"].numbers["peak_frame"] == 24
-    assert built.png.startswith(b"\x89PNG")
+    assert near.text.endswith("The same verdict at 4.25, 4.5 px/frame, another at 3, 3.5, 5, 6.")
+    assert not near.faint
+    # A peak of 0.0001, which the paper's comparison rests on.
+    assert all(each.faint.startswith("D-LGMD hardly responds") for each in (dlgmd, earlier))
+    assert "D-LGMD at or before frame 3" in earlier.text
+    assert built.settings["paper"] == "native size"
+    assert len(built.rows) == 2 * 2 * 45  # presets, detectors, frames
+
+
+def test_the_paper_gives_frames_for_the_disk_in_the_middle_only() -> None:
+    claims = looming.looming_off_centre().claims
+    assert [claim.statement for claim in claims] == [
+        "OppLoD responds earlier than D-LGMD.",
+        "OppLoD responds more strongly than D-LGMD.",
+        "The model finds where the object is looming.",
+    ]
+    assert all("\u201c" in claim.source for claim in claims)
+    assert definition().claims[1].source == ""  # our reading
 
 
 def test_crossings_need_the_largest_control() -> None:
@@ -84,6 +105,8 @@ def test_crossings_need_the_largest_control() -> None:
     finding = thresholds._finding(first, limits)
     assert finding.numbers["opplod_first"] == finding.numbers["dlgmd_first"] == 1
     assert finding.verdict is Verdict.IN_PART
+    first["c/looming-disk-centre"] = {"opplod": None, "dlgmd": None}
+    assert thresholds._finding(first, limits).text.endswith("Both miss disk of the paper, centre.")
 
 
 def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars._Tunings:
@@ -91,7 +114,7 @@ def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars
         width: {axis: responses([float("nan"), 0, peak]) for axis, peak in peaks.items()}
         for width, peaks in ((10, ten), (60, sixty))
     }
-    return bars._Tunings(shown, loom, 30.0, np.array([5.0, 7, 9]))
+    return bars._Tunings(shown, loom, 30.0, np.array([5.0, 7, 9]), REFERENCE)
 
 
 @pytest.mark.parametrize(("beyond", "verdict"), [(0.0, Verdict.HOLDS), (0.5, Verdict.DOES_NOT)])
@@ -99,7 +122,7 @@ def test_the_edge_of_the_field_is_that_of_the_preset(beyond: float, verdict: Ver
     """A bar whose ends are 13 degrees out in frame 4, and 15 in the next one."""
     curve = [float("nan"), 1.0, *[0.9] * 3, *[beyond] * 20]
     shown = {width: {0: responses(curve)} for width in (10, 60)}
-    tuned = bars._Tunings(shown, 1.0, 12.0, np.arange(5.0, 55, 2))
+    tuned = bars._Tunings(shown, 1.0, 12.0, np.arange(5.0, 55, 2), REFERENCE)
     assert bars._edge(tuned).numbers["median_beyond_edge_over_peak"] == beyond
     assert bars._edge(tuned).verdict is verdict
     assert bars._middle(tuned).numbers["lower_quartile_deg"] == pytest.approx(7)
@@ -150,6 +173,23 @@ def test_bars_without_a_response_have_nothing_to_compare() -> None:
         assert judge(tuned).verdict is Verdict.DOES_NOT
 
 
+def test_bars_that_hardly_excite_the_model_are_named() -> None:
+    even = dict.fromkeys(range(0, 180, 15), 1e-5)
+    tuned = tunings(even, dict.fromkeys(even, 1.0), 1.0)
+    assert "hardly responds to the 10 degree bar (" in bars._evenness(tuned).faint
+    assert bars._diagonal(tuned).faint == ""
+
+
+def test_the_medians_decide_on_the_index_of_the_stimuli(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown = iter([{"a/loom": {3: 0.0, 4: 1.0, 5: 1.0}}, {"b/bar": {3: 0.4, 4: 0.1, 5: 0.1}}])
+    monkeypatch.setattr(reproduction_rmo, "_indices", lambda _: next(shown))
+    built = reproduction_rmo.stimuli()
+    (finding,) = built.claims[0].findings.values()
+    assert finding.text.endswith("the medians are 1.00 and 0.10.")
+    assert finding.verdict is Verdict.IN_PART
+    assert built.rows[1] == {"kind": "looming", "stimulus": "a/loom", "frame": 4, "rmo_index": 1.0}
+
+
 def test_figures_are_chosen_by_name_in_the_order_of_the_page() -> None:
     assert chosen([]) == list(FIGURES)
     assert chosen(["rmo-definition", "up-down"]) == ["up-down", "rmo-definition"]
@@ -162,5 +202,5 @@ def test_figures_do_not_depend_on_the_number_of_processes() -> None:
     names = ["diagonals", "rmo-definition"]
     one, two = build(names, jobs=1), build(names, jobs=2)
     assert [each.name for each in one] == names
-    assert [each.png for each in one] == [each.png for each in two]
+    assert [each.pictures for each in one] == [each.pictures for each in two]
     assert [each.as_dict() for each in one] == [each.as_dict() for each in two]

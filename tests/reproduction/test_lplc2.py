@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.pipeline.settings import resolve
+from oppload_cli.reproduction.claims import Built
 from oppload_cli.reproduction.lplc2 import (
     BATTERY,
     OFF_CENTRE,
@@ -19,7 +20,6 @@ from oppload_cli.reproduction.lplc2 import (
     phenomena,
     published,
     show,
-    table,
 )
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import low_passed, present
@@ -43,7 +43,8 @@ def test_likeness_leaves_the_loom_out_of_r() -> None:
     r, rms = likeness(rows)
     assert r == pytest.approx(np.corrcoef([0.2, 0.4, 0.5], [0.1, 0.2, 0.3])[0, 1])
     assert rms == pytest.approx(math.sqrt((0 + 0.01 + 0.04 + 0.04) / 4))
-    assert table(rows).splitlines()[:3] == [
+    table = Built("lplc2", "", "", (), None, tuple(row._asdict() for row in rows)).table()
+    assert table.splitlines()[:3] == [
         "stimulus,axis_deg,width_deg,preset_or_model,peak_over_loom,published",
         "loom,,,lplc2,1,1",
         "edge,0,,lplc2,0.2,0.1",
