@@ -268,8 +268,7 @@ class _Task(NamedTuple):
     @property
     def motion_end_s(self) -> float:
         """When the motion ends."""
-        timing = self.protocol.timing
-        return float(timing.before_s + timing.motion_s)
+        return self.protocol.timing.end_s
 
 
 def show(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,6 +11,7 @@ from matplotlib.colors import LogNorm
 
 from oppload_cli.benchmark.battery import BATTERY, CONTROL, LOOMING, TABLES
 from oppload_cli.environment import environment
+from oppload_cli.errors import OutputError
 from oppload_cli.evaluation.detectors import label_of
 from oppload_cli.evaluation.page import number
 from oppload_cli.files.atomic import output_errors, remove, write_atomic
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from oppload_cli.benchmark.battery import Shown, Table
     from oppload_cli.evaluation.detectors import EvaluatedDetector
@@ -56,8 +59,10 @@ _SUMMARY: dict[str, type] = {
     "cost_ms": float,
 }
 _DOTS = "dots: alarm, half a dot: for some stimuli"
-_LEAST, _MOST = 1e-3, 10.0  # of the shades: response over that to the looming disk
-_FILES = ("stimuli.csv", "summary.csv", "benchmark.json", "benchmark.html")
+_LEAST, _MOST = 1e-3, 10.0  # the shades end here at most: response over that to the looming disk
+_ROOM = 6  # rows beside which the bar has room for its label
+_SIDECAR = "benchmark.json"
+_FILES = ("stimuli.csv", "summary.csv", _SIDECAR, "benchmark.html")
 
 
 class _Cells(NamedTuple):
@@ -190,8 +195,46 @@ def _alarms(shown: Shown, name: str) -> int:
     return next(each for each in shown.measured if each.detector == name).alarms
 
 
+def settings_of(
+    detectors: Sequence[EvaluatedDetector], tables: Sequence[str], manifest: Path | None
+) -> dict[str, Any]:
+    """Return what decides the files of a benchmark, as ``benchmark.json`` holds it."""
+    return {
+        "detectors": {each.name: each.as_dict() for each in detectors},
+        "tables": list(tables),
+        "manifest": None if manifest is None else str(manifest),
+    }
+
+
+def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
+    """Raise OutputError if a folder holds a benchmark of other settings."""
+    path = folder / _SIDECAR
+    there = _kept(folder)
+    if there is None:
+        return
+    # As it would be read again: tuples are lists there.
+    asked = json.loads(json.dumps(settings, default=str))
+    other = [key for key, value in asked.items() if there.get(key, value) != value or not there]
+    if other:
+        raise OutputError(
+            f"{path}: is a benchmark with other {' and '.join(other)}; choose --if-exists "
+            "overwrite, or another --output"
+        )
+
+
+def _kept(folder: Path) -> dict[str, Any] | None:
+    """Return the ``benchmark.json`` of a folder; None without one, empty if it is damaged."""
+    try:
+        held = json.loads((folder / _SIDECAR).read_text("utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError):
+        return {}
+    return held if isinstance(held, dict) else {}
+
+
 def write_benchmark(
-    benchmark: Benchmark, folder: Path, *, command: Sequence[str]
+    benchmark: Benchmark, folder: Path, *, command: Sequence[str], settings: Mapping[str, Any]
 ) -> Iterator[Path]:
     """Write all files of a benchmark.
 
@@ -203,6 +246,8 @@ def write_benchmark(
         For the files.
     command : sequence of str
         The command line, for ``benchmark.json``.
+    settings : mapping
+        From :func:`settings_of`.
 
     Yields
     ------
@@ -214,7 +259,9 @@ def write_benchmark(
     OutputError
         If one cannot be written.
     """
-    for name in _FILES:
+    # Also figures of an earlier benchmark there that this one does not make.
+    earlier = () if _kept(folder) is None else (f"{table.name}.pdf" for table in TABLES)
+    for name in (*earlier, *_FILES):
         with output_errors(folder / name):
             remove(folder / name)
     with open_table(folder / "stimuli.csv", _STIMULI) as table:
@@ -237,10 +284,10 @@ def write_benchmark(
         "schema": _SCHEMA,
         "tool": environment(),
         "command": list(command),
-        "detectors": {each.name: each.as_dict() for each in benchmark.detectors},
+        **settings,
     }
-    write_sidecar(folder / "benchmark.json", sidecar)
-    yield folder / "benchmark.json"
+    write_sidecar(folder / _SIDECAR, sidecar)
+    yield folder / _SIDECAR
     write_atomic(folder / "benchmark.html", _page(benchmark, summaries, pictures))
     yield folder / "benchmark.html"
 
@@ -286,20 +333,20 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
     labels, names = benchmark.labels(table), benchmark.names
     cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]
     values = np.array([[cell.over_loom for cell in row] for row in cells])
+    least, most = _limits(values)
     width = min(PAGE, 2.4 + 0.26 * len(labels) + 0.9)
     with styled_figure(width, 1.35 + 0.17 * len(names) + 0.35) as figure:
         axes = figure.subplots()
+        norm = LogNorm(least, most)
         shades = axes.imshow(
-            np.clip(np.nan_to_num(values, nan=0.0, posinf=_MOST), _LEAST, _MOST),
-            norm=LogNorm(_LEAST, _MOST),
-            cmap=SHADES,
-            aspect="auto",
-        )
+            np.clip(np.nan_to_num(values, nan=0.0, posinf=most), least, most),
+            norm=norm, cmap=SHADES, aspect="auto",
+        )  # fmt: skip
         for y, row in enumerate(cells):
             for x, cell in enumerate(row):
                 if cell.alarmed:
                     whole = cell.alarmed == cell.stimuli
-                    bright = cell.over_loom > 0.1
+                    bright = norm(np.clip(cell.over_loom, least, most)) > 0.5
                     axes.plot(
                         x,
                         y,
@@ -312,12 +359,24 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(len(names)), [label_of(name) for name in names])
         axes.set_xlabel(table.axis)
-        # Beside a few rows there is no room for a label of the bar.
         axes.set_title(f"{table.title}\nshades: response over that to the looming disk\n{_DOTS}")
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
-        figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
+        bar = figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
+        few = len(names) < _ROOM
+        bar.set_label("over the disk" if few else "response / response to the looming disk")
     return figure
+
+
+def _limits(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the ends of the shades: those of the responses, but of three decades at most.
+
+    They are apart by a factor of two at least, so that equal responses look alike.
+    """
+    known = values[np.isfinite(values) & (values > 0)]
+    most = float(np.clip(known.max(initial=0), 2 * _LEAST, _MOST))
+    least = float(np.clip(known.min(initial=most), _LEAST, most / 2))
+    return least, most
 
 
 def _page(

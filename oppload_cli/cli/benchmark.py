@@ -10,6 +10,7 @@ import click
 from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     complete_models,
+    if_exists_option,
     jobs_option,
     names_in,
     output_option,
@@ -45,6 +46,7 @@ _TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, back
 )
 @output_option("benchmark")
 @jobs_option("Detectors")
+@if_exists_option("a benchmark with other settings")
 @quiet_option
 def benchmark(
     models: tuple[str, ...],
@@ -52,6 +54,7 @@ def benchmark(
     manifest: Path | None,
     output: Path,
     jobs: int,
+    if_exists: str,
     quiet: bool,
 ) -> int:
     """Compare all detectors: their responses, their alarms and their cost.
@@ -61,15 +64,25 @@ def benchmark(
     settings, and a file per stimulus in stimuli/: a benchmark that was stopped goes on from
     these when the same command is given again.
     """
-    from oppload_cli.benchmark.battery import columns_of, show
-    from oppload_cli.benchmark.output import Benchmark, write_benchmark
+    from oppload_cli.benchmark.battery import TABLES, columns_of, show
+    from oppload_cli.benchmark.output import (
+        Benchmark,
+        refuse_other,
+        settings_of,
+        write_benchmark,
+    )
     from oppload_cli.evaluation.detectors import chosen_detectors
     from oppload_cli.evaluation.evaluate import evaluate
     from oppload_cli.evaluation.manifest import read_manifest
 
     columns = columns_of(names_in(only))
     detectors = chosen_detectors(names_in(models))
+    chosen = names_in(only)
+    tables = [table.name for table in TABLES if table.name in chosen or not chosen]
+    settings = settings_of(detectors, tables, manifest)
     make_folder(output)
+    if if_exists == "error":
+        refuse_other(output, settings)
     read = read_manifest(manifest) if manifest else None
     counts: list[int] = []
     with progress_bar(None, "stimulus", quiet=quiet) as bar:
@@ -92,6 +105,7 @@ def benchmark(
         with progress_bar(len(read.entries), "clip", quiet=quiet) as clip_bar:
             clips = evaluate(read, detectors, jobs=jobs or cores(), progress=clip_bar.update)
     found = Benchmark(shown, detectors, clips)
-    for path in write_benchmark(found, output, command=["oppload", *sys.argv[1:]]):
+    command = ["oppload", *sys.argv[1:]]
+    for path in write_benchmark(found, output, command=command, settings=settings):
         click.echo(path)
     return ExitCode.INCOMPLETE if clips and clips.faults else ExitCode.DONE

@@ -198,7 +198,10 @@ def _draw(first: dict[str, First]) -> Figure:
 
 
 def _short(name: str) -> str:
-    return name.partition("/")[2].replace("looming-disk", "disk of the paper,").replace("-", " ")
+    short = name.partition("/")[2].replace("looming-disk-", "disk of the paper, ")
+    return short.replace("loom-speed/speed-", "loom, speed ").replace(
+        "loom-l-over-v/l-over-v-", "loom, l/v "
+    )
 
 
 def _draw_crossings(axes: Axes, first: First) -> None:

@@ -19,7 +19,7 @@ from oppload_cli.benchmark.battery import (
     columns_of,
     show,
 )
-from oppload_cli.benchmark.output import Benchmark
+from oppload_cli.benchmark.output import Benchmark, _drawn, _limits
 from oppload_cli.errors import ParameterError
 from oppload_cli.evaluation.detectors import chosen_detectors
 from oppload_cli.models import registry
@@ -204,6 +204,38 @@ def test_the_command_writes_tables_figures_and_a_page(
     assert told.startswith("2 of 2 stimuli kept from an earlier run")
     again = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.is_file()}
     assert again == first
+
+
+def test_a_benchmark_with_other_settings_is_replaced_on_request_only(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(battery, "BATTERY", (small("dark"), small("bright")))
+    monkeypatch.setattr("oppload_cli.benchmark.output.BATTERY", battery.BATTERY)
+    call = "benchmark", "-o", tmp_path, "-q", "-j", "1", "--model"
+    assert inside.run(capsys, *call, ",".join(NAMES)).returncode == 0
+    (tmp_path / "speed.pdf").write_text("of an earlier benchmark")
+    (tmp_path / "mine.pdf").write_text("of the user")
+    before = (tmp_path / "summary.csv").read_bytes()
+    refused = inside.run(capsys, *call, NAMES[0])
+    assert refused.returncode == 2
+    assert "is a benchmark with other detectors; choose --if-exists overwrite" in refused.stderr
+    assert (tmp_path / "summary.csv").read_bytes() == before
+    assert inside.run(capsys, *call, NAMES[0], "--if-exists", "overwrite").returncode == 0
+    assert (tmp_path / "summary.csv").read_bytes() != before
+    assert sorted(path.name for path in tmp_path.glob("*.pdf")) == ["mine.pdf", "polarity.pdf"]
+    (tmp_path / "benchmark.json").write_text("damaged")
+    assert "with other detectors and tables" in inside.run(capsys, *call, NAMES[0]).stderr
+
+
+def test_the_shades_end_at_the_responses() -> None:
+    found = Benchmark(shown([(LOOMING, 4.0, 1), (CONTROL, 2.0, 0)]), chosen_detectors(["lgmd2"]))
+    figure = _drawn(found, TABLES[0])
+    panel, bar = figure.axes
+    assert panel.images[0].get_clim() == (0.5, 1.0)
+    assert bar.get_ylabel() == "over the disk"
+    assert _limits(np.array([0.0, np.inf, 50, 2e-4])) == (1e-3, 10.0)
+    assert _limits(np.array([1.0, 1.0])) == (0.5, 1.0)
+    assert _limits(np.array([0.0])) == (1e-3, 2e-3)
 
 
 @pytest.mark.parametrize(
