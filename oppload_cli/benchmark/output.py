@@ -363,8 +363,12 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
         axes.tick_params(length=0)
         axes.spines[:].set_visible(False)
         bar = figure.colorbar(shades, ax=axes, pad=0.02, extend="both")
-        few = len(names) < _ROOM
-        bar.set_label("over the disk" if few else "response / response to the looming disk")
+        steps = (1,) if most > 100 * least else (1, 2, 5)
+        ticks = [step * 10.0**decade for decade in range(-3, 2) for step in steps]
+        shown = [tick for tick in ticks if 0.999 * least <= tick <= 1.001 * most]
+        bar.set_ticks(shown, labels=[f"{tick:g}" for tick in shown])
+        bar.ax.minorticks_off()
+        bar.set_label("over the disk" if len(names) < _ROOM else "over the looming disk")
     return figure
 
 

@@ -337,6 +337,12 @@ def _time_of(result: BaseResult, text: str, label: str) -> float:
     if position.seconds is not None:
         return position.seconds
     rows = result.frames.loc[result.frames["frame"] == position.frame, "time_s"]
+    last = result.frames["frame"].max()
+    if position.frame is not None and position.frame > last:
+        raise ParameterError(
+            f"--{label} {text}: {result.path} ends at frame {last:.0f}; give a later time in "
+            f"seconds, such as --{label} {result.frames['time_s'].max() + 0.5:.1f}"
+        )
     if rows.empty:
         raise ParameterError(f"--{label} {text}: column 'frame' of {result.path} never holds it")
     return float(rows.iloc[0])

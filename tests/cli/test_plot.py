@@ -173,6 +173,15 @@ def test_contacts_come_from_a_manifest(tmp_path: Path, capsys: Capture) -> None:
     assert "<!-- onset -->" in drawn
 
 
+def test_a_contact_after_the_end_is_given_in_seconds(tmp_path: Path, capsys: Capture) -> None:
+    table = write_result(tmp_path / "a.frames.csv", 40)
+    done = run(capsys, "plot", table, "--contact", "f63")
+    assert done.returncode == 2
+    assert "ends at frame 39; give a later time in seconds, such as --contact " in done.stderr
+    seconds = done.stderr.rpartition(" ")[2].strip()
+    assert run(capsys, "plot", table, "--contact", seconds).returncode == 0
+
+
 def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
     paths = [write_result(tmp_path / f"{name}.frames.csv") for name in "ab"]
     done = run(capsys, "plot", *paths, "--onset", "f10", "--contact", "1.5")
