@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.colors import LogNorm
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
@@ -14,6 +16,8 @@ from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
     DECADES,
+    FAINT,
+    GREY,
     LEGEND_WIDTH,
     MOST_HEIGHT,
     PAGE,
@@ -35,15 +39,20 @@ from oppload_cli.results.reading import check_numbers
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from oppload_cli.results.reading import Tuning
 
 
 _NARROW, _WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
 _SMALL = 34  # characters in a line above a small heat map
+_MOST_LINES = 6  # in one panel; more get a small panel each
+_SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # in an inch, and inches, of the line at the foot
 _MOST_TICKS = 24  # along a heat map
 _TUNING_SCALES = ("peak", "raw")
 _CLASSIC = {"contact": plot_contact, **FIGURES}
@@ -107,6 +116,28 @@ def plot_tuning(
     'speed (deg/s)'
     """
     tunings = as_list(tunings)
+    names = names_of(tunings, labels)
+    lines = _settings_lines(tunings, names)
+    figure, axes = _plotted(
+        tunings, kind, models=models, scale=scale, lplc2=lplc2, published=published, title=title,
+        labels=labels,
+    )  # fmt: skip
+    _write_below(figure, lines)
+    return figure, axes
+
+
+def _plotted(
+    tunings: Sequence[Tuning],
+    kind: str | None,
+    *,
+    models: Sequence[str],
+    scale: str,
+    lplc2: str,
+    published: bool,
+    title: str | None,
+    labels: Sequence[str],
+) -> tuple[Figure, list[Axes]]:
+    """Draw what :func:`plot_tuning` draws, without the settings."""
     if scale not in _TUNING_SCALES:
         raise ParameterError(
             f"a table of peaks is drawn over its largest peak or raw, not --scale {scale}"
@@ -119,20 +150,17 @@ def plot_tuning(
                 f"{each.path}: holds one condition, so that there is nothing to draw; sweep over "
                 "more values"
             )
-    if title is None:
-        title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
-        indicators = {indicator_of(each.sidecar) for each in tunings}
-        if len(indicators) == 1 and indicators != {""}:
-            through = f"through an {indicators.pop()}"
-            title = f"{title}, {through}" if title else through
+    title = _title(tunings) if title is None else title
+    names = names_of(tunings, labels)
+    if kind in {"polar", "line"}:
+        tunings = [_reduced(each) for each in tunings]
     if kind == "polar":
-        curves = direction_tunings(tunings, models, lplc2, labels)
+        curves = direction_tunings(tunings, models, lplc2, names)
         return plot_polar(curves, raw=raw, title=title)
     if kind in _CLASSIC:
-        names = names_of(tunings, labels)
         return _CLASSIC[kind](Request(tunings, models, names, title, published))
     if kind == "line":
-        return _plot_line(tunings, models, names_of(tunings, labels), raw=raw, title=title)
+        return _plot_line(tunings, models, names, raw=raw, title=title)
     if len(tunings) > 1:
         raise ResultError(f"{tunings[1].path}: a heat map shows one table; plot them separately")
     return _plot_heat(first, models, title)
@@ -145,9 +173,17 @@ def kind_of(tuning: Tuning) -> str:
     ``line``.
     """
     made_for = _figure(tuning).get("kind")
-    if made_for in KINDS:
+    reduced = _reduced(tuning)
+    single_row = len(reduced.parameters) == 1 < len(tuning.parameters)
+    if made_for in KINDS and not (single_row and made_for in {"heat", "position"}):
         return str(made_for)
-    return "heat" if len(tuning.parameters) == 2 else "polar" if tuning.direction else "line"
+    return "heat" if len(reduced.parameters) == 2 else "polar" if reduced.direction else "line"
+
+
+def _reduced(tuning: Tuning) -> Tuning:
+    """Return a table of several parameters without those that have one value in all its rows."""
+    varied = tuple(name for name in tuning.parameters if tuning.rows[name].nunique() > 1)
+    return replace(tuning, parameters=varied) if varied else tuning
 
 
 def lines_of(
@@ -172,6 +208,7 @@ def lines_of(
     """
     kind = kind or kind_of(tunings[0])
     if kind == "polar":
+        tunings = [_reduced(each) for each in tunings]
         return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
     if kind == "contact":
         return contact_lines(Request(tunings, models, names_of(tunings, labels), "", False))
@@ -212,7 +249,7 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
             }
     if kind == "polar":
         for name, curve in zip(
-            tuning.models, direction_tunings([tuning], lplc2="none"), strict=True
+            tuning.models, direction_tunings([_reduced(tuning)], lplc2="none"), strict=True
         ):
             numbers = curve.numbers
             made[name] |= {
@@ -227,6 +264,55 @@ def _figure(tuning: Tuning) -> dict[str, Any]:
     """Return the sidecar's part on the classic figure for which a table was made."""
     figure = tuning.sidecar.get("figure")
     return figure if isinstance(figure, dict) else {}
+
+
+def _title(tunings: Sequence[Tuning]) -> str:
+    """Return the name of the one stimulus, and the indicator that all tables were measured with."""
+    first = tunings[0]
+    title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
+    indicators = {indicator_of(each.sidecar) for each in tunings}
+    through = f"through an {indicators.pop()}" if len(indicators) == 1 and all(indicators) else ""
+    return ", ".join(filter(None, (title, through)))
+
+
+def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str]) -> list[str]:
+    """Return preset, working height and changed parameters, one line if all tables agree."""
+    lines = [_settings_of(each) for each in tunings]
+    if len(set(lines)) == 1:
+        return [lines[0]] if lines[0] else []
+    return [f"{name}: {line}" for name, line in zip(names, lines, strict=True) if line]
+
+
+def _settings_of(tuning: Tuning) -> str:
+    sidecar = tuning.sidecar
+    if not isinstance(sidecar.get("preset"), str):
+        return ""
+    first = sidecar.get("stimulus", {}).get("first") or {}
+    height = sidecar.get("height") or first.get("display", {}).get("height")
+    changed = sidecar.get("changed")
+    stated = dict(changed) if isinstance(changed, dict) else {}
+    reduced = _reduced(tuning)
+    for name in tuning.parameters:
+        if name not in reduced.parameters:
+            stated[name] = _number(tuning.rows[name].iloc[0])
+    line = f"preset {sidecar['preset']}" + f", {height} px" * bool(height)
+    return "; ".join([line, *(f"{key}={value}" for key, value in stated.items())])
+
+
+def _write_below(figure: Figure, lines: Sequence[str]) -> None:
+    """Write lines in small grey letters at the foot of a figure, which grows by as much."""
+    across = int(figure.get_figwidth() * _SMALLEST_LETTERS)
+    text = "\n".join(wrapped(line, across) for line in lines)
+    if not text:
+        return
+    more = _SMALLEST_LINE * (text.count("\n") + 1)
+    height = figure.get_figheight() + more
+    figure.set_figheight(height)
+    engine: Any = figure.get_layout_engine()
+    engine.set(rect=(0, more / height, 1, 1 - more / height))
+    figure.text(
+        0.99, 0.02 / height, text, ha="right", va="bottom", fontsize=5.5, color=GREY
+    )  # fmt: skip
 
 
 def _plot_line(
@@ -246,6 +332,10 @@ def _plot_line(
                 f"{tunings[0].path}: column 'model' never holds '{name}'; leave it out"
             )
     groups = [[name] for name in names] if raw else [names]
+    if not raw and sum(len(tuning.of(name)) > 0 for tuning in tunings for name in names) > (
+        _MOST_LINES
+    ):
+        return _plot_small_lines(tunings, names, tables, parameter, title)
     lines = sum(
         1 + with_doubts("", tuning, name).count("\n") for tuning in tunings for name in names
     )
@@ -269,7 +359,7 @@ def _plot_line(
                 label = f"{table}: " * (len(tunings) > 1) + label
                 share = rows["peak"] / (1.0 if raw or largest <= 0 else largest)
                 panel.plot(
-                    rows[parameter], share, marker="o", markersize=3, **look,
+                    rows[parameter], share, marker="o", **_doubted(look, tuning, name),
                     label=wrapped(with_doubts(label, tuning, name), LEGEND_WIDTH),
                 )  # fmt: skip
             unit = (
@@ -288,6 +378,52 @@ def _plot_line(
         lines = sum(each.count("\n") + 1 for each in axes[0].get_legend_handles_labels()[1])
         axes[0].set_title(wrapped(title, TITLE_WIDTH), pad=6 + 10 * lines)
     return figure, list(axes)
+
+
+def _doubted(look: dict[str, Any], tuning: Tuning, detector: str) -> dict[str, Any]:
+    """Return the look of a curve: thin and grey where it means little."""
+    if with_doubts("", tuning, detector):
+        return {**look, "color": FAINT, "lw": 0.7, "markersize": 2}
+    return {**look, "markersize": 3}
+
+
+def _plot_small_lines(
+    tunings: Sequence[Tuning],
+    names: Sequence[str],
+    tables: Sequence[str],
+    parameter: str,
+    title: str,
+) -> tuple[Figure, list[Axes]]:
+    """Draw a small panel for each of many curves, over its own peak."""
+    shown = [
+        (tuning, name, table)
+        for tuning, table in zip(tunings, tables, strict=True)
+        for name in names
+        if len(tuning.of(name))
+    ]
+    rows = -(-len(shown) // 4)
+    with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + 1.5 * rows)) as figure:
+        grid = figure.subplots(rows, 4, squeeze=False, sharex=True, sharey=True).ravel()
+        axes = list(grid[: len(shown)])
+        for panel, (tuning, name, table) in zip(axes, shown, strict=True):
+            curve, detector = tuning.of(name), detector_named(name)
+            largest = float(curve["peak"].max())
+            look = _doubted({"color": detector.colour}, tuning, name)
+            panel.plot(curve[parameter], curve["peak"] / (largest or 1.0), marker="o", **look)
+            label = f"{table}: " * (len(tunings) > 1) + detector.label
+            label = with_doubts(f"{label}\npeak {largest:.3g} ({detector.unit})", tuning, name)
+            panel.set_title(wrapped(label, _SMALL), fontsize=6, pad=2)
+            panel.tick_params(labelsize=6)
+            begin_at_zero(panel)
+        for free in grid[len(shown) :]:
+            free.set_visible(False)
+        for panel in axes[-4:]:  # also above an empty place
+            panel.tick_params(labelbottom=True)
+        if title:
+            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        figure.supxlabel(described(parameter), fontsize=7.5)
+        figure.supylabel("peak / largest peak", fontsize=7.5)
+    return figure, axes
 
 
 def _parameter(tunings: Sequence[Tuning]) -> str:
@@ -338,8 +474,9 @@ def _plot_heat(tuning: Tuning, detectors: Sequence[str], title: str) -> tuple[Fi
         axes = list(figure.subplots(len(names), 1, squeeze=False)[:, 0])
         if title:
             figure.suptitle(wrapped(title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        norm = norm_of(np.concatenate([_shares(tuning, name)[0].ravel() for name in names]))
         for panel, name in zip(axes, names, strict=True):
-            image = _draw_heat(panel, tuning, name)
+            image = _draw_heat(panel, tuning, name, norm)
             cut = np.nanmin(np.asarray(image.get_array())) < (image.norm.vmin or 0)
             bar = figure.colorbar(image, ax=panel, pad=0.02, extend="min" if cut else "neither")
             bar.set_label("peak / largest peak")
@@ -356,8 +493,9 @@ def _plot_small_heats(
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + 1.75 * rows)) as figure:
         grid = figure.subplots(rows, 4, squeeze=False, sharex=True, sharey=True).ravel()
         axes = list(grid[: len(names)])
+        norm = LogNorm(10.0**-DECADES, 1.0, clip=True)
         for panel, name in zip(axes, names, strict=True):
-            image = _draw_heat(panel, tuning, name, small=True)
+            image = _draw_heat(panel, tuning, name, norm, small=True)
         for free in grid[len(names) :]:
             free.set_visible(False)
         for panel in axes[-4:]:  # also above an empty place
@@ -372,13 +510,20 @@ def _plot_small_heats(
     return figure, axes
 
 
-def _draw_heat(axes: Axes, tuning: Tuning, detector: str, *, small: bool = False) -> ScalarMappable:
+def _shares(tuning: Tuning, detector: str) -> tuple[NDArray[np.float64], float, pd.DataFrame]:
+    """Return the peaks over the largest one, that one, and the cells of a heat map."""
     across, up = tuning.parameters
     cells = tuning.of(detector).pivot_table(index=up, columns=across, values="peak")
     values = cells.to_numpy(float)
     largest = float(np.nanmax(values))
-    share = values / largest if largest > 0 else values
-    norm = norm_of(share, (10.0**-DECADES, 1.0) if small else None)
+    return (values / largest if largest > 0 else values), largest, cells
+
+
+def _draw_heat(
+    axes: Axes, tuning: Tuning, detector: str, norm: Normalize, *, small: bool = False
+) -> ScalarMappable:
+    across, up = tuning.parameters
+    share, largest, cells = _shares(tuning, detector)
     every = -(-share.shape[1] // (6 if small else _MOST_TICKS))
     names = [_number(value) for value in cells.columns]
     image: ScalarMappable

@@ -347,6 +347,7 @@ def write_tuning_sidecar(
             name: params.as_dict()
             for name, params in settings.with_all_detectors().resolved(height).items()
         },
+        "changed": _changed(settings, height),
         "sizes_deg": settings.angles,
         "indicator_s": indicator_s,
         "doubts": [{"model": each.detector, "note": each.note} for each in doubts],
@@ -360,6 +361,19 @@ def write_tuning_sidecar(
         },
     }
     write_sidecar(path, content | ({"figure": dict(figure)} if figure else {}))
+
+
+def _changed(settings: Settings, height: int) -> dict[str, Any]:
+    """Return the parameters of the measured detectors that are not the preset's, with values."""
+    resolved = settings.resolved(height)
+    made = {}
+    for key, origin in settings.origins.items():
+        group, _, name = key.partition(".")
+        if group in settings.models and name and not origin.startswith("preset"):
+            made[key] = resolved[group].as_dict().get(name)
+            if key in settings.angles:
+                made[key] = f"{settings.angles[key]:g}deg"
+    return made
 
 
 def _cells(values: dict[str, Any]) -> dict[str, str]:

@@ -15,7 +15,7 @@ from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
 from oppload_cli.plots.contact import PeakTimes, student_t
 from oppload_cli.plots.polar import direction_tunings
-from oppload_cli.plots.style import CYCLE, MOST_HEIGHT, described, looks_of
+from oppload_cli.plots.style import CYCLE, FAINT, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
 from oppload_cli.reference import bar_tuning, lplc2_peaks
 from oppload_cli.results.reading import is_tuning, read_tuning
@@ -142,12 +142,73 @@ def test_one_number_makes_a_line(tmp_path: Path) -> None:
 
 def test_many_lines_leave_their_panel_room(tmp_path: Path) -> None:
     values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
-    peaks = {name: [4.0, 2, 1] for name in detectors()}
+    peaks = {name: [4.0, 2, 1] for name in list(detectors())[:6]}
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks))
     figure, (panel,) = plot_tuning(tuning)
     figure.draw_without_rendering()
     assert panel.get_window_extent().height / figure.dpi > 1  # inches
     assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
+
+
+def test_more_than_six_lines_have_a_small_panel_each(tmp_path: Path) -> None:
+    values = {"disk.growth.l_over_v_ms": [10.0, 20, 40]}
+    peaks = {name: [4.0, 2, 1] for name in detectors()}
+    path = write_tuning(tmp_path / "a.tuning.csv", values, peaks)
+    with_sidecar(path, {"doubts": [{"model": name, "note": "12 of 12 peaks"} for name in peaks]})
+    figure, panels = plot_tuning(read_tuning(path))
+    assert len(panels) == len(peaks)
+    assert [len(panel.lines) for panel in panels] == [1] * len(peaks)
+    figure.draw_without_rendering()
+    for panel in panels:
+        assert panel.get_window_extent().height / figure.dpi > 0.5  # inches
+        assert "12 of 12 peaks" in panel.get_title("left")
+        assert panel.lines[0].get_color() == FAINT
+
+
+def test_a_line_that_means_little_is_thin_and_grey(tmp_path: Path) -> None:
+    path = write_tuning(tmp_path / "a.tuning.csv", {"disk.size_deg": [1.0, 2, 3, 4]}, PEAKS)
+    with_sidecar(path, {"doubts": [{"model": "dlgmd", "note": "below it"}]})
+    opplod, dlgmd = plot_tuning(read_tuning(path))[1][0].lines
+    assert opplod.get_color() == detector_named("opplod").colour
+    assert (dlgmd.get_color(), dlgmd.get_linewidth()) == (FAINT, 0.7)
+
+
+def with_sidecar(path: Path, content: dict[str, object]) -> None:
+    sidecar = path.with_suffix(".json")
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | content))
+
+
+@pytest.mark.parametrize("kind", ["polar", "line"])
+def test_the_foot_of_a_figure_says_how_it_was_measured(kind: str, tmp_path: Path) -> None:
+    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS)
+    before = plot_tuning(read_tuning(path), kind)[0]
+    assert not any("preset" in text.get_text() for text in before.texts)
+    with_sidecar(path, {"preset": "paper", "height": 600, "changed": {"opplod.units": "1x1"}})
+    figure, (panel,) = plot_tuning(read_tuning(path), kind)
+    line = figure.texts[-1]
+    assert line.get_text() == "preset paper, 600 px; opplod.units=1x1"
+    figure.draw_without_rendering()
+    box, tight = line.get_window_extent(), panel.get_tightbbox()
+    assert tight is not None
+    assert figure.bbox.y0 <= box.y0 < box.y1 <= tight.y0
+    assert figure.get_figheight() > before.get_figheight()
+
+
+def test_a_sweep_of_one_row_is_a_line(tmp_path: Path) -> None:
+    """The value that stays is told at the foot."""
+    values = {"disk.speed_deg_s": [14.4] * 4, "disk.luminance": [0.0, 0.3, 0.6, 0.9]}
+    path = write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [4.0, 3, 2, 1]})
+    with_sidecar(path, {"preset": "reference", "height": 240})
+    figure, (panel,) = plot_tuning(read_tuning(path))
+    np.testing.assert_allclose(np.asarray(panel.lines[0].get_xdata(), float), [0, 0.3, 0.6, 0.9])
+    assert figure.texts[-1].get_text() == "preset reference, 240 px; disk.speed_deg_s=14.4"
+    places = {"d.centre_deg.right": [0.0, 5, 10, 15], "d.centre_deg.up": [0.0] * 4}
+    path = write_tuning(tmp_path / "b.tuning.csv", places, {"opplod": [4.0, 3, 2, 1]})
+    with_sidecar(path, {"figure": {"kind": "position"}})
+    assert plot_tuning(read_tuning(path))[1][0].get_xlabel() == "right (deg)"
+    turned = {"bar.axis_deg": AXES["bar.axis_deg"], "bar.width_deg": [10.0] * 4}
+    table = read_tuning(write_tuning(tmp_path / "c.tuning.csv", turned, PEAKS, symmetric=True))
+    assert isinstance(plot_tuning(table)[1][0], PolarAxes)
 
 
 def test_the_line_through_the_times_of_peaks() -> None:
@@ -209,11 +270,13 @@ def test_a_heat_map_over_several_decades_is_logarithmic(tmp_path: Path) -> None:
     peaks_of = {"opplod": [1e-9, 2e-3, 4e-2, 1.0], "dlgmd": [0.2, 0.5, 0.8, 1]}
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, peaks_of))
     _, (opplod, dlgmd) = plot_tuning(tuning)
-    wide, narrow = opplod.images[0].norm, dlgmd.images[0].norm
-    assert isinstance(wide, LogNorm)
-    assert (wide.vmin, wide.vmax) == pytest.approx((1e-4, 1))
-    assert not isinstance(narrow, LogNorm)
-    assert (narrow.vmin, narrow.vmax) == (0, 1)
+    for panel in (opplod, dlgmd):  # both on one scale
+        norm = panel.images[0].norm
+        assert isinstance(norm, LogNorm)
+        assert (norm.vmin, norm.vmax) == pytest.approx((1e-4, 1))
+    _, (alone,) = plot_tuning(tuning, models=["dlgmd"])
+    assert not isinstance(alone.images[0].norm, LogNorm)
+    assert alone.images[0].get_clim() == (0, 1)
     assert {text.get_text() for text in opplod.texts} == {"<0.0001", "0.002", "0.04", "1"}
 
 

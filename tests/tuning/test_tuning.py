@@ -168,6 +168,7 @@ def test_the_sidecar_holds_the_parameters_and_the_sweep(tmp_path: Path) -> None:
     assert content["schema"] == "oppload.tuning/1"
     assert content["parameters"]["opplod"]["gain"] == 3
     assert content["parameters"]["opplod"]["receptive_field"] == 25  # 5/12 of 60
+    assert content["changed"] == {"opplod.gain": 3}
     assert content["stimulus"]["sweep"] == {"disk.growth.speed_deg_s": [15, 25, 35]}
 
 
