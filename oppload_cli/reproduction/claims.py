@@ -23,7 +23,6 @@ from oppload_cli.files.tables import formatted
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.plots.style import image_bytes, png_bytes
 from oppload_cli.processes.pool import results
 from oppload_cli.stimulus.catalogue import load_all
 from oppload_cli.tuning.present import measure, present
@@ -397,9 +396,10 @@ def _make(form: str, maker: str) -> list[Built]:
 def _with_pictures(built: Built, form: str) -> Built:
     if built.figure is None:
         return built
-    pictures = {"png": png_bytes(built.figure, DPI)}
+    style = importlib.import_module("oppload_cli.plots.style")  # as above
+    pictures = {"png": style.png_bytes(built.figure, DPI)}
     if form not in pictures:
-        pictures[form] = image_bytes(built.figure, form)
+        pictures[form] = style.image_bytes(built.figure, form)
     return replace(built, figure=None, pictures=pictures)
 
 
