@@ -396,7 +396,7 @@ def _make(form: str, maker: str) -> list[Built]:
 def _with_pictures(built: Built, form: str) -> Built:
     if built.figure is None:
         return built
-    style = importlib.import_module("oppload_cli.plots.style")  # as above
+    style = importlib.import_module("oppload_cli.plots.style")  # loads matplotlib
     pictures = {"png": style.png_bytes(built.figure, DPI)}
     if form not in pictures:
         pictures[form] = style.image_bytes(built.figure, form)

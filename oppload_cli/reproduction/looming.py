@@ -113,8 +113,8 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
         _claim(
             "OppLoD responds more strongly than D-LGMD.",
             "share of the frames up to OppLoD's peak in which its response over its own peak is "
-            "above that of D-LGMD, as the paper compares normalised curves; holds: at least 90 %, "
-            "in part: at least half",
+            "above that of D-LGMD (our reading of stronger, as the paper compares normalised "
+            "curves); holds: at least 90 %, in part: at least half",
             judged(_stronger),
             _EARLIER,
             faint(*_PAPER),
@@ -188,7 +188,7 @@ def _claim(
     source: str,
     faint: dict[str, str],
 ) -> Claim:
-    """Judge a statement at the speed that was chosen; each finding says at which others it stands.
+    """Judge a statement at the speed that was chosen; each finding has the verdicts at others.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def _claim(
     findings = {
         preset: replace(
             chosen,
-            text=f"{chosen.text} {_same(by_speed, preset, chosen.verdict)}",
+            text=f"{chosen.text} {_elsewhere(by_speed, preset)}",
             faint=faint[preset],
         )
         for preset, chosen in by_speed[_SPEED].items()
@@ -210,17 +210,14 @@ def _claim(
     return Claim(statement, rule, findings, source)
 
 
-def _same(findings: dict[float, dict[str, Finding]], preset: str, verdict: Verdict) -> str:
-    """Say at which other speeds of the disk a verdict is the same, and at which it is another."""
-    same: list[str] = []
-    another: list[str] = []
+def _elsewhere(findings: dict[float, dict[str, Finding]], preset: str) -> str:
+    """Say which verdict there is at the other speeds of the disk."""
+    speeds: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
     for speed, each in findings.items():
         if speed != _SPEED:
-            (same if each[preset].verdict is verdict else another).append(f"{speed:g}")
-    if not another:
-        return f"The same verdict at {', '.join(same)} px/frame."
-    also = f"The same verdict at {', '.join(same)} px/frame, another" if same else "Another verdict"
-    return f"{also} at {', '.join(another)}{' px/frame' * (not same)}."
+            speeds[each[preset].verdict].append(f"{speed:g}")
+    said = "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in speeds.items() if at)
+    return f"At other speeds of the disk: {said} px/frame."
 
 
 def _faintly(shown: Shown, settings: dict[str, Settings], *detectors: str) -> dict[str, str]:

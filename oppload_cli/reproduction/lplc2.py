@@ -309,7 +309,8 @@ def battery() -> Built:
             "r at least 0.5 and rms at most 0.25",
             {name: _alike(each.rows) for name, each in shown.items()},
             "\u201cthe proposed model behaves quite similarly to LPLC2 neurons on many different "
-            "types of stimuli\u201d (comparison with LPLC2)",
+            "types of stimuli\u201d (comparison with LPLC2); crosses, edges and gratings are added "
+            "here",
         ),
         Claim(
             "Ends, crosses, inward motion and wide fields have the effects that they have on LPLC2 "

@@ -280,7 +280,7 @@ def stimuli() -> Built:
             )
         },
         "\u201cradial-opponent-motion (ROM) always occurs in the visual process of observing an "
-        "approaching object\u201d (introduction)",
+        "approaching object\u201d (introduction); that it is stronger there is our reading",
     )
     return Built(
         "rmo-stimuli",

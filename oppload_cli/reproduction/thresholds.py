@@ -167,7 +167,7 @@ def _finding(first: First, limits: dict[str, float]) -> Finding:
     missed = [sum(pair[side] is None for pair in pairs) for side in (0, 1)]
     share = earlier / len(pairs)
     neither = [_short(name) for name, each in first.items() if not any(each.values())]
-    both = f" Both miss {', '.join(neither)}." if neither else ""
+    both = f" Both miss: {'; '.join(neither)}." if neither else ""
     return Finding(
         f"OppLoD is first in {earlier}, D-LGMD in {later} of {len(pairs)} looming stimuli; "
         f"OppLoD misses {missed[0]}, D-LGMD {missed[1]}.{both}",

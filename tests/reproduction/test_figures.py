@@ -68,7 +68,8 @@ def test_looming_disk_in_the_middle() -> None:
     assert earlier.verdict is Verdict.IN_PART
     assert (found.numbers["distance_px"] or 99) <= 10
     assert built.claims[0].findings["paper"].numbers["peak_frame"] == 24
-    assert near.text.endswith("The same verdict at 4.25, 4.5 px/frame, another at 3, 3.5, 5, 6.")
+    others = "holds at 4.25, 4.5; does not hold at 3, 3.5, 5, 6 px/frame."
+    assert near.text.endswith(f"At other speeds of the disk: {others}")
     assert not near.faint
     # A peak of 0.0001, which the paper's comparison rests on.
     assert all(each.faint.startswith("D-LGMD hardly responds") for each in (dlgmd, earlier))
@@ -106,7 +107,7 @@ def test_crossings_need_the_largest_control() -> None:
     assert finding.numbers["opplod_first"] == finding.numbers["dlgmd_first"] == 1
     assert finding.verdict is Verdict.IN_PART
     first["c/looming-disk-centre"] = {"opplod": None, "dlgmd": None}
-    assert thresholds._finding(first, limits).text.endswith("Both miss disk of the paper, centre.")
+    assert thresholds._finding(first, limits).text.endswith("Both miss: disk of the paper, centre.")
 
 
 def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars._Tunings:
