@@ -78,7 +78,12 @@ WRONG: list[tuple[str, Callable[[], list[Row]], list[str], str]] = [
         "column 'opplod_unit_x' is empty",
     ),
     ("curves as tuning", frame_rows, ["--kind", "polar"], "has no column 'stimulus'"),
-    ("a frame beyond", frame_rows, ["--onset", "f99"], "--onset f99: column 'frame'"),
+    (
+        "a frame beyond",
+        frame_rows,
+        ["--onset", "f99"],
+        "a.frames.csv ends at frame 39; give a later time",
+    ),
     ("a wrong mark", frame_rows, ["--contact", "soon"], "'soon' is no position"),
 ]
 
