@@ -71,7 +71,7 @@ class TtcGradient(Detector):
     """
 
     name = "ttc_gradient"
-    label = "time to contact"
+    label = "TTC gradient"
     colour = "#666666"
     meaning = "time to contact from brightness gradients: largest expansion of a window"
     unit = "1/frame"
