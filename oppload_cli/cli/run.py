@@ -5,11 +5,12 @@ from __future__ import annotations
 import tomllib
 from contextlib import ExitStack
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import click
 
 from oppload_cli.cli.options import (
+    RunOptions,
     if_exists_option,
     jobs_option,
     output_option,
@@ -21,69 +22,6 @@ from oppload_cli.models.presets import DEFAULT_PRESET, NATIVE, PRESETS, preset_i
 from oppload_cli.schema import parsed_fraction
 from oppload_cli.video.inputs import Position, Span, parse_position
 from oppload_cli.video.opening import Opening, is_video_file
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-
-class RunOptions(NamedTuple):
-    """The options of ``oppload run`` beside the part of the input and the settings.
-
-    Attributes
-    ----------
-    output : Path
-        Folder of the results, or ``-``.
-    annotate, report_pages : bool
-        Whether annotated videos and pages are written too.
-    boxes : str
-        Objects with a box in an annotated video.
-    if_exists : str
-        What to do where a result exists.
-    fail_on : str or None
-        ``alarm`` or ``no-alarm``: the condition of exit code 5.
-    quiet, verbose : bool
-        Whether less or more than the outcome is printed.
-    recursive : bool
-        Whether folders are searched to any depth.
-    files_from : str or None
-        A list of inputs.
-    null : bool
-        Whether the names of the list end in NUL.
-    shard : str or None
-        ``I/N``.
-    jobs : int
-        Processes; 0 means the cores that the affinity mask allows.
-    scheduler : str or None
-        Address or file of a dask scheduler.
-    dry_run : bool
-        Whether the plan is only printed.
-    """
-
-    output: Path
-    annotate: bool
-    report_pages: bool
-    boxes: str
-    if_exists: str
-    fail_on: str | None
-    quiet: bool
-    verbose: bool
-    recursive: bool
-    files_from: str | None
-    null: bool
-    shard: str | None
-    jobs: int
-    scheduler: str | None
-    dry_run: bool
-
-    @property
-    def for_many(self) -> bool:
-        """Whether a batch is meant, however many inputs it has."""
-        return bool(self.recursive or self.files_from or self.shard or self.scheduler)
-
-    @property
-    def verbosity(self) -> int:
-        """-1 prints errors only, 0 the outcome of each input, 1 the sizes of frames too."""
-        return -1 if self.quiet else int(self.verbose)
 
 
 @click.command(short_help="run looming detectors on videos")

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from oppload_cli.batch.plan import Plan
-    from oppload_cli.cli.run import RunOptions
+    from oppload_cli.cli.options import RunOptions
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.pipeline.task import Outcome
     from oppload_cli.video.inputs import Span
