@@ -18,6 +18,8 @@ DEFAULT_PRESET = "default"
 STUDY_PRESET = "reference"  # of commands that study the model itself
 REFERENCE_INTERVAL = "1/30"  # seconds
 NATIVE = "native"  # the working height that is the height of the video
+# Variants of detectors that are called like a preset: there `NAME:paper` is the variant.
+VARIANTS = ("lgmd1_group:paper", "lgmd1_single:paper")
 EXAMPLE_SETTING = "opplod.receptive_field=200"  # for help texts and messages
 
 
@@ -88,8 +90,9 @@ def preset_in(models: Iterable[str]) -> str:
     ParameterError
         If they name different ones, which one run cannot have.
     """
-    named = [each.partition(":")[2].strip() for text in models for each in text.split(",")]
-    presets = list(dict.fromkeys(name for name in named if name in PRESETS))
+    named = [each.strip() for text in models for each in text.split(",")]
+    words = (name.partition(":")[2].strip() for name in named if name not in VARIANTS)
+    presets = list(dict.fromkeys(word for word in words if word in PRESETS))
     if len(presets) > 1:
         raise ParameterError(
             f"--model names the presets '{presets[0]}' and '{presets[1]}'; give each a run of its "

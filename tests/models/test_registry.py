@@ -15,7 +15,7 @@ from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
-from oppload_cli.models.presets import PRESETS, preset_named
+from oppload_cli.models.presets import PRESETS, VARIANTS, preset_in, preset_named
 from oppload_cli.models.published.lgmd1_group import Lgmd1GroupPaperParams
 from oppload_cli.schema import Parameters
 
@@ -85,6 +85,14 @@ def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:
 
 def test_the_names_that_a_user_may_write() -> None:
     assert registry.names_of("lgmd2, opplod,lgmd2") == ("lgmd2", "opplod")
+    clashing = [
+        f"{each.variant_of}:{name.removeprefix(f'{each.variant_of}_')}"
+        for name, each in registry.detectors().items()
+        if each.variant_of
+    ]
+    assert sorted(VARIANTS) == sorted(one for one in clashing if one.partition(":")[2] in PRESETS)
+    assert preset_in(["opplod, lgmd1_group:paper"]) == ""
+    assert preset_in(["opplod:reference,lgmd1_group:paper"]) == "reference"
     both = registry.names_of("lgmd1_group:literal,lgmd1_group:paper")
     assert both == ("lgmd1_group", "lgmd1_group_paper")
     assert registry.parameters_of("lgmd1_group_paper") == Lgmd1GroupPaperParams()
