@@ -145,7 +145,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
     rules = {
         "alarm as shipped": SHIPPED,
         "1 per minute, these clips": condition_of(1.0),
-        "1 per minute, other clips": f"{HELD_OUT} {condition_of(1.0)}",
+        "1 per minute, held out": f"{HELD_OUT} {condition_of(1.0)}",
     }
     wide = max(map(len, [*rules, *(label_of(each.name) for each in evaluation.detectors)]))
     for title, condition in rules.items():
@@ -165,7 +165,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
             )
     yield (
         "These clips: each detector has the lowest threshold with at most one false alarm per "
-        "minute on them. Other clips: each clip has the threshold that the other clips give, so "
+        "minute on them. Held out: each clip has the threshold that the other clips give, so "
         "that new footage is nearer to these figures."
     )
     yield from _by_kind(evaluation, found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # Of Okabe and Ito's palette, for the presets after the default one.
 _COLOURS = ("#009E73", "#CC79A7")
-_SIZE = 4.8, 3.2  # inches
+_SIZE = 4.8, 3.5  # inches
 _DPI = 160
 _HIGHEST_RATE = 6.0  # false alarms per minute on the axis
 _RATE = 1.0  # false alarms per minute at which leads and kinds are shown
@@ -42,10 +42,10 @@ def _detection(axes: Axes, performances: Performances) -> None:
     for each, look in _looks(performances):
         rates, detected = _detection_curve(each)
         axes.step(rates, detected, where="post", **look)
-    axes.set(xlim=(0, _HIGHEST_RATE), ylim=(0, 1.02), title="detection by one fixed threshold")
+    axes.set(xlim=(0, _HIGHEST_RATE), ylim=(-0.02, 1.02), title="detection by one fixed threshold")
     axes.set_xlabel("false alarms per minute of footage without an approach")
     axes.set_ylabel("share of approaches detected")
-    _legend(axes, "lower right")
+    _legend(axes)
 
 
 def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
@@ -59,15 +59,12 @@ def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
     thresholds = performance.thresholds
     once = np.ones(len(thresholds.minutes), np.int64)
     rates = np.maximum.accumulate(thresholds.rates(once))
-    peaks = thresholds.peaks[~np.isnan(thresholds.peaks)]
-    if not len(peaks) or not len(rates) or np.isnan(rates).any():
+    if np.isnan(thresholds.peaks).all() or not len(rates) or np.isnan(rates).any():
         return np.empty(0), np.empty(0)
-    detected = (peaks[:, None] > thresholds.levels).mean(axis=0)
     # Of the thresholds with as many false alarms the lowest counts.
     last = np.append(np.diff(rates) > 0, True)
-    return np.append(rates[last], rates[-1] + _HIGHEST_RATE), np.append(
-        detected[last], detected[-1]
-    )
+    detected = [np.nanmean(thresholds.detected(level)) for level in thresholds.levels[last]]
+    return np.append(rates[last], rates[-1] + _HIGHEST_RATE), np.append(detected, detected[-1])
 
 
 def _roc(axes: Axes, performances: Performances) -> None:
@@ -77,7 +74,7 @@ def _roc(axes: Axes, performances: Performances) -> None:
         if each.curve is not None:
             look["label"] += f" ({each.curve.auc:.2f})"
             axes.plot(each.curve.false_rate, each.curve.true_rate, **look)
-    _legend(axes, "lower right")
+    _legend(axes)
 
 
 def _precision_recall(axes: Axes, performances: Performances) -> None:
@@ -88,7 +85,7 @@ def _precision_recall(axes: Axes, performances: Performances) -> None:
             rises = np.append(True, np.diff(each.curve.true_rate) > 0)
             recall, precision = each.curve.true_rate[rises], each.curve.precision[rises]
             axes.step(recall, precision, where="pre", **look)
-    _legend(axes, "lower left")
+    _legend(axes)
 
 
 def _order(axes: Axes, performances: Performances) -> None:
@@ -103,11 +100,12 @@ def _order(axes: Axes, performances: Performances) -> None:
         axes.errorbar(x, values, np.maximum(spread, 0), fmt="none", **bars)
     axes.axhline(0.5, color=FAINT, lw=0.7, linestyle=":")
     axes.set_xticks(range(len(AHEAD)), [str(frames) for frames in AHEAD])
-    axes.set(ylim=(0, 1.3), title="within clips: correctly ordered pairs of windows")
+    axes.set(ylim=(0, 1.05), title="within clips: correctly ordered pairs of windows")
     axes.set_yticks(np.arange(0, 1.01, 0.2))
     axes.set_xlabel("frames from the window's end to contact")
     axes.set_ylabel("share of pairs")
-    axes.legend(loc="upper center", ncols=3)
+    _say_if_empty(axes, "no pair of windows")
+    _legend(axes)
 
 
 def _leads(axes: Axes, performances: Performances) -> None:
@@ -124,6 +122,7 @@ def _leads(axes: Axes, performances: Performances) -> None:
             axes.plot([np.median(leads)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.2)
     axes.set_yticks(range(len(labels)), labels)
     axes.set(ylim=(len(labels) - 0.5, -0.5), xlabel="time before contact (s)")
+    axes.margins(x=0.03)
     axes.set_xlim(left=-0.02)
     axes.set_title("lead at 1 false alarm per minute (bar: median)")
 
@@ -149,16 +148,15 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         bounds = np.array([[one.low, one.high] for one in kinds.values()]).reshape(-1, 2)
         spread = np.abs(bounds.T - values)
         axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
-        axes.errorbar(values, y, xerr=spread, fmt="none", ecolor=INK, elinewidth=0.7)
+        axes.errorbar(values, y, xerr=spread, fmt="none", ecolor=look["color"], elinewidth=0.9)
         highest = max(highest, values.max(initial=0))
     axes.set_yticks(range(len(kinds)), [f"{kind}\n{_clips(one.n)}" for kind, one in kinds.items()])
     axes.invert_yaxis()
     axes.set_xlim(0, _SHOWN * highest)  # of few clips the intervals would hide the rates
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
     axes.set_xlabel("false alarms per minute")
-    if not any(bar.get_width() for bar in axes.patches):  # type: ignore[attr-defined]
-        axes.text(0.5, 0.5, "no false alarm", transform=axes.transAxes, ha="center", color=FAINT)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.4, -0.2), ncols=3)
+    _say_if_empty(axes, "no false alarm")
+    _legend(axes)
 
 
 def _clips(count: int) -> str:
@@ -192,9 +190,16 @@ def _colour_of(full_name: str) -> str:
     return (*_COLOURS, INK)[min(place, len(_COLOURS))]
 
 
-def _legend(axes: Axes, place: Literal["lower left", "lower right"]) -> None:
+def _legend(axes: Axes) -> None:
+    """Draw the legend below the axes, where it covers nothing."""
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc=place)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.45, -0.2), ncols=3)
+
+
+def _say_if_empty(axes: Axes, words: str) -> None:
+    """Write some words into axes whose bars have no length, or are not known."""
+    if not any(np.nan_to_num(bar.get_bbox().size).all() for bar in axes.patches):  # type: ignore[attr-defined]
+        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT)
 
 
 class _Plot(NamedTuple):

@@ -226,7 +226,9 @@ def in_words(verdicts: Iterable[Verdict]) -> str:
 
 
 def times(value: float) -> str:
-    """Return a multiple of a threshold in few digits, without an exponent unless it is tiny."""
+    """Return a multiple of a threshold in few digits."""
+    if 0 < value < 0.01:
+        return "<0.01"
     return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"
 
 
