@@ -190,11 +190,11 @@ def _draw_few(
         free, lines = iter(axes), 0
         one_time = _of_like_length(panels)
         drawn: list[list[Axes]] = []
-        for curves, strip in zip(panels, strips, strict=True):
+        for curves, strip, apart in zip(panels, strips, _apart(panels, options), strict=True):
             panel = [next(free)]
             if drawn and one_time:
                 panel[0].sharex(axes[0])
-            lines += _draw_panel(panel[0], curves, options, title=len(panels) == 1)
+            lines += _draw_panel(panel[0], curves, options, apart, title=len(panels) == 1)
             if strip is not None:
                 panel.append(next(free))
                 panel[1].sharex(panel[0])
@@ -208,6 +208,14 @@ def _draw_few(
         if options.title and len(panels) > 1:
             figure.suptitle(wrapped(options.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
     return figure, axes
+
+
+def _apart(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
+    """Return what tells each panel's result from the others of one input, if there are several."""
+    titles = {curves[0].number: curves[0].result.title for curves in panels}
+    if options.labels or len(set(titles.values())) == len(titles):
+        return [""] * len(panels)
+    return _names(panels, options)
 
 
 def _of_like_length(panels: Sequence[Sequence[Curve]]) -> bool:
@@ -232,13 +240,14 @@ def _draw_panel(
     axes: Axes,
     curves: Sequence[Curve],
     options: CurveOptions,
+    apart: str = "",
     *,
     title: bool = True,
     own: bool = False,
 ) -> int:
     """Draw the curves of a panel with its legend, and return the lines of text above it.
 
-    With `title`, the figure's title is above it too.
+    With `title`, the figure's title is above it too. `apart` tells the input's result from others.
     """
     scale = options.scale_of(curves)
     notes = draw_curves(axes, curves, options, scale)
@@ -247,7 +256,7 @@ def _draw_panel(
     one_input = len({curve.number for curve in curves}) == 1
     label = detector_named(curves[0].detector).label
     name = labels_of([curves[0].result], options.labels[curves[0].number :][:1])[0]
-    named = name if one_input else label
+    named = (f"{name}: {apart}" if apart else name) if one_input else label
     if title and options.title:
         named = options.title
     axes.set_ylabel(_value_label(scale, curves[0]))

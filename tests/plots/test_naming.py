@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.plots.curves import plot_curves
 from oppload_cli.plots.polar import names_of
 from oppload_cli.plots.style import differences, in_number_order, labels_of, wrapped
 from oppload_cli.results.reading import Tuning, read_result
@@ -68,6 +69,11 @@ def test_results_of_one_input_are_named_by_their_settings(tmp_path: Path) -> Non
     about: dict[str, object] = {"input": {"name": "clip.avi"}}
     presets = [result_of(tmp_path / each, {**about, "preset": each}) for each in ("one", "two")]
     assert labels_of(presets) == ["preset one", "preset two"]
+    titles = [axes.get_title("left") for axes in plot_curves(presets)[1]]
+    assert [each.replace("\n", " ") for each in titles if each] == [
+        "clip.avi: preset one",
+        "clip.avi: preset two",
+    ]
     gains = [
         result_of(
             tmp_path / f"g{gain}", {**about, "parameters": {"opplod": {"gain": gain, "x": 1}}}
