@@ -248,7 +248,7 @@ def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
     refused = ", which have results: see --if-exists" if counts["refuse"] else ""
     say(
         f"{len(plan)} inputs: {counts['run']} to run, {counts['skip']} to skip, "
-        f"{len(failures)} not there, {counts['refuse']} to refuse{refused}"
+        f"{len(failures)} not possible, {counts['refuse']} to refuse{refused}"
     )
     if failures and len(failures) == len(plan):
         return Tally(failures).exit_code
