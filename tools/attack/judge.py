@@ -301,7 +301,8 @@ def faults_of_process(case: Case, ended: Ended) -> list[str]:
 def _remarks(case: Case) -> int:
     """Return how many remarks the sidecars of a case state: the command prints a line for each."""
     count = 0
-    for path in case.out.rglob("*.oppload.json"):
+    # A case may have put a pipe there, which nobody writes to.
+    for path in filter(Path.is_file, case.out.rglob("*.oppload.json")):
         with suppress(OSError, ValueError, KeyError, TypeError):  # damaged by the case itself
             count += len(json.loads(path.read_bytes())["remarks"])
     return count
