@@ -255,6 +255,22 @@ def test_motion_in_a_small_part_is_seen_at_a_finer_resolution() -> None:
     assert metrics.rmo_index == 1
 
 
+def test_the_grid_of_an_upright_video_is_that_of_a_lying_one() -> None:
+    """The working height is the shorter side, whichever way the camera is turned."""
+    upright = vectors(shifted(0, 0).T.copy(), shifted(1, 0).T.copy())
+    assert len(upright.starts) == 17 * 23
+
+
+@pytest.mark.parametrize(("radius", "spacing"), [(34, 7.07), (38, 320 / 23)])
+def test_a_part_is_seen_at_the_finest_resolution_that_costs_half(
+    radius: int, spacing: float
+) -> None:
+    """At half of the size a square of 98 px costs as much as half of the frame at a quarter."""
+    motion = vectors(disk((160, 120), radius), disk((160, 120), radius + 2))
+    steps = np.diff(np.unique(motion.starts[:, 0].round(3)))
+    assert steps.min() == pytest.approx(spacing, abs=0.02)
+
+
 def test_minimum_change_drops_vectors_that_the_search_guessed() -> None:
     before, now = disk((160, 120), 30), disk((160, 120), 32)
     far_away, kept = [

@@ -25,6 +25,7 @@ def facts(width: int, height: int) -> InputFacts:
         ((720, 1280), 240, (240, 427)),
         ((120, 160), 240, (240, 320)),
         ((10, 100), 100, (100, 1000)),
+        ((1000, 333), 100, (300, 100)),
     ],
 )
 def test_working_size(
@@ -33,6 +34,7 @@ def test_working_size(
     size = WorkingSize.of(facts(*source), height)
     assert (size.width, size.height) == working
     assert size.scale_x == source[0] / working[0]
+    assert size.scale_y == source[1] / working[1]
 
 
 def test_a_working_size_that_is_too_large() -> None:
