@@ -66,10 +66,23 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     )
 
 
+def test_of_equal_peaks_the_first_one_gives_the_box() -> None:
+    (alarm,) = verdict([0, 3, 3, 1], on=[1, 2, 3]).alarms
+    assert (alarm.peak_over_threshold, alarm.box) == (1.5, [1, 0, 9, 9])
+
+
 def test_an_alarm_below_its_threshold_has_its_reason() -> None:
     assert str(verdict([0, 1.2, 1], on=[1, 2], contacts=(1,))) == (
         "alarm at 0.10 s (frame 1, contact about 0.9 s later by its estimate), strongest 0.6 times "
         "the threshold, which is enough so near to a contact"
+    )
+    # A response must be above its threshold: at it, the contact made the alarm.
+    assert str(verdict([0, 2, 1], on=[1, 2], contacts=(1,))).endswith(
+        ", strongest 1 times the threshold, which is enough so near to a contact"
+    )
+    # A peak outside of it that is below its threshold too is no response that did not count.
+    assert str(verdict([0, 1.8, 1.2], on=[2], contacts=(2,))).endswith(
+        ", strongest 0.6 times the threshold, which is enough so near to a contact"
     )
 
 
