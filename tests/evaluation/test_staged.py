@@ -141,6 +141,13 @@ def test_leads_count_to_the_next_true_contact(name: str, contacts: list[float]) 
         assert shown.lead(frame) == pytest.approx(ahead[0] - times[frame])
 
 
+def test_the_true_time_to_contact_is_that_of_the_object_that_arrives_first() -> None:
+    """The first disk, with its contact at 1.6 s, has its largest size from frame 40 on."""
+    found = label_of("controls/two-looming-disks").contacts
+    expected = {frame: (1.6 if frame < 40 else 2.2) - frame / 30 for frame in range(6, 58)}
+    assert found == pytest.approx(expected)
+
+
 def test_stimuli_of_one_name_are_refused(tmp_path: Path) -> None:
     for folder, most in (("a", "30"), ("b", "40")):
         (tmp_path / folder).mkdir()
@@ -251,6 +258,15 @@ def test_boxes_and_times_to_contact_are_held_to_the_truth() -> None:
     found = {one.measure: one for one in measured(clips, "d", draws).measurements}
     assert found["contact_within"].value == pytest.approx(1 / 2)
     assert found["contact_within"].n == 2
+
+
+@pytest.mark.parametrize(("left_s", "clips"), [(0.0, 0), (0.1, 1), (0.5, 1), (0.6, 0)])
+def test_half_a_second_before_contact_is_of_the_last_half_second(left_s: float, clips: int) -> None:
+    seen = truthful([1.0] * 20, {"kind": "a"}, 15, estimate=0.4)
+    seen.label.contacts.clear()
+    seen.label.contacts[10] = left_s
+    found = {one.measure: one for one in measured([seen], "d", draws_of([True], 100)).measurements}
+    assert found["contact_within"].n == clips
 
 
 @pytest.mark.parametrize(

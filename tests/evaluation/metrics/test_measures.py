@@ -43,6 +43,7 @@ def test_an_interval_is_that_of_the_draws() -> None:
     assert (found.low, found.high) == pytest.approx((0.1, 0.7))
     low, high = interval(np.array([np.nan, np.nan, 1.0]))
     assert np.isnan([low, high]).all()
+    assert interval(np.array([np.nan, 1.0])) == (1, 1)  # half of them are enough
 
 
 def test_the_median_of_weighted_values() -> None:
@@ -101,6 +102,12 @@ def test_places_of_the_winning_unit() -> None:
     assert figures["place_distance_px", "within 15 frames of contact"].n == 3
     (middle, *_) = places([seen], FRAME_CENTRE)
     assert middle.distance_px == pytest.approx(np.hypot(80, 40))
+
+
+def test_frames_near_contact_are_those_from_15_before_it_to_its_own() -> None:
+    boxes = dict.fromkeys((49, 50, 65, 66), (100.0, 50.0, 40.0, 20.0))
+    found = places([clip([0.0] * 80, 30, 65, boxes=boxes)], FRAME_CENTRE)
+    assert [each.near for each in found] == [False, True, True, False]
 
 
 def test_a_detector_without_units_has_no_measurements_of_places() -> None:
