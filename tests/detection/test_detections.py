@@ -8,6 +8,7 @@ import pytest
 
 from oppload_cli import Detection, FrameRecord, OpplodResponse, alarm_params, analyse, open_video
 from oppload_cli.detection.places import Detections
+from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.video.frames import WorkingSize
 from tests.detection.showing import RATE, SIZE, approaching, remaining, together
@@ -103,3 +104,35 @@ def test_no_objects_are_looked_for_without_opplod_or_places(tmp_path: Path) -> N
 
     with open_video(path) as video:
         assert not any(record.detections for record in analyse(video, [DlgmdParams()]))
+
+
+def seen(identity: int, response: float, left: float | None = None) -> Detection:
+    """An object without a place."""
+    return Detection(identity, Box(0, 0, 9, 9), 4.0, 4.0, response, False, left, 0.05)
+
+
+def test_an_alarm_that_ends_leaves_nothing_to_the_next_one() -> None:
+    detections = Detections(TWICE)
+    one, other = seen(1, 0.5), seen(2, 0.4)
+
+    def on(*found: Detection, alarm: bool) -> list[int]:
+        known = detections.with_alarm(found, alarm=alarm, threshold=math.inf)
+        return [each.identity for each in known if each.alarm]
+
+    assert on(one, other, alarm=True) == [1]
+    assert on(other, one, alarm=True) == [1]  # it went on because of this one
+    assert on(other, one, alarm=False) == []
+    assert on(other, one, alarm=True) == [2]
+
+
+def test_a_time_to_contact_that_has_passed_is_none() -> None:
+    left = [seen(1, 0.5, 0.2).after(passed_s) for passed_s in (0.15, 0.2, 0.3)]
+    assert [each.time_to_contact_s for each in left] == [pytest.approx(0.05), None, None]
+    assert [each.time_to_contact_error_s for each in left] == [0.05, None, None]
+
+
+def test_a_box_ends_at_the_right_and_the_lower_edge_of_a_wide_frame() -> None:
+    answer = Response(1.0, Box(30, 20, 20, 30))
+    [found] = Detections(WorkingSize(40, 30, 3.0, 2.0)).of_box(answer)
+    assert [*found.box] == [90, 40, 30, 20]
+    assert (found.centre_x, found.centre_y) == (120, 70)
