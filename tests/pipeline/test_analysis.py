@@ -19,6 +19,7 @@ from oppload_cli import (
     open_video,
 )
 from oppload_cli.errors import FrameError, ParameterError, SourceError
+from oppload_cli.models.registry import DetectorBank
 from oppload_cli.pipeline.sources import ArrayLuminance
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
@@ -182,6 +183,55 @@ def test_a_still_video_answers_zero_from_the_fourth_frame(tmp_path: Path) -> Non
         assert [answer.response for answer in record.responses.values() if answer] == [0, 0]
     assert [each.luma_change for each in still] == [None] + [0] * 11
     assert [each.rmo for each in still] == [None] + [RmoMetrics()] * 11
+
+
+def test_a_still_scene_answers_zero_from_the_frame_in_which_a_moving_one_is_answered() -> None:
+    """At 30.2 frames/s three frames last for 2.98 intervals, which count as three."""
+    still = np.full((8, 48, 64), 90, np.uint8)
+    moving = (255 * np.array(looming(48, 24, 24, 8))).astype(np.uint8)
+    for frames in (still, moving):
+        answers = [each.responses["dlgmd"] for each in analyse(frames, rate=30.2, rmo=False)]
+        assert [each is None for each in answers] == [True] * 3 + [False] * 5
+
+
+def test_a_second_pause_is_shown_to_the_models_with_its_own_times() -> None:
+    """After a pause of 0.5 s the models have seen each of its frames, and then a slower video."""
+    picture = eight_bits(looming(60, 30, 30, 16))
+    shown = [*picture[:4], *picture[3:4] * 15, *picture[4:8], *picture[7:8] * 15, *picture[8:]]
+    times = np.cumsum([1 / 30] * 39 + [1 / 15] * 7) - 1 / 30
+    bank = DetectorBank((60, 60), [DlgmdParams()], 30)
+    largest = 0.0
+    found = analyse(np.array(shown), [DlgmdParams()], times=times.tolist(), height=60, rmo=False)
+    for record, frame in zip(found, shown, strict=True):
+        expected = bank.step(frame.astype(np.float32) / np.float32(255), record.time_s)["dlgmd"]
+        if not record.repeat and expected:
+            assert record.responses["dlgmd"] == expected
+            largest = max(largest, expected.response)
+    assert largest > 0.01
+
+
+def test_pictures_that_last_two_frames_and_three_change_by_equal_intervals() -> None:
+    """Of 12 pictures/s in 30 frames/s each is compared with the one 1/12 s before."""
+    pictures = np.array(eight_bits([disk(60, 30, 30, 5 + t) for t in range(20)]))
+    lasts = np.resize([2, 3], 20)
+    shown = list(analyse(np.repeat(pictures, lasts, axis=0), rate=30, rmo=False))
+    own = analyse(pictures, times=[t / 12 for t in range(20)], rmo=False)
+    changes = [shown[at].luma_change for at in np.cumsum([0, *lasts[:-1]])]
+    assert changes[8:] == pytest.approx([each.luma_change for each in own][8:], rel=0.03)
+
+
+def test_growth_is_measured_over_an_interval_at_a_high_frame_rate() -> None:
+    """From frame to frame, at 240 frames/s, noise is as large as the growth."""
+    grain = np.random.default_rng(1).normal(0, 0.006, (90, 120, 120))
+    shown = [0.1 + 0.8 * disk(120, 60, 60, 6 / (110 - t) * 240) for t in range(90)]
+    frames = (np.clip(shown + grain, 0, 1) * 255).round().astype(np.uint8)
+    errors = [
+        left / (110 / 240 - record.time_s) - 1
+        for record in analyse(frames, rate=240, height=120, rmo=False)
+        if (each := record.objects["opplod"]) and (left := each.time_to_contact_s)
+    ]
+    assert len(errors) > 30
+    assert np.abs(errors).max() < 0.1
 
 
 def test_boxes_are_in_source_pixels(tmp_path: Path) -> None:

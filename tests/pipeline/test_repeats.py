@@ -132,7 +132,7 @@ def test_a_few_exact_repeats_are_repeats_and_many_are_a_still_scene() -> None:
     assert repeats.exact == 5
 
 
-@pytest.mark.parametrize("rate", [12, 25, 30, 60, 240])
+@pytest.mark.parametrize("rate", [12, 25, 30, 50, 60, 240])  # at 50, 0.18 s are 9 frames
 def test_a_picture_is_repeated_for_at_most_a_time_whatever_the_rate(rate: int) -> None:
     still = [np.zeros((4, 4), np.float32)] * rate
     shown, _ = answers(still, rate)
@@ -206,6 +206,20 @@ def test_motion_that_stops_in_a_cadence_is_seen_at_rest() -> None:
     grain = noise(len(shown), 0.001)
     found, _ = answers([frame + other for frame, other in zip(shown, grain, strict=True)])
     assert found == "......" + ".N" * 11 + "." * 15
+
+
+def test_one_picture_that_was_held_for_long_does_not_make_the_cadence_slower() -> None:
+    """Each picture comes twice, one four times: at rest every third frame is seen.
+
+    Pictures at even intervals are repeated equally often, or once more.
+    """
+    lasts = [2] * 11 + [1]
+    lasts[6] = 4
+    moving = panned(np.arange(12) * 3.0, 0.001)
+    shown = [*np.repeat(moving, lasts, axis=0), *panned([33.0] * 10, 0.001)]
+    grain = noise(len(shown), 0.001)
+    found, _ = answers([frame + other for frame, other in zip(shown, grain, strict=True)])
+    assert found == ".......N.N.N.N.N.N.N.N.N." + "NN." * 2 + "...."
 
 
 def test_an_object_that_moves_on_is_no_repeat_where_the_rest_stops() -> None:
