@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oppload_cli.models.camera import NO_BARS, Bars, SteadyLight, Widths, change_of_light
+from oppload_cli.models.camera import (
+    NO_BARS,
+    Bars,
+    SteadyLight,
+    Widths,
+    change_of_light,
+    leave_out_entering,
+)
 from tests.media import texture
 
 Luma = NDArray[np.float32]
@@ -91,15 +98,25 @@ def test_light_that_flickers_is_made_steady(gain: Luma) -> None:
         before = now
 
 
-def test_a_lasting_change_of_the_light_passes_through_in_time() -> None:
+@pytest.mark.parametrize("elapsed", [1.0, 2.0])
+def test_a_lasting_change_of_the_light_passes_through_in_time(elapsed: float) -> None:
     """Of a gain of 0.7, e^-1 of its logarithm is left out after the time constant."""
     light = SteadyLight(60.0)
-    light.step(scene(), 1.0)
+    light.step(scene(), elapsed)
     darker = scene() * np.float32(0.7)
-    shown = [light.step(darker, 1.0) for _ in range(61)]
+    shown = [light.step(darker, elapsed) for _ in range(1 + round(60 / elapsed))]
     np.testing.assert_allclose(shown[0], scene(), rtol=1e-4)
-    left = np.log(shown[60] / darker)
+    left = np.log(shown[-1] / darker)
     np.testing.assert_allclose(left, -np.log(0.7) / np.e, rtol=1e-3)
+
+
+def test_light_that_falls_on_and_on_is_made_up_by_a_factor_of_2_at_most() -> None:
+    light = SteadyLight(1e9)
+    for t in range(7):
+        luma = scene() * np.float32(0.8**t)
+        shown = light.step(luma, 1.0)
+        gain = min(-t * np.log(0.8), 0.7)
+        np.testing.assert_allclose(shown / luma, np.exp(gain), rtol=1e-3)
 
 
 def test_after_a_reset_the_next_frame_is_the_first() -> None:
@@ -171,3 +188,13 @@ def test_a_plain_frame_says_nothing_about_bars() -> None:
     for luma in [*shown(Widths(top=15), 12), *[np.full((HEIGHT, WIDTH), 0.06, np.float32)] * 5]:
         bars.step(luma, 1.0)
     assert bars.widths == Widths(top=15)
+
+
+def test_motion_beside_each_side_of_the_picture_is_left_out() -> None:
+    maps = [np.ones((20, 40), np.float32) for _ in range(4)]
+    leave_out_entering(maps, np.ones((20, 40), np.float32), 4, 2, Widths(6, 2, 3, 1))
+    expected = np.ones((20, 40))
+    expected[3:19, 6:38] = 0
+    expected[7:15, 10:34] = 1  # further than 4 px from the edges of the picture
+    for each in maps:
+        np.testing.assert_array_equal(each, expected)

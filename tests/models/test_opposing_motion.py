@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from oppload_cli.models.camera import Widths
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import (
     PooledJudgement,
@@ -141,6 +142,35 @@ def test_the_winning_unit_is_the_best_one_of_the_maps(axes: int) -> None:
         expected = pooled(model.pathways[phi], 8, 12.0)
         assert expected.max() > 0
         np.testing.assert_array_equal(maps.pathways[phi], expected)
+
+
+@pytest.mark.parametrize(
+    ("bars", "strip"),
+    [
+        (Widths(left=12), np.s_[:, :12]),
+        (Widths(right=12), np.s_[:, -12:]),
+        (Widths(top=12), np.s_[:12]),
+        (Widths(bottom=12), np.s_[-12:]),
+    ],
+)
+def test_a_bar_is_left_out_at_its_own_side(
+    bars: Widths, strip: slice | tuple[slice, slice]
+) -> None:
+    params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=0.0, border=0)
+    judgement = PooledJudgement(SHAPE, params)
+    judgement.leave_out(bars)
+    judgement.opponency({phi: np.ones(SHAPE, np.float32) for phi in range(45, 360, 90)})
+    counts = np.ones(SHAPE, np.float32)
+    counts[strip] = 0
+    at = np.ix_(judgement.maps.centres_y.astype(int), judgement.maps.centres_x.astype(int))
+    np.testing.assert_array_equal(judgement.maps.pathways[45], counts[at])
+
+
+def test_the_compression_widens_what_a_thin_edge_gives() -> None:
+    """The root of a Gaussian is one with sqrt(2) times its sigma; boxes are smaller by that."""
+    params = [REFERENCE.replaced(compression=each).resolved(240) for each in (1.0, 0.5)]
+    spreads = [PooledJudgement((240, 240), each).maps.spread for each in params]
+    assert spreads == pytest.approx([12, 12 * 2**0.5])
 
 
 @pytest.mark.once

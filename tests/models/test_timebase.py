@@ -112,6 +112,27 @@ def test_of_very_many_frames_some_are_kept() -> None:
     assert len(layer._kept) <= 36
 
 
+def test_a_lower_rate_counts_after_a_few_steps_and_a_higher_one_after_many() -> None:
+    for steps, expected in (
+        ([1] * 15 + [2] * 2, 1),
+        ([1] * 15 + [2] * 4, 2),
+        ([2] * 15 + [1] * 7, 2),
+        ([2] * 15 + [1] * 8, 1),
+    ):
+        times = np.cumsum([0, *steps]) / 30
+        layer = seen(times.tolist(), numbered(len(times)))
+        assert layer.usual_step == expected, steps
+        layer.reset()
+        assert layer.usual_step == 1
+
+
+def test_coarse_changes_are_means_over_squares_centred_in_the_frame() -> None:
+    now = np.random.default_rng(5).random((8, 14), dtype=np.float32)
+    layer = seen([0, 1 / 30], [np.zeros_like(now), now])
+    expected = now[:, 1:13].reshape(2, 4, 3, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(layer.coarse((2, 3))[0], expected, rtol=1e-6)
+
+
 def test_times_that_stand_still_or_go_back_count_as_steps() -> None:
     clock = Clock(frame_rate=60)
     clock.time_s = 1.0
