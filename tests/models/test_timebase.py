@@ -281,6 +281,19 @@ def test_frames_between_change_nothing_for_the_slow_suppression(rate: int) -> No
     assert [here[number] for number in range(3, 3 + len(there))] == pytest.approx(there, rel=1e-5)
 
 
+@pytest.mark.parametrize("rate", [60, 120])
+def test_the_slow_suppression_begins_alike_at_any_rate(rate: int) -> None:
+    """A disk that grows from the first frame on is suppressed as after a complete interval."""
+    found = []
+    for each in (30, rate):
+        bank = DetectorBank((SIZE, SIZE), [LPLC2])
+        shown = [disk(SIZE, 60, 60, 10 + 60 * t / each) for t in range(each // 6 + 1)]
+        answers = [bank.step(frame, t / each)["opplod"] for t, frame in enumerate(shown)]
+        found.append([answer.response for answer in answers[:: each // 30] if answer])
+    assert len(found[0]) == 3
+    assert found[1] == pytest.approx(found[0], rel=1e-5)
+
+
 def test_the_adaptation_begins_alike_at_any_rate() -> None:
     """A disk that grows from the first frame on has its peak where the adaptation begins."""
     peaks = {}
