@@ -265,5 +265,6 @@ def test_brightness() -> None:
     assert at(even, 0.2, 0.7, 1.2) == pytest.approx([0.2, 0.5, 0.8])
     square = Brightness(kind="flicker", to=0.8, frequency_hz=2)
     assert at(square, 0.1, 0.21, 0.5, 0.75) == [0.2, 0.2, 0.8, 0.2]
+    assert at(square, 1.19, 1.45) == [0.8, 0.2]  # from the end of the motion on it stays
     sine = Brightness(kind="flicker", to=0.8, frequency_hz=2, waveform="sine")
     assert at(sine, 0.2, 0.45, 0.7) == pytest.approx([0.2, 0.8, 0.2])

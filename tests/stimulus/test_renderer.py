@@ -75,6 +75,7 @@ def test_area_of_a_turned_bar_at_every_frame(axis: float) -> None:
     [
         ("square", {"size_deg": 10}, 100.0),
         ("cross", {"size_deg": 16, "width_deg": 3}, 2 * 16 * 3 - 9.0),
+        ("cross", {"size_deg": 6, "width_deg": 9}, 36.0),
         ("ring", {"size_deg": 12, "width_deg": 2}, math.pi * (36 - 16)),
         ("ring", {"size_deg": 12, "width_deg": 7}, math.pi * 36),
     ],
@@ -350,3 +351,11 @@ def test_too_many_dots_are_an_error() -> None:
     protocol = Protocol(display=display, timing=Timing(motion_s=0.1), objects=(dots,))
     with pytest.raises(StimulusError, match="object 'dots': dots_per_100deg2 = 10000 makes"):
         next(stimulus.frames(protocol))
+
+
+def test_a_square_of_which_one_corner_enters_the_display_is_drawn() -> None:
+    """Turned by 45 degrees, it reaches sqrt(2) times half of its side: 2 deg into the display."""
+    x = 20 + 10 * math.sqrt(2) - 2
+    shape = Object(id="s", kind="square", size_deg=20, axis_deg=45, centre_deg=(x, 0))
+    frame = next(stimulus.frames(made(shape)))
+    assert dark_area(frame) == pytest.approx(2 * 2 * 25, rel=1e-2)

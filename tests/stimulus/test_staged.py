@@ -94,6 +94,10 @@ def test_size_and_place_are_those_of_the_geometry(tmp_path: Path, camera: dict[s
             assert 2 * math.sqrt(area / math.pi) == pytest.approx(diameter, rel=1e-3)
             assert truth.box_px is not None
             assert truth.box_px[2] == pytest.approx(diameter, rel=1e-9)
+            growing = EYE * 0.25 * 4 / at[2] ** 2 / 30
+            assert truth.edge_speed_px_frame == pytest.approx(growing, rel=1e-9)
+            degrees = math.degrees(0.25 * 4 / (at[2] ** 2 + 0.25**2))
+            assert truth.edge_speed_deg_s == pytest.approx(degrees, rel=1e-9)
         assert truth.angular_size_deg == pytest.approx(2 * math.degrees(math.atan(0.25 / at[2])))
 
 
@@ -239,6 +243,15 @@ def test_what_looms_is_on_course_to_hit_and_soon_there() -> None:
     assert not any(truth_of(missed, index).looming for index in range(30))
     assert truth_of(missed, 0).miss_sizes == pytest.approx(1.0)
     assert truth_of(missed, 0).time_to_contact_s is None
+
+
+def test_a_picture_behind_the_camera_is_no_larger_than_half_of_all_around() -> None:
+    course = {"kind": "overtaking", "speed_m_s": 4.0, "miss_sizes": 1.0, "contact_s": 0.5}
+    behind, ahead = (truth_of(staged(course), frame) for frame in (0, 27))
+    assert (behind.visible, behind.angular_size_deg) == (False, 180)
+    expected = 2 * math.degrees(math.atan(0.25 / 1.6))
+    assert ahead.visible
+    assert ahead.angular_size_deg == pytest.approx(expected)
 
 
 # ---- Videos as backgrounds, and what is refused -----------------------------------------------

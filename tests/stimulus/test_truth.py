@@ -121,10 +121,14 @@ def test_what_moves_aside_further_than_it_grows_passes(
     assert middle["time_to_contact_s"] == (None if passes else pytest.approx(contact - 1))
 
 
-@pytest.mark.parametrize(("speed", "passes"), [(9.9, False), (10.1, True)])
-def test_a_disk_that_grows_at_constant_edge_speed_passes_too(speed: float, passes: bool) -> None:
-    """Both edges move by 10 deg/s; beyond, they move to the same side."""
+@pytest.mark.parametrize("end_deg", [60, 15])
+@pytest.mark.parametrize(("speed", "passes"), [(9.9, False), (10.0, False), (10.1, True)])
+def test_a_disk_that_grows_at_constant_edge_speed_passes_too(
+    speed: float, passes: bool, end_deg: float
+) -> None:
+    """Both edges move by 10 deg/s; beyond, they move to the same side, until the growth ends."""
     changes = {"disk.motion.speed_deg_s": speed, "disk.growth.speed_deg_s": 10}
+    changes["disk.growth.end_deg"] = end_deg
     protocol = stimulus.load("klapoetke2017/loom-speed", changes)
     truth = stimulus.ground_truth(protocol)
     assert truth["looming"] is not passes
