@@ -14,6 +14,7 @@ from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus import PictureTruth, Renderer, frame_truth
 from oppload_cli.stimulus.courses import Course, Line
 from oppload_cli.stimulus.objects import DRAWINGS
+from oppload_cli.stimulus.staging import view_of
 from oppload_cli.stimulus.tables import SURROUNDINGS
 
 if TYPE_CHECKING:
@@ -114,6 +115,16 @@ def test_the_box_surrounds_what_is_drawn(tmp_path: Path, turn: float, most: floa
         found = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1)
         wanted = (box[0], box[1], box[0] + box[2], box[1] + box[3])
         assert np.abs(np.subtract(found, wanted)).max() < most
+
+
+def test_a_camera_that_turns_and_shakes_stays_rigid() -> None:
+    """Its axes are at right angles and of length 1, as right, up and ahead at rest."""
+    camera = {"start_deg": 30, "pan_deg_s": 40, "shake_deg": 5}
+    protocol = staged(None, {"background": "plane"}, camera=camera)
+    for time in (0.1, 0.5, 0.9):
+        axes = np.array(view_of(protocol, time).axes)
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(axes) == pytest.approx(1)
 
 
 def test_forward_motion_over_the_ground_has_the_exact_flow() -> None:
@@ -400,6 +411,11 @@ HIT = {"kind": "collision", "speed_m_s": 2.0}
         ),
         (
             {"kind": "receding", "speed_m_s": 2.0, "distance_m": 1.0, "bearing_deg": [60, 0]},
+            {},
+            "object 'thing': it is outside the field .* in every frame; change its course",
+        ),
+        (
+            {"kind": "hovering", "distance_m": 3.0, "bearing_deg": [0, -35]},  # just below it
             {},
             "object 'thing': it is outside the field .* in every frame; change its course",
         ),
