@@ -25,7 +25,7 @@ _UNSTATED = "not stated"
 _BEFORE = "before an approach"
 WINDOW_S = 1.0
 LEAST_S = 0.5  # the remainder of a clip counts as a window from this length
-_EPSILON_S = 1e-6  # times are fractions of a second that were rounded
+EPSILON_S = 1e-6  # times are fractions of a second that were rounded
 AHEAD = (0, 4, 8, 12)  # frames before contact
 
 
@@ -44,8 +44,8 @@ class Label:
     boxes : dict of int to tuple
         By frame, the object's left, top, width and height in source pixels.
     contacts : dict of int to float
-        By frame, the true time to contact in seconds of the object that arrives first, where it
-        is known.
+        By frame, the true time to contact in seconds of the looming object that arrives first,
+        where it is known.
     conditions : dict of str to str
         Values by which clips of known truth are grouped, such as the speed.
     contact_times : tuple of float
@@ -182,7 +182,7 @@ class Clip:
         if self.label.contact is None:
             return float("nan")
         now = float(self.time_s[frame])
-        coming = [each for each in self.label.contact_times if each >= now - _EPSILON_S]
+        coming = [each for each in self.label.contact_times if each >= now - EPSILON_S]
         return (coming[0] if coming else float(self.time_s[self.label.contact])) - now
 
     def windows(self, start: int, stop: int) -> list[Window]:
@@ -243,9 +243,9 @@ class Clip:
         """
         if not least < stop <= len(self):
             return None
-        since = self.time_s[stop - 1] - WINDOW_S + _EPSILON_S
+        since = self.time_s[stop - 1] - WINDOW_S + EPSILON_S
         start = max(least, int(np.searchsorted(self.time_s, since, side="right")))
-        if self.seconds(start, stop) < LEAST_S - _EPSILON_S:
+        if self.seconds(start, stop) < LEAST_S - EPSILON_S:
             return None
         return Window(start, stop)
 

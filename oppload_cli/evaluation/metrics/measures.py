@@ -20,6 +20,8 @@ from oppload_cli.evaluation.metrics.alarms import (
 )
 from oppload_cli.evaluation.metrics.clips import (
     AHEAD,
+    EPSILON_S,
+    LEAST_S,
     Curve,
     curve,
     scored,
@@ -150,7 +152,7 @@ def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
 
 def _largest_before(clip: Clip, detector: str) -> float:
     start, stop = clip.quiet
-    if clip.seconds(start, stop) < 0.5:
+    if clip.seconds(start, stop) < LEAST_S - EPSILON_S:
         return float("nan")
     return float(clip.outputs[detector].response[start:stop].max())
 

@@ -72,6 +72,18 @@ def test_how_far_an_approach_stands_out(approach: Clip, ratio: float) -> None:
     assert (found["distinct_ratio"].value, found["distinct_ratio"].n) == (ratio, 1)
 
 
+def test_half_a_second_before_an_approach_is_enough_whatever_its_times_round_to() -> None:
+    start, onset = 24, 39  # of these frames at 30 per second the times are a little nearer
+    response = [0.0] * (onset + 20)
+    response[onset - 1], response[-1] = 2.0, 8.0
+    late = clip(response, onset, onset + 19, rate=30)
+    late.outputs[NAME].response[:start] = np.nan
+    calm = clip([0.0] * 3 + [1.0] * 100)
+    draws = draws_of([True, False], 9)
+    found = {one.measure: one for one in measured([late, calm], NAME, draws).measurements}
+    assert found["distinct_ratio"].value == 4
+
+
 def test_places_of_the_winning_unit() -> None:
     # Fields of 40 x 40 px; boxes of 40 x 20 px about (120, 60).
     box = (100.0, 50.0, 40.0, 20.0)
