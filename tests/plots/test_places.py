@@ -92,7 +92,7 @@ def test_the_places_of_the_chosen_detector(tmp_path: Path) -> None:
     (box,) = panel.patches
     assert box.get_path().get_extents(box.get_patch_transform()).bounds == (1, 2, 7, 8)
     assert panel.get_title("left").split("\n")[1:3] == [
-        "time to contact, peak in frame 20; box: looming",
+        "TTC gradient, peak in frame 20; box: looming",
         "object",
     ]
     with pytest.raises(ResultError, match="D-LGMD has no places; leave --model out"):
