@@ -13,10 +13,10 @@ from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.task import Outputs, Task
 
-STIMULUS = "controls/looming-perspective"
+STIMULUS = "controls/looming-and-translating"  # the video of the tutorials
 PICTURE = Path(__file__).parent / "annotated.png"
 WIDTH = 640  # px
-AFTER_ALARM = 2  # frames
+AFTER_ALARM = 4  # frames: the first one with a time to contact
 
 
 def main() -> None:
