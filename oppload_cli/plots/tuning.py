@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +38,7 @@ from oppload_cli.plots.style import (
 from oppload_cli.results.reading import check_numbers
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     import pandas as pd
     from matplotlib.axes import Axes
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 
 _NARROW, _WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
 _SMALL = 34  # characters in a line above a small heat map
+_IN_A_ROW = 4  # small panels
 _MOST_LINES = 6  # in one panel; more get a small panel each
 _SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # in an inch, and inches, of the line at the foot
 _MOST_TICKS = 24  # along a heat map
@@ -401,10 +403,7 @@ def _plot_small_lines(
         for name in names
         if len(tuning.of(name))
     ]
-    rows = -(-len(shown) // 4)
-    with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + 1.5 * rows)) as figure:
-        grid = figure.subplots(rows, 4, squeeze=False, sharex=True, sharey=True).ravel()
-        axes = list(grid[: len(shown)])
+    with _small_panels(len(shown), 1.5, title) as (figure, axes):
         for panel, (tuning, name, table) in zip(axes, shown, strict=True):
             curve, detector = tuning.of(name), detector_named(name)
             largest = float(curve["peak"].max())
@@ -415,15 +414,24 @@ def _plot_small_lines(
             panel.set_title(wrapped(label, _SMALL), fontsize=6, pad=2)
             panel.tick_params(labelsize=6)
             begin_at_zero(panel)
-        for free in grid[len(shown) :]:
-            free.set_visible(False)
-        for panel in axes[-4:]:  # also above an empty place
-            panel.tick_params(labelbottom=True)
-        if title:
-            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
         figure.supxlabel(described(parameter), fontsize=7.5)
         figure.supylabel("peak / largest peak", fontsize=7.5)
     return figure, axes
+
+
+@contextmanager
+def _small_panels(count: int, height: float, title: str) -> Iterator[tuple[Figure, list[Axes]]]:
+    """Give small panels in rows of four that share their axes, each so many inches high."""
+    rows = -(-count // _IN_A_ROW)
+    with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + height * rows)) as figure:
+        grid = figure.subplots(rows, _IN_A_ROW, squeeze=False, sharex=True, sharey=True).ravel()
+        yield figure, list(grid[:count])
+        for free in grid[count:]:
+            free.set_visible(False)
+        for panel in grid[:count][-_IN_A_ROW:]:  # also above an empty place
+            panel.tick_params(labelbottom=True)
+        if title:
+            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
 
 
 def _parameter(tunings: Sequence[Tuning]) -> str:
@@ -489,19 +497,10 @@ def _plot_small_heats(
 ) -> tuple[Figure, list[Axes]]:
     """Draw a small heat map for each of many detectors, without numbers, all on one scale."""
     across, up = tuning.parameters
-    rows = -(-len(names) // 4)
-    with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + 1.75 * rows)) as figure:
-        grid = figure.subplots(rows, 4, squeeze=False, sharex=True, sharey=True).ravel()
-        axes = list(grid[: len(names)])
+    with _small_panels(len(names), 1.75, title) as (figure, axes):
         norm = LogNorm(10.0**-DECADES, 1.0, clip=True)
         for panel, name in zip(axes, names, strict=True):
             image = _draw_heat(panel, tuning, name, norm, small=True)
-        for free in grid[len(names) :]:
-            free.set_visible(False)
-        for panel in axes[-4:]:  # also above an empty place
-            panel.tick_params(labelbottom=True)
-        if title:
-            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
         figure.supxlabel(described(across), fontsize=7.5)
         figure.supylabel(described(up), fontsize=7.5)
         bar = figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02, extend="min")
