@@ -199,13 +199,13 @@ class Analysis:
         """
         times, repeats = self._prepared.times, self._prepared.repeats
         doubt = self._doubt_of_unit()
-        told = repeats.remarks(times.rate or self._rate)
-        if not told and repeats.still_s:
-            told = [f"the picture has stood still for the latest {repeats.still_s:.1f} s"]
+        pictures = repeats.remarks(times.rate or self._rate)
+        if not pictures and repeats.still_s:
+            pictures = [f"the picture has stood still for the latest {repeats.still_s:.1f} s"]
         return [
             *times.remarks(),
             *([doubt] if doubt else []),
-            *told,
+            *pictures,
             *self._working.remarks(),
         ]
 

@@ -59,11 +59,11 @@ class Sink:
                 self._problem = problem
         return len(data)
 
-    def seek(self, offset: int, whence: int = 0) -> int:
+    def seek(self, offset: int, origin: int = 0, /) -> int:
         """Go to a position; return it."""
         if self._problem is None:
             try:
-                return self._file.seek(offset, whence)
+                return self._file.seek(offset, origin)
             except OSError as problem:
                 self._problem = problem
         return 0
