@@ -7,6 +7,8 @@ from collections import deque
 from contextlib import ExitStack, closing, nullcontext
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain, groupby
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -14,7 +16,7 @@ import numpy as np
 
 from oppload_cli.errors import DetectorError, SourceError, StimulusError
 from oppload_cli.evaluation.manifest import RowError
-from oppload_cli.evaluation.metrics.clips import Clip, Output
+from oppload_cli.evaluation.metrics.clips import Clip, Output, videos_of
 from oppload_cli.evaluation.metrics.intervals import DRAWS, draws_of
 from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, measured, of_places
 from oppload_cli.models.registry import detector_named
@@ -112,7 +114,8 @@ def evaluate(
     if not clips:
         reason = f"; {faults[0].removeprefix(f'{manifest.path}: ')}" if faults else ""
         raise SourceError(f"{manifest.path}: names no clip that can be used{reason}")
-    weights = draws_of([clip.label.looming for clip in clips], draws)
+    looming = [clip.label.looming for clip in clips]
+    weights = draws_of(looming, draws, videos=videos_of(clips))
     performances = {each.name: measured(clips, each.name, weights) for each in detectors}
     measurements = [one for each in performances.values() for one in each.measurements]
     measurements += of_places(clips, FRAME_CENTRE, weights)
@@ -150,44 +153,58 @@ def analyse_clips(
     OutputError
         If a process is ended from outside.
     """
-    threads = 1 if min(jobs, len(entries)) > 1 else 0
-    return results(
-        partial(_analyse_clip, detectors=detectors, threads=threads),
-        entries,
+    videos = [list(of_one) for _, of_one in groupby(entries, attrgetter("path"))]
+    threads = 1 if min(jobs, len(videos)) > 1 else 0
+
+    def count(analysed: list[_Analysed]) -> None:
+        for _ in analysed:
+            if progress:
+                progress()
+
+    analysed: list[list[_Analysed]] = results(
+        partial(_analyse_video, detectors=detectors, threads=threads),
+        videos,
         jobs,
-        named=lambda entry: entry.label.name,
-        progress=lambda _: progress() if progress else None,
+        named=lambda video: video[0].label.name,
+        progress=count,
     )
+    return list(chain.from_iterable(analysed))
 
 
-def _analyse_clip(
-    entry: Entry, detectors: Sequence[EvaluatedDetector], threads: int = 0
-) -> _Analysed:
-    """Run detectors over one clip, which is decoded once for each working height.
+def _analyse_video(
+    entries: Sequence[Entry], detectors: Sequence[EvaluatedDetector], threads: int = 0
+) -> list[_Analysed]:
+    """Run detectors over the clips of one video, which is decoded once for each working height.
 
     A clip that cannot be used is a fault, not an error. With 0 `threads` the decoder
     chooses their number.
     """
     outputs: dict[str, Output] = {}
-    faults: list[str] = []
     try:
         for height in dict.fromkeys(each.height for each in detectors):
             same = [each for each in detectors if each.height == height]
-            with _opened(entry.path, height, threads) as video:
+            with _opened(entries[0].path, height, threads) as video:
                 times, found = outputs_of(video, same)
                 outputs.update(found)
                 complete, facts = video.decode.complete, video.facts
-        ordered = {each.name: outputs[each.name] for each in detectors}
-        clip = Clip(entry.label, times, facts.width, facts.height, ordered)
-        _check(clip)
-    except (SourceError, StimulusError, RowError) as error:
-        return _Analysed(None, [str(error)])
+    except (SourceError, StimulusError) as error:
+        return [_Analysed(None, [str(error)]) for _ in entries]
     except DetectorError as error:  # which knows of no file
-        return _Analysed(None, [f"{entry.label.name}: {error}"])
-    if not complete:
-        faults.append(f"{entry.label.name}: is damaged or cut; what could be decoded is used")
-    faults += _boxes_beyond(entry.label, len(clip))
-    return _Analysed(clip, faults)
+        return [_Analysed(None, [f"{entry.label.name}: {error}"]) for entry in entries]
+    ordered = {each.name: outputs[each.name] for each in detectors}
+    analysed = []
+    for entry in entries:
+        clip = Clip(entry.label, times, facts.width, facts.height, ordered)
+        name = entry.label.name
+        damage = [] if complete else [f"{name}: is damaged or cut; what could be decoded is used"]
+        try:
+            _check(clip)
+        except RowError as error:
+            analysed.append(_Analysed(None, [str(error)]))
+        else:
+            beyond = _boxes_beyond(entry.label, len(clip))
+            analysed.append(_Analysed(clip, [*damage, *beyond]))
+    return analysed
 
 
 def _opened(

@@ -428,7 +428,7 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
     entries: list[Entry] = []
     faults = []
     sources: list[Protocol | Path] = [*protocols, *videos]
-    for source in sources:
+    for video, source in enumerate(sources):
         name = source.name
         try:
             if isinstance(source, Path):
@@ -438,20 +438,22 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
         except StimulusError as problem:
             faults.append(f"{name}: {problem}")
             continue
-        for label in _labels_of(name, truth):
+        for label in _labels_of(name, truth, video):
             entries.append(Entry(len(entries) + 1, source, label))
     return Manifest(Path("stimuli"), entries, faults, len(entries) + len(faults))
 
 
-def _labels_of(name: str, truth: Table) -> list[Label]:
-    """Return the labels of a clip, one for each approach: it lasts while an object looms.
+def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
+    """Return the labels of a video, one for each approach: it lasts while an object looms.
 
     Parameters
     ----------
     name : str
-        Of the clip.
+        Of the video.
     truth : dict
-        Ground truth of the clip.
+        Ground truth of the video.
+    video : int
+        Number of the video.
     """
     looming = [frame["frame"] for frame in truth["frames"] if frame["looming"]]
     onsets = [frame for frame in looming if frame - 1 not in looming]
@@ -489,6 +491,7 @@ def _labels_of(name: str, truth: Table) -> list[Label]:
                 conditions,
                 tuple(sorted(times)),
                 since=onset if number > 1 else 0,
+                video=video if len(onsets) > 1 else None,
             )
         )
     return labels

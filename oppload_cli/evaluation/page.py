@@ -65,7 +65,7 @@ CONDITIONS = {
     "an approach. It is chosen on the clips on which it is judged, so that its results are better "
     "than on new clips; in each draw of the bootstrap it is chosen again.",
     "held out at 0.5, 1, 2 per minute": "The threshold for each clip is chosen on all "
-    "other clips (leave one out): the figures to expect on a new clip.",
+    "clips of other videos (leave one out): the figures to expect on a new video.",
     "alarm as shipped": "The detector's own causal alarm, as `oppload run` has it; nothing is "
     "chosen on these clips.",
 }
@@ -175,8 +175,9 @@ MEASURES = {
 }
 INTERVALS = (
     "The clips are drawn with replacement, as many with and without an approach as there are "
-    "(`--draws`, 1000 by default, from a fixed seed); 95 % of the draws give a value in the "
-    "interval. It says how far a figure depends on the choice of clips of these kinds, and nothing "
+    "(`--draws`, 1000 by default, from a fixed seed), and several approaches in one video "
+    "together; 95 % of the draws give a value in the interval. It says how far a figure depends on "
+    "the choice of clips of these kinds, and nothing "
     "about other kinds. Where the draws do not differ, as of clips that all agree, the interval is "
     "the exact one: that of Clopper and Pearson for shares, and that of a Poisson process for "
     "rates; without a false alarm in T minutes the upper bound is 3 / T (the rule of three): a "

@@ -96,6 +96,7 @@ def test_approaches_one_after_the_other_are_measured_each(tmp_path: Path) -> Non
     spans = [(label.onset, label.contact) for label in labels]
     assert spans == [(30 + 15 * i, 39 + 15 * i) for i in range(4)]
     assert [label.since for label in labels] == [0, 45, 60, 75]
+    assert [label.video for label in labels] == [0, 0, 0, 0]
     # Alarms before and in the first, in the gap before the third, and in it; 96 frames.
     shipped = outcomes_of(labels, [10, 35, 40, 58, 66, 95])
     assert list(shipped.detected) == [1, 0, 1, 0]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from oppload_cli.evaluation.metrics.clips import videos_of
 from oppload_cli.evaluation.metrics.intervals import (
     Estimate,
     Measurement,
@@ -152,11 +153,12 @@ class Thresholds:
         return float(self.levels[int(over.argmax()) - 1 if over.any() else -1])
 
     def held_out(self, rate: float) -> Numbers:
-        """Return a threshold for each clip that keeps to a rate in all other clips.
+        """Return a threshold for each clip that keeps to a rate in the clips of all other videos.
 
-        NaN if the other clips hold no footage without an approach.
+        NaN if these clips hold no footage without an approach.
         """
-        others = 1 - np.eye(len(self.minutes), dtype=np.int64)
+        videos = videos_of(self.clips)
+        others = (videos[:, None] != videos).astype(np.int64)
         return np.array([self.lowest(each, rate) for each in others])
 
     def false_alarms(self, level: float) -> Numbers:
@@ -273,7 +275,7 @@ def at_rate(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
 
 
 def held_out(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
-    """Decide in each clip by the threshold that keeps to a rate in all other clips."""
+    """Decide in each clip by the threshold that keeps to a rate in all other videos."""
     clips, detector = thresholds.clips, thresholds.detector
     chosen = thresholds.held_out(rate)
     above = [

@@ -52,8 +52,10 @@ class Label:
         True times of contact of the approaching objects in seconds, rising, where they are known;
         else the contact is at the time of the frame `contact`. An object may stop growing before.
     since : int
-        First frame that counts: where a clip shows several approaches, one after the other, each
-        has a label of its own, and only the frames before the first onset are footage without one.
+        First frame that counts: where a video shows several approaches, one after the other, each
+        is a clip of its own, and only the frames before the first onset are footage without one.
+    video : int or None
+        A number that all clips of one video share; None for the only one.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Label:
     conditions: dict[str, str] = field(default_factory=dict)
     contact_times: tuple[float, ...] = ()
     since: int = 0
+    video: int | None = None
 
     @property
     def looming(self) -> bool:
@@ -248,6 +251,14 @@ class Clip:
         if self.seconds(start, stop) < LEAST_S - EPSILON_S:
             return None
         return Window(start, stop)
+
+
+def videos_of(clips: Sequence[Clip]) -> NDArray[np.int64]:
+    """Return the number of each clip's video: clips of one video are no independent examples."""
+    shared = [clip.label.video for clip in clips]
+    alone = max((each for each in shared if each is not None), default=-1) + 1
+    numbers = [alone + at if each is None else each for at, each in enumerate(shared)]
+    return np.array(numbers, np.int64)
 
 
 def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Numbers]:

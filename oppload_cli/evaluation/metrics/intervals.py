@@ -53,8 +53,14 @@ class Estimate(NamedTuple):
     high: float
 
 
-def draws_of(looming: Sequence[bool], count: int = DRAWS, seed: int = SEED) -> Weights:
-    """Draw clips with replacement; the numbers with and without an approach stay the same.
+def draws_of(
+    looming: Sequence[bool],
+    count: int = DRAWS,
+    seed: int = SEED,
+    *,
+    videos: Sequence[int] | NDArray[np.int64] | None = None,
+) -> Weights:
+    """Draw videos with replacement; the numbers with and without an approach stay the same.
 
     Parameters
     ----------
@@ -64,6 +70,9 @@ def draws_of(looming: Sequence[bool], count: int = DRAWS, seed: int = SEED) -> W
         Number of draws.
     seed : int
         Of the random numbers.
+    videos : sequence of int, optional
+        The number of each clip's video; each clip has one of its own if left out. Clips of one
+        video are drawn together.
 
     Returns
     -------
@@ -71,12 +80,14 @@ def draws_of(looming: Sequence[bool], count: int = DRAWS, seed: int = SEED) -> W
         How often each clip is in each draw.
     """
     random = np.random.default_rng(seed)
+    numbers = np.arange(len(looming)) if videos is None else np.asarray(videos)
     weights = np.zeros((count, len(looming)), np.int64)
     for kind in (True, False):
         members = np.flatnonzero(np.array(looming, bool) == kind)
-        if len(members):
-            shares = np.full(len(members), 1 / len(members))
-            weights[:, members] = random.multinomial(len(members), shares, count)
+        drawn, which = np.unique(numbers[members], return_inverse=True)
+        if len(drawn):
+            shares = np.full(len(drawn), 1 / len(drawn))
+            weights[:, members] = random.multinomial(len(drawn), shares, count)[:, which]
     return weights
 
 

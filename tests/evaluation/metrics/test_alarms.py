@@ -125,6 +125,12 @@ def test_figures_at_a_rate() -> None:
     assert (rate.low, rate.high) == (0, 1)
 
 
+def test_held_out_thresholds_come_from_other_videos() -> None:
+    shared = [replace(seen, label=replace(seen.label, video=0)) for seen in CLIPS[:2]]
+    # In half a minute each, LOOM and LATE have one alarm above 0 before onset.
+    assert Thresholds([*shared, *CLIPS[2:]], NAME).held_out(1.0).tolist() == [0, 0, 3, 3]
+
+
 def test_held_out_thresholds_come_from_the_other_clips() -> None:
     thresholds = Thresholds(CLIPS, NAME)
     # At most two alarms in the two minutes without CALM, which are 4 and 2.5.

@@ -35,6 +35,14 @@ def test_draws_keep_the_number_of_clips_of_each_kind() -> None:
     assert np.array_equal(draws, draws_of(looming, 300))
 
 
+def test_clips_of_one_video_are_drawn_together() -> None:
+    draws = draws_of([True, False, True, True, False], 300, videos=[7, 1, 7, 4, 2])
+    assert np.array_equal(draws[:, 0], draws[:, 2])
+    assert set(draws[:, [0, 3]].sum(axis=1)) == {2}
+    assert set(draws[:, [1, 4]].sum(axis=1)) == {2}
+    assert draws.mean(axis=0) == pytest.approx(np.ones(5), abs=0.15)
+
+
 def test_an_interval_is_that_of_the_draws() -> None:
     values = np.repeat([0.0, 1.0], [6, 4])
     found = estimate(lambda weights: weighted_mean(values, weights), draws_of([True] * 10, 4000))
