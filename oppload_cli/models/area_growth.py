@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import cv2
 
-from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.detector import Detector, Response, details_of, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import Parameters, parameter
@@ -36,11 +36,11 @@ class AreaGrowthParams(Parameters):
 class AreaGrowthResponse(Response):
     """The answer of area growth, with its inner values."""
 
-    area: int = 0
-    size: float = 0.0
-    dsize: float = 0.0
-    growth: float = 0.0
-    frame_diff: float = 0.0
+    area: int = inner(0, "px", "count of the pixels that differ from frame 0")
+    size: float = inner(0.0, "px", "square root of the area")
+    dsize: float = inner(0.0, "px/frame", "growth of the size over 3 frames")
+    growth: float = inner(0.0, "1/frame", "growth of the size over the size")
+    frame_diff: float = inner(0.0, "0 to 1", "mean absolute difference from the frame before")
 
 
 class AreaGrowth(Detector):
@@ -59,13 +59,7 @@ class AreaGrowth(Detector):
     meaning = "relative growth of the area that differs from the first frame"
     unit = "1/frame"
     response_column = "1/frame", "growth of the size over the size, at least 0"
-    details = (
-        Column("area", "px", "count of the pixels that differ from frame 0"),
-        Column("size", "px", "square root of the area"),
-        Column("dsize", "px/frame", "growth of the size over 3 frames"),
-        Column("growth", "1/frame", "growth of the size over the size"),
-        Column("frame_diff", "0 to 1", "mean absolute difference from the frame before"),
-    )
+    details = details_of(AreaGrowthResponse)
     answers = AreaGrowthResponse
     parameters = AreaGrowthParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 0.1}

@@ -7,8 +7,8 @@ and colour. One line in :mod:`oppload_cli.models.registry` makes it known everyw
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.layers import Layers
@@ -97,6 +97,24 @@ class Response:
     box: Box | None = None
 
 
+def inner(default: float, unit: str, meaning: str) -> Any:
+    """Declare an inner value of an answer: a field with its default, and a column.
+
+    Parameters
+    ----------
+    default : float
+        Its value at rest.
+    unit, meaning : str
+        As those of a :class:`Column`.
+    """
+    return field(default=default, metadata={"unit": unit, "meaning": meaning})
+
+
+def details_of(answers: type[Response]) -> tuple[Column, ...]:
+    """Return the columns of the inner values of some answers, for `Detector.details`."""
+    return tuple(Column(each.name, **each.metadata) for each in fields(answers) if each.metadata)
+
+
 class UnitMaps(NamedTuple):
     """The responses of a detector's units to the latest frame; the next frame overwrites them.
 
@@ -163,7 +181,7 @@ class Detector(ABC):
         The detector's own columns; each is a field of `answers`, with a default.
     details : tuple of Column
         Further columns of its own, which stand in the table with ``--columns all`` only: the
-        inner values that its authors publish. Each is a field of `answers`, with a default.
+        inner values that its authors publish. :func:`details_of` reads them from `answers`.
     answers : type of Response
         The class of its answers.
     parameters : type of Parameters

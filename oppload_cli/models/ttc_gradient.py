@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Column, Detector, Response
+from oppload_cli.models.detector import Box, Detector, Response, details_of, inner
 from oppload_cli.models.dpc import check_frame
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import Parameters, parameter
@@ -47,15 +47,17 @@ class TtcGradientParams(Parameters):
 class TtcGradientResponse(Response):
     """The answer of time to contact, with its inner values."""
 
-    a: float = 0.0
-    b: float = 0.0
-    c: float = 0.0
-    r2: float = 0.0
-    best_score: float = 0.0
-    best_x: int = 0
-    best_y: int = 0
-    best_c: float = 0.0
-    best_r2: float = 0.0
+    a: float = inner(0.0, "px/frame", "horizontal motion at the centre of the frame")
+    b: float = inner(0.0, "px/frame", "vertical motion at the centre of the frame")
+    c: float = inner(0.0, "1/frame", "expansion of the complete frame; 1/c is the time to contact")
+    r2: float = inner(0.0, "0 to 1", "share of the change that this motion explains")
+    best_score: float = inner(0.0, "1/frame", "max(c, 0) r2 of the best window")
+    best_x: int = inner(0, "px", "column of the centre of the best window")
+    best_y: int = inner(0, "px", "row of the centre of the best window")
+    best_c: float = inner(0.0, "1/frame", "expansion of the best window")
+    best_r2: float = inner(
+        0.0, "0 to 1", "share of the change in the best window that its motion explains"
+    )
 
 
 class TtcGradient(Detector):
@@ -76,19 +78,7 @@ class TtcGradient(Detector):
     meaning = "time to contact from brightness gradients: largest expansion of a window"
     unit = "1/frame"
     response_column = "1/frame", "expansion of the best window, weighted with its r2"
-    details = (
-        Column("a", "px/frame", "horizontal motion at the centre of the frame"),
-        Column("b", "px/frame", "vertical motion at the centre of the frame"),
-        Column("c", "1/frame", "expansion of the complete frame; 1/c is the time to contact"),
-        Column("r2", "0 to 1", "share of the change that this motion explains"),
-        Column("best_score", "1/frame", "max(c, 0) r2 of the best window"),
-        Column("best_x", "px", "column of the centre of the best window"),
-        Column("best_y", "px", "row of the centre of the best window"),
-        Column("best_c", "1/frame", "expansion of the best window"),
-        Column(
-            "best_r2", "0 to 1", "share of the change in the best window that its motion explains"
-        ),
-    )
+    details = details_of(TtcGradientResponse)
     answers = TtcGradientResponse
     parameters = TtcGradientParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 0.1}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     DECAY,
@@ -42,7 +42,7 @@ class CiLmdParams(Parameters):
 class CiLmdResponse(Response):
     """The answer of ci_lmd, with the value that its authors publish."""
 
-    ci_lmd: float = 0.5
+    ci_lmd: float = inner(0.5, "0.5 to 1", "sigmoid of the sum of G over 0.9 of the pixels")
 
 
 class CiLmd(ChangeDetector):
@@ -63,7 +63,7 @@ class CiLmd(ChangeDetector):
     meaning = "cross-inhibition of ON and OFF after a difference of Gaussians"
     unit = "grey levels"
     response_column = "grey levels", "sum of G over the number of pixels"
-    details = (Column("ci_lmd", "0.5 to 1", "sigmoid of the sum of G over 0.9 of the pixels"),)
+    details = details_of(CiLmdResponse)
     answers = CiLmdResponse
     parameters = CiLmdParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 9.0}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Column, Response
+from oppload_cli.models.detector import Box, Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import ChangeDetector
 from oppload_cli.schema import Parameters, parameter
@@ -48,19 +48,19 @@ class EmdLplc2GfParams(Parameters):
 
 @dataclass(frozen=True)
 class EmdLplc2GfResponse(Response):
-    """The answer of EMD-LPLC2-GF to one frame; see `EmdLplc2Gf.details`."""
+    """The answer of EMD-LPLC2-GF to one frame, with its inner values."""
 
-    active: int = 0
-    lplc2_sum: float = 0.0
-    lplc2_max: float = 0.0
-    max_x: int = -1
-    max_y: int = -1
-    lplc2_centre: float = 0.0
-    motion_abs: float = 0.0
-    current: float = 0.0
-    spikes: int = 0
-    v_end: float = _REST_MV
-    collision: int = 0
+    active: int = inner(0, "", "units above 0")
+    lplc2_sum: float = inner(0.0, "", "sum of all units")
+    lplc2_max: float = inner(0.0, "", "largest unit")
+    max_x: int = inner(-1, "px", "column of the largest unit at the reduced size; -1: none")
+    max_y: int = inner(-1, "px", "row of the largest unit at the reduced size; -1: none")
+    lplc2_centre: float = inner(0.0, "", "the unit in the middle")
+    motion_abs: float = inner(0.0, "", "sum of the absolute horizontal and vertical motion")
+    current: float = inner(0.0, "", "input of the giant fibre")
+    spikes: int = inner(0, "", "spikes of the giant fibre in this frame")
+    v_end: float = inner(_REST_MV, "mV", "voltage of the giant fibre at the end of the frame")
+    collision: int = inner(0, "", "1 from the first spike on")
 
 
 def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Plane) -> None:
@@ -157,19 +157,7 @@ class EmdLplc2Gf(ChangeDetector):
     meaning = "EMD array, LPLC2 units with four arms, spiking giant fibre (Zhao et al. 2023)"
     unit = "giant fibre input"
     response_column = "", "input of the giant fibre, where it is above 0"
-    details = (
-        Column("active", "", "units above 0"),
-        Column("lplc2_sum", "", "sum of all units"),
-        Column("lplc2_max", "", "largest unit"),
-        Column("max_x", "px", "column of the largest unit at the reduced size; -1: none"),
-        Column("max_y", "px", "row of the largest unit at the reduced size; -1: none"),
-        Column("lplc2_centre", "", "the unit in the middle"),
-        Column("motion_abs", "", "sum of the absolute horizontal and vertical motion"),
-        Column("current", "", "input of the giant fibre"),
-        Column("spikes", "", "spikes of the giant fibre in this frame"),
-        Column("v_end", "mV", "voltage of the giant fibre at the end of the frame"),
-        Column("collision", "", "1 from the first spike on"),
-    )
+    details = details_of(EmdLplc2GfResponse)
     year = 2023
     reference = "Zhao J. et al. 2023, iScience"
     answers_to = (

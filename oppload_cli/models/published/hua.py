@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.detector import Detector, Response, details_of, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
 
 _LOW_PASS_MS = 30.0
-_QUADRANTS = "right_down", "left_down", "left_up", "right_up"
 _EXPONENTS = 0.9, 0.5  # of T4 (ON) and T5 (OFF)
 _RIGHT, _LEFT, _DOWN, _UP = range(4)
 _FIRST_FRAME = 2  # the authors' code skips the difference of the first two frames
@@ -262,13 +261,13 @@ class HuaLiteralParams(HuaFixedParams):
 
 @dataclass(frozen=True)
 class HuaResponse(Response):
-    """The answer of the network to one frame; see `HuaFixed.details`."""
+    """The answer of the network to one frame, with its inner values."""
 
-    q_right_down: float = 0.0
-    q_left_down: float = 0.0
-    q_left_up: float = 0.0
-    q_right_up: float = 0.0
-    product: float = 0.0
+    q_right_down: float = inner(0.0, "", "quadrant right down")
+    q_left_down: float = inner(0.0, "", "quadrant left down")
+    q_left_up: float = inner(0.0, "", "quadrant left up")
+    q_right_up: float = inner(0.0, "", "quadrant right up")
+    product: float = inner(0.0, "", "product of the four quadrants, each at least 0")
 
 
 class HuaFixed(Detector):
@@ -286,10 +285,7 @@ class HuaFixed(Detector):
     colour = "#B4182A"
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), corrected"
     response_column = "", "geometric mean of the four quadrants, each at least 0"
-    details = (
-        *(Column(f"q_{each}", "", f"quadrant {each.replace('_', ' ')}") for each in _QUADRANTS),
-        Column("product", "", "product of the four quadrants, each at least 0"),
-    )
+    details = details_of(HuaResponse)
     year: ClassVar[int | None] = 2022
     reference = "after Hua et al. 2022"
     answers_to = "motion out of the middle of the frame on all four sides"
@@ -326,13 +322,11 @@ class HuaFixed(Detector):
             return None
         self._sums = self._quadrants()
         product = float(np.prod(np.maximum(self._sums, 0)))
-        named = {
-            f"q_{name}": float(each) for name, each in zip(_QUADRANTS, self._sums, strict=True)
-        }
-        return HuaResponse(product**0.25, None, product=product, **named)
+        inner_values = *self._sums.tolist(), product
+        return HuaResponse(product**0.25, None, *inner_values)
 
     def _quadrants(self) -> Any:
-        """Return the sums of the outward motion over the quadrants of `_QUADRANTS`."""
+        """Return the sums of the outward motion over the quadrants, in the order of the answer."""
         across, down = self._motion.layer.sums
         below, above = self.way_below, 1 - self.way_below
         return np.array(

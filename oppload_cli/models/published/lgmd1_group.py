@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     ZERO,
@@ -57,11 +57,11 @@ class Lgmd1GroupPaperParams(Lgmd1GroupParams):
 class Lgmd1GroupResponse(Response):
     """The answer of lgmd1_group, with its inner values."""
 
-    k: float = 0.0
-    sum_abs_g: float = 0.0
-    omega: float = 0.0
-    sum_abs_s: float = 0.0
-    sum_abs_p: float = 0.0
+    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G over the number of pixels")
+    sum_abs_g: float = inner(0.0, "grey levels", "K, the sum of G")
+    omega: float = inner(0.0, "grey levels", "w, the scale of grouping")
+    sum_abs_s: float = inner(0.0, "grey levels", "sum of the absolute S")
+    sum_abs_p: float = inner(0.0, "grey levels", "sum of the absolute Q")
 
 
 class Lgmd1Group(ChangeDetector):
@@ -82,13 +82,7 @@ class Lgmd1Group(ChangeDetector):
     meaning = "LGMD1 with persistence and grouping"
     unit = "grey levels"
     response_column = "grey levels", "K, the sum of G, over the number of pixels"
-    details = (
-        Column("k", "0 to 1", "sigmoid of the sum of G over the number of pixels"),
-        Column("sum_abs_g", "grey levels", "K, the sum of G"),
-        Column("omega", "grey levels", "w, the scale of grouping"),
-        Column("sum_abs_s", "grey levels", "sum of the absolute S"),
-        Column("sum_abs_p", "grey levels", "sum of the absolute Q"),
-    )
+    details = details_of(Lgmd1GroupResponse)
     answers = Lgmd1GroupResponse
     parameters = Lgmd1GroupParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 200.0}

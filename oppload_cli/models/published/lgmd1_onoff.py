@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Column, Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     Adaptation,
@@ -51,12 +51,12 @@ class Lgmd1OnoffParams(Parameters):
 class Lgmd1OnoffResponse(Response):
     """The answer of lgmd1_onoff, with its inner values; `collision` stays once it is 1."""
 
-    mp: float = 0.0
-    smp: float = 0.5
-    sfa: float = 0.5
-    ffi: float = 0.0
-    spike: int = 0
-    nsp: int = 0
+    mp: float = inner(0.0, "grey levels", "membrane potential")
+    smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
+    sfa: float = inner(0.5, "0.5 to 1", "the sigmoid after spike-frequency adaptation")
+    ffi: float = inner(0.0, "grey levels", "feed-forward inhibition: low-passed mean change")
+    spike: int = inner(0, "", "spikes of the frame")
+    nsp: int = inner(0, "", "spikes without a pause")
     collision: int = 0
 
 
@@ -81,14 +81,7 @@ class Lgmd1Onoff(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike without a pause on"),)
-    details = (
-        Column("mp", "grey levels", "membrane potential"),
-        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
-        Column("sfa", "0.5 to 1", "the sigmoid after spike-frequency adaptation"),
-        Column("ffi", "grey levels", "feed-forward inhibition: low-passed mean change"),
-        Column("spike", "", "spikes of the frame"),
-        Column("nsp", "", "spikes without a pause"),
-    )
+    details = details_of(Lgmd1OnoffResponse)
     answers = Lgmd1OnoffResponse
     parameters = Lgmd1OnoffParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 5.7}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Column, Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     ChangeDetector,
@@ -56,11 +56,13 @@ class Lgmd1SinglePaperParams(Lgmd1SingleParams):
 class Lgmd1SingleResponse(Response):
     """The answer of lgmd1_single, with its inner values; `collision` stays once it is 1."""
 
-    mp: float = 0.0
-    smp: float = 0.5
-    ffi: float = 0.0
-    spike: int = 0
-    nsp: int = 0
+    mp: float = inner(0.0, "grey levels", "membrane potential, the sum of s")
+    smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
+    ffi: float = inner(
+        0.0, "grey levels", "feed-forward inhibition: mean change of the frame before"
+    )
+    spike: int = inner(0, "0 or 1", "whether the frame has a spike")
+    nsp: int = inner(0, "", "spikes in a row")
     collision: int = 0
 
 
@@ -84,13 +86,7 @@ class Lgmd1Single(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike in a row on"),)
-    details = (
-        Column("mp", "grey levels", "membrane potential, the sum of s"),
-        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
-        Column("ffi", "grey levels", "feed-forward inhibition: mean change of the frame before"),
-        Column("spike", "0 or 1", "whether the frame has a spike"),
-        Column("nsp", "", "spikes in a row"),
-    )
+    details = details_of(Lgmd1SingleResponse)
     answers = Lgmd1SingleResponse
     parameters = Lgmd1SingleParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 2.7}

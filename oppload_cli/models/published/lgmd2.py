@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Column, Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     EDGE,
@@ -50,14 +50,14 @@ class Lgmd2Params(Parameters):
 class Lgmd2Response(Response):
     """The answer of lgmd2, with its inner values."""
 
-    mp: float = 0.0
-    smp: float = 0.5
-    sfa: float = 0.5
-    pm: float = 0.0
-    w_on: float = 1.0
-    w_off: float = 0.5
-    spike: int = 0
-    nsp: int = 0
+    mp: float = inner(0.0, "grey levels", "membrane potential, the sum of G")
+    smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
+    sfa: float = inner(0.5, "0.5 to 1", "the sigmoid after spike-frequency adaptation")
+    pm: float = inner(0.0, "grey levels", "photoreceptor mediation: low-passed mean change")
+    w_on: float = inner(1.0, "", "weight of inhibition in ON")
+    w_off: float = inner(0.5, "", "weight of inhibition in OFF")
+    spike: int = inner(0, "", "spikes of the frame")
+    nsp: int = inner(0, "", "spikes without a pause")
     collision: int = 0
 
 
@@ -79,16 +79,7 @@ class Lgmd2(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"
     columns = (Column("collision", "0 or 1", "1 where 8 spikes without a pause have come"),)
-    details = (
-        Column("mp", "grey levels", "membrane potential, the sum of G"),
-        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
-        Column("sfa", "0.5 to 1", "the sigmoid after spike-frequency adaptation"),
-        Column("pm", "grey levels", "photoreceptor mediation: low-passed mean change"),
-        Column("w_on", "", "weight of inhibition in ON"),
-        Column("w_off", "", "weight of inhibition in OFF"),
-        Column("spike", "", "spikes of the frame"),
-        Column("nsp", "", "spikes without a pause"),
-    )
+    details = details_of(Lgmd2Response)
     answers = Lgmd2Response
     parameters = Lgmd2Params
     alarm_floors: ClassVar = {DEFAULT_PRESET: 1.7}

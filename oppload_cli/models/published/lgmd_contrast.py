@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     MIRROR,
@@ -42,12 +42,12 @@ class LgmdContrastParams(Parameters):
 class LgmdContrastResponse(Response):
     """The answer of lgmd_contrast, with its inner values."""
 
-    mp: float = 0.5
-    sum_s: float = 0.0
-    sum_m_on: float = 0.0
-    sum_m_off: float = 0.0
-    sum_c_on: float = 0.0
-    sum_i_off: float = 0.0
+    mp: float = inner(0.5, "0.5 to 1", "sigmoid of the sum of G; 0 for frame 0")
+    sum_s: float = inner(0.0, "", "sum of S")
+    sum_m_on: float = inner(0.0, "", "sum of M of brightening")
+    sum_m_off: float = inner(0.0, "", "sum of M of darkening")
+    sum_c_on: float = inner(0.0, "", "sum of C of brightening")
+    sum_i_off: float = inner(0.0, "", "sum of I of darkening")
 
 
 class LgmdContrast(ChangeDetector):
@@ -67,14 +67,7 @@ class LgmdContrast(ChangeDetector):
     colour = "#989A2B"
     meaning = "LGMD with contrast normalisation: nearly the same response at all contrasts"
     response_column = "", "sum of G over the number of pixels"
-    details = (
-        Column("mp", "0.5 to 1", "sigmoid of the sum of G; 0 for frame 0"),
-        Column("sum_s", "", "sum of S"),
-        Column("sum_m_on", "", "sum of M of brightening"),
-        Column("sum_m_off", "", "sum of M of darkening"),
-        Column("sum_c_on", "", "sum of C of brightening"),
-        Column("sum_i_off", "", "sum of I of darkening"),
-    )
+    details = details_of(LgmdContrastResponse)
     answers = LgmdContrastResponse
     parameters = LgmdContrastParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 0.27}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Column, Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     EDGE,
@@ -56,14 +56,14 @@ class LgmdPlusParams(Parameters):
 class LgmdPlusResponse(Response):
     """The answer of lgmd_plus, with its inner values; `collision` stays once it is 1."""
 
-    mp: float = 0.0
-    smp: float = 0.5
-    sfa: float = 0.5
-    ffi: float = 0.0
-    spike: int = 0
-    spike_rate: float = 0.0
-    bias: float = _LEAST_BIAS
-    tau_g: float = 10.0
+    mp: float = inner(0.0, "grey levels", "membrane potential, the sum of the low-passed G")
+    smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
+    sfa: float = inner(0.5, "0.5 to 1", "the sigmoid after spike-frequency adaptation")
+    ffi: float = inner(0.0, "grey levels", "feed-forward inhibition: low-passed mean change")
+    spike: int = inner(0, "", "spikes of the frame")
+    spike_rate: float = inner(0.0, "Hz", "rate of spikes in the last 10 frames")
+    bias: float = inner(_LEAST_BIAS, "", "weight of inhibition")
+    tau_g: float = inner(10.0, "ms", "time constant of G")
     collision: int = 0
 
 
@@ -86,16 +86,7 @@ class LgmdPlus(ChangeDetector):
     columns = (
         Column("collision", "0 or 1", "1 from the first frame on in which spikes come at 56 Hz"),
     )
-    details = (
-        Column("mp", "grey levels", "membrane potential, the sum of the low-passed G"),
-        Column("smp", "0.5 to 1", "sigmoid of the membrane potential"),
-        Column("sfa", "0.5 to 1", "the sigmoid after spike-frequency adaptation"),
-        Column("ffi", "grey levels", "feed-forward inhibition: low-passed mean change"),
-        Column("spike", "", "spikes of the frame"),
-        Column("spike_rate", "Hz", "rate of spikes in the last 10 frames"),
-        Column("bias", "", "weight of inhibition"),
-        Column("tau_g", "ms", "time constant of G"),
-    )
+    details = details_of(LgmdPlusResponse)
     answers = LgmdPlusResponse
     parameters = LgmdPlusParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 2.1}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Column, Response
+from oppload_cli.models.detector import Box, Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published import parts
 from oppload_cli.models.published.parts import ZERO, ChangeDetector, low_pass_share, spread
@@ -30,12 +30,6 @@ _INHIBITION_WEIGHT, _HALF_COMPRESSED, _NEARLY = 1.2, 0.2, 1 - 1e-15
 _GAIN, _EXPONENTS = 10.0, (0.9, 0.5)  # of T4 (ON) and T5 (OFF)
 _LEAST_MOTION, _LOST_MOTION = 2.0, 1e-20
 _KEPT_ABOVE, _COLLISION = 10_000.0, 1000.0  # of the latest outputs of a field; of its output
-_QUADRANTS = (
-    ("ru", "upper right"),
-    ("lu", "upper left"),
-    ("lb", "lower left"),
-    ("rb", "lower right"),
-)
 _BAND = 5  # px at the frame's edge without motion
 _DELAYS_MS = 80.0, 70.0, 60.0, 50.0, 40.0  # at distances of 1 to 5 px
 _NULL_WEIGHT, _MOTION_MS = 1.5, 30.0  # of motion the other way; low-pass of motion
@@ -161,23 +155,25 @@ class Mlplc2Params(Parameters):
 
 @dataclass(frozen=True)
 class Mlplc2Response(Response):
-    """The answer of mLPLC2 to one frame; see `Mlplc2.details`."""
+    """The answer of mLPLC2 to one frame, with its inner values."""
 
-    max_mag: float = 0.0
-    max_x: int = 0
-    max_y: int = 0
-    sum_lm: float = 0.0
-    n_fields: int = 0
-    field_id: int = 0
-    field_x: int = -1
-    field_y: int = -1
-    q_ru: float = 0.0
-    q_lu: float = 0.0
-    q_lb: float = 0.0
-    q_rb: float = 0.0
-    field_out: float = 0.0
-    best_out: float = 0.0
-    collision: int = 0
+    max_mag: float = inner(0.0, "", "largest motion of a pixel")
+    max_x: int = inner(0, "px", "column of the largest motion, working size")
+    max_y: int = inner(0, "px", "row of the largest motion, working size")
+    sum_lm: float = inner(0.0, "", "sum of the net motion in all directions")
+    n_fields: int = inner(0, "", "fields of attention")
+    field_id: int = inner(0, "", "number of the oldest field; 0: none")
+    field_x: int = inner(
+        -1, "px", "column of the middle of the oldest field, working size; -1: none"
+    )
+    field_y: int = inner(-1, "px", "row of the middle of the oldest field, working size")
+    q_ru: float = inner(0.0, "", "outward motion of the oldest field, upper right")
+    q_lu: float = inner(0.0, "", "outward motion of the oldest field, upper left")
+    q_lb: float = inner(0.0, "", "outward motion of the oldest field, lower left")
+    q_rb: float = inner(0.0, "", "outward motion of the oldest field, lower right")
+    field_out: float = inner(0.0, "", "output of the oldest field")
+    best_out: float = inner(0.0, "", "largest output of a field")
+    collision: int = inner(0, "", "1 where the largest output is at least 1000")
 
 
 class Mlplc2(ChangeDetector):
@@ -191,23 +187,7 @@ class Mlplc2(ChangeDetector):
     colour = "#8D6FB1"
     meaning = "LPLC2 units in fields of attention (Liu and Fu 2025)"
     response_column = "", "largest output of a field of attention"
-    details = (
-        Column("max_mag", "", "largest motion of a pixel"),
-        Column("max_x", "px", "column of the largest motion, working size"),
-        Column("max_y", "px", "row of the largest motion, working size"),
-        Column("sum_lm", "", "sum of the net motion in all directions"),
-        Column("n_fields", "", "fields of attention"),
-        Column("field_id", "", "number of the oldest field; 0: none"),
-        Column("field_x", "px", "column of the middle of the oldest field, working size; -1: none"),
-        Column("field_y", "px", "row of the middle of the oldest field, working size"),
-        *(
-            Column(f"q_{key}", "", f"outward motion of the oldest field, {words}")
-            for key, words in _QUADRANTS
-        ),
-        Column("field_out", "", "output of the oldest field"),
-        Column("best_out", "", "largest output of a field"),
-        Column("collision", "", "1 where the largest output is at least 1000"),
-    )
+    details = details_of(Mlplc2Response)
     year = 2025
     reference = "Liu and Fu 2025"
     answers_to = "motion outward about places of large motion; drifting texture too"

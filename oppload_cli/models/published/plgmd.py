@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response
+from oppload_cli.models.detector import Response, details_of, inner
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     ZERO,
@@ -50,12 +50,12 @@ class PlgmdParams(Parameters):
 class PlgmdResponse(Response):
     """The answer of plgmd, with its inner values."""
 
-    k: float = 0.0
-    sum_abs_g: float = 0.0
-    k_mean: float = 0.0
-    k_sd: float = 0.0
-    sumg_mean: float = 0.0
-    sumg_sd: float = 0.0
+    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G over the number of pixels, first run")
+    sum_abs_g: float = inner(0.0, "grey levels", "sum of G of the first run")
+    k_mean: float = inner(0.0, "0 to 1", "mean of k over the runs")
+    k_sd: float = inner(0.0, "0 to 1", "standard deviation of k over the runs")
+    sumg_mean: float = inner(0.0, "grey levels", "mean of the sum of G over the runs")
+    sumg_sd: float = inner(0.0, "grey levels", "standard deviation of the sum of G over the runs")
 
 
 class Plgmd(ChangeDetector):
@@ -75,14 +75,7 @@ class Plgmd(ChangeDetector):
     meaning = "LGMD1 with grouping and random synapses"
     unit = "grey levels"
     response_column = "grey levels", "mean sum of G over the number of pixels"
-    details = (
-        Column("k", "0 to 1", "sigmoid of the sum of G over the number of pixels, first run"),
-        Column("sum_abs_g", "grey levels", "sum of G of the first run"),
-        Column("k_mean", "0 to 1", "mean of k over the runs"),
-        Column("k_sd", "0 to 1", "standard deviation of k over the runs"),
-        Column("sumg_mean", "grey levels", "mean of the sum of G over the runs"),
-        Column("sumg_sd", "grey levels", "standard deviation of the sum of G over the runs"),
-    )
+    details = details_of(PlgmdResponse)
     answers = PlgmdResponse
     parameters = PlgmdParams
     alarm_floors: ClassVar = {DEFAULT_PRESET: 20.0}

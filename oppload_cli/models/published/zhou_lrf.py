@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import OpploadError, ParameterError
-from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.detector import Detector, Response, details_of, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import EDGE, sigmoid
@@ -52,14 +52,14 @@ class ZhouLrfParams(Parameters):
 
 @dataclass(frozen=True)
 class ZhouLrfResponse(Response):
-    """The answer of the trained receptive field to one frame; see `ZhouLrf.details`."""
+    """The answer of the trained receptive field to one frame, with its inner values."""
 
-    r_max: float = 0.0
-    x: int = 0
-    y: int = 0
-    r_sum: float = 0.0
-    p_hit: float = _AT_REST
-    motion_abs: float = 0.0
+    r_max: float = inner(0.0, "", "largest unit")
+    x: int = inner(0, "px", "middle of the largest unit's field at the working size")
+    y: int = inner(0, "px", "middle of the largest unit's field at the working size")
+    r_sum: float = inner(0.0, "", "sum of all units")
+    p_hit: float = inner(_AT_REST, "", "probability of a hit, 0 to 1")
+    motion_abs: float = inner(0.0, "", "sum of the absolute horizontal and vertical motion")
 
 
 def _weights() -> Plane:
@@ -154,14 +154,7 @@ class ZhouLrf(Detector):
     colour = "#036A28"
     meaning = "LPLC2 units with a trained linear receptive field (after Zhou et al. 2022)"
     response_column = "", "largest unit"
-    details = (
-        Column("r_max", "", "largest unit"),
-        Column("x", "px", "middle of the largest unit's field at the working size"),
-        Column("y", "px", "middle of the largest unit's field at the working size"),
-        Column("r_sum", "", "sum of all units"),
-        Column("p_hit", "", "probability of a hit, 0 to 1"),
-        Column("motion_abs", "", "sum of the absolute horizontal and vertical motion"),
-    )
+    details = details_of(ZhouLrfResponse)
     year = 2022
     reference = "after Zhou et al. 2022, eLife; weights retrained"
     answers_to = "motion outward from a unit's middle, by contrast; not misses, retreats, rotation"
