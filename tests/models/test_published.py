@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.published.parts import total
 from oppload_cli.models.registry import detector_named
 from tests.models import published_reference as literal
 
@@ -113,6 +114,17 @@ def test_a_reset_forgets_everything() -> None:
         first = [model.step(light(each)) for each in frames]
         model.reset()
         assert [model.step(light(each)) for each in frames] == first, name
+
+
+def test_the_sum_of_a_map_does_not_depend_on_its_place_in_memory() -> None:
+    # Values that decay from frame to frame differ much in size: each order has another sum.
+    values = np.asarray(10 ** np.random.default_rng(1).uniform(-8, 3, (120, 213)), np.float32)
+    room = np.empty(values.size + 16, np.float32)
+    sums = set()
+    for start in range(16):
+        room[start:][: values.size] = values.ravel()
+        sums.add(total(room[start:][: values.size].reshape(values.shape)))
+    assert len(sums) == 1
 
 
 def test_the_milliseconds_of_a_frame_are_cut_to_an_integer() -> None:

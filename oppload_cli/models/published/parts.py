@@ -182,8 +182,8 @@ def split(p: Plane, on_before: Plane, off_before: Plane) -> tuple[Plane, Plane]:
 
 
 def total(values: Plane) -> float:
-    """Return the sum of a map."""
-    return float(cv2.sumElems(values)[0])
+    """Return the sum of a map; OpenCV's depends on the place of the map in memory."""
+    return float(values.sum(dtype=np.float64))
 
 
 def grouped(s: Plane, coefficient: float, offset: float, border: int) -> tuple[Plane, float]:
