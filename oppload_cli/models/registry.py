@@ -65,7 +65,7 @@ _detectors: dict[str, type[Detector] | str] = {
     "lgmd1_onoff": "models.published.lgmd1_onoff:Lgmd1Onoff",
     "lgmd2": "models.published.lgmd2:Lgmd2",
     "lgmd_plus": "models.published.lgmd_plus:LgmdPlus",
-    "plgmd": "models.published.plgmd:Plgmd",
+    "plgmd": "models.published.lgmd1_group:Plgmd",
     "lgmd_contrast": "models.published.lgmd_contrast:LgmdContrast",
     "ci_lmd": "models.published.ci_lmd:CiLmd",
     "emd_lplc2_gf": "models.published.emd_lplc2_gf:EmdLplc2Gf",

@@ -80,10 +80,6 @@ class CiLmd(ChangeDetector):
         """Forget all changes."""
         self._on = self._off = self.zeros()
 
-    def first(self) -> CiLmdResponse:
-        """Return the answer to frame 0."""
-        return CiLmdResponse(0.0)
-
     def answer(self, p: Plane) -> CiLmdResponse:
         """Answer to the change of a frame."""
         ask, d = self.params, _difference(p)

@@ -13,7 +13,7 @@ from oppload_cli.models.published.parts import (
     DelayedSpread,
     at_least,
     averaged,
-    low_pass_share,
+    low_passed,
     mean_change,
     sigmoid,
     spikes,
@@ -108,9 +108,7 @@ class Lgmd1Onoff(ChangeDetector):
     def answer(self, p: Plane) -> Lgmd1OnoffResponse:
         """Answer to the change of a frame."""
         self._t += 1
-        share = low_pass_share(self.ti, _TAUS[2])
-        mean = mean_change(p)
-        self._ffi = share * mean + (1 - share) * self._ffi
+        self._ffi = low_passed(mean_change(p), self._ffi, self.ti, _TAUS[2])
         if self._ffi >= self.params.gate:
             mp, smp, sfa = 0.0, 0.5, 0.5
             self._adaptation.potential = self._adaptation.adapted = 0.5

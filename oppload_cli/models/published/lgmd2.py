@@ -16,7 +16,7 @@ from oppload_cli.models.published.parts import (
     ChangeDetector,
     DelayedSpread,
     grouped,
-    low_pass_share,
+    low_passed,
     mean_change,
     positive,
     sigmoid,
@@ -101,9 +101,8 @@ class Lgmd2(ChangeDetector):
 
     def answer(self, p: Plane) -> Lgmd2Response:
         """Answer to the change of a frame."""
-        share, ask = low_pass_share(self.ti, 90), self.params
-        mean = mean_change(p)
-        self._pm = share * mean + (1 - share) * self._pm
+        ask = self.params
+        self._pm = low_passed(mean_change(p), self._pm, self.ti, 90)
         mediated = self._pm / ask.mediation
         w_on, w_off = max(mediated, ask.on_bias), max(mediated, ask.off_bias)
         g, _ = grouped(self._sums(p, w_on, w_off), 4, 0.01, EDGE)

@@ -20,6 +20,7 @@ from oppload_cli.models.published.parts import (
     grouped,
     k3,
     low_pass_share,
+    low_passed,
     mean_change,
     positive,
     sigmoid,
@@ -115,9 +116,7 @@ class LgmdPlus(ChangeDetector):
 
     def answer(self, p: Plane) -> LgmdPlusResponse:
         """Answer to the change of a frame."""
-        share = low_pass_share(self.ti, 10)
-        mean = mean_change(p)
-        self._ffi = share * mean + (1 - share) * self._ffi
+        self._ffi = low_passed(mean_change(p), self._ffi, self.ti, 10)
         rest = 1 - self._ffi / _GATE
         tau_g = 10 * (rest if rest >= 0 else 0.5)
         bias = max(self._ffi / _GATE, _LEAST_BIAS)

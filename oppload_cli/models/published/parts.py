@@ -33,8 +33,7 @@ DECAY = 0.1  # share of ON and OFF that remains in the next frame
 class ChangeDetector(Detector):
     """A detector that works on the signed change of grey levels between two frames.
 
-    A subclass answers to the change (`answer`) and forgets it (`forget`); `first` is its answer
-    to frame 0, None for none.
+    A subclass answers to the change (`answer`) and forgets it (`forget`).
 
     Attributes
     ----------
@@ -70,7 +69,7 @@ class ChangeDetector(Detector):
 
     def first(self) -> Response | None:
         """Return the answer to frame 0."""
-        return None
+        return None if self.warm_up else self.answers(0.0)
 
     def zeros(self) -> Plane:
         """Return a map of zeros."""
@@ -136,6 +135,12 @@ def sigmoid(value: float) -> float:
 def low_pass_share(ti: float, tau: float) -> float:
     """Return ``ti / (ti + tau)``, the share of the latest value in a low-pass."""
     return ti / (ti + tau)
+
+
+def low_passed(now: float, before: float, ti: float, tau: float) -> float:
+    """Return a low-passed value, given the one of the frame before."""
+    share = low_pass_share(ti, tau)
+    return share * now + (1 - share) * before
 
 
 class DelayedSpread:
