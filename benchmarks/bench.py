@@ -206,7 +206,7 @@ def stages(rounds: int) -> Iterator[Measurement]:
 
     parts: list[tuple[str, Callable[[Luma], object]]] = [
         ("P, DPC and MDE", dpc.step),
-        ("OMJ and enhancing", lambda _: judgement.judge(dpc.sums.pathways)),
+        ("OMJ and enhancing", lambda _: judgement.judge(dpc)),
         ("D-LGMD grouping", grouping),
         ("flow and RMO", flow.step),
         ("table row", lambda luma: ",".join(f"{value:.9g}" for value in luma[0, :20].tolist())),

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from oppload_cli.models.flow_divergence import FlowDivergence, FlowDivergenceParams
     from oppload_cli.models.frame_difference import FrameDifference, FrameDifferenceParams
     from oppload_cli.models.layers import Layers
-    from oppload_cli.models.opplod import Opplod, OpplodResponse
-    from oppload_cli.models.opplod_parameters import OpplodParams
+    from oppload_cli.models.opplod import Opplod
+    from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
     from oppload_cli.models.presets import PRESETS
     from oppload_cli.models.registry import (
         DetectorBank,
@@ -119,8 +119,8 @@ _MODULES = {
     "models.layers": ("Layers",),
     "models.flow_divergence": ("FlowDivergence", "FlowDivergenceParams"),
     "models.frame_difference": ("FrameDifference", "FrameDifferenceParams"),
-    "models.opplod": ("Opplod", "OpplodResponse"),
-    "models.opplod_parameters": ("OpplodParams",),
+    "models.opplod": ("Opplod",),
+    "models.opplod_parameters": ("OpplodParams", "OpplodResponse"),
     "models.presets": ("PRESETS",),
     "models.registry": ("DetectorBank", "detectors", "forget", "parameters_of", "register"),
     "motion.rmo": ("RmoMetrics", "RmoParams"),

@@ -21,20 +21,14 @@ from oppload_cli.models.dpc import (
     rectified,
     referred,
 )
-from oppload_cli.models.opposing_motion import (
-    Judgement,
-    emptied,
-    has_history,
-    pool,
-    selected_units,
-    units_at_rest,
-)
+from oppload_cli.models.opplod_parameters import OpplodResponse
+from oppload_cli.models.opposing_motion import CellJudgement, has_history, pool
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from oppload_cli.models.dpc import Kernels, Map
-    from oppload_cli.models.layers import Photoreceptors
+    from oppload_cli.models.layers import Dpc, Photoreceptors
     from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.models.opposing_motion import Maps
 
@@ -152,29 +146,16 @@ def smoothing(elapsed: float, constant: float) -> float:
 # ---- The judgement over one video ----------------------------------------------------------
 
 
-class ArmsJudgement:
+class ArmsJudgement(CellJudgement):
     """Four arms at every cell, summed, enhanced above a threshold, and a calcium signal.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : OpplodParams
-        Resolved parameters.
-    per_second : float
-        Intervals per second.
-
-    Attributes
-    ----------
-    maps : UnitMaps
-        The units at the latest frame; its pathways hold motion in the four directions.
+    The pathways of its units hold motion in the four directions.
     """
 
     def __init__(
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
-        self._params, self._per_second = params, per_second
-        self.maps, self._down, self._across = units_at_rest(shape, params)
+        super().__init__(shape, params, per_second)
         reach = self.maps.field / 2 / params.cell_px
         further = reach * params.suppression_field
         self._excited = [arm_weights(reach, phi, params.arm_cone) for phi in DIRECTIONS]
@@ -182,12 +163,10 @@ class ArmsJudgement:
             arm_weights(further, phi, params.suppression_cone) for phi in DIRECTIONS
         ]
         self._field = field_weights(reach)
-        self._selected = selected_units(self.maps, params.grid(), shape)
-        self.reset()
 
     def reset(self) -> None:
         """Forget the frames that have passed."""
-        self.maps = emptied(self.maps)
+        super().reset()
         self._calcium = np.zeros_like(self.maps.responses)
         nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
         self._now = 0.0  # intervals
@@ -199,29 +178,14 @@ class ArmsJudgement:
         """The largest calcium signal of all units; None where there is none."""
         return float(self._calcium.max()) if self._params.calcium_s else None
 
-    def judge(
-        self, pathways: dict[int, Map], photoreceptors: Photoreceptors, kernels: Kernels
-    ) -> Judgement:
+    def judge(self, dpc: Dpc) -> OpplodResponse:
         """Judge the motion of one frame.
 
-        Parameters
-        ----------
-        pathways : dict of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees; used where the direction is not graded.
-        photoreceptors : Photoreceptors
-            The photoreceptors, which hold the latest frames.
-        kernels : Kernels
-            With the masks of the axes 0 and 90 degrees.
-
-        Returns
-        -------
-        Judgement
-            Of the best unit; its response is ``c2 (R - T_o)^p``, 0 unless R, the sum of its arms,
-            is above T_o.
+        The answer is that of the best unit; its response is ``c2 (R - T_o)^p``, 0 unless R, the sum
+        of its arms, is above T_o.
         """
-        params = self._params
-        everywhere, moving = self.pooled(pathways, photoreceptors, kernels)
-        self.maps = self.maps._replace(pathways=dict(zip(DIRECTIONS, moving, strict=True)))
+        params, photoreceptors = self._params, dpc.photoreceptors
+        everywhere, moving = self.pooled(dpc.sums.pathways, photoreceptors, dpc.kernels)
         amount = _over(everywhere, self._field)
         self._now += photoreceptors.elapsed
         # Suppression goes on from its value an interval ago, so that frames in between change
@@ -243,25 +207,29 @@ class ArmsJudgement:
         total *= self._selected
         above = np.maximum(total - np.float32(params.threshold), 0)
         responses = np.asarray(params.gain * above**params.arm_power, np.float32)
-        self.maps = self.maps._replace(responses=responses)
+        pathways = dict(zip(DIRECTIONS, moving, strict=True))
+        self.maps = self.maps._replace(responses=responses, pathways=pathways)
         if params.calcium_s:
             new = smoothing(photoreceptors.elapsed, params.calcium_s * self._per_second)
             self._calcium += np.float32(new) * (responses - self._calcium)
         row, column = divmod(int(total.argmax()), total.shape[1])
-        return Judgement(
-            float(responses[row, column]),
-            float(total[row, column]),
-            float(self.maps.centres_x[column]),
-            float(self.maps.centres_y[row]),
-            self.calcium,
-        )
+        response = float(responses[row, column])
+        box = self.maps.box(row, column) if response else None
+        return OpplodResponse(response, box, float(total[row, column]), self.calcium)
 
     def pooled(
         self, pathways: dict[int, Map], photoreceptors: Photoreceptors, kernels: Kernels
     ) -> tuple[Map, list[Map]]:
         """Return motion over cells, in units of E: its amount, and its part in each direction.
 
-        Parameters are those of `judge`.
+        Parameters
+        ----------
+        pathways : dict of int to ndarray of float32, shape (height, width)
+            S_phi by direction phi in degrees; used where the direction is not graded.
+        photoreceptors : Photoreceptors
+            The photoreceptors, which hold the latest frames.
+        kernels : Kernels
+            With the masks of the axes 0 and 90 degrees.
 
         Returns
         -------
@@ -276,13 +244,11 @@ class ArmsJudgement:
         else:
             directed = [pathways[phi] for phi in DIRECTIONS]
             parts = [np.maximum.reduce(directed), *directed]
-        unit = np.float32(1 / kernels.excitation.sum())
         pooled = pool(parts, self._down, self._across)
-        amount = pooled[0]
-        factor = np.full_like(amount, unit)
+        amount, unit = pooled[0], kernels.excitation.sum()
+        factor = np.full_like(amount, 1 / unit)
         if photoreceptors.share != 1:
-            e = pool(photoreceptors.maps[:1], self._down, self._across)[0]
-            e *= np.float32(kernels.excitation.sum())
+            e = pool(photoreceptors.maps[:1], self._down, self._across)[0] * np.float32(unit)
             other = referred(amount, e, photoreceptors.share, directional=True)
             factor *= other / np.maximum(amount, np.float32(1e-12))
         if self._params.history:

@@ -149,6 +149,11 @@ class UnitMaps(NamedTuple):
     field: float
     spread: float
 
+    def box(self, row: int, column: int) -> Box:
+        """Return a unit's receptive field; it may reach over the edge of the frame."""
+        x, y = float(self.centres_x[column]), float(self.centres_y[row])
+        return Box(x - self.field / 2, y - self.field / 2, self.field, self.field)
+
 
 class Detector(ABC):
     """A model that answers each frame of one video with a response.

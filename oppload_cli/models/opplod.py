@@ -2,56 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.arms import ArmsJudgement
-from oppload_cli.models.camera import Bars, SteadyLight
-from oppload_cli.models.detector import Box, Column, Detector, Response, UnitMaps
+from oppload_cli.models.camera import NO_BARS, Bars, SteadyLight
+from oppload_cli.models.detector import Column, Detector
 from oppload_cli.models.dpc import smaller
 from oppload_cli.models.layers import MEMORY, Layers
-from oppload_cli.models.opplod_parameters import OpplodParams
+from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
 from oppload_cli.models.presets import DEFAULT_PRESET
 
 if TYPE_CHECKING:
     from typing import Any
 
+    from oppload_cli.models.detector import UnitMaps
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.layers import Dpc, Photoreceptors, _Hold
+    from oppload_cli.models.layers import Dpc, _Hold
     from oppload_cli.models.timebase import Clock
 
 _LONGEST = 4  # intervals over which smaller frames are compared
 _LACKING = 1 / 8  # a step between frames that is shorter by this share still counts as n intervals
 _HELD = 6  # frames for which a size that is no longer wanted goes on
-
-
-@dataclass(frozen=True)
-class OpplodResponse(Response):
-    """The answer of OppLoD to one frame.
-
-    Attributes
-    ----------
-    response : float
-        The enhanced response of the frame, at least 0.
-    box : Box or None
-        Receptive field of the winning unit in working pixels, centred where the object is
-        looming; it may reach over the frame's edge. None where the response is 0.
-    opponency : float
-        R of the winning unit before enhancing, at least 0.
-    calcium : float or None
-        The largest calcium signal of all units, at least 0; None where there is none
-        (``calcium_s`` is 0).
-
-    Examples
-    --------
-    >>> import oppload_cli as oppload
-    >>> oppload.OpplodResponse(0.5, opponency=0.7).opponency
-    0.7
-    """
-
-    opponency: float = 0.0
-    calcium: float | None = None
 
 
 class _SmallerFrames:
@@ -104,26 +76,16 @@ class _SmallerFrames:
             dpc.step(smaller(luma, 2 * n))
         if self._lasts(wanted) or not self._lasts(self._intervals):
             self._intervals = wanted
-        return self.photoreceptors.ready
+        return self.latest[0].ready
 
     def _lasts(self, intervals: int) -> bool:
         dpc = self._dpcs.get(intervals)
         return dpc is not None and dpc.layer.photoreceptors.motion_lasts
 
     @property
-    def reduction(self) -> int:
-        """Side of the working frame over that of the smaller one, at least 2."""
-        return 2 * self._intervals
-
-    @property
-    def photoreceptors(self) -> Photoreceptors:
-        """P of the smaller frames."""
-        return self._dpcs[self._intervals].layer.photoreceptors
-
-    @property
-    def pathways(self) -> dict[int, Map]:
-        """S_phi of the latest smaller frame, by direction phi in degrees."""
-        return self._dpcs[self._intervals].layer.sums.pathways
+    def latest(self) -> tuple[Dpc, int]:
+        """The DPC over the smaller frames, and the side of the working frame over theirs."""
+        return self._dpcs[self._intervals].layer, 2 * self._intervals
 
 
 def _longest_interval(step: float) -> int:
@@ -273,14 +235,9 @@ class Opplod(Detector):
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._dpc.reset()
-        if self._light:
-            self._light.reset()
-        if self._bars:
-            self._bars.reset()
-        if self._smaller:
-            self._smaller.reset()
-        self.judgement.reset()
+        for part in (self._dpc, self._light, self._bars, self._smaller, self.judgement):
+            if part:
+                part.reset()
 
     def at_rest(self) -> OpplodResponse:
         """Return the answer to a frame in which nothing changed: a response of 0.
@@ -297,39 +254,19 @@ class Opplod(Detector):
 
         None until the working frame or the smaller frame was compared over three intervals.
         """
-        luma = self._scene(luma)
+        dpc = self._dpc.layer
+        photoreceptors = dpc.photoreceptors
+        photoreceptors.need(luma)
+        if self._bars:
+            self._bars.step(luma, photoreceptors.usual_step)
+        if self._light:
+            luma = self._light.step(luma, photoreceptors.usual_step)
         ready = self._dpc.step(luma)
         if self._smaller:
-            ready |= self._smaller.step(luma, self._dpc.layer.photoreceptors.usual_step)
+            ready |= self._smaller.step(luma, photoreceptors.usual_step)
         if not ready:
             return None
-        photoreceptors = self._dpc.layer.photoreceptors
-        if isinstance(self.judgement, PixelwiseJudgement):
-            judgement = self.judgement.judge(self.pathways, photoreceptors.share)
-        elif isinstance(self.judgement, ArmsJudgement):
-            judgement = self.judgement.judge(self.pathways, photoreceptors, self._dpc.layer.kernels)
-        else:
-            judgement = self.judgement.judge(
-                self.pathways, photoreceptors, self._in_smaller(self.judgement)
-            )
-        if judgement.response == 0:
-            return OpplodResponse(0.0, None, judgement.opponency, judgement.calcium)
-        field = self.units.field
-        box = Box(judgement.centre_x - field / 2, judgement.centre_y - field / 2, field, field)
-        return OpplodResponse(judgement.response, box, judgement.opponency, judgement.calcium)
-
-    def _scene(self, luma: Map) -> Map:
-        """Return a frame in steady light, and tell the judgement where bars hide the scene."""
-        photoreceptors = self._dpc.layer.photoreceptors
-        photoreceptors.need(luma)
-        if self._bars and isinstance(self.judgement, PooledJudgement):
-            self._bars.step(luma, photoreceptors.usual_step)
-            self.judgement.leave_out(self._bars.widths)
-        return self._light.step(luma, photoreceptors.usual_step) if self._light else luma
-
-    def _in_smaller(self, judgement: PooledJudgement) -> Map | None:
-        """Return R in the frame at half its size; None while its motion is too new to judge."""
-        frames = self._smaller
-        if not frames or not judgement.answers_to(frames.photoreceptors):
-            return None
-        return judgement.opponency(frames.pathways, frames.photoreceptors, frames.reduction)
+        if not isinstance(self.judgement, PooledJudgement):
+            return self.judgement.judge(dpc)
+        smaller = self._smaller.latest if self._smaller else None
+        return self.judgement.judge(dpc, smaller, self._bars.widths if self._bars else NO_BARS)

@@ -1,4 +1,4 @@
-"""The parameters of OppLoD (``docs/model.md``, sections 4 and 5)."""
+"""The parameters of OppLoD (``docs/model.md``, sections 4 and 5), and its answer."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from oppload_cli.errors import ParameterError
+from oppload_cli.models.detector import Response
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.schema import parameter
 
@@ -313,3 +314,31 @@ class OpplodParams(_ArmParams):
             return None
         columns, rows = self.units.split("x")
         return int(columns), int(rows)
+
+
+@dataclass(frozen=True)
+class OpplodResponse(Response):
+    """The answer of OppLoD to one frame.
+
+    Attributes
+    ----------
+    response : float
+        The enhanced response of the frame, at least 0.
+    box : Box or None
+        Receptive field of the winning unit in working pixels, centred where the object is
+        looming; it may reach over the frame's edge. None where the response is 0.
+    opponency : float
+        R of the winning unit before enhancing, at least 0.
+    calcium : float or None
+        The largest calcium signal of all units, at least 0; None where there is none
+        (``calcium_s`` is 0).
+
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.OpplodResponse(0.5, opponency=0.7).opponency
+    0.7
+    """
+
+    opponency: float = 0.0
+    calcium: float | None = None

@@ -8,7 +8,7 @@ to the letter instead.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -16,7 +16,8 @@ import numpy as np
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.camera import NO_BARS, Widths, leave_out_entering
 from oppload_cli.models.detector import UnitMaps
-from oppload_cli.models.dpc import Kernels, referred
+from oppload_cli.models.dpc import referred
+from oppload_cli.models.opplod_parameters import OpplodResponse
 from oppload_cli.models.timebase import Background
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.layers import Photoreceptors
+    from oppload_cli.models.layers import Dpc, Photoreceptors
     from oppload_cli.models.opplod_parameters import OpplodParams
 
     Floats = NDArray[np.float64]
@@ -35,28 +36,6 @@ if TYPE_CHECKING:
 _BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
 _MOST_ELAPSED = 1.3  # intervals that one picture counts at most: at 24 frames/s, 1.25 in full
 _POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
-
-
-class Judgement(NamedTuple):
-    """The winning unit of one frame.
-
-    Attributes
-    ----------
-    response : float
-        The enhanced response of the frame, at least 0.
-    opponency : float
-        R of the winning unit before enhancing, at least 0.
-    centre_x, centre_y : float
-        Centre of the winning unit in working pixels (pixel i covers [i, i + 1)).
-    calcium : float or None
-        The largest calcium signal of all units; None where there is none.
-    """
-
-    response: float
-    opponency: float
-    centre_x: float
-    centre_y: float
-    calcium: float | None = None
 
 
 # ---- The equations -------------------------------------------------------------------------
@@ -278,58 +257,8 @@ def selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[in
 # ---- The judgement over one video ----------------------------------------------------------
 
 
-def units_at_rest(shape: tuple[int, int], params: OpplodParams) -> tuple[UnitMaps, Map, Map]:
-    """Return the units before the first frame, and how S is pooled at them.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : OpplodParams
-        Resolved parameters.
-
-    Returns
-    -------
-    maps : UnitMaps
-        A unit at every cell, with responses of 0.
-    down, across : ndarray of float32, shapes (rows, height) and (columns, width)
-        The weights of :func:`pool`.
-    """
-    cell, field = params.cell_px, params.field_px
-    columns, rows = params.grid() or (None, None)
-    centres_y, centres_x = (
-        cell_centres(length, cell, units)
-        for length, units in zip(shape, (rows, columns), strict=True)
-    )
-    none = np.zeros((len(centres_y), len(centres_x)), np.float32)
-    maps = UnitMaps(none, {}, centres_y, centres_x, float(field), params.pool_sigma * cell)
-    down, across = _pooling(maps, shape, params)
-    return maps, down, across
-
-
-def emptied(maps: UnitMaps) -> UnitMaps:
-    """Return units as they are before the first frame."""
-    return maps._replace(responses=np.zeros_like(maps.responses), pathways={})
-
-
-def _pooling(
-    maps: UnitMaps,
-    shape: tuple[int, ...],
-    params: OpplodParams,
-    reduction: int = 1,
-    bars: Widths = NO_BARS,
-) -> list[Map]:
-    """Return the weights, down and across, that pool maps smaller than the frame by a reduction."""
-    sigma = params.pool_sigma * params.cell_px / reduction
-    left, right, top, bottom = ((params.border + bar) // reduction for bar in bars)
-    return [
-        pooling_weights(shape[0], maps.centres_y / reduction, sigma, (top, bottom)),
-        pooling_weights(shape[1], maps.centres_x / reduction, sigma, (left, right)),
-    ]
-
-
-class PooledJudgement:
-    """OMJ at every cell: pool, outward minus inward, enhance the best unit.
+class CellJudgement:
+    """Units at the cells of the frame, for the judgements that pool motion over cells.
 
     Parameters
     ----------
@@ -343,33 +272,64 @@ class PooledJudgement:
     Attributes
     ----------
     maps : UnitMaps
-        The units at the latest frame.
+        The units at the latest frame, one at every cell.
     """
 
     def __init__(
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
         self._params, self._per_second = params, per_second
-        maps, *pooling = units_at_rest(shape, params)
-        self._bars = NO_BARS
-        self._pooling = {1: pooling}  # by the reduction of the maps
-        # A power of a Gaussian is a Gaussian, wider where the power is below 1.
-        self.maps = maps._replace(spread=maps.spread / math.sqrt(params.compression))
-        reach = int(maps.field / 2 // params.cell_px)
-        self._weights = np.array(
-            [
-                offset_weights(reach, axis, params.cone, params.periphery)
-                for axis in params.both_axes
-            ]
+        cell, grid = params.cell_px, params.grid()
+        columns, rows = grid or (None, None)
+        centres_y, centres_x = (
+            cell_centres(shape[0], cell, rows),
+            cell_centres(shape[1], cell, columns),
         )
-        self._excitation = np.float32(Kernels.of(params.dpc(), ()).excitation.sum())
-        self._gains = selected_units(self.maps, params.grid(), shape)
+        none = np.zeros((len(centres_y), len(centres_x)), np.float32)
+        field, spread = float(params.field_px), params.pool_sigma * cell
+        self.maps = UnitMaps(none, {}, centres_y, centres_x, field, spread)
+        self._selected = selected_units(self.maps, grid, shape)
+        self._down, self._across = self._pooling_weights(shape)
         self.reset()
 
     def reset(self) -> None:
         """Forget the frames that have passed."""
+        self.maps = self.maps._replace(responses=np.zeros_like(self.maps.responses), pathways={})
+
+    def _pooling_weights(
+        self, shape: tuple[int, ...], reduction: int = 1, bars: Widths = NO_BARS
+    ) -> tuple[Map, Map]:
+        """Return the weights, down and across, that pool maps smaller than the frame."""
+        maps, params = self.maps, self._params
+        sigma = params.pool_sigma * params.cell_px / reduction
+        left, right, top, bottom = ((params.border + bar) // reduction for bar in bars)
+        return (
+            pooling_weights(shape[0], maps.centres_y / reduction, sigma, (top, bottom)),
+            pooling_weights(shape[1], maps.centres_x / reduction, sigma, (left, right)),
+        )
+
+
+class PooledJudgement(CellJudgement):
+    """OMJ at every cell: pool, outward minus inward, enhance the best unit."""
+
+    def __init__(
+        self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
+    ) -> None:
+        super().__init__(shape, params, per_second)
+        self._bars = NO_BARS
+        self._pooling = {1: (self._down, self._across)}  # by the reduction of the maps
+        # A power of a Gaussian is a Gaussian, wider where the power is below 1.
+        self.maps = self.maps._replace(spread=self.maps.spread / math.sqrt(params.compression))
+        reach = int(self.maps.field / 2 // params.cell_px)
+        cone, periphery = params.cone, params.periphery
+        self._weights = np.array(
+            [offset_weights(reach, axis, cone, periphery) for axis in params.both_axes]
+        )
+
+    def reset(self) -> None:
+        """Forget the frames that have passed."""
+        super().reset()
         params = self._params
-        self.maps = emptied(self.maps)
         self._kept = np.zeros((2, *self.maps.responses.shape), np.float32)
         self._moving = 0.0  # intervals
         # Times of frames add up with rounding: a hundredth of an interval decides no comparison.
@@ -378,12 +338,7 @@ class PooledJudgement:
             params.adaptation_guard_s * self._per_second + 0.01,
         )
 
-    def leave_out(self, bars: Widths) -> None:
-        """From the next frame on, set S to 0 in these bars and in the `border` along them."""
-        if bars != self._bars:
-            self._bars, self._pooling = bars, {}
-
-    def answers_to(self, photoreceptors: Photoreceptors) -> bool:
+    def _answers_to(self, photoreceptors: Photoreceptors) -> bool:
         """Tell whether motion has lasted for long enough to be judged.
 
         With `history`, a rest of the complete scene is like the start of a video
@@ -391,21 +346,14 @@ class PooledJudgement:
         """
         return photoreceptors.motion_lasts if self._params.history else photoreceptors.ready
 
-    def opponency(
-        self,
-        pathways: Mapping[int, Map],
-        photoreceptors: Photoreceptors | None = None,
-        reduction: int = 1,
-    ) -> Maps:
+    def opponency(self, dpc: Dpc, reduction: int = 1) -> Maps:
         """Return R(c), outward minus inward opponency, of the unit at every cell.
 
         Parameters
         ----------
-        pathways : mapping of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees, of the working frame or of a smaller one. With
-            `entering` they are set to 0 in place where motion may have come from outside.
-        photoreceptors : Photoreceptors, optional
-            The photoreceptors that S was made from; they give the interval and the history.
+        dpc : Dpc
+            S_phi of the working frame or of a smaller one. With `entering` they are set to 0 in
+            place where motion may have come from outside.
         reduction : int
             Side of the working frame over that of the maps, at least 1.
 
@@ -416,100 +364,92 @@ class PooledJudgement:
             motion has only just begun (`history`), then of all cells, which the adaptation uses. S
             over several intervals is divided by their number.
         """
-        one, other = self._params.both_axes
+        params, photoreceptors = self._params, dpc.photoreceptors
+        one, other = params.both_axes
         directions = one, other, one + 180, other + 180
+        maps = [dpc.sums.pathways[phi] for phi in directions]
         if reduction not in self._pooling:
-            shape = pathways[one].shape
-            self._pooling[reduction] = _pooling(
-                self.maps, shape, self._params, reduction, self._bars
-            )
+            weights = self._pooling_weights(maps[0].shape, reduction, self._bars)
+            self._pooling[reduction] = weights
         down, across = self._pooling[reduction]
-        maps = [pathways[phi] for phi in directions]
-        if photoreceptors is not None and self._params.entering:
-            reach, border = (
-                self._params.entering // reduction,
-                max(1, self._params.border // reduction),
-            )
+        if params.entering:
+            reach, border = params.entering // reduction, max(1, params.border // reduction)
             bars = Widths(*(bar // reduction for bar in self._bars))
             leave_out_entering(maps, photoreceptors.maps[0], reach, border, bars)
         pooled = pool(maps, down, across)
-        if photoreceptors is not None and photoreceptors.share != 1:
-            e = self._excitation * pool(photoreceptors.maps[:1], down, across)
+        if photoreceptors.share != 1:
+            p = pool(photoreceptors.maps[:1], down, across)
+            e = np.float32(dpc.kernels.excitation.sum()) * p
             pooled = referred(pooled, e, photoreceptors.share, directional=True)
-        if self._params.compression != 1:
-            pooled **= self._params.compression
+        if params.compression != 1:
+            pooled **= params.compression
         everything = counted = self._outward(pooled)
-        if photoreceptors is not None and self._params.history:
-            known = has_history(
-                photoreceptors.coarse(self.maps.responses.shape), self._params.history
-            )
+        if params.history:
+            known = has_history(photoreceptors.coarse(everything.shape), params.history)
             if not known.all():
                 pooled *= known
                 counted = self._outward(pooled)
         self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
         both = np.stack((counted, everything))
-        if photoreceptors is not None and photoreceptors.stride != 1:
-            both *= np.float32(photoreceptors.stride ** (-2 * self._params.compression))
+        if photoreceptors.stride != 1:
+            both *= np.float32(photoreceptors.stride ** (-2 * params.compression))
         return both
 
     def _outward(self, pooled: Maps) -> Map:
         return np.asarray(np.maximum(opponent_products(pooled, self._weights), 0).sum(axis=0))
 
     def judge(
-        self,
-        pathways: Mapping[int, Map],
-        photoreceptors: Photoreceptors | None = None,
-        smaller: Map | None = None,
-    ) -> Judgement:
-        """Judge the S maps of the four pathways.
+        self, dpc: Dpc, smaller: tuple[Dpc, int] | None = None, bars: Widths = NO_BARS
+    ) -> OpplodResponse:
+        """Judge the motion of one frame.
 
         Parameters
         ----------
-        pathways : mapping of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees.
-        photoreceptors : Photoreceptors, optional
-            As for `opponency`.
-        smaller : ndarray of float32, shape (2, rows, columns), optional
-            R in the frame at half its size, which is added with the weight `halved_weight`.
+        dpc : Dpc
+            S_phi of the frame.
+        smaller : tuple of Dpc and int, optional
+            S_phi of the frame made smaller, and by how much. R in it is added with the weight
+            `halved_weight`, once its motion has lasted.
+        bars : Widths
+            Bars beside the picture, in which S is set to 0, and in the `border` along them.
 
         Returns
         -------
-        Judgement
+        OpplodResponse
             Of the best unit; its response is ``c2 R^2``, 0 unless R is above T_o.
         """
-        params = self._params
-        elapsed = photoreceptors.elapsed if photoreceptors else 1.0
+        params, photoreceptors = self._params, dpc.photoreceptors
+        if bars != self._bars:
+            self._bars, self._pooling = bars, {}
+        added = None
+        if smaller and self._answers_to(smaller[0].photoreceptors):
+            added = np.float32(params.halved_weight) * self.opponency(*smaller)
         both = np.zeros_like(self._kept)
-        if photoreceptors is None or self.answers_to(photoreceptors):
-            both += self.opponency(pathways, photoreceptors)
-        elif smaller is None:
+        if self._answers_to(photoreceptors):
+            both += self.opponency(dpc)
+        elif added is None:
             self._kept[:] = 0  # as before the first response
-        if smaller is not None:
-            both += np.float32(params.halved_weight) * smaller
+        if added is not None:
+            both += added
         if params.persistence:
             rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
             # At low frame rates one picture counts for less than its full time, so that a single
             # chance response cannot pass.
-            most = (
-                min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step)) if photoreceptors else 1.0
-            )
-            weight = 1 - params.persistence ** min(elapsed, most)
+            most = min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step))
+            weight = 1 - params.persistence ** min(photoreceptors.elapsed, most)
             cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)
             both = self._kept.copy()
-        both *= self._gains
+        both *= self._selected
         opponency, everything = both
         if params.adaptation_level:
-            opponency *= np.float32(self._adaptation(float(everything.max()), elapsed))
+            factor = self._adaptation(float(everything.max()), photoreceptors.elapsed)
+            opponency *= np.float32(factor)
         responses = enhanced(opponency, params.gain, params.threshold)
         self.maps = self.maps._replace(responses=responses)
         row, column = divmod(int(opponency.argmax()), opponency.shape[1])
         best = float(opponency[row, column])
-        return Judgement(
-            params.gain * best**2 if best > params.threshold else 0.0,
-            best,
-            float(self.maps.centres_x[column]),
-            float(self.maps.centres_y[row]),
-        )
+        response = params.gain * best**2 if best > params.threshold else 0.0
+        return OpplodResponse(response, self.maps.box(row, column) if response else None, best)
 
     def _adaptation(self, best: float, elapsed: float) -> float:
         """Return the factor of R: 1, or less in a scene full of opponent motion.
@@ -561,35 +501,24 @@ class PixelwiseJudgement:
         """Forget the latest frame, the only one that it remembers."""
         self.maps.responses[:] = 0
 
-    def judge(self, pathways: Mapping[int, Map], share: float = 1.0) -> Judgement:
-        """Judge the S maps of the four pathways.
+    def judge(self, dpc: Dpc) -> OpplodResponse:
+        """Judge the motion of one frame.
 
-        Parameters
-        ----------
-        pathways : mapping of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees.
-        share : float
-            Reference interval over the actual one; S is multiplied by it.
-
-        Returns
-        -------
-        Judgement
-            The response is the sum of S_E over all units; the place is that of the unit with the
-            largest S_E.
+        The response is the sum of S_E over all units, the place that of the unit with the largest
+        S_E. S is multiplied by the reference interval over the actual one.
         """
+        pathways, share = dpc.sums.pathways, dpc.photoreceptors.share
         if share != 1:
             pathways = {phi: s * np.float32(share) for phi, s in pathways.items()}
         values = np.array(
             [[self._unit(pathways, top, left) for left in self.lefts] for top in self.tops]
         )
-        row, column = divmod(int(values[..., 0].argmax()), values.shape[1])
-        self.maps.responses[:] = values[..., 0]
-        return Judgement(
-            float(values[..., 0].sum()),
-            float(values[row, column, 1]),
-            float(self.maps.centres_x[column]),
-            float(self.maps.centres_y[row]),
-        )
+        enhanced_sums, sums = values[..., 0], values[..., 1]
+        self.maps.responses[:] = enhanced_sums
+        row, column = divmod(int(enhanced_sums.argmax()), values.shape[1])
+        response = float(enhanced_sums.sum())
+        box = self.maps.box(row, column) if response else None
+        return OpplodResponse(response, box, float(sums[row, column]))
 
     def _unit(self, pathways: Mapping[int, Map], top: int, left: int) -> tuple[float, float]:
         """Return one unit's sum of ``S_E = c2 S_e^2``, and the sum of the products S_e."""

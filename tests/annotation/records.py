@@ -8,7 +8,7 @@ from typing import Any
 from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box
 from oppload_cli.models.dlgmd import DlgmdResponse
-from oppload_cli.models.opplod import OpplodResponse
+from oppload_cli.models.opplod_parameters import OpplodResponse
 from oppload_cli.models.registry import detector_named
 from oppload_cli.palette import bgr
 from oppload_cli.results.table import FrameRecord

@@ -14,7 +14,8 @@ from oppload_cli.models import registry
 from oppload_cli.models.detector import Box, Column, Detector, Response
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams, DlgmdResponse
 from oppload_cli.models.frame_difference import FrameDifferenceParams
-from oppload_cli.models.opplod import Opplod, OpplodResponse
+from oppload_cli.models.opplod import Opplod
+from oppload_cli.models.opplod_parameters import OpplodResponse
 from oppload_cli.models.registry import DetectorBank, detectors
 from oppload_cli.schema import Parameters
 from tests.arithmetic import many_bands

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from oppload_cli.models.camera import Widths
+from oppload_cli.models.detector import Box
+from oppload_cli.models.dpc import DpcParams
+from oppload_cli.models.layers import Dpc
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opposing_motion import (
     PooledJudgement,
@@ -21,6 +24,18 @@ from tests.media import looming
 from tests.presets import REFERENCE
 
 SHAPE = (40, 61)
+
+
+def layers(pathways: dict[int, np.ndarray]) -> Dpc:
+    """Layers over frames that change everywhere, with these S_phi."""
+    axes = sorted(pathways)[:2]
+    shape = pathways[axes[0]].shape
+    dpc = Dpc((shape[0], shape[1]), DpcParams(), (axes[0], axes[1]))
+    for frame in np.random.default_rng(1).random((4, *shape), dtype=np.float32):
+        dpc.step(frame)
+    for phi, values in pathways.items():
+        dpc.sums.pathways[phi][:] = values
+    return dpc
 
 
 # ---- The equations -------------------------------------------------------------------------
@@ -106,10 +121,9 @@ def test_expansion_is_outward_and_contraction_is_inward(axis: int) -> None:
         first_axis = axis % 90
         params = REFERENCE.replaced(receptive_field=11, cell=1, pool_sigma=0.0, axes=first_axis)
         maps = {phi % 360: values for phi, values in pathways.items()}
-        judged[name] = PooledJudgement((21, 21), params).judge(maps)
+        judged[name] = PooledJudgement((21, 21), params).judge(layers(maps))
     assert judged["out"].opponency == 1
-    assert (judged["out"].centre_x, judged["out"].centre_y) == (10.5, 10.5)
-    assert judged["in"].opponency == 0
+    assert (judged["out"].box, judged["in"].opponency) == (Box(5, 5, 11, 11), 0)
 
 
 def test_enhancing_squares_values_above_the_threshold() -> None:
@@ -158,8 +172,7 @@ def test_a_bar_is_left_out_at_its_own_side(
 ) -> None:
     params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=0.0, border=0)
     judgement = PooledJudgement(SHAPE, params)
-    judgement.leave_out(bars)
-    judgement.opponency({phi: np.ones(SHAPE, np.float32) for phi in range(45, 360, 90)})
+    judgement.judge(layers({phi: np.ones(SHAPE) for phi in range(45, 360, 90)}), bars=bars)
     counts = np.ones(SHAPE, np.float32)
     counts[strip] = 0
     at = np.ix_(judgement.maps.centres_y.astype(int), judgement.maps.centres_x.astype(int))
@@ -203,9 +216,7 @@ def test_adaptation_divides_by_the_median_of_the_background() -> None:
     raw: list[float] = []
     divided = 0
     for t in range(30):
-        maps = {
-            phi: rng.random(SHAPE, dtype=np.float32) * (1 + t % 4) for phi in range(45, 360, 90)
-        }
+        maps = layers({phi: rng.random(SHAPE) * (1 + t % 4) for phi in range(45, 360, 90)})
         judged = judgement.judge(maps)
         before = sorted(raw[max(0, t - 10) : max(0, t - 2)])
         background = float(np.median(before)) if before else 0.0
@@ -225,7 +236,7 @@ def test_persistence_keeps_a_share_of_r_from_frame_to_frame() -> None:
     rng = np.random.default_rng(4)
     expected = np.zeros_like(plain.maps.responses)
     for _ in range(5):
-        maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
+        maps = layers({phi: rng.random(SHAPE) for phi in range(45, 360, 90)})
         expected = 0.75 * expected + 0.25 * plain.opponency(maps)[0]
         assert kept.judge(maps).opponency == pytest.approx(expected.max(), rel=1e-5)
     kept.reset()
@@ -236,9 +247,11 @@ def test_the_opponency_at_half_the_size_is_added() -> None:
     params = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=1.0, halved_weight=0.5)
     judgement = PooledJudgement(SHAPE, params)
     rng = np.random.default_rng(5)
-    maps = {phi: rng.random(SHAPE, dtype=np.float32) for phi in range(45, 360, 90)}
-    r = judgement.opponency(maps)
-    other = rng.random(r.shape, dtype=np.float32)
-    judged = judgement.judge(maps, smaller=other).opponency
+    maps, half = (
+        layers({phi: rng.random(shape) for phi in range(45, 360, 90)})
+        for shape in (SHAPE, (20, 30))
+    )
+    r, other = judgement.opponency(maps), judgement.opponency(half, 2)
+    judged = judgement.judge(maps, (half, 2)).opponency
     assert judged == pytest.approx((r + 0.5 * other)[0].max())
     assert judged > judgement.judge(maps).opponency

@@ -9,7 +9,7 @@ import pytest
 
 from oppload_cli import analyse, open_video
 from oppload_cli.errors import OpploadError, ParameterError, StimulusError
-from oppload_cli.models.opplod import OpplodResponse
+from oppload_cli.models.opplod_parameters import OpplodResponse
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.stimulus import write
 from oppload_cli.stimulus.catalogue import find, read_entry
