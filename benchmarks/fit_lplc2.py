@@ -212,9 +212,7 @@ class Battery:
             layers.clock.time_s = frame.time_s
             if dpc.step(frame.luma):
                 layer = dpc.layer
-                amount, parts = arms.pooled(
-                    dict(layer.sums.pathways), layer.photoreceptors, layer.kernels
-                )
+                amount, parts = arms.pooled(layer)
                 maps.append(np.stack([amount, *parts]))
             else:
                 maps.append(empty)

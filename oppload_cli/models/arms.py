@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from oppload_cli.models.dpc import Kernels, Map
-    from oppload_cli.models.layers import Dpc, Photoreceptors
+    from oppload_cli.models.layers import Dpc
     from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.models.opposing_motion import Maps
 
@@ -56,20 +56,9 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
     A single S_phi only passes an edge or blocks it. The differences ``J_phi = I_(phi+180) - I_phi``
     of two axes form a vector J, whose angle is the direction in which the edge moves. A pathway of
     exactly this direction would have the inhibition ``(I - |J|) / 2``, and so the sum
-    ``S = max(0, E - (I - |J|) / 2)``.
+    ``S = max(0, E - (I - |J|) / 2)``, the amount of motion.
 
-    Parameters
-    ----------
-    p : sequence of ndarray of float32, shape (height, width)
-        P(t), P(t-1) and P(t-2).
-    kernels : Kernels
-        With the masks of the axes 0 and 90 degrees.
-
-    Returns
-    -------
-    _Motion
-        In units of S.
-
+    `p` holds P(t), P(t-1) and P(t-2), the kernels the masks of the axes 0 and 90 degrees.
     Source: ``docs/model.md``, section 4, and ``docs/lplc2.md``.
     """
     e, i = excitation(p, kernels), inhibition(p, kernels)
@@ -87,10 +76,9 @@ def arm_weights(reach: float, direction: float, cone: float) -> Map:
     ----------
     reach : float
         Length of the arm in cells, above 0.
-    direction : float
-        Direction of the arm in degrees, counter-clockwise, 0 = right.
-    cone : float
-        Half-width of its cone in degrees.
+    direction, cone : float
+        Direction of the arm, counter-clockwise with 0 = right, and half-width of its cone, in
+        degrees.
 
     Returns
     -------
@@ -114,23 +102,10 @@ def field_weights(reach: float) -> Map:
 
 
 def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -> Map:
-    """Return ``o^g / (o^g + (s + q)^g)``: excitation that saturates and is divided by suppression.
+    """Return ``o^g / (o^g + (s + q)^g)``, 0 to 1: excitation that is divided by suppression.
 
-    Parameters
-    ----------
-    outward : ndarray of float32
-        o, the excitation of an arm, at least 0.
-    suppression : ndarray of float32
-        q, at least 0.
-    half : float
-        s, the excitation that fills half of an arm without suppression, above 0.
-    exponent : float
-        g, above 0.
-
-    Returns
-    -------
-    ndarray of float32
-        From 0 to 1.
+    o is the excitation of an arm (`outward`) and q its suppression, each at least 0; s, above 0, is
+    the excitation that fills half of an arm without suppression, and g, above 0, the exponent.
     """
     # Written by the inverse, which may overflow: 1 / (1 + inf) is 0.
     with np.errstate(divide="ignore", over="ignore"):
@@ -184,10 +159,10 @@ class ArmsJudgement(CellJudgement):
         The answer is that of the best unit; its response is ``c2 (R - T_o)^p``, 0 unless R, the sum
         of its arms, is above T_o.
         """
-        params, photoreceptors = self._params, dpc.photoreceptors
-        everywhere, moving = self.pooled(dpc.sums.pathways, photoreceptors, dpc.kernels)
+        params, elapsed = self._params, dpc.photoreceptors.elapsed
+        everywhere, moving = self.pooled(dpc)
         amount = _over(everywhere, self._field)
-        self._now += photoreceptors.elapsed
+        self._now += elapsed
         # Suppression goes on from its value an interval ago, so that frames in between change
         # nothing. Times add up with rounding: 0.99 of an interval counts as one.
         while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
@@ -210,42 +185,30 @@ class ArmsJudgement(CellJudgement):
         pathways = dict(zip(DIRECTIONS, moving, strict=True))
         self.maps = self.maps._replace(responses=responses, pathways=pathways)
         if params.calcium_s:
-            new = smoothing(photoreceptors.elapsed, params.calcium_s * self._per_second)
+            new = smoothing(elapsed, params.calcium_s * self._per_second)
             self._calcium += np.float32(new) * (responses - self._calcium)
         row, column = divmod(int(total.argmax()), total.shape[1])
         response = float(responses[row, column])
         box = self.maps.box(row, column) if response else None
         return OpplodResponse(response, box, float(total[row, column]), self.calcium)
 
-    def pooled(
-        self, pathways: dict[int, Map], photoreceptors: Photoreceptors, kernels: Kernels
-    ) -> tuple[Map, list[Map]]:
-        """Return motion over cells, in units of E: its amount, and its part in each direction.
+    def pooled(self, dpc: Dpc) -> tuple[Map, list[Map]]:
+        """Return motion over cells, in units of E: its amount, and its parts in `DIRECTIONS`.
 
-        Parameters
-        ----------
-        pathways : dict of int to ndarray of float32, shape (height, width)
-            S_phi by direction phi in degrees; used where the direction is not graded.
-        photoreceptors : Photoreceptors
-            The photoreceptors, which hold the latest frames.
-        kernels : Kernels
-            With the masks of the axes 0 and 90 degrees.
-
-        Returns
-        -------
-        tuple of ndarray of float32 and list of ndarray of float32, shape (rows, columns)
-            The amount, and its parts in `DIRECTIONS`, at least 0.
+        All are arrays of float32, shape (rows, columns), at least 0. The axes of the DPC layers are
+        0 and 90 degrees.
         """
+        photoreceptors = dpc.photoreceptors
         if self._params.graded:
-            motion = graded_motion(photoreceptors.maps, kernels)
+            motion = graded_motion(photoreceptors.maps, dpc.kernels)
             parts = [motion.amount]
             parts += [np.maximum(part, 0) for part in (motion.right, motion.up)]
             parts += [np.maximum(-part, 0) for part in (motion.right, motion.up)]
         else:
-            directed = [pathways[phi] for phi in DIRECTIONS]
+            directed = [dpc.sums.pathways[phi] for phi in DIRECTIONS]
             parts = [np.maximum.reduce(directed), *directed]
         pooled = pool(parts, self._down, self._across)
-        amount, unit = pooled[0], kernels.excitation.sum()
+        amount, unit = pooled[0], dpc.kernels.excitation.sum()
         factor = np.full_like(amount, 1 / unit)
         if photoreceptors.share != 1:
             e = pool(photoreceptors.maps[:1], self._down, self._across)[0] * np.float32(unit)

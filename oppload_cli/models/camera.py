@@ -73,17 +73,8 @@ class SteadyLight:
     def step(self, luma: Map, elapsed: float) -> Map:
         """Return the next frame without the changes of its light.
 
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance L(t), 0 to 1.
-        elapsed : float
-            Intervals from frame to frame, as a rule.
-
-        Returns
-        -------
-        ndarray of float32, shape (height, width)
-            Up to 2; `luma` itself where the light is steady.
+        `elapsed` is the number of intervals from frame to frame, as a rule. The result is luminance
+        up to 2; where the light is steady it is `luma` itself.
         """
         cells = smaller(luma, min(_CELL, *luma.shape))
         before, self._before = self._before, cells
@@ -102,15 +93,9 @@ class SteadyLight:
 def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     """Return the logarithm of the gain of the light between two frames.
 
-    Parameters
-    ----------
-    before, now : ndarray of float32, shape (rows, columns)
-        Mean luminance over cells, 0 to 1.
-
-    Returns
-    -------
-    ndarray of float32, shape (1, 1) or (rows, 1)
-        One gain, or one for each row of cells; 0 where neither explains the change.
+    The frames are mean luminance over cells, 0 to 1, shape (rows, columns). The result is one gain,
+    shape (1, 1), or one for each row of cells, shape (rows, 1); 0 where neither explains the
+    change.
     """
     none = np.zeros((1, 1), np.float32)
     darker = np.minimum(before, now)
@@ -187,15 +172,7 @@ class Bars:
         self._lasted = [0.0, 0.0, 0.0, 0.0]
 
     def step(self, luma: Map, elapsed: float) -> None:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance L(t), 0 to 1.
-        elapsed : float
-            Intervals from frame to frame, as a rule.
-        """
+        """Take the next frame; `elapsed` as for :class:`SteadyLight`."""
         known = list(self.widths)
         for n, side in enumerate(_SIDES):
             width, edge = _plain_strip(side(luma).T)
@@ -249,14 +226,13 @@ def leave_out_entering(
 
     Parameters
     ----------
-    maps : sequence of ndarray of float32, shape (height, width)
+    maps : sequence of four ndarray of float32, shape (height, width)
         S_phi; changed in place.
     change : ndarray of float32, shape (height, width)
         P(t), 0 to 1.
-    reach : int
-        Largest distance from the edge in px, at least 0.
-    border : int
-        Pixels from the edge on, of which the largest P is that of the motion.
+    reach, border : int
+        Largest distance from the edge in px, and pixels from the edge on whose largest P is that of
+        the motion; at least 0.
     bars : Widths
         Bars beside the picture, whose edges count as those of the frame.
 
@@ -276,18 +252,9 @@ def leave_out_moving(
 ) -> None:
     """Set S_phi to 0 in the pixels of each line that move, from the first one on without a break.
 
-    Parameters
-    ----------
-    maps : sequence of four ndarray of float32, shape (lines, pixels)
-        S_phi; changed in place. The views of all maps and of `change` have the same strides.
-    change : ndarray of float32, shape (lines, pixels)
-        P(t), 0 to 1.
-    border : int
-        Pixels of each line, of which the largest P is that of its motion.
-    least : float
-        Least P of a pixel that moves.
-    share : float
-        Least P of such a pixel over that of the motion.
+    `maps` and `change` are those of :func:`leave_out_entering`, by line and pixel; all have the
+    same strides. A pixel moves if its P is at least `least`, and at least the `share` of the
+    largest P of the line's first `border` pixels.
     """
     at_edge = change[:, :border].max(axis=1, initial=0.0, keepdims=True)
     rests = np.ones((len(change), change.shape[1] + 1), np.bool_)

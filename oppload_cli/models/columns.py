@@ -110,7 +110,7 @@ def columns_of(
     Parameters
     ----------
     detector : type of Detector
-        With its columns, and the name that they begin with.
+        Gives its own columns, and the name that all begin with.
     details : bool
         Whether its inner values and the values behind its alarm have columns too.
     degrees : bool

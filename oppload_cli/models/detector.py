@@ -272,7 +272,7 @@ class Detector(ABC):
 
     @abstractmethod
     def step(self, luma: Map) -> Response | None:
-        """Take the next frame and answer to it.
+        """Take the next frame and answer to it; None during warm-up.
 
         Its presentation time, where it is known, is ``self.layers.time_s``.
 
@@ -280,11 +280,6 @@ class Detector(ABC):
         ----------
         luma : ndarray of float32, shape (height, width)
             Luminance L(t), 0 to 1.
-
-        Returns
-        -------
-        Response or None
-            None during warm-up.
 
         Raises
         ------
@@ -301,18 +296,7 @@ class Detector(ABC):
 
     @classmethod
     def need_size(cls, shape: tuple[int, int], least: tuple[int, int]) -> None:
-        """Refuse frames that are too small for the detector's fields.
-
-        Parameters
-        ----------
-        shape, least : tuple of int
-            Height and width of the frames, and the least ones, in px.
-
-        Raises
-        ------
-        ParameterError
-            If a side is too short; the message says the least size.
-        """
+        """Refuse, with a ParameterError, frames whose height or width in px is below the least."""
         if shape[0] < least[0] or shape[1] < least[1]:
             raise ParameterError(
                 f"model '{cls.name}' needs frames of at least {least[1]} x {least[0]} px, not "

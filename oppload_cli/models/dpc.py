@@ -84,8 +84,8 @@ class Kernels:
     inhibition : tuple of ndarray, shape (2 r + 1, 2 r + 1)
         W_I1, which acts on P(t-1), and W_I2, which acts on P(t-2).
     odd_masks : dict of int to ndarray, shape (2 r + 1, 2 r + 1)
-        M_phi - 1/2 by the direction phi of an axis in degrees: unlike M_phi it is odd, so that a
-        quadrant of it is enough for the compiled loops.
+        M_phi - 1/2 by the direction phi of an axis in degrees. It is odd, so that a quadrant of it
+        is enough for the compiled loops.
     """
 
     excitation: Kernel
@@ -100,17 +100,10 @@ class Kernels:
 
 
 def _spread(params: DpcParams, sigma: float) -> Kernel:
-    """Return g_s(d), the Gaussian of eq. (kernel EI).
+    """Return g_s(d), the Gaussian of eq. (kernel EI) with the spread s in pixels.
 
     Its amplitude is the one-dimensional ``1 / (s sqrt(2 pi))``, not renormalised, as in the
     authors' code; with the two-dimensional one the velocity selectivity all but vanishes.
-
-    Parameters
-    ----------
-    params : DpcParams
-        Gives the kernel radius.
-    sigma : float
-        Spread s in pixels, above 0.
     """
     x, y = _offsets(params.kernel_radius)
     gaussian: Kernel = np.exp(-(x**2 + y**2) / (2 * sigma**2)) / (sigma * np.sqrt(2 * np.pi))
@@ -152,14 +145,8 @@ def direction_mask(params: DpcParams, direction: float) -> Kernel:
     """Return M_phi(d), the MDE mask on the inhibition kernel, eq. (mde), from 0 to 1.
 
     The mask is named by the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
-    (``docs/model.md``, section 4).
-
-    Parameters
-    ----------
-    params : DpcParams
-        Gives the kernel radius.
-    direction : float
-        phi in degrees, counter-clockwise, 0 = right, 90 = up.
+    (``docs/model.md``, section 4). `direction` is phi in degrees, counter-clockwise: 0 = right,
+    90 = up.
     """
     x, y = _offsets(params.kernel_radius)
     phi = np.deg2rad(direction)
@@ -291,16 +278,11 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
     Parameters
     ----------
     s, excitation : float or ndarray of float32
-        S and E, summed or pooled over the neighbourhood that the edge sweeps.
+        S and E, at least 0, summed or pooled over the neighbourhood that the edge sweeps.
     share : float
         Reference interval over the actual one, above 0.
     directional : bool
         Whether S is that of a pathway.
-
-    Returns
-    -------
-    float or ndarray of float32
-        At least 0.
     """
     less, squared = s - (1 - share) * excitation, share * share * s
     if share > 1:  # the inverse of the other case
@@ -314,20 +296,7 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
 
 
 def check_frame(luma: Map, shape: tuple[int, int]) -> None:
-    """Refuse an array that is no frame.
-
-    Parameters
-    ----------
-    luma : ndarray
-        What was given as luminance.
-    shape : tuple of int
-        Height and width of the frames.
-
-    Raises
-    ------
-    FrameError
-        If the array is not float32 of that shape, or holds a value that is not finite.
-    """
+    """Refuse, with a FrameError, an array that is not float32 of a shape, or not finite."""
     if luma.shape != shape or luma.dtype != np.float32:
         raise FrameError(
             f"a frame must be a float32 array of shape {shape}, "
@@ -344,21 +313,10 @@ def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def smaller(luma: Map, reduction: int) -> Map:
-    """Return a frame made smaller: means of squares of pixels.
+    """Return a frame made smaller: means of squares of pixels of the side `reduction`.
 
-    Parameters
-    ----------
-    luma : ndarray of float32, shape (height, width)
-        Luminance, 0 to 1.
-    reduction : int
-        Side of the squares in pixels, at least 1.
-
-    Returns
-    -------
-    ndarray of float32, shape (height // reduction, width // reduction), each at least 1
-        Rows and columns at the end that fill no square are left out.
-
-    Source: ``docs/presets.md``.
+    Its shape is (height // reduction, width // reduction), each at least 1: rows and columns at the
+    end that fill no square are left out. Source: ``docs/presets.md``.
     """
     height, width = (max(1, length // reduction) for length in luma.shape)
     squares = luma[: reduction * height, : reduction * width]

@@ -179,23 +179,13 @@ class Photoreceptors:
         return averaged
 
     def need(self, luma: Map) -> None:
-        """Refuse what `step` would refuse, with a FrameError."""
+        """Refuse, with a FrameError, what `step` would refuse."""
         check_frame(luma, self.shape)
         if self.frames < _FIRST and cv2.minMaxLoc(luma)[1] > _BRIGHTEST:
             raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
 
     def step(self, luma: Map) -> bool:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance L(t), 0 to 1.
-
-        Returns
-        -------
-        bool
-            `ready`.
+        """Take the next frame, luminance of 0 to 1 as float32; return `ready`.
 
         Raises
         ------
@@ -280,8 +270,6 @@ class Dpc:
 
     Attributes
     ----------
-    axes : tuple of int
-        As above.
     kernels : Kernels
         Of these constants and axes.
     sums : PresynapticSums
@@ -358,18 +346,11 @@ class _Layer(Protocol):
     """A step that several detectors may share; it holds the values of the latest frame."""
 
     @property
-    def frames(self) -> int:
-        """How many frames were taken."""
-
+    def frames(self) -> int: ...
     @property
-    def ready(self) -> bool:
-        """Whether it has values."""
-
-    def step(self, luma: Map) -> bool:
-        """Take the next frame; return `ready`."""
-
-    def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
+    def ready(self) -> bool: ...
+    def step(self, luma: Map) -> bool: ...
+    def reset(self) -> None: ...
 
 
 _AnyLayer = TypeVar("_AnyLayer", bound=_Layer)
@@ -378,30 +359,21 @@ _AnyLayer = TypeVar("_AnyLayer", bound=_Layer)
 class _Hold(Generic[_AnyLayer]):
     """One user's hold on a layer that others may hold too.
 
-    Each user steps its own hold at every frame. The first one makes the layer compute; for the
-    others the values are there already.
-
-    Attributes
-    ----------
-    layer : Photoreceptors, Dpc or another layer
-        Read its values after `step`.
-    frames : int
-        How many frames this user has taken.
+    Each user steps its own hold at every frame, and reads the values of `layer` after that. The
+    first one makes the layer compute; for the others the values are there already.
     """
 
     def __init__(self, layer: _AnyLayer) -> None:
         self.layer = layer
-        self.frames = 0
+        self.frames = 0  # that this user has taken
 
     def step(self, luma: Map) -> bool:
-        """Take the next frame; result and errors as by the layer."""
         if self.frames == self.layer.frames:
             self.layer.step(luma)
         self.frames += 1
         return self.layer.ready
 
     def reset(self) -> None:
-        """Forget all frames."""
         self.layer.reset()
         self.frames = 0
 
@@ -449,14 +421,8 @@ class Layers:
     def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> _Hold[Dpc]:
         """Return a hold on the DPC layers of some constants and axes.
 
-        Parameters
-        ----------
-        params : DpcParams
-            Only its DPC constants count.
-        axes : tuple of int
-            As for :class:`Dpc`; S itself is computed if one holder gives no axes.
-        stride : int
-            Reference intervals between the frames that are compared, at least 1.
+        Of the parameters only the DPC constants count. `axes` are those of :class:`Dpc`; S itself
+        is computed if one holder gives no axes. `stride` is that of :meth:`photoreceptors`.
         """
         constants = params.dpc()
         for known, known_stride, dpc in self._dpcs:
@@ -470,14 +436,9 @@ class Layers:
         return _Hold(dpc)
 
     def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> _Hold[_AnyLayer]:
-        """Return a hold on a layer of another kind.
+        """Return a hold on a layer of another kind, which is made once.
 
-        Parameters
-        ----------
-        key : hashable
-            Kind of the layer and all its constants.
-        make : callable
-            Makes it, where nobody holds one with this key.
+        The key holds the kind of the layer and all its constants.
         """
         if key not in self._others:
             self._others[key] = make()

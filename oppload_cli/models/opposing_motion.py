@@ -42,19 +42,11 @@ _POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a mill
 
 
 def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
-    """Return where the centres of the cells lie along one side of the frame.
+    """Return where the centres of the cells lie along one side of the frame, in pixels.
 
     As many complete cells as fit, at least one, stand centred in the frame. For an odd number of
-    units the number of cells is odd too, so that the unit in the middle has a cell there.
-
-    Parameters
-    ----------
-    length : int
-        Side of the frame in pixels.
-    cell : int
-        Spacing of the cells in pixels.
-    units : int, optional
-        How many of the cells are units; None where each is one.
+    units the number of cells is odd too, so that the unit in the middle has a cell there. None
+    stands for a unit at every cell.
     """
     count = max(1, length // cell)
     if units and units % 2 and count % 2 == 0:
@@ -132,9 +124,7 @@ def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
     -------
     ndarray of float32, shape (2 reach + 1, 2 reach + 1)
         By row and column of u: 1 within the cone about u_phi (outward), -w_p within that about
-        -u_phi (inward), else 0.
-
-    Source: ``docs/model.md``, section 5; the cone is that of ``docs/presets.md``.
+        -u_phi (inward), else 0. The cone is that of ``docs/presets.md``.
     """
     # Along an axis or a diagonal each component of u_phi is -1, 0 or 1 times one length.
     right = round(math.cos(math.radians(axis)) * math.sqrt(2))
@@ -190,10 +180,6 @@ def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
         Least history, one and two intervals ago, over the largest change now in the cell or
         beside it.
 
-    Returns
-    -------
-    ndarray of bool, shape (rows, columns)
-
     Source: ``docs/time.md``.
     """
     now, *before = changes
@@ -208,19 +194,9 @@ def enhanced(opponency: Map, gain: float, threshold: float) -> Map:
 
 
 def unit_starts(room: int, count: int) -> list[int]:
-    """Spread a row of units evenly.
+    """Return where the fields of an even row of units start; in the middle for one unit.
 
-    Parameters
-    ----------
-    room : int
-        Side of the frame less that of a receptive field, in pixels.
-    count : int
-        How many units there are, at least 1.
-
-    Returns
-    -------
-    list of int
-        Where their fields start: from 0 to `room`; in the middle for one unit.
+    `room` is the side of the frame less that of a receptive field, in pixels.
     """
     if count == 1:
         return [room // 2]
@@ -228,27 +204,20 @@ def unit_starts(room: int, count: int) -> list[int]:
 
 
 def selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[int, int]) -> Map:
-    """Return 1 at the cells that are units, 0 elsewhere.
+    """Return 1 at the cells that are units, 0 elsewhere, in frames of a height and width.
 
-    Parameters
-    ----------
-    maps : UnitMaps
-        The centres of the cells, and the side of a receptive field.
-    grid : tuple of int or None
-        Columns and rows of the units, spread evenly; None where every cell is a unit.
-    shape : tuple of int
-        Height and width of the working frames.
+    `grid` holds the columns and rows of the units, spread evenly; None where every cell is a unit.
     """
     if grid is None:
         return np.ones_like(maps.responses)
     field = min(int(maps.field), *shape)
-    rows, columns = (
-        [int(np.abs(centres - (start + field / 2)).argmin()) for start in starts]
-        for centres, starts in (
-            (maps.centres_y, unit_starts(shape[0] - field, grid[1])),
-            (maps.centres_x, unit_starts(shape[1] - field, grid[0])),
-        )
-    )
+
+    def nearest(centres: Floats, side: int, count: int) -> list[int]:
+        starts = unit_starts(side - field, count)
+        return [int(np.abs(centres - (start + field / 2)).argmin()) for start in starts]
+
+    rows = nearest(maps.centres_y, shape[0], grid[1])
+    columns = nearest(maps.centres_x, shape[1], grid[0])
     selected = np.zeros_like(maps.responses)
     selected[np.ix_(rows, columns)] = 1
     return selected

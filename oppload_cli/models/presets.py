@@ -80,15 +80,8 @@ PRESETS = {
 def preset_in(models: Iterable[str]) -> str:
     """Return the preset that some ``NAME:PRESET`` name, empty if none does.
 
-    Parameters
-    ----------
-    models : iterable of str
-        As for ``--model``, several with commas between them.
-
-    Raises
-    ------
-    ParameterError
-        If they name different ones, which one run cannot have.
+    `models` are texts as for ``--model``; a ParameterError if they name different presets, which
+    one run cannot have.
     """
     named = [each.strip() for text in models for each in text.split(",")]
     words = (name.partition(":")[2].strip() for name in named if name not in VARIANTS)
@@ -102,13 +95,7 @@ def preset_in(models: Iterable[str]) -> str:
 
 
 def preset_named(name: str) -> Preset:
-    """Return a preset by its name.
-
-    Raises
-    ------
-    ParameterError
-        If no preset has that name.
-    """
+    """Return a preset by its name; a ParameterError if none has it."""
     if name == "robust":
         raise ParameterError("preset 'robust' is called 'default' since 1.0; leave --preset out")
     if name not in PRESETS:
@@ -117,17 +104,7 @@ def preset_named(name: str) -> Preset:
 
 
 def parse_height(value: str | int) -> int | None:
-    """Read a working height.
-
-    Parameters
-    ----------
-    value : str or int
-        Pixels, or ``native``.
-
-    Returns
-    -------
-    int or None
-        None for ``native``.
+    """Read a working height: pixels, or ``native``, for which None is returned.
 
     Raises
     ------

@@ -82,13 +82,9 @@ _loaded: dict[str, str] = {}  # checksums by name
 def register(detector: type[Detector]) -> type[Detector]:
     """Make a detector known everywhere: settings, tables, alarms, figures, `oppload models`.
 
-    A class that is defined again, as in a notebook, takes the place of the one before.
-
-    Parameters
-    ----------
-    detector : type of Detector
-        Returned, so that this can be used as a decorator. A class without parameters of its own
-        gets an empty class of them.
+    Returns the class, so that this can be used as a decorator. A class that is defined again, as in
+    a notebook, takes the place of the one before; one without parameters of its own gets an empty
+    class of them.
 
     Raises
     ------
@@ -103,9 +99,8 @@ def register(detector: type[Detector]) -> type[Detector]:
     True
     """
     where = _check_class(detector)
-    name = detector.name
-    known = detectors().get(name)
-    if name in _TAKEN_NAMES or (known is not None and not _is_again(known, detector)):
+    known = detectors().get(detector.name)
+    if detector.name in _TAKEN_NAMES or (known and not _is_again(known, detector)):
         raise ParameterError(f"{where}: its name is taken; choose another one")
     if detector.parameters is Parameters:
         detector.parameters = _no_parameters(detector)
@@ -115,8 +110,7 @@ def register(detector: type[Detector]) -> type[Detector]:
             f"{where}: its parameters, {detector.parameters.__name__}, are those of another "
             f"detector; give it a class of its own"
         )
-    taken = {column for each in others for column in _columns_of(each)}
-    taken |= {column.name for column in (*COMMON, *RMO)}
+    taken = {column.name for column in (*COMMON, *RMO)}.union(*map(_columns_of, others))
     for column in _columns_of(detector):
         if column in taken:
             raise ParameterError(f"{where}: its column '{column}' is taken; choose another name")
@@ -128,17 +122,12 @@ def register(detector: type[Detector]) -> type[Detector]:
                 f"{where}: its column '{own.name}' must be a field of its answers, "
                 f"{detector.answers.__name__}"
             )
-    _detectors[name] = detector
+    _detectors[detector.name] = detector
     return detector
 
 
 def load(name: str) -> None:
-    """Import a module that registers detectors, as ``oppload --load`` does.
-
-    Parameters
-    ----------
-    name : str
-        A file such as ``edges.py``, or the name of an installed module.
+    """Import a file such as ``edges.py``, or an installed module, that registers detectors.
 
     Raises
     ------
@@ -247,13 +236,7 @@ def default_names() -> tuple[str, ...]:
 
 
 def detector_named(name: str) -> type[Detector]:
-    """Return a detector by its name.
-
-    Raises
-    ------
-    ParameterError
-        If no detector has that name.
-    """
+    """Return a detector by its name; a ParameterError if none has it."""
     if name not in _detectors:
         raise ParameterError(f"no model '{name}'{suggestion(name, _detectors)}")
     detector = _detectors[name]
@@ -267,16 +250,8 @@ def detector_named(name: str) -> type[Detector]:
 def names_of(text: str) -> tuple[str, ...]:
     """Return the detectors that a user names.
 
-    Parameters
-    ----------
-    text : str
-        ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET``, several
-        of them with commas between them, or ``all``.
-
-    Raises
-    ------
-    ParameterError
-        If no detector has such a name.
+    The text is ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET``,
+    several of them with commas between them, or ``all``; a ParameterError for other names.
     """
     found: list[str] = []
     for part in text.split(","):
@@ -304,13 +279,7 @@ def placing_detector(names: Iterable[str]) -> type[Detector] | None:
 
 
 def detector_of(params: Parameters) -> type[Detector]:
-    """Return the detector that a set of parameters belongs to.
-
-    Raises
-    ------
-    ParameterError
-        If no detector has such parameters.
-    """
+    """Return the detector that a set of parameters belongs to; a ParameterError if none does."""
     loaded = [each for each in _detectors.values() if not isinstance(each, str)]
     for detector in chain(loaded, map(detector_named, known_names())):
         if type(params) is detector.parameters:
@@ -319,12 +288,7 @@ def detector_of(params: Parameters) -> type[Detector]:
 
 
 def parameters_of(name: str, preset: str = DEFAULT_PRESET) -> Parameters:
-    """Return the parameters of a detector under a preset.
-
-    Raises
-    ------
-    ParameterError
-        If there is no such detector, or no such preset.
+    """Return the parameters of a detector under a preset; a ParameterError if one is unknown.
 
     Examples
     --------
@@ -418,7 +382,9 @@ class DetectorBank:
             detector.reset()
 
     def step(self, luma: Map, time_s: float | None = None) -> dict[str, Response | None]:
-        """Take the next frame; every detector answers to it.
+        """Take the next frame; return every detector's answer by name.
+
+        An answer is None during warm-up, and never after another answer.
 
         Parameters
         ----------
@@ -426,11 +392,6 @@ class DetectorBank:
             Luminance, 0 to 1.
         time_s : float, optional
             Presentation time of the frame in seconds; detectors read it from their layers.
-
-        Returns
-        -------
-        dict of str to Response or None
-            By name; None during warm-up, and never after an answer.
 
         Raises
         ------
@@ -453,12 +414,8 @@ class DetectorBank:
         """Return every detector's answer to a frame in which nothing changed.
 
         A detector has one if it has answered before. Where the video stands still from its start,
-        so that `step` has taken one frame only, the time of its warm-up is enough.
-
-        Parameters
-        ----------
-        intervals : float
-            Intervals since the start of the video.
+        so that `step` has taken one frame only, it has one once its warm-up has passed in
+        `intervals`, those since the start of the video.
         """
         if self._photoreceptors.layer.frames == 1:
             self._answered |= {n for n, each in self.detectors.items() if intervals >= each.warm_up}

@@ -70,8 +70,8 @@ class Clock:
     params : TimeParams, optional
         The time base.
     frame_rate : float, optional
-        Frames per second of the video, for frames without a presentation time; if it is left out,
-        each of them lasts one interval.
+        Frames per second of the video, for frames without a presentation time; without it each of
+        them lasts one interval.
 
     Attributes
     ----------
@@ -94,15 +94,8 @@ class Clock:
     def now(self, before: float | None) -> float:
         """Return the time of the frame that is given now, in intervals.
 
-        Parameters
-        ----------
-        before : float or None
-            The time that the frame before was given; None for the first frame.
-
-        Returns
-        -------
-        float
-            Above `before`: a frame whose time does not lie after it comes one step later.
+        `before` is that of the frame before, None for the first frame. A frame whose time does not
+        lie after it comes one step later.
         """
         if not self._counts and self.time_s is not None:
             now = float(self.time_s) * self.per_second  # a NumPy number would widen the maps
@@ -136,19 +129,9 @@ class Background:
         self._sorted: list[float] = []
 
     def step(self, value: float, time: float) -> float:
-        """Take the next value.
+        """Take the next value; return the median of the background, 0 where there is none yet.
 
-        Parameters
-        ----------
-        value : float
-            A finite number.
-        time : float
-            When it was; never before the value that came last.
-
-        Returns
-        -------
-        float
-            The median of the background before it; 0 where there is none yet.
+        The value is finite, and its time never before that of the value that came last.
         """
         while self._waiting and self._waiting[0][0] < time - self._guard:
             counted = self._waiting.popleft()

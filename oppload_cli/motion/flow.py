@@ -62,16 +62,9 @@ class Cells(NamedTuple):
 
 @with_twin
 def reduce(frame: Grey, reduction: int, out: Grey) -> None:
-    """Average squares of pixels.
+    """Average squares of 1, 2 or 4 pixels a side into `out`, rounded as OpenCV does it.
 
-    Parameters
-    ----------
-    frame : ndarray of uint8, shape (rows * reduction, columns * reduction)
-        The frame; its rows may have a gap between them.
-    reduction : int
-        Side of a square: 1, 2 or 4 pixels.
-    out : ndarray of uint8, shape (rows, columns)
-        Takes the means, rounded as OpenCV does it.
+    `frame` is `reduction` times as high and wide as `out`; there may be a gap between its rows.
     """
     rows, columns = (side // reduction for side in frame.shape)
     cv2.resize(frame, (columns, rows), dst=out, interpolation=cv2.INTER_AREA)
@@ -92,11 +85,6 @@ def sampled(
         The grid.
     params : RmoParams
         Gives minimum speed and change.
-
-    Returns
-    -------
-    MotionVectors
-        In pixels of the working frame.
     """
     sides = now.shape[0] / cells.rows, now.shape[1] / cells.columns  # of a cell, in samples
     # OpenCV rounds in other ways where both sides are integers, and below one sample.
@@ -145,9 +133,6 @@ class DenseFlow:
     flow using dense inverse search", as implemented by OpenCV.
     """
 
-    _frames: list[NDArray[np.uint8]]
-    _reduced: list[NDArray[np.uint8]]
-
     def __init__(self, params: RmoParams | None = None) -> None:
         self.params = params or RmoParams()
         self.reset()
@@ -159,15 +144,12 @@ class DenseFlow:
     def step(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> RmoMetrics | None:
         """Take the next frame and measure its radial motion opponency.
 
+        None for the first frame; zeros for a frame too small for flow.
+
         Parameters
         ----------
         luma : ndarray, shape (h, w)
             Luminance: float32 in [0, 1], or uint8.
-
-        Returns
-        -------
-        RmoMetrics or None
-            None for the first frame; zeros for a frame too small for flow.
 
         Raises
         ------
@@ -182,20 +164,8 @@ class DenseFlow:
     def motion(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> MotionVectors | None:
         """Take the next frame and return its motion vectors, without measuring them.
 
-        Parameters
-        ----------
-        luma : ndarray, shape (h, w)
-            As for :meth:`step`; a frame is given to one of the two, not to both.
-
-        Returns
-        -------
-        MotionVectors or None
-            The vectors of at least the minimum speed and change; None for the first frame.
-
-        Raises
-        ------
-        FrameError
-            As for :meth:`step`.
+        The vectors are of at least the minimum speed and change; None for the first frame. A frame
+        is given either to this method or to :meth:`step`, which refuses the same.
         """
         _check(luma, self._shape)
         first = self._shape is None

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Points = NDArray[np.float64]  # shape (..., 2): x, y
+    Lengths = NDArray[np.float64]
     Rows = NDArray[np.intp]
 
 
@@ -121,24 +122,19 @@ class RmoMetrics(NamedTuple):
 
 
 def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
-    """Return the radial motion opponency of pairs of opposite vectors.
+    """Return the radial motion opponency of pairs of opposite vectors; 0 where one of them is zero.
 
-    ``sides * min(|v1|, |v2|) / (|v1| + |v2|)``: the closed form of the paper's
-    projection and integral (equations "degree of RMO" and "length of symmetric
-    part"; see ``docs/rmo.md``). That the two are opposite is not checked here.
+    ``sides * min(|v1|, |v2|) / (|v1| + |v2|)``: the closed form of the paper's projection and
+    integral (equations "degree of RMO" and "length of symmetric part"; see ``docs/rmo.md``). That
+    the two are opposite is not checked here.
 
     Parameters
     ----------
     v1, v2 : array_like, shape (..., 2)
         Motion vectors (x, y), in any one unit.
     sides : int
-        2 counts the symmetric length on both sides of the centre (0 to 1), 1 on
-        one side, as the paper's integral literally does (0 to 0.5).
-
-    Returns
-    -------
-    ndarray, shape (...)
-        0 where one of the two is zero.
+        2 counts the symmetric length on both sides of the centre (0 to 1), 1 on one side, as the
+        paper's integral literally does (0 to 0.5).
 
     Raises
     ------
@@ -150,9 +146,7 @@ def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
     return _opponency(length(one), length(other), sides)
 
 
-def opposite_pairs(
-    vectors: ArrayLike, tolerance: float = 30.0
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def opposite_pairs(vectors: ArrayLike, tolerance: float = 30.0) -> tuple[Rows, Rows]:
     """Return which pairs of vectors are opposite, each pair once.
 
     Two vectors are opposite if the angle between one and the negative of the other
@@ -182,7 +176,7 @@ def opposite_pairs(
 
 def rom_pairs(
     starts: ArrayLike, vectors: ArrayLike, params: RmoParams | None = None
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+) -> tuple[Rows, Rows]:
     """Return the ROM pairs: opposite vectors that point away from each other.
 
     With u the line that the two share, a pair is outward if the angle between
@@ -215,23 +209,18 @@ def rom_pairs(
 def rmo_metrics(
     starts: ArrayLike, vectors: ArrayLike, params: RmoParams | None = None
 ) -> RmoMetrics:
-    """Measure the radial motion opponency of a set of motion vectors.
+    """Measure the radial motion opponency of a set of motion vectors; zeros where there is no pair.
 
-    Every pair is looked at. The definition is in ``docs/rmo.md``; units, shifts and
-    rotations of the plane do not matter.
+    Every pair is looked at. The definition is in ``docs/rmo.md``; units, shifts and rotations of
+    the plane do not matter.
 
     Parameters
     ----------
     starts, vectors : array_like, shape (n, 2)
-        Where each motion vector starts, and the vector (x, y). Zero vectors are
-        left out; no minimum speed is applied.
+        Where each motion vector starts, and the vector (x, y). Zero vectors are left out; no
+        minimum speed is applied.
     params : RmoParams, optional
         Tolerances and sides; the default ones if omitted.
-
-    Returns
-    -------
-    RmoMetrics
-        Zeros where there is no pair.
 
     Raises
     ------
@@ -245,17 +234,7 @@ def rmo_metrics(
 def metrics_of(
     starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
 ) -> RmoMetrics:
-    """Measure as :func:`rmo_metrics` does, without checking its arguments.
-
-    Parameters
-    ----------
-    starts, vectors : ndarray of float64, shape (n, 2)
-        Finite.
-    params : RmoParams
-        Tolerances and sides.
-
-    Source: ``docs/rmo.md``.
-    """
+    """Measure as :func:`rmo_metrics` does, without checking the arrays of float64, shape (n, 2)."""
     count, opposite, outward, inward, largest, pairs = rmo_sums(
         starts, vectors, params.opposite_tolerance, params.outward_tolerance, params.sides
     )
@@ -392,27 +371,22 @@ def _points(name: str, values: ArrayLike) -> Points:
     return array
 
 
-def length(points: Points) -> NDArray[np.float64]:
+def length(points: Points) -> Lengths:
     """Return the lengths of vectors (x, y), shape (..., 2)."""
-    lengths: NDArray[np.float64] = np.hypot(points[..., 0], points[..., 1])
-    return lengths
+    return np.asarray(np.hypot(points[..., 0], points[..., 1]), np.float64)
 
 
 def _complex(points: Points) -> NDArray[np.complex128]:
     return points[:, 0] + 1j * points[:, 1]
 
 
-def _joined(
-    blocks: Iterable[tuple[NDArray[np.intp], NDArray[np.intp]]],
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _joined(blocks: Iterable[tuple[Rows, Rows]]) -> tuple[Rows, Rows]:
     none = np.empty(0, dtype=np.intp)
     first, second = zip((none, none), *blocks, strict=True)
     return np.concatenate(first), np.concatenate(second)
 
 
-def _opponency(
-    speed1: NDArray[np.float64], speed2: NDArray[np.float64], sides: int
-) -> NDArray[np.float64]:
+def _opponency(speed1: Lengths, speed2: Lengths, sides: int) -> Lengths:
     total = speed1 + speed2
     symmetric = np.minimum(speed1, speed2) * sides
     return symmetric / np.where(total > 0, total, 1.0)
