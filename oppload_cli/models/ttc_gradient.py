@@ -171,15 +171,7 @@ class TtcGradient(Detector):
 
 
 class _Windows:
-    """Sums over the windows along one axis, and over all of it.
-
-    Parameters
-    ----------
-    centres : ndarray of int
-        Of the windows, in order.
-    half : int
-        A window reaches from ``centre - half`` to ``centre + half``.
-    """
+    """Sums over the windows along one axis, from ``centre - half`` to ``centre + half``."""
 
     def __init__(self, centres: NDArray[np.int_], half: int) -> None:
         self.centres = centres
@@ -204,17 +196,10 @@ class _Windows:
 def _fitted(
     sums: Numbers, cy: Any, cx: Any, pixels: int, half: int
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Return A, B, C and r2 of some windows.
+    """Return A, B, C and r2 of some windows, from the sums of their ten products.
 
-    Parameters
-    ----------
-    sums : ndarray, shape (10, windows)
-        Of the products, with G about the middle of the frame.
-    cy, cx : ndarray or int
-        Centres of the windows, from the middle of the frame.
-    pixels, half : int
-        Pixels of a window, and half its side: the scale of the ridge that keeps the system
-        solvable.
+    In these, G is about the middle of the frame, from which the centres of the windows are counted
+    too. The pixels of a window and half its side scale the ridge that keeps the system solvable.
     """
     xx, yy, xy, gx, gy, gg, xt, yt, gt, tt = sums
     # G about the centre of the window instead of the middle of the frame.

@@ -66,17 +66,9 @@ class EmdLplc2GfResponse(Response):
 def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Plane) -> None:
     """Add the motion to the right and downwards between neighbouring pixels.
 
-    Reichardt's correlation: the delayed signal of a pixel times the signal of its neighbour,
-    minus the same for the opposite direction.
-
-    Parameters
-    ----------
-    signal, delayed : ndarray of float64, shape (height, width)
-        The ON or the OFF signal, and its low-passed copy.
-    motion : ndarray of float64, shape (2, height - 1, width - 1)
-        To the right and downwards; is changed in place.
-    room : ndarray of float64, shape (height - 1, width - 1)
-        Overwritten: a new allocation takes more time than the computation.
+    Reichardt's correlation: the delayed signal of a pixel times the signal of its neighbour, minus
+    the same for the opposite direction. `room`, one row and column smaller than the signal, is
+    overwritten: a new allocation takes more time than the computation.
     """
     here, late = signal[:-1, :-1], delayed[:-1, :-1]
     neighbours = np.s_[:-1, 1:], np.s_[1:, :-1]
@@ -88,17 +80,8 @@ def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: P
 def _lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Plane:
     """Return the response of the unit at every pixel: the product of its four arms.
 
-    Each arm sums the motion away from the unit over a rectangle of half the field by two fifths
-    of it, 0 beyond the frame, and counts only above the threshold.
-
-    Parameters
-    ----------
-    right, down : ndarray of float64, shape (height, width)
-        Motion to the right and downwards.
-    field : int
-        Side of the field in px, even.
-    threshold : float
-        Sum above which an arm counts.
+    Each arm sums the motion away from the unit over a rectangle of half the field by two fifths of
+    it, 0 beyond the frame, and counts only above the threshold.
     """
     half, width = field // 2, round(field * 2 / 5)
     units = _arms(right, half, width, threshold)
@@ -114,9 +97,9 @@ def _arms(motion: Plane, length: int, width: int, threshold: float) -> Plane:
     table = cv2.integral(padded)
     first = width + 1 - width // 2  # rows from 1 - width // 2 to width // 2 around each
     bands = table[width + 1 + width // 2 :][:height] - table[first : first + height]
-    middle = bands[:, length + 1 : length + 1 + columns]
-    before = bands[:, 1 : 1 + columns] - middle
-    after = bands[:, 2 * length + 1 : 2 * length + 1 + columns] - middle
+    middle = bands[:, length + 1 :][:, :columns]
+    before = bands[:, 1:][:, :columns] - middle
+    after = bands[:, 2 * length + 1 :][:, :columns] - middle
     before *= before > threshold
     after *= after > threshold
     before *= after
@@ -204,11 +187,8 @@ class EmdLplc2Gf(ChangeDetector):
         filtered += change
         filtered *= _HIGH_PASS
         self._motions[:] = 0
-        for low_passed, level in ((self._on, None), (self._off, _OFF_LEVEL)):
-            if level is None:
-                np.maximum(filtered, 0, out=now)
-            else:
-                np.maximum(np.subtract(level, filtered, out=now), 0, out=now)
+        for low_passed, level, sign in ((self._on, 0, 1), (self._off, _OFF_LEVEL, -1)):
+            np.maximum(level + sign * filtered, 0, out=now)
             cv2.addWeighted(now, _LOW_PASS, low_passed, 1 - _LOW_PASS, 0, dst=low_passed)
             _add_elementary_motion(now, low_passed, self._motions, self._room)
         return self._motions

@@ -49,18 +49,10 @@ def _radial_bias(shape: tuple[int, int]) -> Map:
 
 
 class _Pathway:
-    """T4 (of ON signals) or T5 (of OFF signals): motion in four directions.
+    """T4 (of ON signals) or T5 (of OFF signals): motion in four directions, raised to a power.
 
-    All arrays are made once: to allocate them takes more time than to compute them.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the frames.
-    exponent : float
-        Of its motion.
-    share : float
-        Share of the input in each low-passed value.
+    `share` is that of the input in each low-passed value. All arrays are made once: to allocate
+    them takes more time than to compute them.
     """
 
     def __init__(self, shape: tuple[int, int], exponent: float, share: float) -> None:
@@ -76,10 +68,7 @@ class _Pathway:
     def step(self, change: Map) -> list[Map]:
         """Return its motion to the right, left, down and up; the next frame overwrites it.
 
-        Parameters
-        ----------
-        change : ndarray of float32, shape (height, width)
-            Band-passed change of luminance, towards ON or OFF.
+        `change` is the band-passed change of luminance, towards ON or OFF.
         """
         share = self._share
         cv2.threshold(change, 0, 0, cv2.THRESH_TOZERO, dst=self._room)
@@ -102,10 +91,8 @@ class _Pathway:
         motion[_LEFT][:, 0], motion[_UP][0] = 0, 0
         for way, each in enumerate(motion):
             if way in {_LEFT, _UP}:
-                np.add(each, rise, out=each)
                 np.negative(each, out=each)
-            else:
-                np.subtract(each, rise, out=each)
+            np.subtract(each, rise, out=each)
             _to_power(each, self._exponent)
         return list(motion)
 
@@ -163,23 +150,9 @@ def _blurred(values: Map, line: Map, out: Map | None = None) -> Map:
 class _Motion:
     """The network up to its last layer, which both variants share: net motion along both axes.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the frames.
-    low_pass_ms : float
-        Time constant of the delay.
-    interval_ms : float
-        Between two frames.
-
-    Attributes
-    ----------
-    frames : int
-        How many frames were taken.
-    sums : ndarray of float64, shape (2, 2, 2, 2)
-        By axis (across, down), half of the frame (upper, lower), half (left, right): the sums
-        of the motion to the right or downwards through the Gaussian error linear unit, and of
-        the motion the other way through it.
+    `sums`, shape (2, 2, 2, 2), holds by axis (across, down), half of the frame (upper, lower) and
+    half (left, right) the sums of the motion to the right or downwards through the Gaussian error
+    linear unit, and of the motion the other way through it.
     """
 
     def __init__(self, shape: tuple[int, int], low_pass_ms: float, interval_ms: float) -> None:
@@ -189,7 +162,6 @@ class _Motion:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
         self.frames = 0
         self.sums = np.zeros((2, 2, 2, 2))
         self._before: NDArray[np.uint8] | None = None
@@ -197,11 +169,9 @@ class _Motion:
 
     @property
     def ready(self) -> bool:
-        """Whether there was a change to answer to."""
         return self.frames > _FIRST_FRAME
 
     def step(self, luma: Map) -> bool:
-        """Take the next frame; return `ready`."""
         now = grey_levels(luma, self.shape)
         before, self._before = self._before, now
         self.frames += 1
@@ -210,8 +180,8 @@ class _Motion:
         p = self._change
         cv2.subtract(now, before, dst=p, dtype=cv2.CV_32F)
         fine, coarse = self._bands
-        _blurred(p, coarse, self._net)
-        band = np.subtract(_blurred(p, fine, self._band), self._net, out=self._band)
+        band = _blurred(p, fine, self._band)
+        np.subtract(band, _blurred(p, coarse, self._net), out=band)
         on = self._pathways[0].step(band)
         off = self._pathways[1].step(np.negative(band, out=band))
         for axis, (way, back) in enumerate(((_RIGHT, _LEFT), (_DOWN, _UP))):
@@ -233,13 +203,12 @@ class _Motion:
         bent *= x
         np.tanh(bent, out=bent)
         bent *= x
-        sums = np.empty((2, 2, 2))
         # The authors count rows and columns from 1.
         row, column = self.shape[0] // 2 - 1, self.shape[1] // 2 - 1
+        sums = np.empty((2, 2, 2))
         for y, rows in enumerate((slice(row), slice(row, None))):
             for z, columns in enumerate((slice(column), slice(column, None))):
-                own = rows, columns
-                half, curved = (each[own].sum(dtype=np.float64) / 2 for each in (x, bent))
+                half, curved = (each[rows, columns].sum(dtype=np.float64) / 2 for each in (x, bent))
                 sums[y, z] = curved + half, curved - half
         return sums
 

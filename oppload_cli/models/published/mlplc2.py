@@ -69,18 +69,9 @@ def _correlate(
 ) -> None:
     """Add the low-passed correlation of some pixels with their neighbours in four directions.
 
-    Parameters
-    ----------
-    motion : ndarray of float64, shape (4, pixels)
-        Is changed in place.
-    here : ndarray of int
-        The pixels, outside the band at the edge: those whose signal is above 0.
-    signals : tuple of ndarray of float64, shape (pixels,)
-        The compressed signal of this frame and of the one before.
-    width : int
-        Of the frame in px.
-    interval_ms : float
-        Between two frames.
+    `motion`, shape (4, pixels), is changed at the pixels `here`, which are outside the band at the
+    edge. The signals are compressed: that of this frame, and that of the one before. The width of
+    the frame is in px.
     """
     share = low_pass_share(interval_ms, _MOTION_MS)
     now, before = signals
@@ -104,6 +95,11 @@ def _powered(motion: Plane, exponent: float) -> Plane:
     return np.where(motion > _FAINTEST_MOTION, np.maximum(motion, _FAINTEST_MOTION) ** exponent, 0)
 
 
+def _within(offsets: Places) -> NDArray[np.bool_]:
+    """Tell which offsets from the middle of a field, along one axis, lie in it."""
+    return (offsets >= -_HALF_FIELD) & (offsets < _HALF_FIELD)
+
+
 @dataclass
 class _Attention:
     """A field of attention: its number, place and first frame, and its latest sums."""
@@ -119,16 +115,10 @@ class _Attention:
     def take(self, y: Places, x: Places, net: Plane) -> None:
         """Sum the outward part of the motion in each quadrant.
 
-        Parameters
-        ----------
-        y, x : ndarray of int, shape (n,)
-            The pixels that move.
-        net : ndarray of float64, shape (2, n)
-            Net motion of these pixels to the right and downwards.
+        `net`, shape (2, n), is the motion of the pixels at y, x to the right and downwards.
         """
         dy, dx = y - self.y, x - self.x
-        inside = np.abs(2 * dy + 1) < 2 * _HALF_FIELD
-        inside &= np.abs(2 * dx + 1) < 2 * _HALF_FIELD
+        inside = _within(dy) & _within(dx)
         dy, dx, (across, downward) = dy[inside], dx[inside], net[:, inside]
         right, left = np.maximum(across, 0), np.maximum(-across, 0)
         down, up = np.maximum(downward, 0), np.maximum(-downward, 0)
@@ -206,8 +196,7 @@ class Mlplc2(ChangeDetector):
         """Forget all changes."""
         self._interval_ms = 1000 / (self.frame_rate or parts.USUAL_RATE)
         line = _corner_line(*_COMPRESSION)
-        reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
-        self._reach = reach
+        self._reach = reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
         # Compression passes the threshold where the signal is above this.
         least = np.arctanh(min(self.params.compression_threshold, _NEARLY))
         with np.errstate(divide="ignore"):
@@ -249,9 +238,7 @@ class Mlplc2(ChangeDetector):
     def _drive(self, inhibiting: Plane, exciting: Plane) -> None:
         """Let excitation and inhibition drive the ON and the OFF signal, which decay."""
         excitation = _cut(exciting, _corner_line(*_EXCITATION))
-        s = _cut(inhibiting, _corner_line(*_INHIBITION))
-        np.multiply(s, -_INHIBITION_WEIGHT, out=s)
-        np.add(s, excitation, out=s)
+        s = excitation - _INHIBITION_WEIGHT * _cut(inhibiting, _corner_line(*_INHIBITION))
         bright = excitation >= 0
         # ON where both are above 0, OFF where both are below.
         s *= (s > 0) == bright
@@ -292,7 +279,7 @@ class Mlplc2(ChangeDetector):
             if old and sum(attention.outputs) < _KEPT_ABOVE and len(self._fields) > 1:
                 self._fields.remove(attention)
         moved = 0.0, 0, 0
-        if magnitude.size and magnitude.max() > 0:
+        if magnitude.any():
             best = int(magnitude.argmax())
             moved = float(magnitude[best]), int(x[best]), int(y[best])
         fields = self._fields or [_Attention(0, -1, -1)]
@@ -312,10 +299,7 @@ class Mlplc2(ChangeDetector):
         y, x = y[records], x[records]
         beyond = np.ones(len(records), bool)
         for each in self._fields:
-            above, left = y - each.y + _HALF_FIELD, x - each.x + _HALF_FIELD
-            beyond &= (
-                (above < 0) | (above >= 2 * _HALF_FIELD) | (left < 0) | (left >= 2 * _HALF_FIELD)
-            )
+            beyond &= ~(_within(y - each.y) & _within(x - each.x))
         if beyond.any():
             last = np.flatnonzero(beyond)[-1]  # records grow
             self._opened += 1

@@ -63,13 +63,7 @@ class ZhouLrfResponse(Response):
 
 
 def _weights() -> Plane:
-    """Return the weights for motion to the right, shape (12, 12), row 0 on top.
-
-    Raises
-    ------
-    OpploadError
-        If the file of the weights is missing from the installation, or is damaged.
-    """
+    """Return the weights for motion to the right, shape (12, 12), row 0 on top."""
     path = files(__package__) / _WEIGHTS_FILE
     try:
         lines = path.read_text("ascii").splitlines()
@@ -81,13 +75,7 @@ def _weights() -> Plane:
 
 
 def _blur_kernel(element: int) -> Plane:
-    """Return the Gaussian about a pixel corner, sigma half an element, cut at two elements.
-
-    Parameters
-    ----------
-    element : int
-        Side of an element in px, even.
-    """
+    """Return the Gaussian about a pixel corner, sigma half an element, cut at two elements."""
     offsets = np.arange(-2 * element, 2 * element) + 0.5
     square = offsets[:, None] ** 2 + offsets**2
     kernel = np.exp(-square / (2 * (element / 2) ** 2))
@@ -96,13 +84,7 @@ def _blur_kernel(element: int) -> Plane:
 
 
 class _Blur:
-    """The blur at the corners of half elements: the only places at which it is needed.
-
-    Parameters
-    ----------
-    element : int
-        Side of an element in px, even.
-    """
+    """The blur at the corners of half elements: the only places at which it is needed."""
 
     def __init__(self, element: int) -> None:
         self._step, self._reach = element // 2, 2 * element
@@ -112,18 +94,9 @@ class _Blur:
         )
 
     def __call__(self, image: Plane, rows: int, columns: int) -> Plane:
-        """Return the blurred image.
+        """Return the blurred image, shape (2 rows + 1, 2 columns + 1) for rows of elements.
 
-        Parameters
-        ----------
-        image : ndarray of float64, shape (height, width)
-            The nearest pixel is repeated beyond it.
-        rows, columns : int
-            Of elements.
-
-        Returns
-        -------
-        ndarray of float64, shape (2 rows + 1, 2 columns + 1)
+        Beyond the image the nearest pixel is repeated.
         """
         padded = cv2.copyMakeBorder(image, *(self._reach,) * 4, borderType=EDGE)
         wide = np.lib.stride_tricks.sliding_window_view(padded, 2 * self._reach, axis=1)
@@ -205,10 +178,8 @@ class ZhouLrf(Detector):
         return [across[:, :-1], across[:, 1:], along[1:], along[:-1]]
 
     def _answer(self, samples: list[Plane], delayed: list[Plane]) -> Response:
-        (left, right, lower, upper), (late_left, late_right, late_lower, late_upper) = (
-            samples,
-            delayed,
-        )
+        left, right, lower, upper = samples
+        late_left, late_right, late_lower, late_upper = delayed
         across = right * late_left - late_right * left
         up = upper * late_lower - late_upper * lower
         channels = [np.maximum(each, 0) for each in (across, -across, up, -up)]
