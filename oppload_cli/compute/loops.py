@@ -57,35 +57,24 @@ SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
 _BAND = 120  # rows that one thread computes at a time: their data stay in the cache
 _LARGE = 1 << 18  # pixels; below, handing work to other threads costs more than it saves
-_pointer, _count, _float, _double = ctypes.c_void_p, ctypes.c_int, ctypes.c_float, ctypes.c_double
-_RETURN_NOTHING: dict[str, tuple[Any, ...]] = {
-    "presynaptic_sums": (
-        *(3 * [_pointer]),
-        *(_count, _count, _pointer, _count, _pointer, _count, _pointer, _pointer, _count, _count),
-        *(5 * [_pointer]),
-        *(_count, _count, _pointer, _pointer),
-    ),
-    "group": (
-        *(_pointer, _count, _count, _count, _float, _float),
-        *(_pointer, _pointer, _count, _count),
-    ),
-    "pool": (_pointer, _count, _count, _pointer, _count, _pointer, _count, _pointer, _pointer),
-    "opponent_products": (_pointer, _pointer, _count, _count, _count, _pointer, _count, _pointer),
-    "leave_out_moving": (
-        *(_pointer, _count, _count, _count, ctypes.c_ssize_t, ctypes.c_ssize_t),
-        *(_float, _float, _pointer, _pointer, _pointer, _pointer),
-    ),
-    "reduce": (_pointer, ctypes.c_ssize_t, _count, _count, _count, _pointer, _pointer),
-    "rmo_sums": (_pointer, _pointer, _count, _double, _double, _double, _pointer, _pointer),
+# The arguments of each loop, in the order of its signature in C; some return an int.
+_KINDS = {
+    "p": ctypes.c_void_p,
+    "i": ctypes.c_int,
+    "n": ctypes.c_ssize_t,  # ptrdiff_t
+    "f": ctypes.c_float,
+    "d": ctypes.c_double,
 }
-_RETURN_INT: dict[str, tuple[Any, ...]] = {
-    "folded": (),
-    "sample": (
-        *(_pointer, _pointer, _pointer),
-        *(5 * [_count]),
-        *(4 * [_double]),
-        *(4 * [_pointer]),
-    ),
+_SIGNATURES = {
+    "folded": "",
+    "presynaptic_sums": "ppp ii pi pi pp ii ppppp ii pp",
+    "group": "piii ff pp ii",
+    "pool": "pii pi pi pp",
+    "opponent_products": "pp iii pi p",
+    "leave_out_moving": "piii nn ff pppp",
+    "reduce": "pn iii pp",
+    "sample": "ppp iiiii dddd pppp",
+    "rmo_sums": "ppi dd d pp",
 }
 
 _Byte = ctypes.c_char
@@ -221,17 +210,7 @@ _outputs: WeakKeyDictionary[Sums, _Outputs] = WeakKeyDictionary()
 
 
 def _presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: Sums) -> None:
-    """Compute S and S_phi, as :func:`oppload_cli.models.dpc.presynaptic_sums` does.
-
-    Parameters
-    ----------
-    photoreceptors : sequence of ndarray of float32, shape (height, width)
-        P(t), P(t-1) and P(t-2), contiguous.
-    kernels : Kernels
-        Of no axis, or of two axes at a right angle.
-    out : Sums
-        Takes the sums, contiguous.
-    """
+    """Compute S and S_phi, as :func:`oppload_cli.models.dpc.presynaptic_sums` does."""
     if kernels not in _plans:
         _plans[kernels] = _Plan(kernels)
     plan = _plans[kernels]
@@ -265,10 +244,8 @@ def _group(
 def _pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
     """Pool maps, as :func:`oppload_cli.models.opposing_motion.pool` does."""
     (height, width), rows, columns = maps[0].shape, len(down), len(across)
-    half, out = (
-        np.empty((rows, width), np.float32),
-        np.empty((len(maps), rows, columns), np.float32),
-    )
+    half = np.empty((rows, width), np.float32)
+    out = np.empty((len(maps), rows, columns), np.float32)
     shared = height, width, _address(down), rows, _address(across), columns, _address(half)
     for each, to in zip(maps, _addresses(out), strict=True):
         _library().pool(_address(each), *shared, to)
@@ -286,9 +263,7 @@ def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
     for passing, opposite, weight, to in zip(
         at[:axes], at[axes:], _addresses(weights), _addresses(out), strict=True
     ):
-        _library().opponent_products(
-            *(passing, opposite, rows, columns, stride, weight, reach, to),
-        )
+        _library().opponent_products(passing, opposite, rows, columns, stride, weight, reach, to)
     return out[..., :columns]
 
 
@@ -308,10 +283,8 @@ def _reduce(frame: Grey, reduction: int, out: Grey) -> None:
         np.copyto(out, frame)
         return
     line = np.empty(reduction * columns, np.uint16)
-    _library().reduce(
-        *(_address(frame), frame.strides[0], reduction, rows, columns),
-        *(_address(out), _address(line)),
-    )
+    shape = reduction, rows, columns
+    _library().reduce(_address(frame), frame.strides[0], *shape, _address(out), _address(line))
 
 
 def _sample(
@@ -397,16 +370,9 @@ def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:
 def _in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object]) -> None:
     """Compute the rows of a frame, in bands on several threads where the frame is large.
 
-    The threads are as many as OpenCV's, whose number follows the affinity mask or
-    ``cv2.setNumThreads``. Each row is computed by one thread: the result has the same bytes
-    for any number of threads.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the frame.
-    compute : callable
-        Takes the number of a band, its first row, and the row after its last one.
+    `compute` takes the number of a band, its first row, and the row after its last one. The threads
+    are as many as OpenCV's, whose number follows the affinity mask or ``cv2.setNumThreads``. Each
+    row is computed by one thread: the result has the same bytes for any number of threads.
     """
     bands = _bands_of(shape)
     threads = min(cv2.getNumThreads(), len(bands)) if len(bands) > 1 else 1
@@ -476,10 +442,8 @@ def _opened(build: str) -> ctypes.CDLL | str:
             return f"{path} belongs to another version; install oppload again"
     except (OSError, AttributeError):
         return f"{path} does not load on this system; install the wheel of this platform"
-    for signatures, returned in ((_RETURN_NOTHING, None), (_RETURN_INT, ctypes.c_int)):
-        for name, signature in signatures.items():
-            function = getattr(library, name)
-            function.argtypes, function.restype = signature, returned
+    for name, signature in _SIGNATURES.items():
+        getattr(library, name).argtypes = [_KINDS[kind] for kind in signature.replace(" ", "")]
     return library
 
 

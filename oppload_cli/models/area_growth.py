@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import cv2
 
 from oppload_cli.models.detector import Detector, Response, details_of, inner
 from oppload_cli.models.dpc import grey_levels
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ class AreaGrowth(Detector):
     details = details_of(AreaGrowthResponse)
     answers = AreaGrowthResponse
     parameters = AreaGrowthParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.1}
+    alarm_floors: ClassVar = {"default": 0.1}
     evaluated = False
     reference = "defined here"
     answers_to = "areas that grow before a still camera, by light or by approach"
@@ -71,23 +70,18 @@ class AreaGrowth(Detector):
     warm_up = 0
 
     params: AreaGrowthParams
-
-    def __init__(
-        self, shape: tuple[int, int], params: AreaGrowthParams | None = None, **others: Any
-    ) -> None:
-        super().__init__(shape, params, **others)
-        self.reset()
+    _start: NDArray[np.uint8] | None = None
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._start: NDArray[np.uint8] | None = None
-        self._sizes: deque[float] = deque(maxlen=_SPAN + 1)
+        self._start = None
 
     def step(self, luma: Map) -> AreaGrowthResponse:
         """Take the next frame."""
         now = grey_levels(luma, self.shape)
         if self._start is None:
             self._start = self._before = now
+            self._sizes: deque[float] = deque(maxlen=_SPAN + 1)
         pixels = self.shape[0] * self.shape[1]
         levels = self.params.least * 255
         # Grey levels are integers: those above a threshold are those above its integer part.

@@ -11,7 +11,6 @@ import numpy as np
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.models.detector import Column, Detector, Response
 from oppload_cli.models.dpc import DpcParams, excitation, referred
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import parameter
 
 if TYPE_CHECKING:
@@ -136,7 +135,7 @@ class Dlgmd(Detector):
     columns = (Column("s", "", "mean over the frame of S, the presynaptic sum of D-LGMD"),)
     answers = DlgmdResponse
     parameters = DlgmdParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.01}
+    alarm_floors: ClassVar = {"default": 0.01}
     by_default = True
     warm_up = 3
 

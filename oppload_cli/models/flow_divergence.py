@@ -10,7 +10,6 @@ import numpy as np
 
 from oppload_cli.models.detector import Detector, Response
 from oppload_cli.models.dpc import grey_levels
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -89,7 +88,7 @@ class FlowDivergence(Detector):
     unit = "1/frame"
     response_column = "1/frame", "largest mean divergence of optical flow over a window"
     parameters = FlowDivergenceParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.3}
+    alarm_floors: ClassVar = {"default": 0.3}
     least_size = 16, 16  # inverse search refuses smaller frames
 
     params: FlowDivergenceParams

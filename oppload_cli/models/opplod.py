@@ -11,7 +11,6 @@ from oppload_cli.models.dpc import smaller
 from oppload_cli.models.layers import MEMORY, Layers
 from oppload_cli.models.opplod_parameters import OpplodParams, OpplodResponse
 from oppload_cli.models.opposing_motion import PixelwiseJudgement, PooledJudgement
-from oppload_cli.models.presets import DEFAULT_PRESET
 
 if TYPE_CHECKING:
     from typing import Any
@@ -177,7 +176,7 @@ class Opplod(Detector):
         ),
         "lplc2": _LPLC2,
     }
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.06, "reference": 8e-4}
+    alarm_floors: ClassVar = {"default": 0.06, "reference": 8e-4}
     by_default = True
     warm_up = MEMORY
     columns: ClassVar = (

@@ -11,7 +11,6 @@ import numpy as np
 
 from oppload_cli.models.detector import Box, Detector, Response, details_of, inner
 from oppload_cli.models.dpc import check_frame
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -81,7 +80,7 @@ class TtcGradient(Detector):
     details = details_of(TtcGradientResponse)
     answers = TtcGradientResponse
     parameters = TtcGradientParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.1}
+    alarm_floors: ClassVar = {"default": 0.1}
     evaluated = False
     year = 2007
     reference = "Horn, Fang and Masaki, IEEE Intelligent Vehicles"

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     DECAY,
     EDGE,
@@ -66,7 +65,7 @@ class CiLmd(ChangeDetector):
     details = details_of(CiLmdResponse)
     answers = CiLmdResponse
     parameters = CiLmdParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 9.0}
+    alarm_floors: ClassVar = {"default": 9.0}
     year = 2026
     reference = "Fu, CI model for looming detection"
     answers_to = "places where a strong change has just ended; not to weak edges"

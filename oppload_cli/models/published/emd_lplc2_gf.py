@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Box, Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import ChangeDetector
 from oppload_cli.schema import Parameters, parameter
 
@@ -151,7 +150,7 @@ class EmdLplc2Gf(ChangeDetector):
     least_size = (8, 8)
     answers = EmdLplc2GfResponse
     parameters = EmdLplc2GfParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 1.0}
+    alarm_floors: ClassVar = {"default": 1.0}
     places = True
     precision = np.float64
 

@@ -10,7 +10,6 @@ import numpy as np
 
 from oppload_cli.models.detector import Detector, Response, details_of, inner
 from oppload_cli.models.dpc import grey_levels
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE
 from oppload_cli.schema import Parameters, parameter
 
@@ -264,7 +263,7 @@ class HuaFixed(Detector):
     evaluated = False
     answers = HuaResponse
     parameters: ClassVar[type[Parameters]] = HuaFixedParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 7000.0}
+    alarm_floors: ClassVar = {"default": 7000.0}
     warm_up = _FIRST_FRAME
 
     params: HuaFixedParams
@@ -316,7 +315,7 @@ class HuaLiteral(HuaFixed):
     colour = "#FFA286"
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), as coded"
     parameters: ClassVar[type[Parameters]] = HuaLiteralParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 100_000.0}
+    alarm_floors: ClassVar = {"default": 100_000.0}
 
     way_below: ClassVar[int] = 1
 

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     ZERO,
     ChangeDetector,
@@ -130,7 +129,7 @@ class Lgmd1Group(_Persistent):
     details = details_of(Lgmd1GroupResponse)
     answers = Lgmd1GroupResponse
     parameters = Lgmd1GroupParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 200.0}
+    alarm_floors: ClassVar = {"default": 200.0}
     year = 2006
     reference = "Yue and Rind, with grouping, as coded by Fu for pLGMD"
     answers_to = "moving edges, dark or bright, in clusters; as coded also to where they were"
@@ -169,7 +168,7 @@ class Lgmd1GroupPaper(Lgmd1Group):
     meaning = "LGMD1 with grouping and a persistence that forgets"
     parameters = Lgmd1GroupPaperParams
     answers_to = "moving edges, dark or bright, in clusters"
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 110.0}
+    alarm_floors: ClassVar = {"default": 110.0}
 
 
 # ---- pLGMD ---------------------------------------------------------------------------------
@@ -221,7 +220,7 @@ class Plgmd(_Persistent):
     details = details_of(PlgmdResponse)
     answers = PlgmdResponse
     parameters = PlgmdParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 20.0}
+    alarm_floors: ClassVar = {"default": 20.0}
     year = 2023
     reference = "Fu, pLGMD"
     answers_to = "moving edges in clusters, and where they were; weak motion drowns"

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from oppload_cli.models.detector import Column, Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     Adaptation,
     ChangeDetector,
@@ -84,7 +83,7 @@ class Lgmd1Onoff(ChangeDetector):
     details = details_of(Lgmd1OnoffResponse)
     answers = Lgmd1OnoffResponse
     parameters = Lgmd1OnoffParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 5.7}
+    alarm_floors: ClassVar = {"default": 5.7}
     year = 2018
     reference = "Fu, Hu, Peng and Yue, Neural Networks"
     answers_to = "edges that brighten, and the surroundings of edges that darken"

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from oppload_cli.models.detector import Column, Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     ChangeDetector,
     at_least,
@@ -89,7 +88,7 @@ class Lgmd1Single(ChangeDetector):
     details = details_of(Lgmd1SingleResponse)
     answers = Lgmd1SingleResponse
     parameters = Lgmd1SingleParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 2.7}
+    alarm_floors: ClassVar = {"default": 2.7}
     year = 2006
     reference = "Yue and Rind, IEEE Trans. Neural Networks, as coded by Fu"
     answers_to = "edges that brighten, until just before contact; not to dark objects"
@@ -137,4 +136,4 @@ class Lgmd1SinglePaper(Lgmd1Single):
     meaning = "LGMD1, one pathway of absolute changes, gated by the mean change"
     parameters = Lgmd1SinglePaperParams
     answers_to = "edges that brighten or darken, until just before contact"
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 5.5}
+    alarm_floors: ClassVar = {"default": 5.5}

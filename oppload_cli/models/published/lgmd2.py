@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Column, Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     EDGE,
     Adaptation,
@@ -82,7 +81,7 @@ class Lgmd2(ChangeDetector):
     details = details_of(Lgmd2Response)
     answers = Lgmd2Response
     parameters = Lgmd2Params
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 1.7}
+    alarm_floors: ClassVar = {"default": 1.7}
     year = 2019
     reference = "Fu, Hu, Peng, Rind and Yue, IEEE Trans. Cybernetics"
     answers_to = "edges that darken: dark objects that approach; silent for bright ones"

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     MIRROR,
     ChangeDetector,
@@ -70,7 +69,7 @@ class LgmdContrast(ChangeDetector):
     details = details_of(LgmdContrastResponse)
     answers = LgmdContrastResponse
     parameters = LgmdContrastParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 0.27}
+    alarm_floors: ClassVar = {"default": 0.27}
     year = 2022
     reference = "Fu and Li, harmonizing motion and contrast vision"
     answers_to = "changes over areas, at any contrast; also to flashes"

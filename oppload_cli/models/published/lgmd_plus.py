@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Column, Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import (
     EDGE,
     Adaptation,
@@ -90,7 +89,7 @@ class LgmdPlus(ChangeDetector):
     details = details_of(LgmdPlusResponse)
     answers = LgmdPlusResponse
     parameters = LgmdPlusParams
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 2.1}
+    alarm_floors: ClassVar = {"default": 2.1}
     year = 2020
     reference = "Fu, Wang, Peng and Yue, IEEE Access"
     answers_to = "strong moving edges, brightening ones twice as much, mostly away from the centre"

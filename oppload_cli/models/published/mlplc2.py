@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Box, Response, details_of, inner
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published import parts
 from oppload_cli.models.published.parts import ZERO, ChangeDetector, low_pass_share, spread
 from oppload_cli.schema import Parameters, parameter
@@ -186,7 +185,7 @@ class Mlplc2(ChangeDetector):
     least_size = (15, 15)
     answers = Mlplc2Response
     parameters = Mlplc2Params
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 25_000.0}
+    alarm_floors: ClassVar = {"default": 25_000.0}
     places = True
     precision = np.float64
 

@@ -77,13 +77,7 @@ class ChangeDetector(Detector):
 
     @abstractmethod
     def answer(self, p: Plane) -> Response | None:
-        """Answer to the change of a frame.
-
-        Parameters
-        ----------
-        p : ndarray of `precision`, shape (height, width)
-            ``P(t) = L8(t) - L8(t-1)``, -255 to 255; the answer may change it.
-        """
+        """Answer to ``P(t) = L8(t) - L8(t-1)``, -255 to 255; the answer may change it."""
 
     @abstractmethod
     def forget(self) -> None:
@@ -147,16 +141,8 @@ class DelayedSpread:
     """``ST``: a K3 kernel whose centre, nearest and diagonal taps are low-passed differently.
 
     The low-pass of Fu's models, ``l x(t) + (1 - l) x(t-1)``, has the previous *input*, so that
-    both frames can be convolved with a kernel of their own.
-
-    Parameters
-    ----------
-    weights : tuple of float
-        Of the centre, the nearest neighbours and the diagonals.
-    taus : tuple of float
-        Time constants of the three kinds of taps, in ms.
-    ti : float
-        Milliseconds per frame.
+    both frames can be convolved with a kernel of their own. Weights and time constants are those of
+    the centre, the nearest neighbours and the diagonals; all times are in ms.
     """
 
     def __init__(
@@ -204,16 +190,8 @@ def grouped(s: Plane, coefficient: float, offset: float, border: int) -> tuple[P
 class Adaptation:
     """Spike-frequency adaptation: it passes a rising potential and forgets a steady one.
 
-    Parameters
-    ----------
-    tau : float
-        Time constant in ms.
-    ti : float
-        Milliseconds per frame.
+    `tau`, the time constant, and `ti`, the time per frame, are in ms.
     """
-
-    RISE = 0.003
-    FLOOR = 0.5
 
     def __init__(self, tau: float, ti: float) -> None:
         self._share = tau / (tau + ti)
@@ -226,9 +204,9 @@ class Adaptation:
     def step(self, potential: float) -> float:
         """Take the potential of a frame, 0.5 to 1; return the adapted one, 0.5 to 1."""
         rise = potential - self.potential
-        kept = self.adapted + rise if rise <= self.RISE else potential
+        kept = self.adapted + rise if rise <= 0.003 else potential
         self.potential = potential
-        self.adapted = max(self._share * kept, self.FLOOR)
+        self.adapted = max(self._share * kept, 0.5)
         return self.adapted
 
 

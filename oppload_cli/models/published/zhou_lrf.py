@@ -12,7 +12,6 @@ import numpy as np
 from oppload_cli.errors import OpploadError, ParameterError
 from oppload_cli.models.detector import Detector, Response, details_of, inner
 from oppload_cli.models.dpc import grey_levels
-from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.models.published.parts import EDGE, sigmoid
 from oppload_cli.schema import Parameters, parameter
 
@@ -136,7 +135,7 @@ class ZhouLrf(Detector):
     answers = ZhouLrfResponse
     parameters = ZhouLrfParams
     evaluated = False
-    alarm_floors: ClassVar = {DEFAULT_PRESET: 3.0}
+    alarm_floors: ClassVar = {"default": 3.0}
 
     params: ZhouLrfParams
 
