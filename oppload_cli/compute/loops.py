@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
         presynaptic: Floats
         pathways: Mapping[int, Floats]
-        only_pathways: bool
 
 
 INTERFACE = 12  # that of maps.c; a build with another number is out of date
@@ -196,11 +195,8 @@ class _Outputs:
     def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:
         self.axes = axes
         pathways = [sums.pathways[phi] for phi in (*axes, *(phi + 180 for phi in axes))]
-        presynaptic = None if sums.only_pathways else _address(sums.presynaptic)
-        self.arguments = (
-            *(presynaptic, *map(_address, pathways)),
-            *[None] * (_MOST_PATHWAYS - len(pathways)),
-        )
+        none = [None] * (_MOST_PATHWAYS - len(pathways))
+        self.arguments = *map(_address, (sums.presynaptic, *pathways)), *none
         self._filled = np.ones(sums.presynaptic.shape, np.uint8)  # at first they may hold anything
         self.filled = _address(self._filled)
 

@@ -178,7 +178,7 @@ def photoreceptors(luma: Map, before: Map, out: Map | None = None) -> Map:
     return np.asarray(cv2.absdiff(luma, before, dst=out), np.float32)
 
 
-def convolved(values: Map, kernel: Kernel) -> Map:
+def _convolved(values: Map, kernel: Kernel) -> Map:
     """Return ``W * P``, a true convolution that takes P as 0 beyond the frame."""
     flipped = kernel[::-1, ::-1].astype(np.float32)  # OpenCV correlates: it takes W at -d
     convolution = cv2.filter2D(values, cv2.CV_32F, flipped, borderType=cv2.BORDER_CONSTANT)
@@ -187,13 +187,13 @@ def convolved(values: Map, kernel: Kernel) -> Map:
 
 def excitation(p: Sequence[Map], kernels: Kernels) -> Map:
     """Return ``E = W_E * P(t)``, eq. (E); `p` holds P(t), P(t-1) and P(t-2)."""
-    return convolved(p[0], kernels.excitation)
+    return _convolved(p[0], kernels.excitation)
 
 
 def inhibition(p: Sequence[Map], kernels: Kernels) -> Map:
     """Return ``I = W_I1 * P(t-1) + W_I2 * P(t-2)``, eq. (I)."""
     one, two = kernels.inhibition
-    return convolved(p[1], one) + convolved(p[2], two)
+    return _convolved(p[1], one) + _convolved(p[2], two)
 
 
 def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map:
@@ -204,7 +204,7 @@ def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map
     """
     mask = kernels.odd_masks[axis] + 0.5
     one, two = kernels.inhibition
-    return convolved(p[1], one * mask) + convolved(p[2], two * mask)
+    return _convolved(p[1], one * mask) + _convolved(p[2], two * mask)
 
 
 def rectified(excitation: Map, inhibition: Map) -> Map:
@@ -218,24 +218,20 @@ def rectified(excitation: Map, inhibition: Map) -> Map:
 class PresynapticSums:
     """S of D-LGMD, and S_phi of the pathways by their direction phi in degrees.
 
-    All are arrays of float32, shape (height, width), at least 0. With `only_pathways` S is not
-    computed, and stays 0.
+    All are arrays of float32, shape (height, width), at least 0.
     """
 
     presynaptic: Map
     pathways: dict[int, Map]
-    only_pathways: bool = False
 
     @classmethod
-    def zeros(
-        cls, shape: tuple[int, int], axes: tuple[int, ...], *, only_pathways: bool = False
-    ) -> PresynapticSums:
+    def zeros(cls, shape: tuple[int, int], axes: tuple[int, ...]) -> PresynapticSums:
         """Return zeros, for both pathways of each axis."""
         directions = [*axes, *(phi + 180 for phi in axes)]
         # One array holds all maps: separate arrays would all begin at the same place of a memory
         # page, and push each other out of the cache.
         presynaptic, *pathways = np.zeros((1 + len(directions), *shape), np.float32)
-        return cls(presynaptic, dict(zip(directions, pathways, strict=True)), only_pathways)
+        return cls(presynaptic, dict(zip(directions, pathways, strict=True)))
 
 
 @with_twin
@@ -252,8 +248,7 @@ def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -
         Takes ``S = max(0, E - I)`` and ``S_phi = max(0, E - I_phi)``.
     """
     e, i = excitation(p, kernels), inhibition(p, kernels)
-    if not out.only_pathways:
-        out.presynaptic[:] = rectified(e, i)
+    out.presynaptic[:] = rectified(e, i)
     for axis in kernels.odd_masks:
         i_phi = directional_inhibition(p, kernels, axis)
         out.pathways[axis][:] = rectified(e, i_phi)

@@ -265,8 +265,6 @@ class Dpc:
         the pathways phi and phi + 180.
     photoreceptors : _Hold of Photoreceptors, optional
         Shared photoreceptors; own ones otherwise.
-    only_pathways : bool
-        Whether S itself is not needed.
 
     Attributes
     ----------
@@ -282,23 +280,16 @@ class Dpc:
         params: DpcParams,
         axes: tuple[int, ...] = (),
         photoreceptors: _Hold[Photoreceptors] | None = None,
-        *,
-        only_pathways: bool = False,
     ) -> None:
         self._photoreceptors = photoreceptors or _Hold(Photoreceptors(shape))
         self._shape, self._params = shape, params
-        self._set_up(axes, only_pathways)
+        self.set_axes(axes)
 
-    def _set_up(self, axes: tuple[int, ...], only_pathways: bool) -> None:
+    def set_axes(self, axes: tuple[int, ...]) -> None:
+        """From the next frame on, compute the pathways of these axes beside S."""
         self.axes = axes
         self.kernels = Kernels.of(self._params, axes)
-        self.sums = PresynapticSums.zeros(self._shape, axes, only_pathways=only_pathways)
-
-    def add_axes(self, axes: tuple[int, ...]) -> None:
-        """From the next frame on, compute the pathways of these axes too; for no axes, S."""
-        wanted = axes or self.axes, self.sums.only_pathways and bool(axes)
-        if wanted != (self.axes, self.sums.only_pathways):
-            self._set_up(*wanted)
+        self.sums = PresynapticSums.zeros(self._shape, axes)
 
     @property
     def photoreceptors(self) -> Photoreceptors:
@@ -329,8 +320,7 @@ class Dpc:
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._photoreceptors.reset()
-        only_pathways = self.sums.only_pathways
-        self.sums = PresynapticSums.zeros(self._shape, self.axes, only_pathways=only_pathways)
+        self.sums = PresynapticSums.zeros(self._shape, self.axes)
 
     def step(self, luma: Map) -> bool:
         """Take the next frame; arguments, result and errors as `Photoreceptors.step`."""
@@ -421,17 +411,17 @@ class Layers:
     def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> _Hold[Dpc]:
         """Return a hold on the DPC layers of some constants and axes.
 
-        Of the parameters only the DPC constants count. `axes` are those of :class:`Dpc`; S itself
-        is computed if one holder gives no axes. `stride` is that of :meth:`photoreceptors`.
+        Of the parameters only the DPC constants count. `axes` are those of :class:`Dpc`, none for a
+        holder that needs S only; `stride` is that of :meth:`photoreceptors`.
         """
         constants = params.dpc()
         for known, known_stride, dpc in self._dpcs:
             same = (known, known_stride) == (constants, stride)
             if same and (not axes or dpc.axes in {axes, ()}):
-                dpc.add_axes(axes)
+                if axes and not dpc.axes:
+                    dpc.set_axes(axes)
                 return _Hold(dpc)
-        photoreceptors = self.photoreceptors(stride)
-        dpc = Dpc(self.shape, constants, axes, photoreceptors, only_pathways=bool(axes))
+        dpc = Dpc(self.shape, constants, axes, self.photoreceptors(stride))
         self._dpcs.append((constants, stride, dpc))
         return _Hold(dpc)
 
