@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import cv2
 
-from oppload_cli.models.detector import Detector, Response, details_of, inner
+from oppload_cli.models.detector import Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.schema import Parameters, parameter
 
@@ -58,7 +58,6 @@ class AreaGrowth(Detector):
     meaning = "relative growth of the area that differs from the first frame"
     unit = "1/frame"
     response_column = "1/frame", "growth of the size over the size, at least 0"
-    details = details_of(AreaGrowthResponse)
     answers = AreaGrowthResponse
     parameters = AreaGrowthParams
     alarm_floors: ClassVar = {"default": 0.1}

@@ -98,21 +98,8 @@ class Response:
 
 
 def inner(default: float, unit: str, meaning: str) -> Any:
-    """Declare an inner value of an answer: a field with its default, and a column.
-
-    Parameters
-    ----------
-    default : float
-        Its value at rest.
-    unit, meaning : str
-        As those of a :class:`Column`.
-    """
-    return field(default=default, metadata={"unit": unit, "meaning": meaning})
-
-
-def details_of(answers: type[Response]) -> tuple[Column, ...]:
-    """Return the columns of the inner values of some answers, for `Detector.details`."""
-    return tuple(Column(each.name, **each.metadata) for each in fields(answers) if each.metadata)
+    """Declare an inner value of an answer: a field with its value at rest, and a column."""
+    return field(default=default, metadata={"column": (unit, meaning)})
 
 
 class UnitMaps(NamedTuple):
@@ -186,7 +173,8 @@ class Detector(ABC):
         The detector's own columns; each is a field of `answers`, with a default.
     details : tuple of Column
         Further columns of its own, which stand in the table with ``--columns all`` only: the
-        inner values that its authors publish. :func:`details_of` reads them from `answers`.
+        inner values that its authors publish. By default the fields of `answers` that
+        :func:`inner` declares.
     answers : type of Response
         The class of its answers.
     parameters : type of Parameters
@@ -269,6 +257,12 @@ class Detector(ABC):
         self.shape, self.frame_rate = shape, frame_rate
         self.layers = layers or Layers(shape, Clock(frame_rate=frame_rate))
         self.params = (params or self.parameters()).resolved(min(shape))
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "answers" in vars(cls) and "details" not in vars(cls):
+            declared = [each for each in fields(cls.answers) if "column" in each.metadata]
+            cls.details = tuple(Column(each.name, *each.metadata["column"]) for each in declared)
 
     @abstractmethod
     def step(self, luma: Map) -> Response | None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Detector, Response, details_of, inner
+from oppload_cli.models.detector import Box, Detector, Response, inner
 from oppload_cli.models.dpc import check_frame
 from oppload_cli.schema import Parameters, parameter
 
@@ -77,7 +77,6 @@ class TtcGradient(Detector):
     meaning = "time to contact from brightness gradients: largest expansion of a window"
     unit = "1/frame"
     response_column = "1/frame", "expansion of the best window, weighted with its r2"
-    details = details_of(TtcGradientResponse)
     answers = TtcGradientResponse
     parameters = TtcGradientParams
     alarm_floors: ClassVar = {"default": 0.1}

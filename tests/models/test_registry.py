@@ -10,7 +10,7 @@ import pytest
 from oppload_cli.errors import ParameterError
 from oppload_cli.models import registry
 from oppload_cli.models.columns import COMMON, RMO, columns_of
-from oppload_cli.models.detector import Column, Detector, Response
+from oppload_cli.models.detector import Column, Detector, Response, inner
 from oppload_cli.models.dlgmd import Dlgmd, DlgmdParams
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.models.opplod import Opplod
@@ -76,6 +76,25 @@ def test_a_detector_that_is_loaded_when_it_is_asked_for_is_valid() -> None:
         assert each.name == name
         assert registry.register(each) is each
         assert each.by_default == (name in {"opplod", "dlgmd"})
+
+
+def test_inner_values_are_columns_unless_a_detector_gives_others() -> None:
+    @dataclass(frozen=True)
+    class Inner(OtherResponse):
+        up: float = inner(0.5, "px", "a value inside")
+
+    class Default(Other):
+        answers = Inner
+
+    class Variant(Default):
+        pass
+
+    class Chosen(Other):
+        answers, details = Inner, (Column("left", "px", "a column"),)
+
+    assert Inner(1.0).up == 0.5
+    assert Default.details == Variant.details == (Column("up", "px", "a value inside"),)
+    assert ([each.name for each in Chosen.details], Other.details) == (["left"], ())
 
 
 def test_an_unknown_name_is_refused_with_the_nearest_one() -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Response, details_of, inner
+from oppload_cli.models.detector import Response, inner
 from oppload_cli.models.published.parts import (
     DECAY,
     EDGE,
@@ -62,7 +62,6 @@ class CiLmd(ChangeDetector):
     meaning = "cross-inhibition of ON and OFF after a difference of Gaussians"
     unit = "grey levels"
     response_column = "grey levels", "sum of G over the number of pixels"
-    details = details_of(CiLmdResponse)
     answers = CiLmdResponse
     parameters = CiLmdParams
     alarm_floors: ClassVar = {"default": 9.0}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Response, details_of, inner
+from oppload_cli.models.detector import Box, Response, inner
 from oppload_cli.models.published.parts import ChangeDetector
 from oppload_cli.schema import Parameters, parameter
 
@@ -139,7 +139,6 @@ class EmdLplc2Gf(ChangeDetector):
     meaning = "EMD array, LPLC2 units with four arms, spiking giant fibre (Zhao et al. 2023)"
     unit = "giant fibre input"
     response_column = "", "input of the giant fibre, where it is above 0"
-    details = details_of(EmdLplc2GfResponse)
     year = 2023
     reference = "Zhao J. et al. 2023, iScience"
     answers_to = (

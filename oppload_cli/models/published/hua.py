@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Detector, Response, details_of, inner
+from oppload_cli.models.detector import Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE
 from oppload_cli.schema import Parameters, parameter
@@ -253,7 +253,6 @@ class HuaFixed(Detector):
     colour = "#B4182A"
     meaning = "LPLC2 network about the centre of view (after Hua et al. 2022), corrected"
     response_column = "", "geometric mean of the four quadrants, each at least 0"
-    details = details_of(HuaResponse)
     year: ClassVar[int | None] = 2022
     reference = "after Hua et al. 2022"
     answers_to = "motion out of the middle of the frame on all four sides"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Response, details_of, inner
+from oppload_cli.models.detector import Response, inner
 from oppload_cli.models.published.parts import (
     ZERO,
     ChangeDetector,
@@ -126,7 +126,6 @@ class Lgmd1Group(_Persistent):
     meaning = "LGMD1 with persistence and grouping"
     unit = "grey levels"
     response_column = "grey levels", "K, the sum of G, over the number of pixels"
-    details = details_of(Lgmd1GroupResponse)
     answers = Lgmd1GroupResponse
     parameters = Lgmd1GroupParams
     alarm_floors: ClassVar = {"default": 200.0}
@@ -217,7 +216,6 @@ class Plgmd(_Persistent):
     meaning = "LGMD1 with grouping and random synapses"
     unit = "grey levels"
     response_column = "grey levels", "mean sum of G over the number of pixels"
-    details = details_of(PlgmdResponse)
     answers = PlgmdResponse
     parameters = PlgmdParams
     alarm_floors: ClassVar = {"default": 20.0}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from oppload_cli.models.detector import Column, Response, details_of, inner
+from oppload_cli.models.detector import Column, Response, inner
 from oppload_cli.models.published.parts import (
     Adaptation,
     ChangeDetector,
@@ -80,7 +80,6 @@ class Lgmd1Onoff(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike without a pause on"),)
-    details = details_of(Lgmd1OnoffResponse)
     answers = Lgmd1OnoffResponse
     parameters = Lgmd1OnoffParams
     alarm_floors: ClassVar = {"default": 5.7}

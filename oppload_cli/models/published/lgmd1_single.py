@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response, details_of, inner
+from oppload_cli.models.detector import Column, Response, inner
 from oppload_cli.models.published.parts import (
     ChangeDetector,
     at_least,
@@ -85,7 +85,6 @@ class Lgmd1Single(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike in a row on"),)
-    details = details_of(Lgmd1SingleResponse)
     answers = Lgmd1SingleResponse
     parameters = Lgmd1SingleParams
     alarm_floors: ClassVar = {"default": 2.7}

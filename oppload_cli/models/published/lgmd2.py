@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response, details_of, inner
+from oppload_cli.models.detector import Column, Response, inner
 from oppload_cli.models.published.parts import (
     EDGE,
     Adaptation,
@@ -78,7 +78,6 @@ class Lgmd2(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential over the number of pixels"
     columns = (Column("collision", "0 or 1", "1 where 8 spikes without a pause have come"),)
-    details = details_of(Lgmd2Response)
     answers = Lgmd2Response
     parameters = Lgmd2Params
     alarm_floors: ClassVar = {"default": 1.7}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Response, details_of, inner
+from oppload_cli.models.detector import Response, inner
 from oppload_cli.models.published.parts import (
     MIRROR,
     ChangeDetector,
@@ -66,7 +66,6 @@ class LgmdContrast(ChangeDetector):
     colour = "#989A2B"
     meaning = "LGMD with contrast normalisation: nearly the same response at all contrasts"
     response_column = "", "sum of G over the number of pixels"
-    details = details_of(LgmdContrastResponse)
     answers = LgmdContrastResponse
     parameters = LgmdContrastParams
     alarm_floors: ClassVar = {"default": 0.27}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Column, Response, details_of, inner
+from oppload_cli.models.detector import Column, Response, inner
 from oppload_cli.models.published.parts import (
     EDGE,
     Adaptation,
@@ -86,7 +86,6 @@ class LgmdPlus(ChangeDetector):
     columns = (
         Column("collision", "0 or 1", "1 from the first frame on in which spikes come at 56 Hz"),
     )
-    details = details_of(LgmdPlusResponse)
     answers = LgmdPlusResponse
     parameters = LgmdPlusParams
     alarm_floors: ClassVar = {"default": 2.1}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import cv2
 import numpy as np
 
-from oppload_cli.models.detector import Box, Response, details_of, inner
+from oppload_cli.models.detector import Box, Response, inner
 from oppload_cli.models.published import parts
 from oppload_cli.models.published.parts import ZERO, ChangeDetector, low_pass_share, spread
 from oppload_cli.schema import Parameters, parameter
@@ -176,7 +176,6 @@ class Mlplc2(ChangeDetector):
     colour = "#8D6FB1"
     meaning = "LPLC2 units in fields of attention (Liu and Fu 2025)"
     response_column = "", "largest output of a field of attention"
-    details = details_of(Mlplc2Response)
     year = 2025
     reference = "Liu and Fu 2025"
     answers_to = "motion outward about places of large motion; drifting texture too"

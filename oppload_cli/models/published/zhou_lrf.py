@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from oppload_cli.errors import OpploadError, ParameterError
-from oppload_cli.models.detector import Detector, Response, details_of, inner
+from oppload_cli.models.detector import Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.models.published.parts import EDGE, sigmoid
 from oppload_cli.schema import Parameters, parameter
@@ -126,7 +126,6 @@ class ZhouLrf(Detector):
     colour = "#036A28"
     meaning = "LPLC2 units with a trained linear receptive field (after Zhou et al. 2022)"
     response_column = "", "largest unit"
-    details = details_of(ZhouLrfResponse)
     year = 2022
     reference = "after Zhou et al. 2022, eLife; weights retrained"
     answers_to = "motion outward from a unit's middle, by contrast; not misses, retreats, rotation"
