@@ -272,15 +272,16 @@ def _leave_out_moving(
     _library().leave_out_moving(first, *change.shape, border, line, pixel, least, share, *firsts)
 
 
-def _reduce(frame: Grey, reduction: int, out: Grey) -> None:
+def _reduce(frame: Grey, reduction: int) -> Grey:
     """Average squares of pixels, as :func:`oppload_cli.motion.flow.reduce` does."""
-    rows, columns = out.shape
     if reduction == 1:
-        np.copyto(out, frame)
-        return
+        return frame.copy()
+    rows, columns = frame.shape[0] // reduction, frame.shape[1] // reduction
+    out = np.empty((rows, columns), np.uint8)
     line = np.empty(reduction * columns, np.uint16)
     shape = reduction, rows, columns
     _library().reduce(_address(frame), frame.strides[0], *shape, _address(out), _address(line))
+    return out
 
 
 def _sample(

@@ -61,13 +61,13 @@ class Cells(NamedTuple):
 
 
 @with_twin
-def reduce(frame: Grey, reduction: int, out: Grey) -> None:
-    """Average squares of 1, 2 or 4 pixels a side into `out`, rounded as OpenCV does it.
+def reduce(frame: Grey, reduction: int) -> Grey:
+    """Return the means of squares of 1, 2 or 4 pixels a side, rounded as OpenCV does it.
 
-    `frame` is `reduction` times as high and wide as `out`; there may be a gap between its rows.
+    They fill the frame; there may be a gap between its rows.
     """
     rows, columns = (side // reduction for side in frame.shape)
-    cv2.resize(frame, (columns, rows), dst=out, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(frame, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def sampled(
@@ -140,6 +140,9 @@ class DenseFlow:
     def reset(self) -> None:
         """Forget all frames: the next one is the first."""
         self._shape: tuple[int, int] | None = None
+        # The latest two frames, in grey levels, and the same reduced.
+        self._frames: list[Grey] = []
+        self._reduced: list[Grey] = []
 
     def step(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> RmoMetrics | None:
         """Take the next frame and measure its radial motion opponency.
@@ -168,34 +171,27 @@ class DenseFlow:
         is given either to this method or to :meth:`step`, which refuses the same.
         """
         _check(luma, self._shape)
-        first = self._shape is None
         if self._shape is None:
             self._prepare(luma.shape[0], luma.shape[1])
-        self._take(luma)
-        return None if first else self._sampled()
+        height, width = (side - side % self._reduction for side in luma.shape)
+        part = luma[:height, :width]
+        grey = part.copy() if part.dtype == np.uint8 else cv2.convertScaleAbs(part, alpha=255.0)
+        frame = np.asarray(grey, np.uint8)
+        self._frames = [*self._frames[-1:], frame]
+        self._reduced = [*self._reduced[-1:], reduce(frame, self._reduction)]
+        return self._sampled() if len(self._frames) > 1 else None
 
     def _prepare(self, height: int, width: int) -> None:
         reduction = self.params.reduction
         while reduction > 1 and min(height, width) // reduction < _SHORTEST_SIDE:
             reduction //= 2
-        rows, columns = height // reduction, width // reduction
         self._shape = (height, width)
         self._reduction = reduction
         self._spacing = self.params.grid or max(4, round(min(height, width) / 17))
-        self._frames = [np.empty((rows * reduction, columns * reduction), np.uint8) for _ in "ab"]
-        self._reduced = [np.empty((rows, columns), np.uint8) for _ in "ab"]
-        self._search = _inverse_search()
-
-    def _take(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> None:
-        for pair in (self._frames, self._reduced):
-            pair.reverse()
-        frame, reduced = self._frames[1], self._reduced[1]
-        grey = luma[: frame.shape[0], : frame.shape[1]]
-        if luma.dtype == np.uint8:
-            np.copyto(frame, grey)
-        else:
-            cv2.convertScaleAbs(grey, dst=frame, alpha=255.0)
-        reduce(frame, self._reduction, reduced)
+        self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
+        # The frames are reduced already; denser patches cost twice as much and gain nothing.
+        self._search.setFinestScale(0)
+        self._search.setPatchStride(6)
 
     def _sampled(self) -> MotionVectors:
         if min(self._reduced[1].shape) < _SHORTEST_SIDE:
@@ -210,11 +206,7 @@ class DenseFlow:
         reduction = self._reduction_in(window)
         if reduction == self._reduction:
             return self._vectors(self._reduced, reduction, (0, 0))
-        parts = [frame[window] for frame in self._frames]
-        rows, columns = (side // reduction for side in parts[0].shape)
-        reduced = [np.empty((rows, columns), np.uint8) for _ in parts]
-        for part, out in zip(parts, reduced, strict=True):
-            reduce(part, reduction, out)
+        reduced = [reduce(frame[window], reduction) for frame in self._frames]
         return self._vectors(reduced, reduction, (window[1].start, window[0].start))
 
     def _window(self, left: int, top: int, width: int, height: int) -> tuple[slice, slice]:
@@ -239,7 +231,7 @@ class DenseFlow:
         return reduction
 
     def _vectors(
-        self, reduced: list[NDArray[np.uint8]], reduction: int, corner: tuple[int, int]
+        self, reduced: list[Grey], reduction: int, corner: tuple[int, int]
     ) -> MotionVectors:
         """Search the flow between two reduced images and sample it on the grid."""
         before, now = reduced
@@ -253,14 +245,6 @@ class DenseFlow:
 
 def _nothing() -> MotionVectors:
     return MotionVectors(np.empty((0, 2)), np.empty((0, 2)))
-
-
-def _inverse_search() -> cv2.DISOpticalFlow:
-    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-    # The frames are reduced already; denser patches cost twice as much and gain nothing.
-    search.setFinestScale(0)
-    search.setPatchStride(6)
-    return search
 
 
 def _check(luma: NDArray[np.float32] | NDArray[np.uint8], shape: tuple[int, int] | None) -> None:
