@@ -7,6 +7,7 @@ stand in :mod:`oppload_cli.models.dpc`.
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
@@ -41,18 +42,16 @@ _MOST_KEPT = 16.5  # frames kept per interval; at higher rates some are skipped
 _FIRST, _BRIGHTEST = 3, 2.0  # frames that are checked for 0 to 255, and the luminance allowed
 
 
+@dataclass(slots=True, eq=False)
 class _PastFrame:
-    """P of one frame, and the past frame that it was compared with."""
+    """P of one frame (`change`), and the past frame that it was compared with."""
 
-    __slots__ = ("at", "before", "change", "coarse", "mean", "share")
-
-    def __init__(self, at: float) -> None:
-        self.at = at
-        self.change: Map | None = None
-        self.mean = 0.0
-        self.share = 1.0
-        self.before: _PastFrame | None = None
-        self.coarse: Map | None = None
+    at: float
+    change: Map | None = None
+    mean: float = 0.0
+    share: float = 1.0
+    before: _PastFrame | None = None
+    coarse: Map | None = None
 
 
 class Photoreceptors:

@@ -31,15 +31,6 @@ class _SmallerFrames:
     Frames one interval apart are compared at half their size. Where frames come every n intervals
     only, they are compared over n intervals at 1/(2n) of their size: an edge then moves as many
     pixels between the frames compared (``docs/time.md``).
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : OpplodParams
-        With the DPC constants.
-    clock : Clock
-        Tells the time of the frames.
     """
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams, clock: Clock) -> None:
@@ -47,7 +38,6 @@ class _SmallerFrames:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all frames: the next frame is frame 0."""
         self._intervals = _longest_interval(self._clock.step)
         self._dpcs = {self._intervals: self._begun(self._intervals)}
         self._unwanted = {self._intervals: 0}  # for how many frames
@@ -195,19 +185,16 @@ class Opplod(Detector):
         self, shape: tuple[int, int], params: OpplodParams | None = None, **others: Any
     ) -> None:
         super().__init__(shape, params, **others)
-        axes = self.params.both_axes
-        clock, layers = self.layers.clock, self.layers
-        lasting = self.params.light_s * clock.per_second
+        own, clock, layers = self.params, self.layers.clock, self.layers
+        lasting = own.light_s * clock.per_second
         self._light = SteadyLight(lasting) if lasting else None
-        if lasting or self.params.entering:  # no other detector shares these frames and maps
+        if lasting or own.entering:  # no other detector shares these frames and maps
             layers = Layers(shape, clock)
-        self._dpc = layers.dpc(self.params, axes, self.params.stride)
-        self._smaller = None
-        if self.params.halved_weight and self.params.judgement == "pooled":
-            self._smaller = _SmallerFrames(shape, self.params, clock)
+        self._dpc = layers.dpc(own, own.both_axes, own.stride)
+        pooled = own.judgement == "pooled"
+        self._bars = Bars() if pooled and own.border else None
+        self._smaller = _SmallerFrames(shape, own, clock) if pooled and own.halved_weight else None
         self.judgement = self._judgement()
-        pooled = isinstance(self.judgement, PooledJudgement)
-        self._bars = Bars() if pooled and self.params.border else None
 
     def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:
         per_second = self.layers.clock.per_second

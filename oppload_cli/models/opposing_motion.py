@@ -203,7 +203,7 @@ def unit_starts(room: int, count: int) -> list[int]:
     return [round(index * room / (count - 1)) for index in range(count)]
 
 
-def selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[int, int]) -> Map:
+def _selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[int, int]) -> Map:
     """Return 1 at the cells that are units, 0 elsewhere, in frames of a height and width.
 
     `grid` holds the columns and rows of the units, spread evenly; None where every cell is a unit.
@@ -257,7 +257,7 @@ class CellJudgement:
         none = np.zeros((len(centres_y), len(centres_x)), np.float32)
         field, spread = float(params.field_px), params.pool_sigma * cell
         self.maps = UnitMaps(none, {}, centres_y, centres_x, field, spread)
-        self._selected = selected_units(self.maps, grid, shape)
+        self._selected = _selected_units(self.maps, grid, shape)
         self._down, self._across = self._pooling_weights(shape)
         self.reset()
 

@@ -24,27 +24,13 @@ EXAMPLE_SETTING = "opplod.receptive_field=200"  # for help texts and messages
 
 
 class Preset(NamedTuple):
-    """A name for a set of parameters.
-
-    Attributes
-    ----------
-    name : str
-        As in ``--preset``.
-    meaning : str
-        Users and purpose of the preset, in one line.
-    height : int
-        Working height in pixels that its parameters are made for.
-    no_alarm : str
-        Why its alarms are off; empty where they are calibrated.
-    interval : str
-        Its time base, as in ``time.interval``.
-    """
+    """A name for a set of parameters."""
 
     name: str
-    meaning: str
-    height: int
-    no_alarm: str = ""
-    interval: str = REFERENCE_INTERVAL
+    meaning: str  # its users and purpose, in one line
+    height: int  # working height in pixels that its parameters are made for
+    no_alarm: str = ""  # why its alarms are off; empty where they are calibrated
+    interval: str = REFERENCE_INTERVAL  # its time base, as in ``time.interval``
 
 
 PRESETS = {

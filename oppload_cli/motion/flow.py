@@ -41,22 +41,12 @@ class MotionVectors(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """A grid of cells over a part of the frame.
-
-    Attributes
-    ----------
-    rows, columns : int
-        At least 1.
-    reduction : int
-        Pixels per sample of the reduced part.
-    left, top : int
-        Where the part begins, in pixels.
-    """
+    """A grid of cells over a part of the frame."""
 
     rows: int
     columns: int
-    reduction: int
-    left: int
+    reduction: int  # pixels per sample of the reduced part
+    left: int  # where the part begins, in pixels
     top: int
 
 

@@ -289,8 +289,8 @@ class HuaFixed(Detector):
             return None
         self._sums = self._quadrants()
         product = float(np.prod(np.maximum(self._sums, 0)))
-        inner_values = *self._sums.tolist(), product
-        return HuaResponse(product**0.25, None, *inner_values)
+        values = *self._sums.tolist(), product
+        return HuaResponse(product**0.25, None, *values)
 
     def _quadrants(self) -> Any:
         """Return the sums of the outward motion over the quadrants, in the order of the answer."""

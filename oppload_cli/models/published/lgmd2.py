@@ -110,8 +110,8 @@ class Lgmd2(ChangeDetector):
         spike = spikes(sfa, 4, ask.spike)
         self._nsp = self._nsp + spike if spike else 0
         collision = int(self._nsp >= ask.enough)
-        inner = mp, smp, sfa, self._pm, w_on, w_off, spike, self._nsp, collision
-        return Lgmd2Response(mp / self.pixels, None, *inner)
+        values = mp, smp, sfa, self._pm, w_on, w_off, spike, self._nsp, collision
+        return Lgmd2Response(mp / self.pixels, None, *values)
 
     def _sums(self, p: Plane, w_on: float, w_off: float) -> Plane:
         on, off = split(p, self._on, self._off)

@@ -129,8 +129,8 @@ class LgmdPlus(ChangeDetector):
         self._counts.append(spike)
         rate = 1000 * sum(self._counts) / (_LAST_FRAMES * self.ti)
         self._collision |= int(rate >= self.params.rate)
-        inner = mp, smp, sfa, self._ffi, spike, rate, bias, tau_g, self._collision
-        return LgmdPlusResponse(mp / self.pixels, None, *inner)
+        values = mp, smp, sfa, self._ffi, spike, rate, bias, tau_g, self._collision
+        return LgmdPlusResponse(mp / self.pixels, None, *values)
 
     def _sums(self, p: Plane, bias: float) -> Plane:
         """Return S, at least 0."""
