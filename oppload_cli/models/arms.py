@@ -56,9 +56,20 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
     A single S_phi only passes an edge or blocks it. The differences ``J_phi = I_(phi+180) - I_phi``
     of two axes form a vector J, whose angle is the direction in which the edge moves. A pathway of
     exactly this direction would have the inhibition ``(I - |J|) / 2``, and so the sum
-    ``S = max(0, E - (I - |J|) / 2)``, the amount of motion.
+    ``S = max(0, E - (I - |J|) / 2)``.
 
-    `p` holds P(t), P(t-1) and P(t-2), the kernels the masks of the axes 0 and 90 degrees.
+    Parameters
+    ----------
+    p : sequence of ndarray of float32, shape (height, width)
+        P(t), P(t-1) and P(t-2).
+    kernels : Kernels
+        With the masks of the axes 0 and 90 degrees.
+
+    Returns
+    -------
+    _Motion
+        In units of S.
+
     Source: ``docs/model.md``, section 4, and ``docs/lplc2.md``.
     """
     e, i = excitation(p, kernels), inhibition(p, kernels)
@@ -102,10 +113,23 @@ def field_weights(reach: float) -> Map:
 
 
 def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -> Map:
-    """Return ``o^g / (o^g + (s + q)^g)``, 0 to 1: excitation that is divided by suppression.
+    """Return ``o^g / (o^g + (s + q)^g)``: excitation that saturates and is divided by suppression.
 
-    o is the excitation of an arm (`outward`) and q its suppression, each at least 0; s, above 0, is
-    the excitation that fills half of an arm without suppression, and g, above 0, the exponent.
+    Parameters
+    ----------
+    outward : ndarray of float32
+        o, the excitation of an arm, at least 0.
+    suppression : ndarray of float32
+        q, at least 0.
+    half : float
+        s, the excitation that fills half of an arm without suppression, above 0.
+    exponent : float
+        g, above 0.
+
+    Returns
+    -------
+    ndarray of float32
+        From 0 to 1.
     """
     # Written by the inverse, which may overflow: 1 / (1 + inf) is 0.
     with np.errstate(divide="ignore", over="ignore"):

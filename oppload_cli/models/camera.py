@@ -93,9 +93,15 @@ class SteadyLight:
 def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     """Return the logarithm of the gain of the light between two frames.
 
-    The frames are mean luminance over cells, 0 to 1, shape (rows, columns). The result is one gain,
-    shape (1, 1), or one for each row of cells, shape (rows, 1); 0 where neither explains the
-    change.
+    Parameters
+    ----------
+    before, now : ndarray of float32, shape (rows, columns)
+        Mean luminance over cells, 0 to 1.
+
+    Returns
+    -------
+    ndarray of float32, shape (1, 1) or (rows, 1)
+        One gain, or one for each row of cells; 0 where neither explains the change.
     """
     none = np.zeros((1, 1), np.float32)
     darker = np.minimum(before, now)
@@ -252,9 +258,18 @@ def leave_out_moving(
 ) -> None:
     """Set S_phi to 0 in the pixels of each line that move, from the first one on without a break.
 
-    `maps` and `change` are those of :func:`leave_out_entering`, by line and pixel; all have the
-    same strides. A pixel moves if its P is at least `least`, and at least the `share` of the
-    largest P of the line's first `border` pixels.
+    Parameters
+    ----------
+    maps : sequence of four ndarray of float32, shape (lines, pixels)
+        S_phi; changed in place. The views of all maps and of `change` have the same strides.
+    change : ndarray of float32, shape (lines, pixels)
+        P(t), 0 to 1.
+    border : int
+        Pixels of each line, of which the largest P is that of its motion.
+    least : float
+        Least P of a pixel that moves.
+    share : float
+        Least P of such a pixel over that of the motion.
     """
     at_edge = change[:, :border].max(axis=1, initial=0.0, keepdims=True)
     rests = np.ones((len(change), change.shape[1] + 1), np.bool_)

@@ -98,7 +98,15 @@ class Response:
 
 
 def inner(default: float, unit: str, meaning: str) -> Any:
-    """Declare an inner value of an answer: a field with its value at rest, and a column."""
+    """Declare an inner value of an answer: a field of its class, and a column of the table.
+
+    Parameters
+    ----------
+    default : float
+        The value at rest.
+    unit, meaning : str
+        Of the column.
+    """
     return field(default=default, metadata={"column": (unit, meaning)})
 
 

@@ -145,8 +145,14 @@ def direction_mask(params: DpcParams, direction: float) -> Kernel:
     """Return M_phi(d), the MDE mask on the inhibition kernel, eq. (mde), from 0 to 1.
 
     The mask is named by the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
-    (``docs/model.md``, section 4). `direction` is phi in degrees, counter-clockwise: 0 = right,
-    90 = up.
+    (``docs/model.md``, section 4).
+
+    Parameters
+    ----------
+    params : DpcParams
+        Gives the kernel radius.
+    direction : float
+        phi in degrees, counter-clockwise, 0 = right, 90 = up.
     """
     x, y = _offsets(params.kernel_radius)
     phi = np.deg2rad(direction)
@@ -308,10 +314,21 @@ def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def smaller(luma: Map, reduction: int) -> Map:
-    """Return a frame made smaller: means of squares of pixels of the side `reduction`.
+    """Return a frame made smaller: means of squares of pixels.
 
-    Its shape is (height // reduction, width // reduction), each at least 1: rows and columns at the
-    end that fill no square are left out. Source: ``docs/presets.md``.
+    Parameters
+    ----------
+    luma : ndarray of float32, shape (height, width)
+        Luminance, 0 to 1.
+    reduction : int
+        Side of the squares in pixels, at least 1.
+
+    Returns
+    -------
+    ndarray of float32, shape (height // reduction, width // reduction), each at least 1
+        Rows and columns at the end that fill no square are left out.
+
+    Source: ``docs/presets.md``.
     """
     height, width = (max(1, length // reduction) for length in luma.shape)
     squares = luma[: reduction * height, : reduction * width]

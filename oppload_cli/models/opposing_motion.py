@@ -42,11 +42,19 @@ _POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a mill
 
 
 def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
-    """Return where the centres of the cells lie along one side of the frame, in pixels.
+    """Return where the centres of the cells lie along one side of the frame.
 
     As many complete cells as fit, at least one, stand centred in the frame. For an odd number of
-    units the number of cells is odd too, so that the unit in the middle has a cell there. None
-    stands for a unit at every cell.
+    units the number of cells is odd too, so that the unit in the middle has a cell there.
+
+    Parameters
+    ----------
+    length : int
+        Side of the frame in pixels.
+    cell : int
+        Spacing of the cells in pixels.
+    units : int, optional
+        How many of the cells are units; None where each is one.
     """
     count = max(1, length // cell)
     if units and units % 2 and count % 2 == 0:
@@ -194,9 +202,19 @@ def enhanced(opponency: Map, gain: float, threshold: float) -> Map:
 
 
 def unit_starts(room: int, count: int) -> list[int]:
-    """Return where the fields of an even row of units start; in the middle for one unit.
+    """Spread a row of units evenly.
 
-    `room` is the side of the frame less that of a receptive field, in pixels.
+    Parameters
+    ----------
+    room : int
+        Side of the frame less that of a receptive field, in pixels.
+    count : int
+        How many units there are, at least 1.
+
+    Returns
+    -------
+    list of int
+        Where their fields start: from 0 to `room`; in the middle for one unit.
     """
     if count == 1:
         return [room // 2]

@@ -82,9 +82,13 @@ _loaded: dict[str, str] = {}  # checksums by name
 def register(detector: type[Detector]) -> type[Detector]:
     """Make a detector known everywhere: settings, tables, alarms, figures, `oppload models`.
 
-    Returns the class, so that this can be used as a decorator. A class that is defined again, as in
-    a notebook, takes the place of the one before; one without parameters of its own gets an empty
-    class of them.
+    A class that is defined again, as in a notebook, takes the place of the one before.
+
+    Parameters
+    ----------
+    detector : type of Detector
+        Returned, so that this can be used as a decorator. A class without parameters of its own
+        gets an empty class of them.
 
     Raises
     ------
