@@ -26,7 +26,7 @@ from oppload_cli.files.reading import is_file
 from oppload_cli.pipeline.execute import run_task
 from oppload_cli.pipeline.task import IfExists, exists_already
 from oppload_cli.processes import cores
-from oppload_cli.processes.pool import TELL_EVERY_S, Kind, Seldom, ended_from_outside, events
+from oppload_cli.processes.pool import TELL_EVERY_S, Kind, Seldom, events
 from oppload_cli.processes.signals import stop_if_asked
 from oppload_cli.processes.threads import Call
 from oppload_cli.version import __version__
@@ -117,7 +117,7 @@ def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: Observer) -> N
             elif kind is Kind.DONE:
                 observer.ended(task, content)
             elif kind is Kind.DIED:
-                how = f"the process that analysed it was {ended_from_outside(content)}"
+                how = f"the process that analysed it was {content}"
                 observer.ended(task, _failed(task, f"{task.name}: {how}"))
             else:
                 raise content

@@ -1,8 +1,6 @@
-"""Files that appear under their name only when they are complete.
+"""Files and folders that appear under their name only when they are complete.
 
-Every file that oppload writes goes through :class:`PartFile`, every folder of pictures
-through :class:`PartFolder`, and every refusal of the system ends in the one sentence of
-:func:`cannot_write`.
+Every refusal of the system ends in the one sentence of :func:`cannot_write`.
 """
 
 from __future__ import annotations
@@ -82,21 +80,10 @@ def make_folder(folder: Path) -> None:
 
 
 def write_atomic(target: Path | PartFile, content: str | bytes | Iterable[bytes]) -> None:
-    """Write a complete file, or none.
+    """Write a complete file, a text as UTF-8, or none.
 
-    Parameters
-    ----------
-    target : Path or PartFile
-        Name of the file, whose missing folders are made; or a file that was begun before.
-    content : str, bytes or iterable of bytes
-        A text is written as UTF-8.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    BusyError
-        If another run is writing it.
+    The target is a name, whose missing folders are made, or a file that was begun before. Raises
+    OutputError as :class:`PartFile` does.
     """
     if isinstance(content, str):
         content = content.encode("utf-8", "backslashreplace")
@@ -122,19 +109,8 @@ def claimed(path: Path, if_exists: str) -> Iterator[PartFile]:
     """Hold the name of a result while its content is computed; the caller writes and commits it.
 
     So a file that cannot be written is refused before minutes of work, and of several runs at once
-    with ``error`` only one makes the file. Without a commit, nothing remains of it.
-
-    Parameters
-    ----------
-    path : Path
-        Name of the result.
-    if_exists : str
-        With ``error``, it must not exist.
-
-    Raises
-    ------
-    OutputError
-        As for :class:`PartFile`.
+    with ``error`` for `if_exists` only one makes the file. Without a commit, nothing remains of it.
+    Raises OutputError as :class:`PartFile` does.
     """
     missing = [folder for folder in path.parents if not os.path.lexists(folder)]
     file = PartFile(path, new=if_exists == "error")
@@ -181,12 +157,11 @@ class _Part(ABC):
 
 
 class PartFile(_Part):
-    """A file that appears under its name only when it is complete.
+    """A file that is written as ``NAME.part`` under a lock, and renamed when it is complete.
 
-    It is written as ``NAME.part`` under a lock. An interrupted run keeps that, readable
-    as far as it goes. Where there are no locks, as on Windows, a second
-    run writes ``NAME.HOST-PROCESS.part``, so that two runs never write into one file. A link, a
-    folder or a pipe in the place of the part file is an error; no link is followed.
+    An interrupted run keeps the part, readable as far as it goes. Where there are no locks, as on
+    Windows, a second run writes ``NAME.HOST-PROCESS.part``, so that two runs never write into one
+    file. A link, a folder or a pipe in the place of the part file is an error; no link is followed.
 
     Parameters
     ----------
@@ -249,10 +224,7 @@ class PartFile(_Part):
     def commit(self) -> None:
         """Close the file and give it its name; do nothing after the first `commit`.
 
-        Raises
-        ------
-        OutputError
-            If the disk refuses, or another file has taken the place of the part file.
+        Raises OutputError if the disk refuses, or another file has taken the place of the part.
         """
         if self._done:
             return
@@ -286,28 +258,14 @@ class PartFile(_Part):
 
 
 class PartFolder(_Part):
-    """A folder that appears under its name only when all its files are written.
+    """A folder that is filled as ``NAME.part`` under a lock, and renamed when it is complete.
 
-    It is filled as ``NAME.part`` under a lock, where the file system has locks.
-
-    Parameters
-    ----------
-    path : Path
-        The final name; folders above it are made. A file or folder of this name is replaced.
-    new : bool
-        Whether a file or folder of this name is an error.
+    Parameters and errors are those of :class:`PartFile`; a file or folder of the name is replaced.
 
     Attributes
     ----------
     part : Path
         Where files are put until `commit`.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written there.
-    BusyError
-        If another run is writing it.
     """
 
     def __init__(self, path: Path, *, new: bool = False) -> None:
@@ -373,15 +331,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _opened(part: Path) -> tuple[FileIO, bool]:
-    """Open a part file: a new one, or a regular one that has no other name.
-
-    Returns
-    -------
-    FileIO
-        To be read and written.
-    bool
-        Whether it is new.
-    """
+    """Open a new part file, or a regular one that has no other name; tell whether it is new."""
 
     def opener(flags: int) -> Callable[[str, int], int]:
         return lambda name, own: os.open(name, own | flags | _CAUTIOUS, 0o666)
@@ -399,6 +349,7 @@ def _opened(part: Path) -> tuple[FileIO, bool]:
 
 
 def _check_alone(there: os.stat_result, part: Path) -> None:
+    """Refuse what is no regular file, and a file that has another name besides."""
     if not stat.S_ISREG(there.st_mode) or there.st_nlink > 1:
         raise FileExistsError(errno.EEXIST, f"{part.name} is a link, a folder or a device")
 

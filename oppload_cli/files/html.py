@@ -25,7 +25,7 @@ def _environment(package: str) -> Environment:
 
 
 def rendered(template: str, *, package: str = _HERE, **values: object) -> str:
-    """Return a page made from a template.
+    """Return the HTML of a page.
 
     Parameters
     ----------
@@ -35,30 +35,15 @@ def rendered(template: str, *, package: str = _HERE, **values: object) -> str:
     package : str
         Where the template is.
     **values
-        Values and functions that the template uses; a name that it uses and that is not
-        given is an error. Text is escaped, unless it is a ``markupsafe.Markup``.
-
-    Returns
-    -------
-    str
-        HTML.
+        Values and functions that the template uses; one that is missing is an error. Text is
+        escaped, unless it is a ``markupsafe.Markup``.
     """
     return _environment(package).get_template(template).render(values)
 
 
 def embedded(picture: bytes, kind: str = "png") -> str:
-    """Return a picture as the address of an ``<img>``, so that the page holds it.
+    """Return a picture, the content of a file, as the ``data:`` address of an ``<img>``.
 
-    Parameters
-    ----------
-    picture : bytes
-        The content of the file.
-    kind : str
-        ``png`` or ``jpeg``.
-
-    Returns
-    -------
-    str
-        A ``data:`` address.
+    The kind is ``png`` or ``jpeg``.
     """
     return f"data:image/{kind};base64,{base64.b64encode(picture).decode('ascii')}"

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import csv
 import errno
+import os.path
 import re
 import stat
 import sys
 import unicodedata
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,22 +26,21 @@ if TYPE_CHECKING:
 
 
 _MOST_BYTES = 1 << 30  # of a file that is read at once
-_SEPARATORS = "/\\" + ('<>:"|?*' if sys.platform == "win32" else "")
+_NOT_IN_NAMES = "\\" + ('<>:"|?*' if sys.platform == "win32" else "")
 _DRIVE = re.compile(r"[A-Za-z]:")
 # Windows opens a device under these names, whatever the folder and the suffix.
 _DEVICES = re.compile(r"(CON|PRN|AUX|NUL|CONIN\$|CONOUT\$|(COM|LPT)[0-9¹²³])\s*(\..*)?", re.I)
+
+# Unlike the methods of `Path` these raise no error, whatever the name: it may be too long, hold a
+# NUL, or lie in a folder that cannot be read.
+is_file, is_folder, is_there = os.path.isfile, os.path.isdir, os.path.exists
 
 
 def content_of(path: Path | str, *, pipes: bool = False) -> bytes:
     """Return the content of a file, to be called within :func:`reading`.
 
-    Parameters
-    ----------
-    path : Path or str
-        The file.
-    pipes : bool
-        Whether a pipe or a device will do too, as ``<(command)`` gives; Ctrl-C ends the
-        waiting for it. A name that comes from data must never make a command wait.
+    With `pipes`, a pipe or a device will do too, as ``<(command)`` gives; Ctrl-C ends the waiting
+    for it. A name that comes from data must never make a command wait.
 
     Raises
     ------
@@ -85,16 +85,11 @@ def reading(
     path : Path or str
         The file or folder, for the message.
     kind : type
-        Of the error to raise.
+        Class of the error to raise.
     form : str
         The format that the file should have, such as ``JSON``.
     check, repair : str
         Advice for the user: where the file cannot be read, and where its content is wrong.
-
-    Raises
-    ------
-    OpploadError
-        Of `kind`.
     """
     try:
         yield
@@ -107,63 +102,30 @@ def reading(
         raise kind(f"{path}: is not valid {form} ({reason_of(error)}); {repair}") from error
 
 
-def fault_of_name(name: str) -> str:
-    """Return why a text is no plain file name, on any system; empty for a plain one.
+def fault_of_stem(stem: str) -> str:
+    """Return why a stem with folders in it, such as ``cam1/clip``, is no name on every system.
 
     Parameters
     ----------
-    name : str
-        Such as the stem of a result; undecodable bytes are allowed in it.
+    stem : str
+        File names, separated by ``/``; undecodable bytes are allowed in it.
 
     Returns
     -------
     str
-        The end of a sentence, such as ``holds '/'``.
+        The end of a sentence on the first name that is no plain one, such as ``holds ':'``; empty
+        if there is none. A plain name does not lead out of its folder.
     """
+    return next(filter(None, map(_fault_of_name, stem.split("/"))), "")
+
+
+def _fault_of_name(name: str) -> str:
     if not name.strip(". "):
         return "names no file"
-    separator = next((each for each in name if each in _SEPARATORS), "")
-    if separator:
-        return f"holds '{separator}'"
+    if character := next((each for each in name if each in _NOT_IN_NAMES), ""):
+        return f"holds '{character}'"
     if _DRIVE.match(name):
         return "begins with a drive"
     if any(unicodedata.category(each) == "Cc" for each in name):
         return "holds a control character"
     return "is a device on Windows" if _DEVICES.fullmatch(name) else ""
-
-
-def fault_of_stem(stem: str) -> str:
-    """Return why a stem with folders in it, such as ``cam1/clip``, leads out of its folder.
-
-    Parameters
-    ----------
-    stem : str
-        File names, separated by ``/``.
-
-    Returns
-    -------
-    str
-        As from :func:`fault_of_name`, of the first name that is no plain one.
-    """
-    return next(filter(None, map(fault_of_name, stem.split("/"))), "")
-
-
-def is_file(path: Path) -> bool:
-    """Tell whether a file of any name is there; unlike `Path.is_file`, raise no error."""
-    with suppress(OSError, ValueError):  # too long, not to be looked up, or with a NUL in it
-        return path.is_file()
-    return False
-
-
-def is_folder(path: Path) -> bool:
-    """Tell whether a folder of any name is there; unlike `Path.is_dir`, raise no error."""
-    with suppress(OSError, ValueError):
-        return path.is_dir()
-    return False
-
-
-def is_there(path: Path) -> bool:
-    """Tell whether a file or folder of any name is there; unlike `Path.exists`, raise no error."""
-    with suppress(OSError, ValueError):
-        return path.exists()
-    return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import time
 from contextlib import contextmanager
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from typing import IO, TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import OutputError
 from oppload_cli.files.atomic import PartFile
@@ -19,13 +19,6 @@ Cell = str | Value
 
 _FLUSH_EVERY_S = 1.0
 _ROWS_AT_ONCE = 10_000  # of a Parquet file are in memory
-
-
-class Rows(Protocol):
-    """A table that takes rows."""
-
-    def write(self, row: Mapping[str, Any]) -> None:
-        """Write one row; a column that it lacks is an empty cell."""
 
 
 def formatted(value: Cell) -> str:
@@ -64,10 +57,7 @@ class Table:
     """
 
     def __init__(
-        self,
-        stream: IO[str],
-        columns: Iterable[str],
-        cell: Callable[[Any], str] = formatted,
+        self, stream: IO[str], columns: Iterable[str], cell: Callable[[Any], str] = formatted
     ) -> None:
         self._stream, self._columns, self._cell = stream, tuple(columns), cell
         self._writer = csv.writer(_PlainEnds(stream))
@@ -85,7 +75,9 @@ class Table:
 
 
 @contextmanager
-def open_table(path: Path, columns: Mapping[str, type], *, new: bool = False) -> Iterator[Rows]:
+def open_table(
+    path: Path, columns: Mapping[str, type], *, new: bool = False
+) -> Iterator[Table | _Parquet]:
     """Open a table for many rows; it appears when it is complete, or not at all.
 
     Parameters
@@ -93,14 +85,14 @@ def open_table(path: Path, columns: Mapping[str, type], *, new: bool = False) ->
     path : Path
         ``.csv`` or ``.parquet``.
     columns : mapping of str to type
-        Names and types of the columns: str, int, float or bool. A bool is written as ``true``.
+        Names and types of the columns: str, int, float, bool (written as ``true``).
     new : bool
         Whether a file of this name is an error.
 
     Yields
     ------
-    Rows
-        Few rows are in memory at a time.
+    Table
+        Its `write` takes a row; few rows are in memory at a time.
 
     Raises
     ------
@@ -114,14 +106,9 @@ def open_table(path: Path, columns: Mapping[str, type], *, new: bool = False) ->
     with PartFile(path, new=new) as file:
         if arrow is None:
             yield Table(file.stream, columns, _text)
-            return
-        table = _Parquet(arrow, file, columns)
-        try:
-            yield table
-            table.close()
-        except BaseException:
-            table.abandon()
-            raise
+        else:
+            with _Parquet(arrow, file, columns) as table:
+                yield table
 
 
 def rows_in(path: Path) -> int:
@@ -179,13 +166,18 @@ class _Parquet:
         if len(self._rows) >= _ROWS_AT_ONCE:
             self._flush()
 
-    def close(self) -> None:
-        self._flush()
-        self._writer.close()
+    def __enter__(self) -> Self:
+        return self
 
-    def abandon(self) -> None:
-        # Else it would write the end of the file as it is deleted, when the file is closed.
-        self._writer.is_open = False
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            if error is None:
+                self._flush()
+                self._writer.close()
+        finally:
+            # Else the writer of a table that failed would write the end of the file as it is
+            # deleted, when the file is closed.
+            self._writer.is_open = False
 
     def _flush(self) -> None:
         arrays = [

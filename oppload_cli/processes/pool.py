@@ -1,6 +1,6 @@
 """Several processes, each of which does one item after the other.
 
-Unlike an executor of ``concurrent.futures``, a process that dies takes only its item along:
+Unlike in an executor of ``concurrent.futures``, a process that dies takes only its item along:
 each has a pipe of its own, and nothing is shared that it could leave locked. Each is started
 from scratch (spawned): a forked copy of a process that has decoder threads may hang.
 """
@@ -52,8 +52,8 @@ class Kind(Enum):
 class Event(NamedTuple):
     """An event in the life of an item.
 
-    The content is the message told, the result, the error raised, or how the process
-    ended, for instance ``SIGKILL``; None for an item that is begun.
+    The content is the message told, the result, the error raised, or how the process of the item
+    died and what to do about it, as the end of a sentence; None for an item that is begun.
     """
 
     kind: Kind
@@ -65,6 +65,8 @@ def events(
     function: Callable[[Item, Tell], object], items: Iterable[Item], jobs: int, *, threads: int = 1
 ) -> Generator[Event, None, None]:
     """Do items in processes, and yield the events; closing the generator stops the processes.
+
+    A signal that has asked the program to stop raises KeyboardInterrupt.
 
     Parameters
     ----------
@@ -83,11 +85,6 @@ def events(
     ------
     Event
         Of every item first `BEGUN`, then any number of `TOLD`, at last one of the others.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If a signal has asked the program to stop.
     """
     workers = _Workers(function, iter(items), threads)
     try:
@@ -99,26 +96,14 @@ def events(
         workers.join()
 
 
-def ended_from_outside(ending: str) -> str:
-    """Return the end of a sentence on a process that died, with what to do about it."""
-    return f"ended from outside ({ending}); check the memory, or use fewer --jobs"
-
-
-class _Worker(NamedTuple):
-    process: SpawnProcess
-    item: Any
-
-
 class _Workers:
-    """The processes, by the connections to those that are busy."""
+    """The processes; those that are busy by their connections, each with its item."""
 
     def __init__(
         self, function: Callable[[Item, Tell], object], items: Iterator[Item], threads: int
     ) -> None:
-        self._function = function
-        self._items = items
-        self._threads = threads
-        self._busy: dict[Connection, _Worker] = {}
+        self._function, self._items, self._threads = function, items, threads
+        self._busy: dict[Connection, tuple[SpawnProcess, Any]] = {}
         self._processes: list[SpawnProcess] = []
 
     def run(self, jobs: int) -> Iterator[Event]:
@@ -150,7 +135,7 @@ class _Workers:
         """Give the next item, if any, to an idle process or to a new one."""
         for item in islice(self._items, 1):
             process, connection = idle or self._started()
-            self._busy[connection] = _Worker(process, item)
+            self._busy[connection] = process, item
             yield Event(Kind.BEGUN, item)
             with suppress(OSError):  # the process has died: its end of the pipe tells
                 connection.send(item)
@@ -178,7 +163,8 @@ class _Workers:
             connection.close()
             process.join(_STOP_WITHIN_S)
             self._processes.remove(process)
-            yield Event(Kind.DIED, item, ending(process.exitcode))
+            how = f"({ending(process.exitcode)}); check the memory, or use fewer --jobs"
+            yield Event(Kind.DIED, item, f"ended from outside {how}")
             yield from self._give(None)
             return
         yield Event(kind, item, content)
@@ -231,7 +217,7 @@ def outcomes(
     named: Callable[[Item], str],
     told: Tell | None = None,
 ) -> Generator[tuple[int, Result | OpploadError], None, None]:
-    """Do items; an error of one does not stop the others.
+    """Do items; an OpploadError of one does not stop the others, any other error does.
 
     Parameters
     ----------
@@ -246,15 +232,8 @@ def outcomes(
     ------
     tuple of int and Result or OpploadError
         The item's position, and its result or error; as they are done.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        If a signal has asked the program to stop.
-    Exception
-        If the function raises anything but an OpploadError: a bug.
     """
-    told = told or _ignored
+    told = told or (lambda _message: None)
     jobs = min(jobs, len(items))
     if jobs <= 1:
         for position, item in enumerate(items):
@@ -269,8 +248,7 @@ def outcomes(
             if kind is Kind.TOLD:
                 told(content)
             elif kind is Kind.DIED:
-                how = ended_from_outside(content)
-                yield position, OutputError(f"{named(item)}: its process was {how}")
+                yield position, OutputError(f"{named(item)}: its process was {content}")
             elif kind is Kind.DONE or isinstance(content, OpploadError):
                 yield position, content
             elif kind is Kind.RAISED:
@@ -285,7 +263,7 @@ def results(
     named: Callable[[Item], str],
     progress: Callable[[Result], object] | None = None,
 ) -> list[Result]:
-    """Do items, or raise the first error.
+    """Return the results of items, in their order, or raise the first error.
 
     Parameters
     ----------
@@ -295,20 +273,6 @@ def results(
         As for :func:`outcomes`.
     progress : callable, optional
         Takes each result as it comes.
-
-    Returns
-    -------
-    list
-        In the order of `items`.
-
-    Raises
-    ------
-    OutputError
-        If a process is ended from outside, for instance for lack of memory.
-    KeyboardInterrupt
-        If a signal has asked the program to stop.
-    Exception
-        Any error of the function.
     """
     done: dict[int, Result] = {}
     with closing(outcomes(partial(_silent, function), items, jobs, named=named)) as coming:
@@ -331,26 +295,15 @@ def _silent(function: Callable[[Item], Result], item: Item, _tell: Tell) -> Resu
     return function(item)
 
 
-def _ignored(_message: object) -> None:
-    pass
-
-
 class Seldom:
-    """A count that is passed on now and then: each message costs both processes time.
+    """A count that is passed on every so many seconds: each message costs both processes time.
 
-    Each call also asks whether a signal has come, and raises KeyboardInterrupt then.
-
-    Parameters
-    ----------
-    tell : callable
-        Takes the count since its last call.
-    every_s : float
-        Shortest time between two calls, in seconds.
+    `tell` takes the count since its last call. Each call also asks whether a signal has come, and
+    raises KeyboardInterrupt then.
     """
 
     def __init__(self, tell: Callable[[int], object], every_s: float = TELL_EVERY_S) -> None:
-        self._tell = tell
-        self._every_s = every_s
+        self._tell, self._every_s = tell, every_s
         self._count = 0
         self._next = time.monotonic() + every_s
 

@@ -24,15 +24,10 @@ _received: list[int] = []
 
 
 def answer(*names: str, again: Handler = signal.SIG_DFL) -> None:
-    """Let the first of these signals ask the program to stop.
+    """Let the first of these signals, or of those that end a program, ask the program to stop.
 
-    Parameters
-    ----------
-    *names : str
-        Such as ``SIGTERM``; without any, those that end a program. A signal that is
-        ignored stays so: nohup means it.
-    again : signal.Handlers
-        The action of all of them after the first.
+    A signal that is ignored stays so: nohup means it. `again` is the action of all of the signals
+    after the first.
     """
     numbers = [each for each in _numbers(names) if signal.getsignal(each) is not signal.SIG_IGN]
 

@@ -11,7 +11,7 @@ import math
 import queue
 import threading
 import time
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 from weakref import WeakSet
 
 from oppload_cli.processes.signals import POLL_S, stop_if_asked
@@ -77,26 +77,26 @@ class Prefetch(Generic[Item]):
     def __next__(self) -> Item:
         if self._ended:
             raise StopIteration
+        stop_if_asked()
         if self._alone:
-            stop_if_asked()
             return next(self._items)
-        item = self._next_made()
+        while True:
+            try:
+                item = self._made.get(timeout=POLL_S)
+                break
+            except queue.Empty:
+                stop_if_asked()
         if isinstance(item, _End):
             self._ended = True
-            if item.error is not None:
-                raise item.error
-            raise StopIteration
+            raise item.error or StopIteration
         self._free_places.put(None)
         return item
 
     def close(self) -> bool:
-        """Stop the thread and join it; may be called twice.
+        """Stop the thread and join it, and tell whether it ended; may be called twice.
 
-        Returns
-        -------
-        bool
-            False if the thread did not end in time: it waits for a device or a network,
-            and the objects that it uses must not be closed.
+        A thread that did not end waits for a device or a network, and the objects that it uses must
+        not be closed.
         """
         self._ended = True
         if self._alone:
@@ -106,33 +106,23 @@ class Prefetch(Generic[Item]):
         self._thread.join(_JOIN_WITHIN_S)
         return not self._thread.is_alive()
 
-    def _next_made(self) -> Item | _End:
-        while True:
-            stop_if_asked()
-            try:
-                return self._made.get(timeout=POLL_S)
-            except queue.Empty:
-                continue
-
     def _run(self) -> None:
-        error: BaseException | None = None
         try:
             for item in self._items:
                 self._free_places.get()
                 if self._stop.is_set():
                     break
                 self._made.put(item)
-        except BaseException as raised:
-            error = raised
-        finally:
+        except BaseException as error:
             self._made.put(_End(error))
+        else:
+            self._made.put(_End(None))
 
 
-class _End:
+class _End(NamedTuple):
     """The last item, with the error that ended the thread."""
 
-    def __init__(self, error: BaseException | None) -> None:
-        self.error = error
+    error: BaseException | None
 
 
 class Call(Generic[Value]):
@@ -155,17 +145,8 @@ class Call(Generic[Value]):
     def result(self, within_s: float = math.inf) -> Value:
         """Wait for the call to end; return its value or raise its error.
 
-        Parameters
-        ----------
-        within_s : float
-            Longest time to wait, in seconds.
-
-        Raises
-        ------
-        TimeoutError
-            If it has not ended in time.
-        KeyboardInterrupt
-            If a signal has asked the program to stop.
+        Raises TimeoutError if it has not ended within so many seconds, and KeyboardInterrupt if a
+        signal has asked the program to stop.
         """
         deadline = time.monotonic() + within_s
         while self._thread.is_alive() and time.monotonic() < deadline:

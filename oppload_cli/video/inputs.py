@@ -17,7 +17,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, SourceError, cannot_read
-from oppload_cli.files.reading import fault_of_name, fault_of_stem, is_folder
+from oppload_cli.files.reading import fault_of_stem, is_file, is_folder
 from oppload_cli.video.frames import FrameTimes, is_integer
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
     if not matches:
         yield _Found(name, SourceError(f"{name}: matches no file; check the pattern"))
     for match in matches:
-        if recursive and os.path.isdir(match):  # noqa: PTH112 - it raises no error
+        if recursive and is_folder(match):
             yield from _below(match)
             continue
         if match != name and _may_wait(match):
@@ -131,7 +131,7 @@ def _below(root: str) -> Iterator[_Found]:
         within[:] = sorted(each for each in within if not each.startswith("."))
         videos, numbered = _inputs_of(files)
         # A pipe would make the batch wait.
-        videos = [each for each in videos if os.path.isfile(os.path.join(folder, each))]  # noqa: PTH113, PTH118
+        videos = [each for each in videos if is_file(os.path.join(folder, each))]  # noqa: PTH118
         if videos:
             place = os.path.relpath(folder, root)
             yield from (_Found(os.path.join(folder, each), folder=place) for each in videos)  # noqa: PTH118
@@ -198,7 +198,7 @@ def is_camera(name: str) -> bool:
 
 def is_image_file(name: str) -> bool:
     """Tell whether a name is that of a single image; any text is allowed."""
-    return _suffix(name) in IMAGE_SUFFIXES and os.path.isfile(name)  # noqa: PTH113 - raises no error
+    return _suffix(name) in IMAGE_SUFFIXES and is_file(name)
 
 
 def _suffix(name: str) -> str:
@@ -259,7 +259,7 @@ def result_stem(name: str, folder: str = "") -> str:
         From :class:`_Found`.
     """
     stem = _stem(name)
-    if len(os.fsencode(stem)) > _LONGEST_STEM or fault_of_name(stem):
+    if len(os.fsencode(stem)) > _LONGEST_STEM or fault_of_stem(stem):
         stem = _with_hash(stem, name)
     inside = PurePath(folder, stem).as_posix()
     return _with_hash(stem, name) if fault_of_stem(inside) else inside
@@ -275,7 +275,7 @@ def other_stems(name: str, stem: str) -> tuple[str, str]:
     stem : str
         From :func:`result_stem`.
     """
-    suffix = "" if "://" in name or is_folder(Path(name)) else PurePath(name).suffix
+    suffix = "" if "://" in name or is_folder(name) else PurePath(name).suffix
     folder, _, last = stem.rpartition("/")
     return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
 
@@ -294,7 +294,7 @@ def _with_hash(stem: str, name: str) -> str:
     plain = re.sub(r"[\x00-\x1f\x7f-\x9f/\\]|(?<=^[A-Za-z]):", "-", stem)
     short = os.fsencode(plain)[:_LONGEST_STEM].decode("utf-8", "ignore")
     hashed = f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
-    return f"input-{hashed}" if fault_of_name(hashed) else hashed  # CON.1-12345678 is a device
+    return f"input-{hashed}" if fault_of_stem(hashed) else hashed  # CON.1-12345678 is a device
 
 
 def _bytes(name: str) -> bytes:
@@ -310,7 +310,7 @@ def _resolved(name: str) -> str:
 def _stem(name: str) -> str:
     if "://" in name or is_camera(name):
         return re.sub(r"[^A-Za-z0-9.]+", "-", name.partition("?")[0]).strip("-.")
-    path = Path(_resolved(name)) if is_folder(Path(name)) else Path(name)
+    path = Path(_resolved(name)) if is_folder(name) else Path(name)
     if is_folder(path):
         return path.name or "root"
     # "frames_%04d.png" gives "frames".
