@@ -29,8 +29,8 @@ from oppload_cli.detection.parameters import alarm_params, place_params
 from oppload_cli.models.registry import parameters_of
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import NEAR, Repeat, RepeatParams, Repeats
-from oppload_cli.video.recording import ON_ANY_PROCESSOR
 from oppload_cli.video.source import open_video
+from oppload_cli.video.writers import ON_ANY_PROCESSOR
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

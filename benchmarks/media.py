@@ -9,7 +9,7 @@ import av
 import cv2
 import numpy as np
 
-from oppload_cli.video.recording import ON_ANY_PROCESSOR
+from oppload_cli.video.writers import ON_ANY_PROCESSOR
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

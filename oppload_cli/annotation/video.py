@@ -23,7 +23,7 @@ from oppload_cli.errors import OpploadError
 from oppload_cli.files.atomic import PartFile, output_errors
 from oppload_cli.models.registry import placing_detector
 from oppload_cli.palette import bgr
-from oppload_cli.video.recording import Recording
+from oppload_cli.video.writers import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

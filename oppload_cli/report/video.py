@@ -18,8 +18,8 @@ from oppload_cli.processes.pool import Seldom
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.colour import Colour, colour_size
 from oppload_cli.video.inputs import Position, Span
-from oppload_cli.video.recording import Recording
 from oppload_cli.video.source import source_of, stop
+from oppload_cli.video.writers import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

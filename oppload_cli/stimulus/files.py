@@ -22,7 +22,7 @@ from oppload_cli.stimulus.catalogue import find
 from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.stimulus.truth import ground_truth_text, read_ground_truth
 from oppload_cli.video.inputs import GROUND_TRUTH
-from oppload_cli.video.writers import FORMATS, open_writer, png_bytes, target_of
+from oppload_cli.video.writers import FORMATS, open_writer, png_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -136,7 +136,7 @@ def _targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = 
     _check_fits(protocol, form, protocol.name)
     stem = file_stem(protocol.name)
     return Written(
-        target_of(directory, stem, form),
+        directory / f"{stem}{FORMATS[form].suffix}",
         directory / f"{stem}{GROUND_TRUTH}",
         directory / f"{stem}.preview.png" if preview else None,
         protocol.frame_count,
@@ -274,10 +274,10 @@ def write(
         frame_rate=display.frame_rate,
         count=protocol.frame_count,
         new=new,
-    ) as video:
+    ) as write_frame:
         for index in range(protocol.frame_count):
             grey = renderer.grey(index)
-            video.write(grey)
+            write_frame(grey)
             if index in shown:
                 kept.append(grey)
             if progress is not None:

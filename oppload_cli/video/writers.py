@@ -1,219 +1,293 @@
-"""Writers of grey videos: FFV1, H.264, GIF, PNG folders and NumPy archives.
+"""Writers of videos: H.264 in colour as browsers play it, and grey videos of several formats.
 
-The same frames give the same bytes. Each writer is a context that gives its file or
-folder a name only when all frames are written.
+The same frames give the same bytes.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import zipfile
-from abc import ABC, abstractmethod
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import av
 import numpy as np
-from av.video.reformatter import ColorRange
+from av.video.reformatter import (
+    ColorPrimaries,
+    ColorRange,
+    Colorspace,
+    ColorTrc,
+    VideoReformatter,
+)
 from PIL import Image
 
-from oppload_cli.errors import OutputError, suggestion
-from oppload_cli.files.atomic import PartFile, PartFolder, output_errors
-from oppload_cli.video.recording import ON_ANY_PROCESSOR, Sink
+from oppload_cli.errors import OutputError
+from oppload_cli.files.atomic import PartFile, PartFolder
+from oppload_cli.video.colour import as_yuv420p
+from oppload_cli.video.frames import USUAL_RATE
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from io import FileIO
     from pathlib import Path
-    from types import TracebackType
 
     from numpy.typing import NDArray
 
     Grey = NDArray[np.uint8]
 
 
-Part = TypeVar("Part", PartFile, PartFolder)
+# By itself x264 chooses algorithms by the processor, some of which only approximate.
+ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
+# FFmpeg then writes no dates and no random identifiers.
+_EXACT = {"fflags": "+bitexact"}
 
 
-class _Writer(ABC, Generic[Part]):
-    """Base of the writers: a context that gives its result a name at the end, or removes it.
+class Sink:
+    """A file that keeps an error to itself until `check`.
+
+    The encoder's library calls it from C, where an exception cannot pass: a full disk
+    would be printed as a stack of tracebacks.
 
     Parameters
     ----------
-    path : Path
-        The result.
-    width, height : int
-        Of every frame, in pixels.
-    frame_rate : Fraction
-        Frames per second.
-    count : int
-        Number of frames that will be written.
-    new : bool
-        Whether a file or folder of this name is an error.
+    file : FileIO
+        The file; it stays open.
     """
 
-    part_kind: type[Part]
+    def __init__(self, file: FileIO) -> None:
+        # The library reads the file back by this name; "a:b" alone would be an address.
+        self.name = f"file:{file.name}"
+        self._file = file
+        self._problem: OSError | None = None
+
+    def write(self, data: bytes) -> int:
+        """Write the data, unless an error has happened before."""
+        if self._problem is None:
+            try:
+                rest = memoryview(data)
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except OSError as problem:
+                self._problem = problem
+        return len(data)
+
+    def seek(self, offset: int, origin: int = 0, /) -> int:
+        """Go to a position; return it."""
+        if self._problem is None:
+            try:
+                return self._file.seek(offset, origin)
+            except OSError as problem:
+                self._problem = problem
+        return 0
+
+    def tell(self) -> int:
+        """Return the position."""
+        return self._file.tell() if self._problem is None else 0
+
+    def abandon(self) -> None:
+        """Write nothing more."""
+        self._problem = self._problem or OSError("abandoned")
+
+    def check(self) -> None:
+        """Raise the error, if one has happened."""
+        if self._problem is not None:
+            raise self._problem
+
+
+class _Coding(NamedTuple):
+    """A coding of videos: names of FFmpeg, and options of the container and of the encoder."""
+
+    container: str
+    codec: str
+    pixels: str
+    container_options: dict[str, str]
+    options: Mapping[str, str]
+    threads: int = 1
+
+
+class _Encoder:
+    """Encodes the frames of one video into a file.
+
+    Parameters
+    ----------
+    file : PartFile
+        The file; it is neither committed nor discarded.
+    coding : _Coding
+        Its format.
+    size : tuple of int
+        Width and height of every frame, in pixels.
+    rate : Fraction
+        Frames per second, for the encoder.
+    tick : Fraction
+        Unit of presentation times, in seconds.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; also by the other methods.
+    OutputError
+        If this installation has no such encoder.
+    """
+
+    def __init__(
+        self, file: PartFile, coding: _Coding, size: tuple[int, int], rate: Fraction, tick: Fraction
+    ) -> None:
+        self.frames = 0
+        self._tick = tick
+        self._sink = Sink(file.raw)
+        try:
+            self._container: Any = av.open(
+                self._sink, "w", format=coding.container, options=coding.container_options
+            )
+            options = dict(coding.options)
+            stream: Any = self._container.add_stream(coding.codec, rate=rate, options=options)
+        except BaseException as error:
+            self._sink.abandon()
+            if isinstance(error, av.codec.codec.UnknownCodecError):
+                raise OutputError(
+                    f"{file.path}: this PyAV has no H.264 encoder; install the wheel of PyPI"
+                ) from error
+            raise
+        self._stream, context = stream, stream.codec_context
+        (stream.width, stream.height), stream.pix_fmt = size, coding.pixels
+        stream.time_base = context.time_base = tick
+        context.thread_count, context.bit_rate = coding.threads, 0
+        # H.264 as players expect it has a limited range: (Y - 16) / 219 is the luminance.
+        limited = coding.pixels == "yuv420p"
+        context.color_range = ColorRange.MPEG if limited else ColorRange.JPEG
+
+    def encode(self, frame: av.VideoFrame, ticks: int) -> None:
+        """Write the next frame, which is shown after so many ticks."""
+        frame.pts, frame.time_base = ticks, self._tick
+        with self._errors():
+            self._container.mux(self._stream.encode(frame))
+        self.frames += 1
+
+    def finish(self) -> None:
+        """Write the frames that the encoder still holds, and the index."""
+        with self._errors():
+            if self.frames:
+                self._container.mux(self._stream.encode())
+            self._container.close()
+
+    def abandon(self) -> None:
+        """Stop writing; the file cannot be played."""
+        self._sink.abandon()
+        # The sink raises its error once more, and the library passes it on.
+        with suppress(OSError, av.error.FFmpegError):
+            self._container.close()
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Raise the error of the disk, or else that of the library, as an OSError."""
+        try:
+            yield
+        except av.error.FFmpegError as error:
+            self._sink.check()
+            raise OSError(error.errno, error.strerror) from error
+        self._sink.check()
+
+
+# ---- In colour -----------------------------------------------------------------------------
+
+_TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
+_MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
+_CLOCK_BACK_S, _CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
+# Two threads on every machine: another number gives other bytes.
+_THREADS = 2
+# No frame is predicted from a later one: then decoding order is that of the times.
+_CODEC = {"preset": "superfast", "crf": "22", "bf": "0", **ON_ANY_PROCESSOR}
+# The index comes first, so that the video plays while it loads.
+_INDEX_FIRST = {**_EXACT, "movflags": "+faststart"}
+
+
+def _ticks_hz(rate: Fraction | None) -> int:
+    """Return the ticks per second of the frame times of a source.
+
+    It is a multiple of 90000 that holds the times of its frame rate exactly, if one up
+    to 10^6 exists, else 90000.
+    """
+    exact = math.lcm(_TICKS_HZ, rate.numerator) if rate else _TICKS_HZ
+    return exact if exact <= _MOST_TICKS_HZ else _TICKS_HZ
+
+
+class Recording(_Encoder):
+    """Writes an MP4 of 8-bit H.264 (yuv420p, BT.709, limited range) with any frame times.
+
+    Parameters
+    ----------
+    part : PartFile
+        The file.
+    width, height : int
+        Of every frame, in pixels; both even.
+    rate : Fraction or None
+        Frames per second of the source, if known.
+    codec : mapping of str to str
+        Options of the encoder; without ``bf: 0`` frames would not be in the order of the file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; also by the other methods.
+    OutputError
+        If this installation has no H.264 encoder.
+    """
 
     def __init__(
         self,
-        path: Path,
+        part: PartFile,
         width: int,
         height: int,
-        frame_rate: Fraction,
-        count: int,
-        *,
-        new: bool = False,
+        rate: Fraction | None,
+        codec: Mapping[str, str] = _CODEC,
     ) -> None:
-        self.path, self._new = path, new
-        self.width, self.height, self.frame_rate = width, height, frame_rate
-        self.count, self.frames = count, 0
+        coding = _Coding("mp4", "libx264", "yuv420p", _INDEX_FIRST, codec, _THREADS)
+        self._hz = _ticks_hz(rate)
+        super().__init__(part, coding, (width, height), rate or USUAL_RATE, Fraction(1, self._hz))
+        context = self._stream.codec_context
+        context.colorspace = Colorspace.ITU709
+        context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
+        self._frame_s = float(1 / (rate or USUAL_RATE))
+        self._origin_s = 0.0
+        self._last = -1
+        self._converter = VideoReformatter()
 
-    def __enter__(self) -> Self:
-        self._part: Part = self.part_kind(self.path, new=self._new)
-        try:
-            with output_errors(self.path):
-                self._open()
-        except BaseException:
-            self._part.discard()
-            raise
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            if kind is not None:
-                self._abandon()
-                return
-            if self.frames != self.count:
-                raise OutputError(
-                    f"{self.path}: {self.frames} frames were written, not {self.count}; "
-                    "nothing is kept"
-                )
-            with output_errors(self.path):
-                self._close()
-            self._part.commit()
-        except BaseException:
-            self._abandon()
-            raise
-        finally:
-            self._part.discard()
-
-    def write(self, grey: Grey) -> None:
-        """Write the next frame.
+    def write(self, picture: NDArray[np.uint8] | av.VideoFrame, time_s: float) -> float:
+        """Write the next frame; return its presentation time in the file, in seconds.
 
         Parameters
         ----------
-        grey : ndarray of uint8, shape (height, width)
-            Luminance times 255.
-
-        Raises
-        ------
-        OutputError
-            If the frame has another size, or the disk is full.
+        picture : ndarray of uint8, shape (height, width, 3)
+            Blue, green and red; or a frame in the file's own format, from
+            :meth:`oppload_cli.video.colour.Colour.planes`.
+        time_s : float
+            Presentation time of the frame in seconds; the first frame's becomes 0. A time that is
+            not later than the one before is put directly after that one; where the clock jumps
+            (back by a second, or on by a quarter of an hour) the frame comes one frame later.
         """
-        if grey.shape != (self.height, self.width) or grey.dtype != np.uint8:
-            raise OutputError(
-                f"{self.path}: frame {self.frames} is {grey.dtype} {grey.shape}, not uint8 "
-                f"{(self.height, self.width)}; give every frame the same size"
-            )
-        with output_errors(self.path):
-            self._write(np.ascontiguousarray(grey))
-        self.frames += 1
-
-    @abstractmethod
-    def _open(self) -> None:
-        """Begin the part."""
-
-    @abstractmethod
-    def _write(self, grey: Grey) -> None:
-        """Write a frame to the part."""
-
-    @abstractmethod
-    def _close(self) -> None:
-        """Finish the part."""
-
-    @abstractmethod
-    def _abandon(self) -> None:
-        """Close the part after an error; may be called twice."""
+        frame = picture
+        if not isinstance(frame, av.VideoFrame):
+            frame = as_yuv420p(av.VideoFrame.from_ndarray(frame, "bgr24"), self._converter)
+        last_s = self._last / self._hz
+        if self.frames == 0:
+            self._origin_s = time_s
+        elif not -_CLOCK_BACK_S < time_s - self._origin_s - last_s < _CLOCK_ON_S:
+            self._origin_s = time_s - last_s - self._frame_s
+        self._last = max(self._last + 1, round((time_s - self._origin_s) * self._hz))
+        self.encode(frame, self._last)
+        return self._last / self._hz
 
 
-class _PngWriter(_Writer[PartFolder]):
-    """Writes a folder of ``frame_00000.png``, ..."""
-
-    part_kind = PartFolder
-
-    def _open(self) -> None:
-        """Do nothing: the folder exists."""
-
-    def _write(self, grey: Grey) -> None:
-        (self._part.part / f"frame_{self.frames:05d}.png").write_bytes(png_bytes(grey))
-
-    def _close(self) -> None:
-        """Do nothing: every frame is on the disk."""
-
-    def _abandon(self) -> None:
-        """Do nothing: no file is open."""
-
-
-class _NpzWriter(_Writer[PartFile]):
-    """Writes ``grey`` (uint8, frames x h x w), ``time_s`` and ``frame_rate`` as one archive.
-
-    The frames are streamed: the memory never holds the complete clip.
-    """
-
-    part_kind = PartFile
-
-    def _open(self) -> None:
-        self._archive = zipfile.ZipFile(
-            self._part.binary, "w", zipfile.ZIP_DEFLATED, compresslevel=4
-        )
-        self._stream = self._archive.open(_entry("grey.npy"), "w", force_zip64=True)
-        shape = (self.count, self.height, self.width)
-        description = {"descr": "|u1", "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_1_0(self._stream, description)
-
-    def _write(self, grey: Grey) -> None:
-        self._stream.write(grey.tobytes())
-
-    def _close(self) -> None:
-        self._stream.close()
-        times = np.array([float(index / self.frame_rate) for index in range(self.count)])
-        ratio = np.array([self.frame_rate.numerator, self.frame_rate.denominator])
-        for name, values in (("time_s", times), ("frame_rate", ratio)):
-            data = io.BytesIO()
-            np.lib.format.write_array(data, values)
-            self._archive.writestr(_entry(f"{name}.npy"), data.getvalue())
-        self._archive.close()
-
-    def _abandon(self) -> None:
-        for each in (self._stream, self._archive):
-            with suppress(OSError, ValueError):
-                each.close()
-
-
-def _entry(name: str) -> zipfile.ZipInfo:
-    """Return an entry with a fixed date: the same frames give the same bytes."""
-    entry = zipfile.ZipInfo(name)
-    entry.compress_type = zipfile.ZIP_DEFLATED
-    return entry
-
-
-def png_bytes(grey: Grey) -> bytes:
-    """Return a grey picture, shape (height, width), as the bytes of a PNG file."""
-    data = io.BytesIO()
-    Image.fromarray(grey).save(data, "PNG")
-    return data.getvalue()
+# ---- In grey -------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _Format:
-    """A file format and its limits."""
+    """A format of grey videos, and its limits."""
 
-    name: str
     suffix: str  # empty for a folder
     error: str  # how a frame that is read back differs, in words
     even: bool = False  # whether width and height must be even
@@ -221,78 +295,25 @@ class _Format:
 
 
 FORMATS = {
-    one.name: one
-    for one in (
-        _Format("ffv1", ".avi", "lossless; frame times exact"),
-        _Format("mkv", ".mkv", "lossless FFV1; the container rounds frame times to 1 ms"),
-        _Format("mp4", ".mp4", "lossy H.264: up to 6 grey levels, 0.3 on average", even=True),
-        _Format("png", "", "lossless; one image per frame in a folder, no frame times"),
-        _Format("npz", ".npz", "lossless; frame times exact, not a video"),
-        _Format("gif", ".gif", "lossless; frame times rounded to 10 ms", fastest_hz=50.0),
-    )
+    "ffv1": _Format(".avi", "lossless; frame times exact"),
+    "mkv": _Format(".mkv", "lossless FFV1; the container rounds frame times to 1 ms"),
+    "mp4": _Format(".mp4", "lossy H.264: up to 6 grey levels, 0.3 on average", even=True),
+    "png": _Format("", "lossless; one image per frame in a folder, no frame times"),
+    "npz": _Format(".npz", "lossless; frame times exact, not a video"),
+    "gif": _Format(".gif", "lossless; frame times rounded to 10 ms", fastest_hz=50.0),
 }
-
-
-# Limited range, as players expect of H.264: (Y - 16) / 219 is the luminance.
-_LIMITED = np.rint(16 + np.arange(256) * (219 / 255)).astype(np.uint8)
-# container, codec, pixel format and options by suffix
 _FFV1 = {"level": "3", "coder": "1", "context": "0", "g": "1", "slices": "4", "slicecrc": "1"}
 _X264 = {"crf": "1", "preset": "medium", "tune": "psnr", **ON_ANY_PROCESSOR}
-_CODECS: dict[str, tuple[str, str, str, dict[str, str]]] = {
-    ".mkv": ("matroska", "ffv1", "gray", _FFV1),
-    ".avi": ("avi", "ffv1", "gray", _FFV1),
-    ".mp4": ("mp4", "libx264", "yuv420p", _X264),
-    ".gif": ("gif", "gif", "gray", {}),
+_CODINGS = {
+    "ffv1": _Coding("avi", "ffv1", "gray", _EXACT, _FFV1),
+    "mkv": _Coding("matroska", "ffv1", "gray", _EXACT, _FFV1),
+    "mp4": _Coding("mp4", "libx264", "yuv420p", _EXACT, _X264),
+    "gif": _Coding("gif", "gif", "gray", _EXACT, {}),
 }
+_LIMITED = np.rint(16 + np.arange(256) * (219 / 255)).astype(np.uint8)
 
 
-class _VideoWriter(_Writer[PartFile]):
-    """Writes FFV1 (``.avi``, ``.mkv``), H.264 (``.mp4``) and GIF files."""
-
-    part_kind = PartFile
-
-    def _open(self) -> None:
-        container, codec, pixels, options = _CODECS[self.path.suffix.lower()]
-        # bitexact: no dates and no random identifiers, the same frames give the same bytes
-        self._sink = Sink(self._part.raw)
-        self._container: Any = av.open(
-            self._sink, "w", format=container, options={"fflags": "+bitexact"}
-        )
-        self._gif = codec == "gif"
-        rate = Fraction(100) if self._gif else self.frame_rate
-        stream: Any = self._container.add_stream(codec, rate=rate, options=options)
-        stream.width, stream.height, stream.pix_fmt = self.width, self.height, pixels
-        stream.time_base = self._time_base = 1 / rate
-        context = stream.codec_context
-        context.time_base, context.thread_count = 1 / rate, 1
-        context.bit_rate = 0
-        self._limited = pixels == "yuv420p"
-        context.color_range = self._range = ColorRange.MPEG if self._limited else ColorRange.JPEG
-        self._stream = stream
-
-    def _write(self, grey: Grey) -> None:
-        if self._limited:
-            colourless = np.full((self.height // 2, self.width), 128, dtype=np.uint8)
-            planes = np.concatenate([_LIMITED[grey], colourless])
-            frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
-        else:
-            frame = av.VideoFrame.from_ndarray(grey, format="gray")
-        frame.pts = round(self.frames * 100 / self.frame_rate) if self._gif else self.frames
-        frame.time_base = self._time_base
-        frame.color_range = self._range
-        self._container.mux(self._stream.encode(frame))
-        self._sink.check()
-
-    def _close(self) -> None:
-        self._container.mux(self._stream.encode())
-        self._container.close()
-        self._sink.check()
-
-    def _abandon(self) -> None:
-        self._sink.fail(OSError("abandoned"))
-        self._container.close()
-
-
+@contextmanager
 def open_writer(
     path: Path,
     form: str,
@@ -302,44 +323,113 @@ def open_writer(
     frame_rate: Fraction,
     count: int,
     new: bool = False,
-) -> _Writer[Any]:
-    """Return the writer of a format, to be used as a context.
+) -> Iterator[Callable[[Grey], object]]:
+    """Write a grey video, which gets its name when all frames are written, or nothing.
 
     Parameters
     ----------
-    path, width, height, frame_rate, count, new
-        As for :class:`_Writer`; see also :func:`target_of`.
+    path : Path
+        The video: a file, or for ``png`` a folder.
     form : str
-        A key of :data:`FORMATS`.
+        A key of :data:`FORMATS`, which can hold such frames.
+    width, height : int
+        Of every frame, in pixels.
+    frame_rate : Fraction
+        Frames per second.
+    count : int
+        Number of frames that will be written.
+    new : bool
+        Whether a file or folder of this name is an error.
+
+    Yields
+    ------
+    callable
+        Writes the next frame, uint8 of shape (height, width): luminance times 255.
 
     Raises
     ------
     OutputError
-        If the format is unknown, or cannot hold such frames.
+        If the video cannot be written.
     """
-    _check_format(form, width, height, frame_rate)
-    writers: dict[str, type[_Writer[Any]]] = {"png": _PngWriter, "npz": _NpzWriter}
-    writer = writers.get(form, _VideoWriter)
-    return writer(path, width, height, frame_rate, count, new=new)
+    if form == "png":
+        with PartFolder(path, new=new) as folder:
+            names = (folder.part / f"frame_{index:05d}.png" for index in range(count))
+            yield lambda grey: next(names).write_bytes(png_bytes(grey))
+        return
+    with PartFile(path, new=new) as file:
+        if form == "npz":
+            writer = _archive(file, (count, height, width), frame_rate)
+        else:
+            writer = _encoded(file, form, (width, height), frame_rate)
+        with writer as write:
+            yield write
 
 
-def _check_format(form: str, width: int, height: int, frame_rate: Fraction) -> None:
-    """Raise OutputError, which says what to change, if a format cannot hold a video."""
-    if form not in FORMATS:
-        raise OutputError(f"no video format '{form}'{suggestion(form, FORMATS)}")
-    known = FORMATS[form]
-    if known.even and (width % 2 or height % 2):
-        raise OutputError(
-            f"format {form} needs an even width and height, not {width} x {height}; "
-            "change the size or use format ffv1"
-        )
-    if known.fastest_hz is not None and frame_rate > known.fastest_hz:
-        raise OutputError(
-            f"format {form} holds at most {known.fastest_hz:g} frames per second, not "
-            f"{float(frame_rate):g}; lower the frame rate or use format ffv1"
-        )
+@contextmanager
+def _archive(
+    file: PartFile, shape: tuple[int, int, int], frame_rate: Fraction
+) -> Iterator[Callable[[Grey], object]]:
+    """Write ``grey`` (uint8, frames x h x w), ``time_s`` and ``frame_rate`` as one archive.
+
+    The frames are streamed: the memory never holds the complete clip.
+    """
+    times_s = np.array([float(index / frame_rate) for index in range(shape[0])])
+    ratio = np.array([frame_rate.numerator, frame_rate.denominator])
+    archive = zipfile.ZipFile(file.binary, "w", zipfile.ZIP_DEFLATED, compresslevel=4)
+    stream = archive.open(_entry("grey"), "w", force_zip64=True)
+    try:
+        description = {"descr": "|u1", "fortran_order": False, "shape": shape}
+        np.lib.format.write_array_header_1_0(stream, description)
+        yield lambda grey: stream.write(grey.tobytes())
+        stream.close()
+        for name, values in (("time_s", times_s), ("frame_rate", ratio)):
+            data = io.BytesIO()
+            np.lib.format.write_array(data, values)
+            archive.writestr(_entry(name), data.getvalue())
+        archive.close()
+    except BaseException:
+        for each in (stream, archive):
+            with suppress(OSError, ValueError):
+                each.close()
+        raise
 
 
-def target_of(directory: Path, stem: str, form: str) -> Path:
-    """Return the path of a video in a folder: a file, or for ``png`` a folder."""
-    return directory / f"{stem}{FORMATS[form].suffix}"
+def _entry(name: str) -> zipfile.ZipInfo:
+    """Return an entry with a fixed date: the same frames give the same bytes."""
+    entry = zipfile.ZipInfo(f"{name}.npy")
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    return entry
+
+
+@contextmanager
+def _encoded(
+    file: PartFile, form: str, size: tuple[int, int], frame_rate: Fraction
+) -> Iterator[Callable[[Grey], object]]:
+    """Write FFV1, H.264 or GIF."""
+    rate = Fraction(100) if form == "gif" else frame_rate
+    encoder = _Encoder(file, _CODINGS[form], size, rate, 1 / rate)
+
+    def write(grey: Grey) -> None:
+        if form == "mp4":
+            colourless = np.full((size[1] // 2, size[0]), 128, dtype=np.uint8)
+            planes = np.concatenate([_LIMITED[grey], colourless])
+            frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
+            frame.color_range = ColorRange.MPEG
+        else:
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(grey), format="gray")
+            frame.color_range = ColorRange.JPEG
+        encoder.encode(frame, round(encoder.frames * rate / frame_rate))
+
+    try:
+        yield write
+        encoder.finish()
+    except BaseException:
+        encoder.abandon()
+        raise
+
+
+def png_bytes(grey: Grey) -> bytes:
+    """Return a grey picture, shape (height, width), as the bytes of a PNG file."""
+    data = io.BytesIO()
+    Image.fromarray(grey).save(data, "PNG")
+    return data.getvalue()

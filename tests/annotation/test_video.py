@@ -144,7 +144,7 @@ def test_an_error_of_the_thread_reaches_the_caller(
 
     with open_video(source, colour=True) as video:
         annotated = AnnotatedVideo(target, video, MODELS)
-        monkeypatch.setattr("oppload_cli.video.recording.Recording.write", refuse)
+        monkeypatch.setattr("oppload_cli.video.writers.Recording.write", refuse)
 
         def write_all() -> None:
             for record in analyse(annotated.frames, rmo=None):

@@ -50,7 +50,7 @@ except KeyboardInterrupt: print("stops")
 WRITING = """
 from pathlib import Path
 from oppload_cli.files.atomic import PartFile
-from oppload_cli.video.recording import Sink
+from oppload_cli.video.writers import Sink
 import tempfile
 part = PartFile(Path(tempfile.mkdtemp()) / "a.mp4")
 class File:

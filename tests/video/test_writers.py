@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.files.atomic import PartFile
-from oppload_cli.video.recording import Recording
+from oppload_cli.video.writers import Recording
 
 if TYPE_CHECKING:
     from pathlib import Path
