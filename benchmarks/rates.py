@@ -36,7 +36,6 @@ from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.renderer import Renderer
-from oppload_cli.video.frames import Frame, Picture
 from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
@@ -47,7 +46,7 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.detectors import EvaluatedDetector
     from oppload_cli.evaluation.manifest import Entry
     from oppload_cli.stimulus.protocol import Protocol
-    from oppload_cli.video.frames import FrameSource
+    from oppload_cli.video.frames import Frame, FrameSource
 
     Times = NDArray[np.float64]
     Case = tuple[str, str, str]  # the disk, the preset and the detector
@@ -76,13 +75,11 @@ class Shown(StimulusVideo):
         super().__init__(replace(protocol, display=display), height)
         self._times = times
 
-    def __iter__(self) -> Iterator[Frame]:
+    def _pictures(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
         renderer = Renderer(self.protocol)
-        for index, time_s in enumerate(self._times):
+        for time_s in self._times:
             drawn = renderer._picture(time_s, time_s)
-            grey = np.clip(np.rint(drawn * np.float32(255)), 0, 255).astype(np.uint8)
-            picture = Picture(index, time_s, grey)
-            yield Frame(index, float(time_s), self._luminance(picture))
+            yield float(time_s), np.clip(np.rint(drawn * np.float32(255)), 0, 255).astype(np.uint8)
 
 
 class Result(NamedTuple):

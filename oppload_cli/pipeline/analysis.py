@@ -27,7 +27,7 @@ from oppload_cli.models.timebase import NEARLY_ONE, TimeParams, time_params
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.motion.rmo import DEFAULT_RMO, RmoMetrics, RmoParams
 from oppload_cli.pipeline.repeats import Repeat, RepeatParams, Repeats
-from oppload_cli.pipeline.sources import ArrayLuminance, check_type, checked_rate, open_source
+from oppload_cli.pipeline.sources import ArrayLuminance, checked_rate, open_source
 from oppload_cli.processes.threads import Prefetch
 from oppload_cli.results.table import FrameRecord
 from oppload_cli.schema import Parameters
@@ -113,26 +113,24 @@ class Analysis:
         alarm: AlarmParams | None = None,
         places: PlaceParams | bool | None = True,
         rmo: RmoParams | bool | None = False,
-        repeats: RepeatParams | None = None,
+        repeats: RepeatParams | Repeats | None = None,
         time: TimeParams | None = None,
         fov: float | None = None,
     ) -> None:
         rows, columns = _checked_shape(shape)
-        chosen = _resolved(params, preset, alarm, places, time)
-        _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
-        _check_kind("repeats", repeats, RepeatParams, _REPEATS)
+        chosen = _resolved(
+            params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
+        )
         facts = InputFacts("frames", "array", columns, rows, checked_rate(rate), None)
         pixels = parse_height(preset_named(chosen.preset).height if height is None else height)
         working = WorkingSize.of(facts, pixels)
-        degrees = None if fov is None else parse_fov(fov)
-        optics = None if degrees is None else Optics.of_fov(columns, rows, degrees)
+        optics = None if fov is None else Optics.of_fov(columns, rows, parse_fov(fov))
         self._shape, self._working = (rows, columns), working
         self._rate = float(facts.frame_rate) if facts.frame_rate else None
         self._luminance = ArrayLuminance(working)
-        self._prepared = _Preparation(rmo, Repeats(repeats or RepeatParams()), facts.frame_rate)
+        self._preparation = _Preparation(chosen, facts.frame_rate)
         self._detectors = _Detectors(working, facts.frame_rate, chosen, optics)
         self._first_s = 0.0
-        self._count = 0
 
     def step(self, frame: NDArray[Any], time_s: float) -> FrameRecord:
         """Take the next frame.
@@ -157,25 +155,23 @@ class Analysis:
         SourceError
             If it has another type, or floating values outside 0 to 1.
         """
-        values = np.asarray(frame)
+        values, count = np.asarray(frame), self._detectors.count
         if values.shape not in {self._shape, (*self._shape, 3)}:
             raise FrameError(
-                f"frame {self._count}: a frame must be of shape {self._shape}, with or without "
+                f"frame {count}: a frame must be of shape {self._shape}, with or without "
                 f"an axis of 3 colours, not of shape {values.shape}"
             )
         given: object = time_s  # a user's may be None
         if not isinstance(given, Real) or not math.isfinite(time_s):
             raise FrameError(
-                f"frame {self._count}: its time must be a finite number of seconds, not {time_s}"
+                f"frame {count}: its time must be a finite number of seconds, not {time_s}"
             )
-        check_type(values)
-        if not self._count:
+        if not count:
             self._first_s = float(time_s)
-        luma = self._luminance(values, f"frame {self._count}")
-        prepared = self._prepared.step(Frame(self._count, float(time_s) - self._first_s, luma))
-        record = self._detectors.answer(prepared, self._count)
-        self._count += 1
-        if self._count == _FEW_FRAMES and (doubt := self._doubt_of_unit()):
+        luma = self._luminance(values, f"frame {count}")
+        prepared = self._preparation.step(Frame(count, float(time_s) - self._first_s, luma))
+        record = self._detectors.answer(prepared)
+        if count + 1 == _FEW_FRAMES and (doubt := self._doubt_of_unit()):
             warnings.warn(doubt, stacklevel=2)
         return record
 
@@ -197,7 +193,7 @@ class Analysis:
         >>> analysis.remarks[-1]
         'frames are 33.3 s apart by their times: give seconds, if these are of another unit'
         """
-        times, repeats = self._prepared.times, self._prepared.repeats
+        times, repeats = self._preparation.times, self._preparation.repeats
         doubt = self._doubt_of_unit()
         pictures = repeats.remarks(times.rate or self._rate)
         if not pictures and repeats.still_s:
@@ -211,7 +207,7 @@ class Analysis:
 
     def _doubt_of_unit(self) -> str:
         """Return a sentence on times that seem to be in another unit; empty where they do not."""
-        rate = self._prepared.times.rate
+        rate = self._preparation.times.rate
         if rate is None or rate * _LONGEST_STEP_S > 1:
             return ""
         return (
@@ -313,19 +309,18 @@ def analyse(
     ...         break
     alarm at 1.07 s
     """
-    chosen = _resolved(params, preset, alarm, places, time)
-    _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
-    _check_kind("repeats", repeats, RepeatParams | Repeats, _REPEATS)
-    repeats = repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams())
+    chosen = _resolved(
+        params, preset, alarm=alarm, places=places, time=time, rmo=rmo, repeats=repeats
+    )
     with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
-        preparation = _Preparation(rmo, repeats, video.facts.frame_rate)
+        preparation = _Preparation(chosen, video.facts.frame_rate)
         detectors = _Detectors(video.working, video.facts.frame_rate, chosen, optics)
         # The flow runs in a thread of its own: it costs about as much as the detectors.
         frames = (preparation.step(frame) for frame in video)
         prepared = Prefetch(frames, frames_ahead(video.facts, video.working))
         try:
-            for count, each in enumerate(prepared):
-                yield detectors.answer(each, count)
+            for each in prepared:
+                yield detectors.answer(each)
         finally:
             prepared.close()
 
@@ -346,14 +341,19 @@ class _Chosen(NamedTuple):
     alarm: AlarmParams
     places: PlaceParams | None
     time: TimeParams
+    rmo: RmoParams | None
+    repeats: Repeats
 
 
 def _resolved(
     params: Sequence[Parameters] | None,
     preset: str | None,
+    *,
     alarm: AlarmParams | None,
     places: PlaceParams | bool | None,
     time: TimeParams | None,
+    rmo: RmoParams | bool | None,
+    repeats: RepeatParams | Repeats | None,
 ) -> _Chosen:
     _check_kind("params", params, list | tuple, "a list, as parameters_of(name) in brackets")
     _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
@@ -369,12 +369,16 @@ def _resolved(
             raise ParameterError(
                 f"params must not hold two sets of '{name}'; give the other one to a second pass"
             )
+    _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
+    _check_kind("repeats", repeats, RepeatParams | Repeats, _REPEATS)
     return _Chosen(
         preset,
         chosen,
         alarm or alarm_params_with(names, preset),
         place_params(preset) if places is True else places or None,
         time or time_params(preset),
+        DEFAULT_RMO if rmo is True else rmo or None,
+        repeats if isinstance(repeats, Repeats) else Repeats(repeats or RepeatParams()),
     )
 
 
@@ -389,12 +393,9 @@ class _Prepared(NamedTuple):
 class _Preparation:
     """All that is done to a frame before the detectors: its time, repeats, and motion."""
 
-    def __init__(
-        self, rmo: RmoParams | bool | None, repeats: Repeats, rate: Fraction | None
-    ) -> None:
-        self.times, self.repeats = FrameTimes(rate), repeats
-        params = DEFAULT_RMO if rmo is True else rmo or None
-        self._flow = DenseFlow(params) if params else None
+    def __init__(self, chosen: _Chosen, rate: Fraction | None) -> None:
+        self.times, self.repeats = FrameTimes(rate), chosen.repeats
+        self._flow = DenseFlow(chosen.rmo) if chosen.rmo else None
 
     def step(self, frame: Frame) -> _Prepared:
         """Take the next frame."""
@@ -415,14 +416,15 @@ class _Detectors:
     def __init__(
         self, working: WorkingSize, rate: Fraction | None, chosen: _Chosen, optics: Optics | None
     ) -> None:
-        _, params, alarm, places, time = chosen
+        places, time = chosen.places, chosen.time
         stated = float(rate) if rate else None
+        self.count = 0  # frames so far
         self._working, self._optics = working, optics
-        self._bank = DetectorBank(working.shape, params, stated, time)
+        self._bank = DetectorBank(working.shape, chosen.params, stated, time)
         self._per_second = time.per_second
-        self._first_s: float | None = None
-        self._cuts = Cuts(alarm)
-        self._alarms = {name: Alarm(name, alarm) for name in self._bank.detectors}
+        self._first_s = 0.0
+        self._cuts = Cuts(chosen.alarm)
+        self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
         self._latest: FrameRecord | None = None  # of a frame that the detectors saw
         self._passed_s: list[float] = []  # times of the frames since then
         self._places = {
@@ -431,18 +433,21 @@ class _Detectors:
             if each.places and places
         }
 
-    def answer(self, prepared: _Prepared, count: int) -> FrameRecord:
-        """Take the next frame; `count` frames came before it."""
-        time_s = prepared.frame.time_s
-        if prepared.repeat.held and self._latest is not None:
+    def answer(self, prepared: _Prepared) -> FrameRecord:
+        """Take the next frame."""
+        time_s, repeat = prepared.frame.time_s, prepared.repeat
+        if not self.count:
+            self._first_s = time_s
+        self.count += 1
+        if repeat.held and self._latest is not None:
             return _held(self._latest, prepared)
-        answers = self._answers(prepared, count, time_s)
-        change = 0.0 if prepared.repeat.kind else self._bank.luma_change
+        answers = self._answers(prepared)
+        change = 0.0 if repeat.kind else self._bank.luma_change
         blind = ""
-        if change is not None and not prepared.repeat.passed_over:
+        if change is not None and not repeat.passed_over:
             blind = self._cuts.step(self._bank.photoreceptors, change, time_s)
         found = {
-            name: () if prepared.repeat.kind else self._found(name, answers[name], prepared, time_s)
+            name: () if repeat.kind else self._found(name, answers[name], prepared)
             for name in self._places
         }
         alarms = {
@@ -461,46 +466,44 @@ class _Detectors:
         }
         record = FrameRecord(
             prepared.frame.index,
-            prepared.frame.time_s,
+            time_s,
             change,
             {name: _in_source(answer, self._working) for name, answer in answers.items()},
             alarms,
             prepared.opponency,
-            prepared.repeat.kind,
+            repeat.kind,
             thresholds,
             next(iter(found.values()), ()),
             {name: each[0] if each else None for name, each in found.items()},
             blind,
             {name: self._alarms[name].evidence for name, each in answers.items() if each},
         )
-        if not prepared.repeat.passed_over:
+        if not repeat.passed_over:
             self._latest = record
         return record
 
-    def _answers(
-        self, prepared: _Prepared, count: int, time_s: float
-    ) -> dict[str, Response | None]:
-        bank, luma = self._bank, prepared.frame.luma
-        if self._first_s is None:
-            self._first_s = time_s
+    def _answers(self, prepared: _Prepared) -> dict[str, Response | None]:
+        bank, luma, repeat = self._bank, prepared.frame.luma, prepared.repeat
+        time_s = prepared.frame.time_s
         answers: dict[str, Response | None] = {}
-        if prepared.repeat.passed_over:
+        if repeat.passed_over:
             self._passed_s.append(time_s)
         else:
-            if prepared.repeat.still_begins:
+            if repeat.still_begins:
                 # No repeats after all: the detectors are now shown the frames that they missed.
                 for passed_s in self._passed_s:
                     bank.step(luma, passed_s)
             self._passed_s.clear()
-            answers = bank.step(luma, time_s + prepared.repeat.shift_s)
-        if not prepared.repeat.kind:
+            answers = bank.step(luma, time_s + repeat.shift_s)
+        if not repeat.kind:
             return answers
         # Where nothing changed every detector answers 0, whatever came before.
-        lasted = (time_s - self._first_s) * self._per_second if self._per_second else count
+        before = self.count - 1
+        lasted = (time_s - self._first_s) * self._per_second if self._per_second else before
         return bank.at_rest(lasted + NEARLY_ONE)
 
     def _found(
-        self, name: str, answer: Response | None, prepared: _Prepared, time_s: float
+        self, name: str, answer: Response | None, prepared: _Prepared
     ) -> tuple[Detection, ...]:
         if answer is None:
             return ()
@@ -510,8 +513,8 @@ class _Detectors:
         else:
             # Growth is measured between the times of pictures; time to contact counts from the
             # frame.
-            shift_s = prepared.repeat.shift_s
-            shown = places.step(units, prepared.frame.luma, time_s + shift_s)
+            shift_s, frame = prepared.repeat.shift_s, prepared.frame
+            shown = places.step(units, frame.luma, frame.time_s + shift_s)
             found = tuple(each.after(-shift_s) for each in shown) if shift_s else shown
         return tuple(each.seen_through(self._optics) for each in found) if self._optics else found
 

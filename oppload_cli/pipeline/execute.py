@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, NamedTuple
+from typing import IO, TYPE_CHECKING, Any
 
 import cv2
 
@@ -108,14 +108,12 @@ def collected(
     keep: Callable[[FrameRecord], object],
     stimulus: dict[str, Any] | None = None,
 ) -> tuple[list[str], dict[str, Any]]:
-    """Analyse an open source, and write no file.
+    """Analyse an open source, which is not closed, and write no file.
 
     Parameters
     ----------
-    source : DecodedSource
-        Iterated, not closed.
-    settings : Settings
-        The detectors and their parameters.
+    source, settings
+        The frames, and how to analyse them.
     keep : callable
         Takes the record of each frame.
     stimulus : dict, optional
@@ -131,7 +129,7 @@ def collected(
     started = time.perf_counter()
     _set_threads(source.working, 0)
     run = _Run(Task(source.facts.name, settings), source, None, stimulus)
-    run.write(source, _Kept(keep))
+    run.analyse(source, keep)
     return run.columns, run.sidecar(time.perf_counter() - started)
 
 
@@ -150,7 +148,7 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
         writing.commit(lambda: run.sidecar(time.perf_counter() - started))
 
     try:
-        run.write(writing.frames, writing)
+        run.analyse(writing.frames, writing.write)
         finish()
     except BaseException as error:
         if _is_bug(error):
@@ -203,7 +201,8 @@ def _write_stream(run: _Run, stream: IO[str] | None) -> None:
     if stream is None:  # as Python has it after "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
     try:
-        run.write(run.video, _Rows(stream, run.columns))
+        table = Table(stream, run.columns)
+        run.analyse(run.video, lambda record: table.write(record.values()))
         stream.flush()
     except BrokenPipeError:
         raise  # the reader has gone, which is no error
@@ -211,22 +210,6 @@ def _write_stream(run: _Run, stream: IO[str] | None) -> None:
         raise OutputError(
             f"standard output: cannot be written ({reason_of(error)}); free it"
         ) from error
-
-
-class _Rows:
-    """The rows alone, on standard output."""
-
-    def __init__(self, stream: IO[str], columns: Sequence[str]) -> None:
-        self._table = Table(stream, columns)
-
-    def write(self, record: FrameRecord) -> None:
-        self._table.write(record.values())
-
-
-class _Kept(NamedTuple):
-    """Records that the caller keeps."""
-
-    write: Callable[[FrameRecord], object]
 
 
 class _Run:
@@ -263,8 +246,8 @@ class _Run:
         )
         return [column.name for column in columns]
 
-    def write(self, frames: FrameSource, writing: Writing | _Rows | _Kept) -> None:
-        """Analyse every frame and write its record."""
+    def analyse(self, frames: FrameSource, write: Callable[[FrameRecord], object]) -> None:
+        """Analyse every frame, and hand on its record."""
         settings = self._settings
         records = analyse(
             frames,
@@ -277,7 +260,7 @@ class _Run:
             optics=self._optics,
         )
         for record in records:
-            writing.write(record)
+            write(record)
             self.frames += 1
             for name, summary in self._summaries.items():
                 summary.add(record, name)
@@ -309,10 +292,6 @@ class _Run:
             summaries=self._summaries,
             verdicts=tuple(each.verdict for each in self._alarms.values()),
         )
-
-    def _pictures_per_s(self) -> float | None:
-        rate = self._rate
-        return self._repeats.pictures_per_s(rate) if rate else None
 
     @property
     def _rate(self) -> float | None:
@@ -424,7 +403,7 @@ class _Run:
                 "missing": decode.missing,
                 "repeats": self._repeats.exact,
                 "near_repeats": self._repeats.near,
-                "pictures_per_s": self._pictures_per_s(),
+                "pictures_per_s": self._repeats.pictures_per_s(self._rate),
                 "complete": decode.complete,
                 "messages": decode.messages,
             },
@@ -466,7 +445,7 @@ def _of_display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics
 def _ground_truth(video: Path, facts: InputFacts) -> dict[str, Any] | None:
     """Return the main facts of the ground truth beside a stimulus's video, if it exists.
 
-    One that cannot be used, or is of another video, has an ``error`` in their place.
+    For a ground truth that cannot be used, or is of another video, return an ``error``.
     """
     path = video.with_name(video.stem + GROUND_TRUTH)
     if not os.path.lexists(path):  # False also for a name that is too long to look up

@@ -153,13 +153,13 @@ class Repeats:
         self._new_s = 0.0  # when a picture last differed from the one before
         self._pictures = self._repeats = 0  # while there is a cadence
 
-    def pictures_per_s(self, frame_rate: float) -> float | None:
-        """Return how many new pictures a second of moving scenes shows.
+    def pictures_per_s(self, frame_rate: float | None) -> float | None:
+        """Return how many new pictures a second of moving scenes shows, where a cadence is found.
 
         Parameters
         ----------
-        frame_rate : float
-            Frames per second of the video.
+        frame_rate : float or None
+            Frames per second by the times of the frames, where they are known.
 
         Returns
         -------
@@ -167,7 +167,8 @@ class Repeats:
             Above 0; the mean over those parts of the video that have a cadence. None if fewer
             than `_WORTH_TELLING` of all frames are repeats in a cadence.
         """
-        if self._repeats < _WORTH_TELLING * self._frames or not self._repeats:
+        few = self._repeats < _WORTH_TELLING * self._frames or not self._repeats
+        if few or not frame_rate:
             return None
         return frame_rate * self._pictures / (self._pictures + self._repeats)
 
@@ -180,15 +181,12 @@ class Repeats:
     def remarks(self, frame_rate: float | None) -> list[str]:
         """Return a remark, a sentence, on pictures that are all the same, or repeat in a cadence.
 
-        Parameters
-        ----------
-        frame_rate : float or None
-            Frames per second by the times of the frames, where they are known.
+        The frame rate is that of :meth:`pictures_per_s`.
         """
         if self.still_s and self.exact == self._frames - 1:
             return ["all pictures are the same, and nothing can cause an alarm; check the input"]
-        pictures = frame_rate and self.pictures_per_s(frame_rate)
-        if not frame_rate or not pictures:
+        pictures = self.pictures_per_s(frame_rate)
+        if pictures is None:
             return []
         return [
             f"holds about {pictures:.3g} different pictures/s in {frame_rate:.4g} frames/s; the "

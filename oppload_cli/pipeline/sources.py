@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from contextlib import contextmanager
 from fractions import Fraction
 from numbers import Real
@@ -41,53 +42,11 @@ if TYPE_CHECKING:
 _HIGHEST_RATE = 100_000  # frames/s
 
 
-class StimulusVideo:
-    """The frames of a stimulus at the working size, as an open video would give them.
-
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    height : int or None
-        Working height in pixels; None keeps the native size.
-    showings : int
-        How often it is shown, one showing directly after the other.
-    """
-
-    def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:
-        display = protocol.display
-        self.protocol, self._showings = protocol, showings
-        self.times = FrameTimes(display.frame_rate)
-        self.decode = DecodeFacts()
-        self.facts = InputFacts(
-            protocol.name,
-            "stimulus",
-            display.width,
-            display.height,
-            display.frame_rate,
-            protocol.frame_count * showings,
-        )
-        self.working = WorkingSize.of(self.facts, height)
-        self._luminance = Luminance(self.working)
-
-    def __iter__(self) -> Iterator[Frame]:
-        for first in range(
-            0, self.protocol.frame_count * self._showings, self.protocol.frame_count
-        ):
-            for shown in stimulus.frames(self.protocol):
-                index = first + shown.index
-                picture = Picture(index, self.protocol.time_of(index), shown.grey)
-                self.decode.decoded += 1
-                yield Frame(index, self.times.step(picture.time_s), self._luminance(picture))
-
-
 class ArrayLuminance:
     """Brings pictures that are arrays to luminance at the working size.
 
-    Parameters
-    ----------
-    working : WorkingSize
-        The target.
+    They are of shape (height, width), or with a last axis of red, green and blue: uint8 or uint16
+    over their full range, or float from 0 (black) to 1 (white).
     """
 
     def __init__(self, working: WorkingSize) -> None:
@@ -98,19 +57,10 @@ class ArrayLuminance:
     def __call__(self, values: Frames, name: str) -> NDArray[np.float32]:
         """Return the luminance of a picture, 0 to 1, in memory of its own.
 
-        Parameters
-        ----------
-        values : ndarray
-            Shape (height, width), or with a last axis of red, green and blue: uint8 or uint16
-            over their full range, or float from 0 (black) to 1 (white).
-        name : str
-            Of the picture, for errors.
-
-        Raises
-        ------
-        SourceError
-            If a floating value lies outside 0 to 1.
+        Raises SourceError, with the name of the picture, if it has another type, or a floating
+        value outside 0 to 1.
         """
+        _check_type(values)
         floating = values.dtype.kind == "f"
         if floating:
             values = values.astype(np.float32)  # always a copy
@@ -135,27 +85,56 @@ class ArrayLuminance:
         return np.multiply(colours, np.uint16(257), out=self._colours, dtype=np.uint16)
 
 
-class _ArrayVideo:
-    """The frames of an array at the working size, as an open video would give them.
+class _Shown(ABC):
+    """Pictures that are drawn or in memory, as frames at the working size, like an open video."""
+
+    def __init__(self, facts: InputFacts, height: int | None) -> None:
+        self.facts, self.decode = facts, DecodeFacts()
+        self.times = FrameTimes(facts.frame_rate)
+        self.working = WorkingSize.of(facts, height)
+        self._luminance = ArrayLuminance(self.working)
+
+    def __iter__(self) -> Iterator[Frame]:
+        for index, (time_s, values) in enumerate(self._pictures()):
+            self.decode.decoded += 1
+            luma = self._luminance(values, f"array: frame {index}")
+            yield Frame(index, self.times.step(time_s), luma)
+
+    @abstractmethod
+    def _pictures(self) -> Iterator[tuple[float, Frames]]:
+        """Yield each picture with its presentation time in seconds."""
+
+
+class StimulusVideo(_Shown):
+    """The frames of a stimulus at the working size, as an open video would give them.
 
     Parameters
     ----------
-    frames : ndarray or sequence of ndarray
-        The first axis counts them; each as :class:`ArrayLuminance` takes it.
-    rate : float or Fraction, optional
-        Frames per second, above 0.
-    times : sequence of float, optional
-        The presentation time of each frame in seconds, for frames at uneven intervals.
+    protocol : Protocol
+        The stimulus.
     height : int or None
         Working height in pixels; None keeps the native size.
+    showings : int
+        How often it is shown, one showing directly after the other.
+    """
 
-    Raises
-    ------
-    SourceError
-        If they are not frames of such a shape and type.
-    ParameterError
-        If neither a rate nor times are given, the rate is not above 0, there is not one
-        finite time for each frame, or the times do not increase.
+    def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:
+        display, frames = protocol.display, protocol.frame_count * showings
+        size, rate = (display.width, display.height), display.frame_rate
+        super().__init__(InputFacts(protocol.name, "stimulus", *size, rate, frames), height)
+        self.protocol = protocol
+
+    def _pictures(self) -> Iterator[tuple[float, Frames]]:
+        for first in range(0, self.facts.frames_declared or 0, self.protocol.frame_count):
+            for shown in stimulus.frames(self.protocol):
+                yield self.protocol.time_of(first + shown.index), shown.grey
+
+
+class _ArrayVideo(_Shown):
+    """The frames of an array at the working size, as an open video would give them.
+
+    Parameters are those of :func:`open_source`. Raises SourceError if the array does not hold
+    frames, and ParameterError if the rate or the times are missing or wrong.
     """
 
     def __init__(
@@ -184,26 +163,17 @@ class _ArrayVideo:
             raise ParameterError(
                 "an array of frames has no times; give its rate, e.g. rate=30, or the times"
             )
-        self.times = FrameTimes(declared)
-        self.decode = DecodeFacts()
-        self.facts = InputFacts("array", "array", columns, rows, declared, count)
-        self.working = WorkingSize.of(self.facts, height)
-        self._luminance = ArrayLuminance(self.working)
+        super().__init__(InputFacts("array", "array", columns, rows, declared, count), height)
 
-    def __iter__(self) -> Iterator[Frame]:
-        for index, (values, time_s) in enumerate(zip(self._frames, self._times_s, strict=True)):
-            self.decode.decoded += 1
-            luma = self._luminance(values, f"array: frame {index}")
-            yield Frame(index, self.times.step(time_s - self._times_s[0]), luma)
+    def _pictures(self) -> Iterator[tuple[float, Frames]]:
+        for time_s, values in zip(self._times_s, self._frames, strict=True):
+            yield time_s - self._times_s[0], values
 
 
 def checked_rate(rate: float | Fraction | None) -> Fraction | None:
     """Return frames per second as a fraction; None where they are not known.
 
-    Raises
-    ------
-    ParameterError
-        If the rate is no number above 0 and at most 100000.
+    Raises ParameterError if the rate is no number above 0 and at most 100000.
     """
     if rate is None:
         return None
@@ -244,17 +214,11 @@ def _check_frames(frames: Frames) -> None:
             f"array: its shape is {frames.shape}; give (frames, height, width), or with a last "
             "axis of red, green and blue"
         )
-    check_type(frames)
+    _check_type(frames)
 
 
-def check_type(frames: Frames) -> None:
-    """Refuse an array whose numbers have no known white.
-
-    Raises
-    ------
-    SourceError
-        If it is neither uint8 nor uint16 nor of floating numbers.
-    """
+def _check_type(frames: Frames) -> None:
+    """Refuse an array whose numbers have no known white."""
     if frames.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)} and frames.dtype.kind != "f":
         raise SourceError(
             f"array: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"
@@ -341,7 +305,7 @@ def open_source(
 
 def _is_stimulus(name: str) -> bool:
     """Tell whether a name is one of the catalogue, and of no file."""
-    if not name or is_there(Path(name)):
+    if not name or is_there(name):
         return False
     known = (entry.name for entry in stimulus.entries())
     return any(name == each or name.startswith(f"{each}/") for each in known)

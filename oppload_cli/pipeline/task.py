@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from fractions import Fraction
 from pathlib import Path
@@ -77,18 +77,9 @@ class Outputs:
     def of(
         cls, folder: Path, stem: str, models: Sequence[str], *, annotate: bool = False
     ) -> Outputs:
-        """Return all files of a run.
+        """Return all files of a run whose names begin with `stem`.
 
-        Parameters
-        ----------
-        folder : Path
-            Folder of the files.
-        stem : str
-            The beginning of their names.
-        models : sequence of str
-            The detectors of the run; those that have places give detections.
-        annotate : bool
-            Whether an annotated video is written.
+        There are detections only where one of the detectors, `models`, has places.
         """
         return cls(
             folder / f"{stem}{TABLE}",
@@ -99,23 +90,16 @@ class Outputs:
 
     def paths(self) -> list[Path]:
         """Return the files, the table first."""
-        named = (getattr(self, each.name) for each in fields(self))
-        return [path for path in named if path is not None]
+        return [path for path in vars(self).values() if path is not None]
 
     def absolute(self) -> Outputs:
         """Return the same files by absolute paths, for another process."""
-        named = {each.name: getattr(self, each.name) for each in fields(self)}
-        return Outputs(**{name: path and path.absolute() for name, path in named.items()})
+        return Outputs(**{name: path and path.absolute() for name, path in vars(self).items()})
 
     def kept(self, if_exists: IfExists) -> bool:
-        """Tell whether the files exist and are kept.
+        """Tell whether all files exist and are kept; a killed run may leave some of them.
 
-        A result is complete when every file exists; a killed run may leave some of them.
-
-        Raises
-        ------
-        OutputError
-            If a file exists and `if_exists` is ``ERROR``.
+        Raises OutputError if a file exists and `if_exists` is ``ERROR``.
         """
         results = self.paths()
         # False for a name that may not be looked up; writing the file gives the reason.
@@ -229,26 +213,14 @@ class Interrupted(KeyboardInterrupt):
 def exists_already(task: Task) -> Outcome | None:
     """Return the outcome of a result that exists and is kept; None where there is none.
 
-    Raises
-    ------
-    OutputError
-        If a result exists and the task does not say what to do with it, or if the task skips it but
-        it is of another input or of other settings.
+    Raises OutputError if a result exists and the task does not say what to do with it, or if the
+    task skips it but it is of another input or of other settings.
     """
     if task.outputs is None or not task.outputs.kept(task.if_exists):
         return None
-    return _kept_result(task)
-
-
-def _kept_result(task: Task) -> Outcome:
-    """Return the outcome of a result that a task passes over.
-
-    Results that differ in input or settings must not lie beside each other as if they were alike.
-    """
-    path = task.outputs.sidecar if task.outputs else None
-    if task.outputs is None or path is None:
+    table, path = task.outputs.csv, task.outputs.sidecar
+    if path is None:
         return Outcome(skipped=True)
-    table = task.outputs.csv
     content = read_sidecar(path, OutputError, _REMEDY)
     try:
         difference, verdicts = next(_differences(task, content), None), verdicts_in(content)
@@ -258,7 +230,7 @@ def _kept_result(task: Task) -> Outcome:
             rows = fault_of_rows(table, content)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise OutputError(f"{path}: is damaged; {_REMEDY}") from error
-    if difference:
+    if difference:  # results that differ must not lie beside each other as if they were alike
         raise OutputError(f"{path}: is a result {difference}; {_REMEDY}")
     if rows:
         raise OutputError(f"{table}: {rows}; {_REMEDY}")
@@ -342,23 +314,8 @@ def _bytes_of(name: str) -> int | None:
 def begun(outputs: Outputs, if_exists: IfExists) -> PartFile | None:
     """Begin a result by its table: the run that holds the table writes all files.
 
-    Parameters
-    ----------
-    outputs : Outputs
-        The files.
-    if_exists : IfExists
-        What to do where a result exists.
-
-    Returns
-    -------
-    PartFile or None
-        The table; None if another run writes the result, or has just written it, and
-        that is kept.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written, or another run is writing it.
+    Return the table; None if another run writes the result, or has just written it, and that is
+    kept. Raise OutputError if it cannot be written, or another run is writing it.
     """
     try:
         table = PartFile(outputs.csv, new=if_exists is IfExists.ERROR)
@@ -398,7 +355,7 @@ class Writing:
     Raises
     ------
     OutputError
-        If a file cannot be written; also by `write` and `commit`.
+        If a file cannot be written; also raised by `write` and `commit`.
     """
 
     def __init__(
@@ -422,19 +379,14 @@ class Writing:
             if outputs.detections is not None:
                 self._beside.append(DetectionsFile(outputs.detections))
             if outputs.annotated is not None:
-                self._annotate(video, models, boxes)
+                from oppload_cli.annotation.video import AnnotatedVideo  # noqa: PLC0415 - an encoder
+
+                self._video = AnnotatedVideo(outputs.annotated, video, models, boxes)
+                self._beside.append(self._video)
+                self.frames = self._video.frames
         except BaseException:
             self.discard()
             raise
-
-    def _annotate(self, video: Video, models: Sequence[str], boxes: str) -> None:
-        from oppload_cli.annotation.video import AnnotatedVideo  # noqa: PLC0415 - an encoder
-
-        path = self._outputs.annotated
-        if path is not None:
-            self._video = AnnotatedVideo(path, video, models, boxes)
-            self._beside.append(self._video)
-            self.frames = self._video.frames
 
     def write(self, record: FrameRecord) -> None:
         """Write the record of the next frame."""

@@ -289,18 +289,17 @@ class _Format:
     """A format of grey videos, and its limits."""
 
     suffix: str  # empty for a folder
-    error: str  # how a frame that is read back differs, in words
     even: bool = False  # whether width and height must be even
     fastest_hz: float | None = None  # the highest frame rate
 
 
 FORMATS = {
-    "ffv1": _Format(".avi", "lossless; frame times exact"),
-    "mkv": _Format(".mkv", "lossless FFV1; the container rounds frame times to 1 ms"),
-    "mp4": _Format(".mp4", "lossy H.264: up to 6 grey levels, 0.3 on average", even=True),
-    "png": _Format("", "lossless; one image per frame in a folder, no frame times"),
-    "npz": _Format(".npz", "lossless; frame times exact, not a video"),
-    "gif": _Format(".gif", "lossless; frame times rounded to 10 ms", fastest_hz=50.0),
+    "ffv1": _Format(".avi"),
+    "mkv": _Format(".mkv"),  # FFV1 too; the container rounds frame times to 1 ms
+    "mp4": _Format(".mp4", even=True),  # lossy: up to 6 grey levels, 0.3 on average
+    "png": _Format(""),  # one image per frame in a folder, no frame times
+    "npz": _Format(".npz"),
+    "gif": _Format(".gif", fastest_hz=50.0),  # frame times rounded to 10 ms
 }
 _FFV1 = {"level": "3", "coder": "1", "context": "0", "g": "1", "slices": "4", "slicecrc": "1"}
 _X264 = {"crf": "1", "preset": "medium", "tune": "psnr", **ON_ANY_PROCESSOR}
