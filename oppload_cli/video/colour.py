@@ -49,7 +49,7 @@ def as_yuv420p(
     size : tuple of int or None
         Width and height; those of the frame if left out.
     colour_space : int or None
-        That of the frame; the one that it states if left out.
+        Of the frame; else the one that it states.
     """
     return converter.reformat(
         frame, *size, "yuv420p", colour_space, Colorspace.ITU709,
@@ -75,13 +75,9 @@ class Colour:
         self._converter = VideoReformatter()
 
     def __call__(self, picture: Picture) -> Bgr:
-        """Return a picture of any size in colour.
+        """Return the displayed picture: uint8, shape (height, width, 3), blue, green and red.
 
-        Returns
-        -------
-        ndarray of uint8, shape (height, width, 3)
-            Blue, green and red of the displayed picture; grey where the source is grey,
-            or where a damaged colour space cannot be converted.
+        It is grey where the source is grey, or a damaged colour space cannot be converted.
         """
         return as_displayed(self._converted(picture), self._facts)
 

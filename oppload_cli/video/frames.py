@@ -249,18 +249,10 @@ class FrameTimes:
         self._longest_s = 0.0
 
     def step(self, time_s: float) -> float:
-        """Take the time of the next frame.
+        """Take the time of the next frame in seconds, as the input gives it.
 
-        Parameters
-        ----------
-        time_s : float
-            Presentation time in seconds, as the input gives it.
-
-        Returns
-        -------
-        float
-            The time that counts, always after that of the frame before; `time_s` itself where
-            the times are right.
+        Return the time that counts, always after that of the frame before; `time_s` itself where
+        the times are right.
         """
         before_s, now_s = self._now_s, time_s + self._shift_s
         if self._first_s is None:
@@ -363,20 +355,20 @@ class PictureSource(Protocol):
         """Give back files, decoders and devices; may be called twice."""
 
 
-LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that wait for the next thread
+_LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that wait for the next thread
 _WAITING_BYTES = 1 << 23  # of luminance that waits, above the least
 
 
-def frames_ahead(facts: InputFacts, working: WorkingSize) -> int:
+def frames_ahead(facts: InputFacts, working: WorkingSize, *, colour: bool = False) -> int:
     """Return how many frames may wait between two threads.
 
-    A long queue evens out that frames differ in cost; but it takes memory, and each
-    frame of a live input that waits is late.
+    A long queue evens out that frames differ in cost; but it takes memory, most of all where the
+    frames carry their picture in colour, and each frame of a live input that waits is late.
     """
-    if facts.live:
-        return LEAST_AHEAD
+    if facts.live or colour:
+        return _LEAST_AHEAD
     fit = _WAITING_BYTES // (4 * working.width * working.height)
-    return max(LEAST_AHEAD, min(_MOST_AHEAD, fit))
+    return max(_LEAST_AHEAD, min(_MOST_AHEAD, fit))
 
 
 # The detectors need about 100 bytes for each. Pixels that are made by enlarging a small
@@ -406,19 +398,9 @@ class WorkingSize(NamedTuple):
     def of(cls, facts: InputFacts, height: int | None) -> WorkingSize:
         """Return the working size of an input.
 
-        Parameters
-        ----------
-        facts : InputFacts
-            Gives the displayed size.
-        height : int or None
-            Working height in pixels, at least 1; the width follows. Of a picture that is higher
-            than wide it is the width, so that a camera turned by 90 degrees gives the same answers.
-            None keeps the native size.
-
-        Raises
-        ------
-        ParameterError
-            If the height is no integer of at least 1, or the working frame would be too large.
+        The working height, in pixels, is the width of a picture that is higher than wide, so that a
+        camera turned by 90 degrees gives the same answers; None keeps the native size. Raises
+        ParameterError if it is no integer of at least 1, or the frame would be too large.
         """
         if height is not None and not is_integer(height, 1):
             raise ParameterError(
@@ -447,17 +429,17 @@ class WorkingSize(NamedTuple):
 
     def remarks(self) -> list[str]:
         """Return a remark, a sentence, on frames that are too small, or are much enlarged."""
-        larger = 1 / min(self.scale_x, self.scale_y)
-        if min(self.width, self.height) >= _LEAST_SIDE:
-            if larger <= _USUAL_ENLARGING:
-                return []
+        size, larger = f"{self.width} x {self.height} px", 1 / min(self.scale_x, self.scale_y)
+        if min(self.width, self.height) < _LEAST_SIDE:
             return [
-                f"is enlarged {larger:.3g} times, to {self.width} x {self.height} px: the models "
-                "see no more detail than it has; give a larger video, or a smaller working height"
+                f"is seen at {size}: below {_LEAST_SIDE} px no detector is known to respond to an "
+                "approach; choose a larger working height"
             ]
+        if larger <= _USUAL_ENLARGING:
+            return []
         return [
-            f"is seen at {self.width} x {self.height} px: below {_LEAST_SIDE} px no detector is "
-            "known to respond to an approach; choose a larger working height"
+            f"is enlarged {larger:.3g} times, to {size}: the models see no more detail than it "
+            "has; give a larger video, or a smaller working height"
         ]
 
     def coded(self, rotation: int) -> tuple[int, int]:
@@ -479,10 +461,7 @@ USUAL_BITS = 12  # of a pixel of most videos; of more bits, fewer pixels are all
 def max_pixels() -> int:
     """Return how many pixels a picture may have: ``OPPLOAD_MAX_PIXELS``, or 2^26.
 
-    Raises
-    ------
-    ParameterError
-        If the variable is not an integer from 1 to 2^31 - 1.
+    Raises ParameterError if the variable is not an integer from 1 to 2^31 - 1.
     """
     text = os.environ.get(MAX_PIXELS, str(DEFAULT_MAX_PIXELS))
     if not (text.isascii() and text.isdigit() and len(text) <= 10 and 1 <= int(text) < 1 << 31):
@@ -501,15 +480,10 @@ def too_large(width: int, height: int, bits: int = USUAL_BITS) -> bool:
 
 
 def check_pixels(name: str, width: int, height: int, bits: int = USUAL_BITS) -> None:
-    """Refuse a picture that is too large, before memory is taken for it.
+    """Refuse a picture that is :func:`too_large`, before memory is taken for it.
 
-    A file of a few bytes may declare a picture that fills the memory.
-
-    Raises
-    ------
-    SourceError
-        If a picture of `width` times `height` pixels of `bits` bits, as the file `name`
-        declares them, is :func:`too_large`.
+    A file of a few bytes may declare a picture that fills the memory. Raises SourceError, with the
+    `name` of the file.
     """
     if too_large(width, height, bits):
         deep = f" of {bits} bits" if bits > USUAL_BITS else ""

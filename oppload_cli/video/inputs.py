@@ -76,28 +76,30 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
         cannot be read does not hide the others.
     """
     if not name:
-        yield _Found(name, SourceError("'': an empty name is no input; give a file or a folder"))
+        yield _no_input("", "'': an empty name is no input; give a file or a folder")
         return
     if name == "-" and not os.path.lexists(name):
-        reason = "standard input goes by the name /dev/stdin here; give that"
-        yield _Found(name, SourceError(f"-: {reason}"))
+        yield _no_input(name, "-: standard input goes by the name /dev/stdin here; give that")
         return
     matches = _matches(name)
     if not matches:
-        yield _Found(name, SourceError(f"{name}: matches no file; check the pattern"))
+        yield _no_input(name, f"{name}: matches no file; check the pattern")
     for match in matches:
         if recursive and is_folder(match):
             yield from _below(match)
-            continue
-        if match != name and _may_wait(match):
+        elif match != name and _may_wait(match):
             reason = "is a pipe or a device, which a pattern does not name; give its own name"
-            yield _Found(match, SourceError(f"{match}: {reason}"))
-            continue
-        try:
-            folder = _under(name, match)
-            yield from (_Found(each, folder=folder) for each in _single_inputs(match))
-        except SourceError as error:
-            yield _Found(match, error)
+            yield _no_input(match, f"{match}: {reason}")
+        else:
+            try:
+                folder = _under(name, match)
+                yield from (_Found(each, folder=folder) for each in _single_inputs(match))
+            except SourceError as error:
+                yield _Found(match, error)
+
+
+def _no_input(name: str, message: str) -> _Found:
+    return _Found(name, SourceError(message))
 
 
 def _may_wait(name: str) -> bool:
@@ -142,8 +144,8 @@ def _below(root: str) -> Iterator[_Found]:
     for error in refused:
         yield _Found(str(error.filename), cannot_read(error.filename, error))
     if empty and not refused:
-        reason = "no video and no numbered images in this folder or below"
-        yield _Found(root, SourceError(f"{root}: {reason}; check the path"))
+        reason = "no video and no numbered images in this folder or below; check the path"
+        yield _no_input(root, f"{root}: {reason}")
 
 
 def left_out(name: str) -> Iterator[str]:
@@ -206,57 +208,31 @@ def _suffix(name: str) -> str:
 
 
 def _single_inputs(name: str) -> list[str]:
-    """Return the inputs that a name other than a pattern of the shell stands for.
+    """Return the videos of a folder, in the order of their names; else the name alone.
 
-    Parameters
-    ----------
-    name : str
-        A file, a folder, a pattern of images, ``camera:0``, or an address.
-
-    Returns
-    -------
-    list of str
-        The videos of a folder of videos, in the order of their names and without
-        annotated ones; else `name` alone.
-
-    Raises
-    ------
-    SourceError
-        If a folder holds neither videos nor images, or cannot be listed.
+    Raises SourceError if a folder holds neither videos nor images, or cannot be listed.
     """
     path = Path(name)
     try:
         if not path.is_dir():
             return [name]
-        suffixes = {
-            entry: entry.suffix.lower()
-            for entry in path.iterdir()
-            # Some systems put a hidden file beside each video, which has its suffix.
-            if entry.is_file() and not entry.name.startswith(".")
-        }
+        # Some systems put a hidden file beside each video, which has its suffix.
+        files = sorted(e for e in path.iterdir() if not e.name.startswith(".") and e.is_file())
     except OSError as error:
         raise cannot_read(name, error) from error
-    videos = sorted(entry for entry in suffixes if is_video(entry.name))
-    if videos:
-        return [str(video) for video in videos]
-    if not IMAGE_SUFFIXES.intersection(suffixes.values()):
+    videos = [str(each) for each in files if is_video(each.name)]
+    if not videos and not any(_suffix(each.name) in IMAGE_SUFFIXES for each in files):
         raise SourceError(f"{name}: no video and no image in this folder; check the path")
-    return [name]
+    return videos or [name]
 
 
 def result_stem(name: str, folder: str = "") -> str:
     """Return the beginning of the names of an input's results.
 
-    It depends on nothing but the input and how the user named it, so that it stays the same
-    whatever other inputs join. Folders in it are separated by ``/``. A hash of the path is
-    added to a name that is too long, or no plain file name on every system.
-
-    Parameters
-    ----------
-    name : str
-        A single input.
-    folder : str
-        From :class:`_Found`.
+    It depends on nothing but the input and how the user named it (`folder`, as in
+    :class:`_Found`), so that it stays the same whatever other inputs join. Folders in it are
+    separated by ``/``. A hash of the path is added to a name that is too long, or no plain file
+    name on every system.
     """
     stem = _stem(name)
     if len(os.fsencode(stem)) > _LONGEST_STEM or fault_of_stem(stem):
@@ -266,15 +242,7 @@ def result_stem(name: str, folder: str = "") -> str:
 
 
 def other_stems(name: str, stem: str) -> tuple[str, str]:
-    """Return stems for an input whose own is that of another input, the second always unique.
-
-    Parameters
-    ----------
-    name : str
-        A single input.
-    stem : str
-        From :func:`result_stem`.
-    """
+    """Return stems for an input whose own `stem` is another input's; the second is unique."""
     suffix = "" if "://" in name or is_folder(name) else PurePath(name).suffix
     folder, _, last = stem.rpartition("/")
     return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
@@ -285,9 +253,8 @@ def each_once(names: Iterable[str]) -> list[str]:
 
     A link and its target are two inputs if their names differ.
     """
-    return list({(_stem(name), _bytes(name)): name for name in reversed(list(names))}.values())[
-        ::-1
-    ]
+    once = {(_stem(name), _bytes(name)): name for name in reversed(list(names))}
+    return list(reversed(once.values()))
 
 
 def _with_hash(stem: str, name: str) -> str:
@@ -298,24 +265,19 @@ def _with_hash(stem: str, name: str) -> str:
 
 
 def _bytes(name: str) -> bytes:
-    path = name if "://" in name or is_camera(name) else _resolved(name)
+    # Unlike `Path.resolve`, this accepts a link to itself.
+    path = name if "://" in name or is_camera(name) else os.path.realpath(name)
     return path.encode("utf-8", "surrogateescape")
-
-
-def _resolved(name: str) -> str:
-    """Return the path behind all links; unlike `Path.resolve`, this accepts a link to itself."""
-    return os.path.realpath(name)
 
 
 def _stem(name: str) -> str:
     if "://" in name or is_camera(name):
         return re.sub(r"[^A-Za-z0-9.]+", "-", name.partition("?")[0]).strip("-.")
-    path = Path(_resolved(name)) if is_folder(name) else Path(name)
-    if is_folder(path):
-        return path.name or "root"
+    if is_folder(name):
+        return Path(os.path.realpath(name)).name or "root"
     # "frames_%04d.png" gives "frames".
-    without_number = re.sub(r"[_\-. ]*%0?\d*d", "", path.stem)
-    return without_number or Path(_resolved(name)).parent.name or "input"
+    without_number = re.sub(r"[_\-. ]*%0?\d*d", "", Path(name).stem)
+    return without_number or Path(os.path.realpath(name)).parent.name or "input"
 
 
 def _is_time(value: Any) -> bool:

@@ -6,6 +6,7 @@ and the bytes only where a checksum covers them.
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 import zlib
@@ -26,10 +27,6 @@ WRONG = "a checksum of the file is wrong"
 BROKEN = "the structure of the file is damaged"
 _PIECE = 1 << 20  # bytes that are read at a time
 MOST_PARTS = 2_000_000  # that are looked at: some seconds. Hours of video have fewer.
-
-
-class _TooManyPartsError(Exception):
-    """A file has so many parts that it may have been made to be read for ever."""
 
 
 @dataclass
@@ -57,14 +54,12 @@ class _Reading:
     def at(self, position: int, count: int) -> bytes:
         """Return that many bytes, or fewer at the end of the file.
 
-        Raises
-        ------
-        TooManyPartsError
-            If it is called for more than `MOST_PARTS` parts.
+        Raises OSError for more than `MOST_PARTS` parts: the file may have been made to be read for
+        ever.
         """
         self._parts += 1
         if self._parts > MOST_PARTS:
-            raise _TooManyPartsError
+            raise OSError(errno.EFBIG, "too many parts")
         self.file.seek(position)
         return self.file.read(count)
 
@@ -72,26 +67,14 @@ class _Reading:
 def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) -> str | None:
     """Return the first fault that the container of a file shows, as a sentence.
 
-    Parameters
-    ----------
-    path : str
-        The file.
-    container : str
-        The name of its demuxer.
-    read_to, stream : int
-        As for :class:`_Reading`.
-
-    Returns
-    -------
-    str or None
-        None also where the container has neither an end that can be told nor checksums.
+    None also where the container, given by the name of its demuxer, has neither an end that can be
+    told nor checksums. The byte `read_to` and the `stream` are those of :class:`_Reading`.
     """
     check = _CHECKS.get(container)
     if check is None:
         return None
     # A file that has vanished, or is too short for the check, is not called faulty.
-    too_short = (OSError, struct.error, IndexError)
-    with suppress(*too_short, _TooManyPartsError), Path(path).open("rb") as file:
+    with suppress(OSError, struct.error, IndexError), Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         return check(_Reading(file, size, read_to, stream))
     return None
@@ -107,7 +90,7 @@ def _matroska(reading: _Reading) -> str | None:
     while position < reading.size:
         head = reading.at(position, 12)
         if not head[0]:  # an identifier has at most four bytes; zeros fill the end
-            return None if _only_zeros(reading, position) else BROKEN
+            return BROKEN if any(reading.at(position, _PIECE)) else None
         name_length = 9 - head[0].bit_length()
         if name_length > 4 or len(head) < name_length + 1 or not head[name_length]:
             return CUT if len(head) < 12 else BROKEN
@@ -132,20 +115,11 @@ def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
     if length < 6 or reading.at(position, 2) != _CHECKSUM:
         return False
     declared = int.from_bytes(reading.file.read(4), "little")
-    return declared != _checksum(reading, position + 6, length - 6)
-
-
-def _checksum(reading: _Reading, position: int, length: int) -> int:
-    value = 0
-    reading.file.seek(position)
-    while length > 0 and (piece := reading.file.read(min(_PIECE, length))):
-        value = zlib.crc32(piece, value)
-        length -= len(piece)
-    return value
-
-
-def _only_zeros(reading: _Reading, position: int) -> bool:
-    return not any(reading.at(position, _PIECE))
+    found, rest = 0, length - 6
+    while rest > 0 and (piece := reading.file.read(min(_PIECE, rest))):
+        found = zlib.crc32(piece, found)
+        rest -= len(piece)
+    return declared != found
 
 
 def _boxes(reading: _Reading) -> str | None:
@@ -205,12 +179,15 @@ def _flv(reading: _Reading) -> str | None:
 
 
 def _mjpeg(reading: _Reading) -> str | None:
-    end = reading.at(max(0, reading.size - 64), 64)
-    return None if end.rstrip(b"\0\r\n").endswith(b"\xff\xd9") else CUT
+    return None if _end(reading).rstrip(b"\0\r\n").endswith(b"\xff\xd9") else CUT
 
 
 def _apng(reading: _Reading) -> str | None:
-    return None if reading.at(max(0, reading.size - 64), 64).find(b"IEND\xaeB`\x82") >= 0 else CUT
+    return None if b"IEND\xaeB`\x82" in _end(reading) else CUT
+
+
+def _end(reading: _Reading) -> bytes:
+    return reading.at(max(0, reading.size - 64), 64)
 
 
 def _y4m(reading: _Reading) -> str | None:

@@ -21,15 +21,8 @@ _TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTA
 class Luminance:
     """Brings pictures to luminance at the working size.
 
-    The plane is resized as it is coded (area averaging), then mirrored and turned, then its
-    range is expanded, so that most work is done on few pixels of 8 bits.
-
-    Parameters
-    ----------
-    size : WorkingSize
-        The target.
-    facts : InputFacts, optional
-        Say how the pictures are mirrored and turned; without them they are displayed as coded.
+    The plane is resized as it is coded (area averaging), then mirrored and turned as `facts` say,
+    then its range is expanded, so that most work is done on few pixels of 8 bits.
     """
 
     def __init__(self, size: WorkingSize, facts: InputFacts | None = None) -> None:
@@ -38,12 +31,9 @@ class Luminance:
         self._resizing: Resizing | None = None
 
     def __call__(self, picture: Picture) -> NDArray[np.float32]:
-        """Return the luminance of a picture of any size.
+        """Return the luminance of a picture of any size: float32, shape (height, width).
 
-        Returns
-        -------
-        ndarray of float32, shape (height, width)
-            0 to 1: ``(Y - 16) / 219`` of a limited range, ``Y / 255`` of a full one.
+        It is 0 to 1: ``(Y - 16) / 219`` of a limited range, ``Y / 255`` of a full one.
         """
         plane = self._resized(picture.plane)
         if self._facts:
@@ -64,14 +54,9 @@ class Luminance:
 
 
 def as_displayed(picture: NDArray[Any], facts: InputFacts) -> NDArray[Any]:
-    """Mirror and turn a picture from the way it is coded to the way it is displayed.
+    """Mirror and turn a coded picture, grey or in colour, so that it is as displayed.
 
-    Parameters
-    ----------
-    picture : ndarray, shape (rows, columns) or (rows, columns, 3)
-        As coded; returned itself where nothing is to be done.
-    facts : InputFacts
-        With `mirrored` and `rotation`.
+    Where nothing is to be done, the picture itself is returned.
     """
     if facts.mirrored:
         picture = np.asarray(cv2.flip(picture, 1))

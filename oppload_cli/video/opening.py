@@ -140,14 +140,6 @@ class _Order(NamedTuple):
     threads: int
 
 
-class _Opened(NamedTuple):
-    """The first message of the decoding process."""
-
-    facts: InputFacts
-    working: WorkingSize
-    decode: DecodeFacts
-
-
 class _Shared(NamedTuple):
     """A picture whose samples are in the shared memory."""
 
@@ -162,10 +154,7 @@ class _Shared(NamedTuple):
 class _DecodingProcess:
     """A process that decodes one video file, as a source of pictures at the working size.
 
-    Raises
-    ------
-    OSError
-        If the system gives no process or memory.
+    Raises OSError if the system gives no process or memory.
     """
 
     def __init__(self, order: _Order) -> None:
@@ -173,7 +162,7 @@ class _DecodingProcess:
         self.stopping = False
         self.facts: InputFacts
         self._slots: _Slots
-        self._name = order.name
+        self._order = order
         self._reading = threading.Lock()
         context = multiprocessing.get_context("fork")
         with ExitStack() as undone:
@@ -190,41 +179,31 @@ class _DecodingProcess:
     def opened(self) -> _DecodingProcess:
         """Wait until the file is open and return this source, whose facts are known now.
 
-        Raises
-        ------
-        SourceError
-            If the file cannot be opened, or no frame can be decoded.
-        ParameterError
-            If the working size is too large.
-        KeyboardInterrupt
-            If a signal has asked the program to stop.
+        Raises the errors of opening it, and KeyboardInterrupt if a signal has asked the program to
+        stop.
         """
         try:
             while not self._connection.poll(POLL_S):
                 stop_if_asked()
-            opened = self._received()
+            self.facts, self.decode = self._received()
         except EOFError:
             how = self._ending()
             self.close()
             raise SourceError(
-                f"{self._name}: its decoder was ended ({how}) before the first frame; "
+                f"{self._order.name}: its decoder was ended ({how}) before the first frame; "
                 f"check the memory, or convert the file"
             ) from None
         except BaseException:
             self.close()
             raise
-        self.facts, self.decode = opened.facts, opened.decode
-        self._slots = _Slots(self._memory, opened.working)
+        self._slots = _Slots(self._memory, WorkingSize.of(self.facts, self._order.height))
         return self
 
     def pictures(self) -> Iterator[Picture]:
         """Yield the pictures; the plane of each is a view that is valid until the next.
 
-        Raises
-        ------
-        SourceError
-            If the process is ended from outside. A crash of the decoder ends the
-            pictures, and counts as a failure.
+        Raises SourceError if the process is ended from outside. A crash of the decoder ends the
+        pictures, and counts as a failure.
         """
         import numpy as np
 
@@ -243,7 +222,7 @@ class _DecodingProcess:
             stop_if_asked()  # SIGTERM may go to all processes of a group
             if how not in _CRASHES:
                 raise SourceError(
-                    f"{self._name}: its decoder was ended ({how}) after frame {decoded - 1}; "
+                    f"{self._order.name}: its decoder was ended ({how}) after frame {decoded - 1}; "
                     f"check the memory, and run it again"
                 ) from None
             self.decode = replace(self.decode, decoded=decoded)
@@ -328,7 +307,7 @@ def _send_pictures(connection: Connection, memory: int, order: _Order) -> None:
     source = ContainerSource(order.name, order.threads)
     source.decode.own_process = True
     working = WorkingSize.of(source.facts, order.height)
-    connection.send(_Opened(source.facts, working, source.decode))
+    connection.send((source.facts, source.decode))
     resizing = Resizing(*working.coded(source.facts.rotation))
     slots = _Slots(memory, working)
     in_use = 0

@@ -25,10 +25,7 @@ _AREA_EXACTLY = Interpolation.AREA | Interpolation.ACCURATE_RND | Interpolation.
 class Resizing:
     """Brings planes to the working size by area averaging, before they are turned.
 
-    Parameters
-    ----------
-    width, height : int
-        The working size before it is turned, see :meth:`WorkingSize.coded`.
+    Width and height are those of :meth:`WorkingSize.coded`.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -36,17 +33,10 @@ class Resizing:
         self._scaler = VideoReformatter()
 
     def __call__(self, plane: Plane) -> Plane:
-        """Return a plane at the working size.
+        """Return a plane of uint8 or uint16 at the working size, before it is turned.
 
-        Parameters
-        ----------
-        plane : ndarray of uint8 or uint16, shape (rows, columns)
-            Of any size; a plane of the working size is returned itself.
-
-        Returns
-        -------
-        ndarray of the same dtype, shape (height, width) before it is turned
-            Valid until the next call.
+        A plane of this size is returned itself, another one as a view that is valid until the next
+        call.
         """
         rows, columns = plane.shape
         width, height = self._coded
@@ -83,11 +73,6 @@ _PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
 def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
     """Return the luma of a decoded frame, without a copy where it has a plane of its own.
 
-    Parameters
-    ----------
-    frame : av.VideoFrame
-        Any pixel format.
-
     Returns
     -------
     plane : ndarray of uint8 or uint16, shape (height, width)
@@ -116,12 +101,7 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
 def is_full_range(frame: VideoFrame, codec: str) -> bool:
     """Tell whether a frame's luma uses its full range.
 
-    Parameters
-    ----------
-    frame : av.VideoFrame
-        A decoded frame.
-    codec : str
-        Name of its decoder, which decides for grey frames that state no range.
+    The name of the decoder, `codec`, decides for grey frames that state no range.
     """
     name = frame.format.name
     if name.startswith("yuvj") or not name.startswith(_WITH_LUMA_PLANE):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import SourceError
 from oppload_cli.processes.threads import Call, Prefetch
-from oppload_cli.video.frames import LEAST_AHEAD, Frame, FrameTimes, WorkingSize, frames_ahead
+from oppload_cli.video.frames import Frame, FrameTimes, WorkingSize, frames_ahead
 from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, Span, is_camera
 from oppload_cli.video.luminance import Luminance
 
@@ -69,9 +69,7 @@ class Video:
         colour: bool = False,
         ahead: bool = True,
     ) -> None:
-        self._source = source
-        self._span = span
-        self._ahead = ahead
+        self._source, self._span, self._ahead = source, span, ahead
         self._prefetch: Prefetch[Frame] | None = None
         self._iterator: Iterator[Frame] | None = None
         try:
@@ -116,8 +114,7 @@ class Video:
         if self._iterator is None:
             self._iterator = self._frames()
             if self._ahead:
-                # Pictures in colour are large.
-                ahead = LEAST_AHEAD if self._colour else frames_ahead(self.facts, self.working)
+                ahead = frames_ahead(self.facts, self.working, colour=self._colour is not None)
                 self._iterator = self._prefetch = Prefetch(self._iterator, ahead)
         return self._iterator
 
@@ -183,12 +180,7 @@ def open_video(
 def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
     """Stop decoding, join the thread that decodes ahead, and close the source; may be called twice.
 
-    Parameters
-    ----------
-    source : PictureSource
-        An open input.
-    ahead : Prefetch or None
-        The thread that takes its pictures, if there is one.
+    The thread that takes the pictures of the source is `ahead`, if there is one.
     """
     source.stopping = True
     # A source that a thread still uses, as it waits for a device or a network, stays open.
@@ -197,13 +189,7 @@ def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
 
 
 def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:
-    """Return the source of an input's pictures, with the arguments of :func:`open_video`.
-
-    Raises
-    ------
-    SourceError
-        If nothing can be read from it.
-    """
+    """Return the source of an input's pictures; arguments and errors as of :func:`open_video`."""
     if is_camera(name):
         # Each kind of input loads its own libraries: OpenCV, Pillow or PyAV.
         from oppload_cli.video.images import CameraSource
