@@ -53,16 +53,9 @@ _CONTRADICTION = 0.01  # of the field of view in the ground truth
 
 
 def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None = None) -> Outcome:
-    """Analyse one input and write its results.
+    """Analyse one input and write its results; a watcher is told of each frame.
 
-    Parameters
-    ----------
-    task : Task
-        The input, the settings and the outputs.
-    watcher : Watcher, optional
-        Told of each frame.
-    opening : Opening, optional
-        Of the same input, at the same height and span; closed at the end.
+    An `opening` of the same input, at the same height and span, is closed at the end.
 
     Raises
     ------

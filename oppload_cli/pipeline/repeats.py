@@ -125,10 +125,6 @@ class Repeats:
     pictures, and after `longest_s` every frame. All of this uses past frames only, so that the
     first near repeats of a video are not recognised.
 
-    Parameters
-    ----------
-    params : RepeatParams
-
     Attributes
     ----------
     exact, near : int
@@ -194,15 +190,7 @@ class Repeats:
         ]
 
     def step(self, luma: Luma, time_s: float) -> Repeat:
-        """Take the next frame.
-
-        Parameters
-        ----------
-        luma : ndarray of float32, shape (height, width)
-            Luminance at the working size, 0 to 1; kept, not copied.
-        time_s : float
-            Presentation time of the frame in seconds.
-        """
+        """Take the luminance of the next frame, which is kept, not copied, and its time."""
         known = self.exact
         repeat = self._recognised(luma, time_s)
         self.exact += repeat.kind == EXACT

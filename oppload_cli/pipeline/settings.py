@@ -94,20 +94,7 @@ class Settings:
     angles: dict[str, float] = field(default_factory=dict)
 
     def group(self, name: str, kind: type[Kind]) -> Kind:
-        """Return one parameter set.
-
-        Parameters
-        ----------
-        name : str
-            Name of the set in `groups`.
-        kind : type of Parameters
-            Class of the set.
-
-        Raises
-        ------
-        ParameterError
-            If it is of another class.
-        """
+        """Return the parameter set of this name; raise ParameterError if it is of another class."""
         params = self.groups[name]
         if not isinstance(params, kind):
             raise ParameterError(f"'{name}' holds {type(params).__name__}, not {kind.__name__}")
@@ -141,10 +128,8 @@ class Settings:
     def model_params(self) -> list[Parameters]:
         """Return the parameter sets of the detectors to run, in order.
 
-        Raises
-        ------
-        ParameterError
-            If a size is given in degrees and :meth:`seen_through` has not turned it into pixels.
+        Raises ParameterError if a size is given in degrees and :meth:`seen_through` has not turned
+        it into pixels.
         """
         for name, degrees in self.angles.items():
             raise ParameterError(
@@ -154,21 +139,10 @@ class Settings:
         return [self.groups[name] for name in self.models]
 
     def seen_through(self, optics: Optics | None, working: WorkingSize) -> Settings:
-        """Return the same settings with sizes in degrees turned into working pixels.
+        """Return the same settings with sizes in degrees turned into pixels of the `working` size.
 
-        An angle is that of a length in the middle of the frame.
-
-        Parameters
-        ----------
-        optics : Optics or None
-            Of the input; without it the settings stay as they are.
-        working : WorkingSize
-            Working size of the video.
-
-        Raises
-        ------
-        ParameterError
-            If a size in pixels is out of range.
+        An angle is that of a length in the middle of the frame. Without optics the settings stay as
+        they are. Raises ParameterError if a size in pixels is out of range.
         """
         if optics is None:
             return self
@@ -192,13 +166,7 @@ class Settings:
         return replace(self, groups={**sets, **self.groups, "alarm": alarm})
 
     def resolved(self, height: int) -> dict[str, Parameters]:
-        """Return all parameter sets with the values that depend on the video filled in.
-
-        Parameters
-        ----------
-        height : int
-            Working height in pixels; of a frame that is higher than wide, its width.
-        """
+        """Return all parameter sets with the values that depend on the working height filled in."""
         return {name: group.resolved(height) for name, group in self.groups.items()}
 
 

@@ -82,20 +82,10 @@ _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
 class ContainerSource:
-    """A video file, or a stream's address, as a source of pictures.
+    """A video file, or a stream's address such as ``rtsp://host/stream``, as a source of pictures.
 
-    Parameters
-    ----------
-    name : str
-        A path or an address such as ``rtsp://host/stream``.
-    threads : int
-        Decoder threads; 0 chooses by the codec, the size and the cores.
-
-    Raises
-    ------
-    SourceError
-        If it cannot be opened, holds no video, declares too many pixels, or no frame
-        can be decoded.
+    Raises SourceError if it cannot be opened, holds no video, declares too many pixels, or no frame
+    can be decoded. With 0 `threads`, the codec, the size and the cores decide.
     """
 
     def __init__(self, name: str, threads: int = 0) -> None:
@@ -145,11 +135,10 @@ class ContainerSource:
     def finish(self) -> None:
         """Count the declared frames that never came."""
         self.decode.missing = self._missing()
-        if self.decode.corrupt:
-            self.decode.note(_counted(self.decode.corrupt, "frame is", "frames are") + " damaged")
-        if self.decode.missing:
-            missing = _counted(self.decode.missing, "declared frame", "declared frames")
-            self.decode.note(f"{missing} never came")
+        if corrupt := self.decode.corrupt:
+            self.decode.note(f"{corrupt} {'frame is' if corrupt == 1 else 'frames are'} damaged")
+        if missing := self.decode.missing:
+            self.decode.note(f"{missing} declared frame{'s' * (missing > 1)} never came")
         if fault := self._fault():
             self.decode.failed(fault)
 
@@ -464,10 +453,6 @@ def _videos(container: InputContainer) -> list[VideoStream]:
         for stream in container.streams.video
         if not stream.disposition.value & _COVER_PICTURE
     ]
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
 
 
 def _orientation(frame: VideoFrame) -> tuple[bool, int]:

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -30,7 +30,7 @@ from oppload_cli.video.frames import (
 from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -41,14 +41,7 @@ _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
 # Bytes that an image file may have: for each of its pixels, and in addition to them.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
 _GAP = 1.5  # usual steps from a number to the next one, where one is missing between
-T = TypeVar("T")
-_DEEP_GREY = {
-    "I",
-    "I;16",
-    "I;16L",
-    "I;16B",
-    "I;16N",
-}  # modes of Pillow: 16 bits, of which 8 are kept
+_DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # modes of Pillow: 16 bits, 8 are kept
 
 
 class ImageSource:
@@ -124,7 +117,9 @@ class ImageSource:
     def _image(self, path: Path) -> Colour | None:
         """Return an image, or None, counted as a failure, if it cannot be read."""
         try:
-            colour, alone, opaque = _read(path)
+            with _opened(path) as image:
+                alone = image.format == "JPEG" or not getattr(image, "is_animated", False)
+                colour, opacity = _colour(image), _opacity(image)
         except SourceError as error:
             self.decode.failed(f"{path.name} is not an image that can be read ({error})")
             return None
@@ -133,7 +128,7 @@ class ImageSource:
                 f"{path.name} holds several pictures, of which only the first is read; "
                 f"convert it to a video or to single images"
             )
-        if not opaque:
+        if opacity is not None and (opacity < np.uint8(255)).any():
             self.decode.note("transparency is left out; draw the images on a ground first")
         return colour
 
@@ -141,15 +136,7 @@ class ImageSource:
 def _image_paths(name: str) -> list[Path]:
     """Return the images of a folder or a pattern, in the order of their numbers.
 
-    Parameters
-    ----------
-    name : str
-        A folder, or a pattern with one ``%d`` or ``%04d`` in its file name.
-
-    Raises
-    ------
-    SourceError
-        If no image exists.
+    Raises SourceError if no image exists. A pattern has one ``%d`` or ``%04d`` in its file name.
     """
     folder, accepted = Path(name), re.compile(r".*", re.DOTALL)
     hidden = folder.name.startswith(".") and not folder.is_dir()
@@ -205,12 +192,7 @@ def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
 
 
 def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """Return the luminance and the opacity of an image.
-
-    Parameters
-    ----------
-    name : str
-        A file.
+    """Return the luminance and the opacity of an image file.
 
     Returns
     -------
@@ -224,7 +206,8 @@ def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32
     SourceError
         If it is no image, is damaged, or is too large.
     """
-    colour, opacity = _decoded(Path(name), lambda image: (_colour(image), _opacity(image)))
+    with _opened(Path(name)) as image:
+        colour, opacity = _colour(image), _opacity(image)
     luminance = _grey(colour).astype(np.float32) / np.float32(255)
     return luminance, None if opacity is None else opacity.astype(np.float32) / np.float32(255)
 
@@ -236,33 +219,12 @@ def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
     return np.asarray(image.convert("RGBA").getchannel("A"), np.uint8)
 
 
-def _read(path: Path) -> tuple[Colour, bool, bool]:
-    """Return the first picture of a file, whether it is the only one, and whether it is opaque.
-
-    Raises
-    ------
-    SourceError
-        If it is no image, is damaged, or is too large.
-    """
-
-    def taken(image: Image.Image) -> tuple[Colour, bool, bool]:
-        alone = image.format == "JPEG" or not getattr(image, "is_animated", False)
-        colour, opacity = _colour(image), _opacity(image)
-        return colour, alone, opacity is None or bool((opacity == np.uint8(255)).all())
-
-    return _decoded(path, taken)
-
-
-def _decoded(path: Path, taken: Callable[[Image.Image], T]) -> T:
-    """Open an image and return what `taken` takes of it.
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    """Open an image; raise SourceError if it is none, is damaged, or is too large.
 
     The library that decodes is the one that tells the size, and it reads no more of the
     file than it needs: neither a small file nor a large one can fill the memory.
-
-    Raises
-    ------
-    SourceError
-        If it is no image, is damaged, or is too large.
     """
     most_pixels = max_pixels()  # a wrong setting is no fault of the file
     try:
@@ -273,7 +235,7 @@ def _decoded(path: Path, taken: Callable[[Image.Image], T]) -> T:
         with _pillow_alone(), Image.open(path, formats=_FORMATS) as image:
             check_pixels(path.name, *image.size)
             _check_bytes(path, status.st_size, image.width * image.height)
-            return taken(image)
+            yield image
     except SourceError:
         raise
     except UnidentifiedImageError as error:
@@ -327,15 +289,7 @@ def _bytes(path: Path) -> int:
 class CameraSource:
     """A camera of this computer, ``camera:0``, until it is closed or fails.
 
-    Parameters
-    ----------
-    name : str
-        ``camera:`` and the camera's number.
-
-    Raises
-    ------
-    SourceError
-        If the name has no number, or the camera gives no picture.
+    Raises SourceError if the name has no number, or the camera gives no picture.
     """
 
     def __init__(self, name: str) -> None:

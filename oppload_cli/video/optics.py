@@ -73,14 +73,14 @@ class Optics:
 
     @classmethod
     def of_display(cls, display: Mapping[str, Any], width: int, height: int) -> Optics:
-        """Return the optics of a stimulus.
+        """Return the optics of a stimulus, whose video may have been scaled to another size.
 
         Parameters
         ----------
         display : mapping
             ``width``, ``pixels_per_degree`` and ``projection`` of its ground truth.
         width, height : int
-            Size of the video in pixels; it may have been scaled.
+            Of the video, in pixels.
 
         Raises
         ------
@@ -163,17 +163,9 @@ class Optics:
 
 
 def parse_fov(value: str | float) -> float:
-    """Read a field of view.
+    """Read a field of view: degrees across the width of the frame.
 
-    Parameters
-    ----------
-    value : str or float
-        Degrees across the width of the frame.
-
-    Raises
-    ------
-    ParameterError
-        If it is no number above 0 and below 180.
+    Raises ParameterError if it is no number above 0 and below 180.
     """
     try:
         degrees = math.nan if isinstance(value, bool) else float(value)
