@@ -19,7 +19,7 @@ from oppload_cli.models.presets import DEFAULT_PRESET
 from oppload_cli.pipeline.execute import collected
 from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo, open_source
-from oppload_cli.pipeline.task import IfExists, Outputs, begun
+from oppload_cli.pipeline.task import IfExists, Outputs
 from oppload_cli.plots.curves import plot_curves
 from oppload_cli.report.writing import write_report
 from oppload_cli.results import reading as tables
@@ -200,7 +200,7 @@ class Result(tables.BaseResult):
                 f"{there}: exists already; choose if_exists='overwrite' or 'skip', or another "
                 "folder or stem"
             )
-        table = None if outputs.kept(existing) else begun(outputs, existing)
+        table = None if outputs.kept(existing) else outputs.begin(existing)
         if table is None:
             return outputs.csv
         with table as file:

@@ -30,7 +30,7 @@ from oppload_cli.models.timebase import FRAME, TimeParams
 from oppload_cli.pipeline.analysis import analyse
 from oppload_cli.pipeline.repeats import Repeats
 from oppload_cli.pipeline.settings import ALL
-from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, begun, exists_already
+from oppload_cli.pipeline.task import Interrupted, Outcome, Task, Writing, exists_already
 from oppload_cli.processes import cores
 from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.results.table import ModelSummary, columns_for
@@ -86,7 +86,7 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
         if task.outputs is None:
             _write_stream(run, sys.stdout)
         else:
-            table = begun(task.outputs, task.if_exists)
+            table = task.outputs.begin(task.if_exists)
             if table is None:
                 return exists_already(task) or Outcome(skipped=True)
             models = task.settings.models

@@ -65,27 +65,14 @@ class RepeatParams(Parameters):
 
 
 class Repeat(NamedTuple):
-    """The picture that a frame repeats.
+    """The relation of a frame to the picture before it."""
 
-    Attributes
-    ----------
-    kind : str
-        ``exact``, ``near``, or empty for a frame that is not known to repeat the picture before.
-    passed_over : bool
-        Whether the detectors do not see it.
-    held : bool
-        Whether it belongs to a cadence, so that the answer to its picture still holds.
-    still_begins : bool
-        Whether the frames that were passed over before were no repeats but a still scene.
-    shift_s : float
-        Seconds from the presentation time to when the picture was taken: not 0 in a cadence,
-        where pictures were taken at even intervals.
-    """
-
-    kind: str = ""
-    passed_over: bool = False
-    held: bool = False
-    still_begins: bool = False
+    kind: str = ""  # exact, near, or empty where it is not known to be a repeat
+    passed_over: bool = False  # the detectors do not see it
+    held: bool = False  # it belongs to a cadence: the answer to its picture still holds
+    still_begins: bool = False  # the frames passed over before were no repeats but a still scene
+    # From the presentation time to when the picture was taken, in seconds: not 0 in a cadence,
+    # where pictures were taken at even intervals.
     shift_s: float = 0.0
 
 

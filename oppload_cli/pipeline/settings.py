@@ -56,41 +56,21 @@ _TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that decides how an input is analysed.
-
-    Attributes
-    ----------
-    preset : str
-        The preset's name.
-    models : tuple of str
-        The detectors to run, in order.
-    height : int or None
-        Working height in pixels; None keeps the native size.
-    measure_rmo : bool
-        Whether radial motion opponency is measured.
-    groups : dict of str to Parameters
-        Parameter sets by name: at least one of each detector to run, then ``alarm``,
-        ``places``, ``rmo``, ``repeats`` and ``time``.
-    origins : dict of str to str
-        Where each setting came from, by its dotted name: ``preset default``,
-        a file's path, or ``command line``.
-    columns : str
-        ``usual``, or ``all`` to write the inner values of the detectors too.
-    fov : float or None
-        Field of view across the width of the frame in degrees; None where it is not known.
-    angles : dict of str to float
-        Sizes that were given in degrees, by their dotted name; :meth:`seen_through` turns them
-        into pixels.
-    """
+    """Everything that decides how an input is analysed."""
 
     preset: str
-    models: tuple[str, ...]
-    height: int | None
+    models: tuple[str, ...]  # the detectors to run, in order
+    height: int | None  # working height in pixels; None keeps the native size
     measure_rmo: bool
+    # Parameter sets by name: those of the detectors to run, and maybe of others, then ``alarm``,
+    # ``places``, ``rmo``, ``repeats`` and ``time``.
     groups: dict[str, Parameters]
+    # Where each setting came from, by its dotted name: ``preset default``, a file's path, or
+    # ``command line``.
     origins: dict[str, str] = field(default_factory=dict)
-    columns: str = _USUAL
-    fov: float | None = None
+    columns: str = _USUAL  # or ``all``, with the inner values of the detectors
+    fov: float | None = None  # degrees across the width of the frame; None where it is not known
+    # Sizes that were given in degrees, by their dotted name; `seen_through` turns them into pixels.
     angles: dict[str, float] = field(default_factory=dict)
 
     def group(self, name: str, kind: type[Kind]) -> Kind:

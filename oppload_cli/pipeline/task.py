@@ -54,21 +54,9 @@ class IfExists(StrEnum):
 
 @dataclass(frozen=True)
 class Outputs:
-    """The result files of one input; a file that is None is not written.
+    """The result files of one input; a file that is None is not written."""
 
-    Attributes
-    ----------
-    csv : Path
-        ``{stem}.frames.csv``, the sign of a finished result: it gets its name last.
-    sidecar : Path or None
-        ``{stem}.oppload.json``.
-    detections : Path or None
-        ``{stem}.detections.jsonl``.
-    annotated : Path or None
-        ``{stem}.annotated.mp4``.
-    """
-
-    csv: Path
+    csv: Path  # the sign of a finished result: it gets its name last
     sidecar: Path | None = None
     detections: Path | None = None
     annotated: Path | None = None
@@ -113,79 +101,53 @@ class Outputs:
                 )
         return if_exists is IfExists.SKIP and len(existing) == len(results)
 
+    def begin(self, if_exists: IfExists) -> PartFile | None:
+        """Begin the result by its table: the run that holds the table writes all files.
+
+        Return the table; None if another run writes the result, or has just written it, and that
+        is kept. Raise OutputError if it cannot be written, or another run is writing it.
+        """
+        try:
+            table = PartFile(self.csv, new=if_exists is IfExists.ERROR)
+        except BusyError:
+            if if_exists is IfExists.SKIP:
+                return None
+            raise
+        if if_exists is IfExists.SKIP and self.kept(if_exists):
+            table.discard()
+            return None
+        return table
+
 
 @dataclass(frozen=True)
 class Task:
-    """One input, how to analyse it, and where to write the results.
+    """One input, how to analyse it, and where to write the results."""
 
-    Attributes
-    ----------
-    name : str
-        The input.
-    settings : Settings
-        The detectors and their parameters.
-    outputs : Outputs or None
-        The files to write; None streams the CSV to standard output.
-    span : Span
-        The part of the input.
-    image_rate : Fraction or None
-        Frames per second of images; None assumes 30.
-    if_exists : IfExists
-        What to do where a file exists already.
-    command : sequence of str
-        The command line, for the sidecar.
-    threads : int
-        Threads of the decoder, and of the detectors on large frames; 0 lets them choose.
-    stem : str
-        The beginning of the names of its results.
-    boxes : str
-        Objects with a box in an annotated video: ``alarm``, ``all`` or ``none``.
-    """
-
-    name: str
+    name: str  # the input
     settings: Settings
-    outputs: Outputs | None = None
-    span: Span = field(default_factory=Span)
-    image_rate: Fraction | None = None
+    outputs: Outputs | None = None  # None streams the CSV to standard output
+    span: Span = field(default_factory=Span)  # the part of the input
+    image_rate: Fraction | None = None  # frames/s of images; None assumes 30
     if_exists: IfExists = IfExists.ERROR
-    command: Sequence[str] = ()
-    threads: int = 0
-    boxes: str = "alarm"
-    stem: str = ""
+    command: Sequence[str] = ()  # the command line, for the sidecar
+    threads: int = 0  # of the decoder, and of detectors on large frames; 0 lets them choose
+    boxes: str = "alarm"  # objects with a box in an annotated video: alarm, all or none
+    stem: str = ""  # the beginning of the names of its results
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of a task.
+    """The outcome of a task."""
 
-    Attributes
-    ----------
-    skipped : bool
-        Whether the result existed already.
-    complete : bool
-        Whether every frame that the input declared was decoded.
-    frames : int
-        Number of rows written.
-    wall_s : float
-        Seconds from opening to the last row.
-    notes : tuple of str
-        Faults of the input, a line each.
-    remarks : tuple of str
-        Unusual properties of the input that are no faults, a line each.
-    summaries : dict of str to ModelSummary
-        By detector; empty where the result existed.
-    verdicts : tuple of Verdict
-        Of every detector, those of an existing result included.
-    """
-
-    skipped: bool = False
-    complete: bool = True
-    frames: int = 0
-    wall_s: float = 0.0
-    notes: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
+    skipped: bool = False  # the result existed already
+    complete: bool = True  # every frame that the input declared was decoded
+    frames: int = 0  # rows written
+    wall_s: float = 0.0  # seconds from opening to the last row
+    notes: tuple[str, ...] = ()  # faults of the input, a line each
+    remarks: tuple[str, ...] = ()  # unusual properties that are no faults, a line each
+    # By detector; empty where the result existed.
     summaries: dict[str, ModelSummary] = field(default_factory=dict)
-    verdicts: tuple[Verdict, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()  # of every detector, those of an existing result included
 
     @property
     def alarmed(self) -> bool:
@@ -311,24 +273,6 @@ def _bytes_of(name: str) -> int | None:
 # ---- Writing -------------------------------------------------------------------------------
 
 
-def begun(outputs: Outputs, if_exists: IfExists) -> PartFile | None:
-    """Begin a result by its table: the run that holds the table writes all files.
-
-    Return the table; None if another run writes the result, or has just written it, and that is
-    kept. Raise OutputError if it cannot be written, or another run is writing it.
-    """
-    try:
-        table = PartFile(outputs.csv, new=if_exists is IfExists.ERROR)
-    except BusyError:
-        if if_exists is IfExists.SKIP:
-            return None
-        raise
-    if if_exists is IfExists.SKIP and outputs.kept(if_exists):
-        table.discard()
-        return None
-    return table
-
-
 class Writing:
     """The files of one result while they are written, each as ``NAME.part``.
 
@@ -337,7 +281,7 @@ class Writing:
     outputs : Outputs
         The files.
     table : PartFile
-        From :func:`begun`.
+        From :meth:`Outputs.begin`.
     video : Video
         The input; opened with ``colour=True`` if an annotated video is written.
     columns, models : sequence of str

@@ -88,27 +88,15 @@ class DecodedSource(FrameSource, Protocol):
 
 @dataclass(frozen=True)
 class Picture:
-    """One decoded frame before it is brought to the working size.
+    """One decoded frame before it is brought to the working size."""
 
-    Attributes
-    ----------
-    index, time_s
-        As in :class:`Frame`.
-    plane : ndarray of uint8 or uint16, shape (rows, columns)
-        The luma as coded, not rotated; often a view of the decoder's memory.
-    bits : int
-        Bits that a sample uses, 8 to 16.
-    full_range : bool
-        Whether samples use all of their range, or 16 to 235 (of 8 bits).
-    original : av.VideoFrame or ndarray of uint8, shape (rows, columns, 3)
-        The same picture in colour (an array is blue, green and red).
-    """
-
-    index: int
+    index: int  # as in `Frame`, and so is the time
     time_s: float
+    # The luma as coded, not rotated, shape (rows, columns); often a view of the decoder's memory.
     plane: NDArray[np.uint8] | NDArray[np.uint16]
-    bits: int = 8
-    full_range: bool = True
+    bits: int = 8  # that a sample uses, 8 to 16
+    full_range: bool = True  # samples use all of their range, else 16 to 235 (of 8 bits)
+    # The same picture in colour; an array is blue, green and red, shape (rows, columns, 3).
     original: VideoFrame | NDArray[np.uint8] | None = None
 
 

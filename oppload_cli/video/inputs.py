@@ -44,21 +44,12 @@ _SHOWN = 3  # names in a sentence
 
 
 class _Found(NamedTuple):
-    """A single input, or a name that stands for none.
-
-    Attributes
-    ----------
-    name : str
-        The input, or the name.
-    error : SourceError or None
-        Why the name stands for no input.
-    folder : str
-        Folder of its results, within that of all results: the place of the input under the folder
-        or the pattern that the user named.
-    """
+    """A single input, or a name that stands for none."""
 
     name: str
-    error: SourceError | None = None
+    error: SourceError | None = None  # why the name stands for no input
+    # Folder of its results, within that of all results: the place of the input under the folder or
+    # the pattern that the user named.
     folder: str = ""
 
 

@@ -31,24 +31,12 @@ MOST_PARTS = 2_000_000  # that are looked at: some seconds. Hours of video have 
 
 @dataclass
 class _Reading:
-    """A file that has been demuxed to its end.
-
-    Attributes
-    ----------
-    file : binary file
-        Open for reading.
-    size : int
-        Size of the file in bytes.
-    read_to : int
-        The byte after the last packet of the video, or 0 where the demuxer does not say.
-    stream : int
-        The identifier of the video in the container: the PID of a transport stream.
-    """
+    """A file that has been demuxed to its end."""
 
     file: IO[bytes]
-    size: int
-    read_to: int
-    stream: int
+    size: int  # bytes
+    read_to: int  # the byte after the last packet of the video; 0 where the demuxer does not say
+    stream: int  # identifier of the video in the container: the PID of a transport stream
     _parts: int = 0
 
     def at(self, position: int, count: int) -> bytes:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from oppload_cli.errors import SourceError
+from oppload_cli.files.reading import is_folder, is_there
 from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.video.frames import Frame, FrameTimes, WorkingSize, frames_ahead
-from oppload_cli.video.inputs import IMAGE_SUFFIXES, NUMBER, Span, is_camera
+from oppload_cli.video.inputs import NUMBER, Span, is_camera, is_image_file
 from oppload_cli.video.luminance import Luminance
 
 if TYPE_CHECKING:
@@ -190,22 +190,18 @@ def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
 
 def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:
     """Return the source of an input's pictures; arguments and errors as of :func:`open_video`."""
-    if is_camera(name):
-        # Each kind of input loads its own libraries: OpenCV, Pillow or PyAV.
-        from oppload_cli.video.images import CameraSource
+    # Each kind of input loads its own libraries: Pillow and OpenCV, or PyAV.
+    camera, path = is_camera(name), Path(name)
+    pattern = NUMBER.search(path.name) and not is_there(name)
+    if camera or pattern or is_folder(name):
+        from oppload_cli.video.images import CameraSource, ImageSource
 
-        return CameraSource(name)
-    path = Path(name)
-    with suppress(OSError):  # a name may be too long, or may not be looked up
-        if path.is_dir() or (NUMBER.search(path.name) and not path.exists()):
-            from oppload_cli.video.images import ImageSource
-
-            return ImageSource(name, image_rate)
-        if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
-            raise SourceError(
-                f"{name}: a single image shows no motion; give its folder, or a pattern such as "
-                f"frame_%03d{path.suffix}, and convert an animation or a stack to a video"
-            )
+        return CameraSource(name) if camera else ImageSource(name, image_rate)
+    if is_image_file(name):
+        raise SourceError(
+            f"{name}: a single image shows no motion; give its folder, or a pattern such as "
+            f"frame_%03d{path.suffix}, and convert an animation or a stack to a video"
+        )
     from oppload_cli.video.container import ContainerSource
 
     return ContainerSource(name, threads)

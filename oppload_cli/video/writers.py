@@ -45,16 +45,11 @@ ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
 _EXACT = {"fflags": "+bitexact"}
 
 
-class Sink:
-    """A file that keeps an error to itself until `check`.
+class _Sink:
+    """A file that keeps an error to itself until `check`; it stays open.
 
     The encoder's library calls it from C, where an exception cannot pass: a full disk
     would be printed as a stack of tracebacks.
-
-    Parameters
-    ----------
-    file : FileIO
-        The file; it stays open.
     """
 
     def __init__(self, file: FileIO) -> None:
@@ -64,7 +59,6 @@ class Sink:
         self._problem: OSError | None = None
 
     def write(self, data: bytes) -> int:
-        """Write the data, unless an error has happened before."""
         if self._problem is None:
             try:
                 rest = memoryview(data)
@@ -75,7 +69,6 @@ class Sink:
         return len(data)
 
     def seek(self, offset: int, origin: int = 0, /) -> int:
-        """Go to a position; return it."""
         if self._problem is None:
             try:
                 return self._file.seek(offset, origin)
@@ -84,15 +77,12 @@ class Sink:
         return 0
 
     def tell(self) -> int:
-        """Return the position."""
         return self._file.tell() if self._problem is None else 0
 
     def abandon(self) -> None:
-        """Write nothing more."""
         self._problem = self._problem or OSError("abandoned")
 
     def check(self) -> None:
-        """Raise the error, if one has happened."""
         if self._problem is not None:
             raise self._problem
 
@@ -109,27 +99,9 @@ class _Coding(NamedTuple):
 
 
 class _Encoder:
-    """Encodes the frames of one video into a file.
+    """Encodes the frames of one video into a file, which it neither commits nor discards.
 
-    Parameters
-    ----------
-    file : PartFile
-        The file; it is neither committed nor discarded.
-    coding : _Coding
-        Its format.
-    size : tuple of int
-        Width and height of every frame, in pixels.
-    rate : Fraction
-        Frames per second, for the encoder.
-    tick : Fraction
-        Unit of presentation times, in seconds.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; also by the other methods.
-    OutputError
-        If this installation has no such encoder.
+    Every frame has the `size` (width, height); presentation times count in `tick` seconds.
     """
 
     def __init__(
@@ -137,7 +109,7 @@ class _Encoder:
     ) -> None:
         self.frames = 0
         self._tick = tick
-        self._sink = Sink(file.raw)
+        self._sink = _Sink(file.raw)
         try:
             self._container: Any = av.open(
                 self._sink, "w", format=coding.container, options=coding.container_options
@@ -231,7 +203,7 @@ class Recording(_Encoder):
     Raises
     ------
     OSError
-        If the file cannot be written; also by the other methods.
+        If the file cannot be written; also raised by the other methods.
     OutputError
         If this installation has no H.264 encoder.
     """

@@ -50,7 +50,7 @@ except KeyboardInterrupt: print("stops")
 WRITING = """
 from pathlib import Path
 from oppload_cli.files.atomic import PartFile
-from oppload_cli.video.writers import Sink
+from oppload_cli.video.writers import _Sink
 import tempfile
 part = PartFile(Path(tempfile.mkdtemp()) / "a.mp4")
 class File:
@@ -58,7 +58,7 @@ class File:
     def write(self, data):
         send()
         return len(data)
-print(Sink(File()).write(b"some"), signals.received())
+print(_Sink(File()).write(b"some"), signals.received())
 part.discard()
 """
 
