@@ -349,7 +349,7 @@ def _opened(part: Path) -> tuple[FileIO, bool]:
 
 
 def _check_alone(there: os.stat_result, part: Path) -> None:
-    """Refuse what is no regular file, and a file that has another name besides."""
+    """Refuse a folder or a device, and a file that has a second name."""
     if not stat.S_ISREG(there.st_mode) or there.st_nlink > 1:
         raise FileExistsError(errno.EEXIST, f"{part.name} is a link, a folder or a device")
 

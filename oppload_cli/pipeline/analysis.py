@@ -172,7 +172,7 @@ class Analysis:
         prepared = self._preparation.step(Frame(count, float(time_s) - self._first_s, luma))
         record = self._detectors.answer(prepared)
         if count + 1 == _FEW_FRAMES and (doubt := self._doubt_of_unit()):
-            warnings.warn(doubt, stacklevel=2)
+            warnings.warn(doubt[0], stacklevel=2)
         return record
 
     @property
@@ -198,22 +198,17 @@ class Analysis:
         pictures = repeats.remarks(times.rate or self._rate)
         if not pictures and repeats.still_s:
             pictures = [f"the picture has stood still for the latest {repeats.still_s:.1f} s"]
-        return [
-            *times.remarks(),
-            *([doubt] if doubt else []),
-            *pictures,
-            *self._working.remarks(),
-        ]
+        return [*times.remarks(), *doubt, *pictures, *self._working.remarks()]
 
-    def _doubt_of_unit(self) -> str:
-        """Return a sentence on times that seem to be in another unit; empty where they do not."""
+    def _doubt_of_unit(self) -> list[str]:
+        """Return a sentence on times that seem to be in another unit, if they do."""
         rate = self._preparation.times.rate
         if rate is None or rate * _LONGEST_STEP_S > 1:
-            return ""
-        return (
+            return []
+        return [
             f"frames are {1 / rate:.3g} s apart by their times: give seconds, if these are of "
             "another unit"
-        )
+        ]
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Refuse to be copied or pickled: filters of C libraries have no copy."""
@@ -450,10 +445,12 @@ class _Detectors:
             name: () if repeat.kind else self._found(name, answers[name], prepared)
             for name in self._places
         }
+        # Of the object with the largest response.
+        contacts = {name: each[0].time_to_contact_s for name, each in found.items() if each}
         alarms = {
             name: answer is not None
             and self._alarms[name].step(
-                answer.response, time_s, contact_s=_contact_s(found.get(name)), blind=bool(blind)
+                answer.response, time_s, contact_s=contacts.get(name), blind=bool(blind)
             )
             for name, answer in answers.items()
         }
@@ -517,11 +514,6 @@ class _Detectors:
             shown = places.step(units, frame.luma, frame.time_s + shift_s)
             found = tuple(each.after(-shift_s) for each in shown) if shift_s else shown
         return tuple(each.seen_through(self._optics) for each in found) if self._optics else found
-
-
-def _contact_s(found: Sequence[Detection] | None) -> float | None:
-    """Return the time to contact of the object with the largest response."""
-    return found[0].time_to_contact_s if found else None
 
 
 def _held(record: FrameRecord, prepared: _Prepared) -> FrameRecord:

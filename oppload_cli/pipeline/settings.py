@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, cast
 
 from oppload_cli.detection.parameters import (
     AlarmParams,
@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from oppload_cli.video.optics import Optics
 
 
-Kind = TypeVar("Kind", bound="Parameters")
-
 _COMMAND_LINE = "command line"
 _USUAL, ALL = "usual", "all"  # columns of a table; `ALL` also stands for all models
 _TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
@@ -73,37 +71,30 @@ class Settings:
     # Sizes that were given in degrees, by their dotted name; `seen_through` turns them into pixels.
     angles: dict[str, float] = field(default_factory=dict)
 
-    def group(self, name: str, kind: type[Kind]) -> Kind:
-        """Return the parameter set of this name; raise ParameterError if it is of another class."""
-        params = self.groups[name]
-        if not isinstance(params, kind):
-            raise ParameterError(f"'{name}' holds {type(params).__name__}, not {kind.__name__}")
-        return params
-
     @property
     def alarm(self) -> AlarmParams:
         """The parameters of the alarms."""
-        return self.group("alarm", AlarmParams)
+        return cast("AlarmParams", self.groups["alarm"])
 
     @property
     def places(self) -> PlaceParams:
         """The parameters of the looming objects."""
-        return self.group("places", PlaceParams)
+        return cast("PlaceParams", self.groups["places"])
 
     @property
     def rmo(self) -> RmoParams | None:
         """The parameters of radial motion opponency; None if it is not measured."""
-        return self.group("rmo", RmoParams) if self.measure_rmo else None
+        return cast("RmoParams", self.groups["rmo"]) if self.measure_rmo else None
 
     @property
     def repeats(self) -> RepeatParams:
         """The parameters of repeats."""
-        return self.group("repeats", RepeatParams)
+        return cast("RepeatParams", self.groups["repeats"])
 
     @property
     def time(self) -> TimeParams:
         """The time base."""
-        return self.group("time", TimeParams)
+        return cast("TimeParams", self.groups["time"])
 
     def model_params(self) -> list[Parameters]:
         """Return the parameter sets of the detectors to run, in order.

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and SIGHUP: a flag that every loop over frames asks for.
+"""Ctrl-C, SIGTERM and SIGHUP: a flag that every loop over frames looks at.
 
 A handler that raised an exception could interrupt anything: an extension module that is being
 loaded, which may crash, or a callback from C, where the exception is lost. So the first signal

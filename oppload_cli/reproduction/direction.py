@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def diagonals() -> Built:
 
 
 def _with_axes(settings: Settings, axes: int) -> Settings:
-    opplod = settings.group("opplod", OpplodParams).replaced(axes=axes)
+    opplod = settings.groups["opplod"].replaced(axes=axes)
     return dataclasses.replace(settings, groups={**settings.groups, "opplod": opplod})
 
 
@@ -159,7 +159,7 @@ def _wrong_sides(
     ratios: list[list[float]] = []
     shown: Shown = {}
     video = StimulusVideo(protocol, settings.height)
-    model = Opplod(video.working.shape, settings.group("opplod", OpplodParams))
+    model = Opplod(video.working.shape, cast("OpplodParams", settings.groups["opplod"]))
     right_side = {phi: _side(video.working.shape, phi) for phi in directions}
     wrong_side = {phi: _side(video.working.shape, phi + 180) for phi in directions}
     for frame in video:

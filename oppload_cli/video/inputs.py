@@ -122,12 +122,12 @@ def _below(root: str) -> Iterator[_Found]:
     empty = True
     for folder, within, files in os.walk(root, onerror=refused.append):
         within[:] = sorted(each for each in within if not each.startswith("."))
-        videos, numbered = _inputs_of(files)
-        # A pipe would make the batch wait.
-        videos = [each for each in videos if is_file(os.path.join(folder, each))]  # noqa: PTH118
+        names, numbered = _inputs_of(files)
+        paths = [os.path.join(folder, each) for each in names]  # noqa: PTH118
+        videos = list(filter(is_file, paths))  # a pipe would make the batch wait
         if videos:
             place = os.path.relpath(folder, root)
-            yield from (_Found(os.path.join(folder, each), folder=place) for each in videos)  # noqa: PTH118
+            yield from (_Found(each, folder=place) for each in videos)
         elif numbered:
             above = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
             yield _Found(folder, folder=above)

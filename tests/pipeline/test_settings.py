@@ -23,7 +23,8 @@ def test_later_settings_win_and_say_where_they_came_from(tmp_path: Path) -> None
     )
     settings = resolve(config=path, assignments=["opplod.gain=3"], height="native")
     assert (settings.preset, settings.models, settings.height) == ("paper", ("opplod",), None)
-    opplod = settings.group("opplod", OpplodParams)
+    opplod = settings.groups["opplod"]
+    assert isinstance(opplod, OpplodParams)
     assert (opplod.gain, opplod.threshold) == (3, 1)
     assert settings.origins["opplod.gain"] == "command line"
     assert settings.origins["opplod.threshold"] == str(path)
