@@ -216,9 +216,8 @@ class Result(tables.BaseResult):
             if outputs.detections is not None:
                 lines = [detection_line(row) for row in _plain(self.detections)]
                 write_atomic(outputs.detections, "".join(lines))
-            if outputs.sidecar is not None:
-                sidecar.pop("schema", None)
-                write_sidecar(outputs.sidecar, sidecar)
+            sidecar.pop("schema", None)
+            write_sidecar(outputs.sidecar, sidecar)
         return outputs.csv
 
 

@@ -57,7 +57,7 @@ class Outputs:
     """The result files of one input; a file that is None is not written."""
 
     csv: Path  # the sign of a finished result: it gets its name last
-    sidecar: Path | None = None
+    sidecar: Path
     detections: Path | None = None
     annotated: Path | None = None
 
@@ -181,8 +181,6 @@ def exists_already(task: Task) -> Outcome | None:
     if task.outputs is None or not task.outputs.kept(task.if_exists):
         return None
     table, path = task.outputs.csv, task.outputs.sidecar
-    if path is None:
-        return Outcome(skipped=True)
     content = read_sidecar(path, OutputError, _REMEDY)
     try:
         difference, verdicts = next(_differences(task, content), None), verdicts_in(content)
@@ -347,8 +345,7 @@ class Writing:
             self._file.stream.flush()
             # An old table must never lie beside new files, even after a crash.
             self._outputs.csv.unlink(missing_ok=True)
-        if self._outputs.sidecar is not None:
-            write_sidecar(self._outputs.sidecar, content())
+        write_sidecar(self._outputs.sidecar, content())
         for each in self._beside:
             each.commit()
         self._file.commit()

@@ -45,7 +45,7 @@ def tables(
         monkeypatch.setattr(loops, "_loaded", lambda library=library: ("", library))
         monkeypatch.setattr(loops, "portable", name == "portable")
         table = tmp_path / f"{name}.csv"
-        run_task(Task(str(video), resolve(height="96"), Outputs(table)))
+        run_task(Task(str(video), resolve(height="96"), Outputs(table, table.with_suffix(".json"))))
         with table.open(newline="") as file:
             rows[name] = list(csv.DictReader(file))
     return rows

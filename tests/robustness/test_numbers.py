@@ -36,7 +36,8 @@ if TYPE_CHECKING:
 def table(path: Path, folder: Path, *assignments: str, height: str = "60") -> bytes:
     folder.mkdir(exist_ok=True)
     csv_path = folder / f"{len(list(folder.iterdir()))}.csv"
-    run_task(Task(str(path), resolve(height=height, assignments=assignments), Outputs(csv_path)))
+    outputs = Outputs(csv_path, csv_path.with_suffix(".json"))
+    run_task(Task(str(path), resolve(height=height, assignments=assignments), outputs))
     return csv_path.read_bytes()
 
 
@@ -220,7 +221,8 @@ def test_memory_stays_flat_over_a_long_file(tmp_path: Path) -> None:
     frames = grey_frames(50, width=32, height=24) * 400
     path = write_video(tmp_path / "a.mp4", frames, codec="libx264", pixel_format="yuv420p")
     meter = Meter(1000)
-    run_task(Task(str(path), resolve(height="24"), Outputs(tmp_path / "a.csv")), meter)
+    outputs = Outputs(tmp_path / "a.csv", tmp_path / "a.json")
+    run_task(Task(str(path), resolve(height="24"), outputs), meter)
     check_flat(meter)
 
 
