@@ -273,24 +273,15 @@ class PartFolder(_Part):
         self._held = -1
         with output_errors(path):
             _make_folder(path.parent)
-            try:
-                self.part.mkdir()
-            except FileExistsError:
-                self._take_over()
-            else:
-                self._hold()
+            if self.part.is_symlink() or not self.part.is_dir():
+                remove(self.part)
+            self.part.mkdir(exist_ok=True)
+            self._hold()
+            for each in self.part.iterdir():  # of an earlier run
+                remove(each)
         if new and os.path.lexists(path):
             self.discard()
             raise _exists_already(path)
-
-    def _take_over(self) -> None:
-        """Empty the part of an earlier run; a link or a file in its place is removed."""
-        if self.part.is_symlink() or not self.part.is_dir():
-            remove(self.part)
-            self.part.mkdir()
-        self._hold()
-        for each in self.part.iterdir():
-            remove(each)
 
     def _hold(self) -> None:
         if sys.platform == "win32":  # where no folder can be locked

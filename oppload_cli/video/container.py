@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import errno
 import math
-import os
 import re
 from collections import deque
 from fractions import Fraction
@@ -20,6 +19,7 @@ import numpy as np
 from av.codec.context import Flags
 
 from oppload_cli.errors import SourceError, cannot_read, reason_of
+from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores
 from oppload_cli.video.frames import (
     MAX_PIXELS,
@@ -96,7 +96,7 @@ class ContainerSource:
         self._errors = 0  # that decoders have logged in this process
         self._remote = "://" in name
         # A stream or a pipe cannot be read again.
-        self._once = self._remote or not os.path.isfile(name)  # noqa: PTH113 - raises no error
+        self._once = self._remote or not is_file(name)
         self._careful = self._once
         self._threads = threads
         self._container = self._opened()
@@ -105,9 +105,9 @@ class ContainerSource:
             self._codec = self._stream.codec_context.codec.canonical_name
             self._careful |= self._codec in _SILENT_CODECS | _INDEPENDENT_SLICES
             self._prepare()
-            self._coming = self._steadily()
-            self._first_decoded = self._first_of_all()
-            self._first = self._first_decoded[0]
+            coming = self._steadily()
+            first = self._first_of_all(coming)
+            self._first, self._coming = first[0], chain([first], coming)
             self.decode.threads = self._stream.codec_context.thread_count
             self.facts = self._facts()
         except BaseException:
@@ -119,7 +119,7 @@ class ContainerSource:
     def pictures(self) -> Iterator[Picture]:
         """Yield the decoded pictures; a damaged packet loses only its own frames."""
         size = (self._first.width, self._first.height)
-        for frame, plane, bits in chain([self._first_decoded], self._coming):
+        for frame, plane, bits in self._coming:
             index = self.decode.decoded
             self.decode.decoded += 1
             self.decode.corrupt += frame.is_corrupt
@@ -301,8 +301,8 @@ class ContainerSource:
         self._container, self._stream = container, stream
         self._prepare()
 
-    def _first_of_all(self) -> Decoded:
-        first = next(self._coming, None)
+    def _first_of_all(self, coming: Iterator[Decoded]) -> Decoded:
+        first = next(coming, None)
         if first is None:
             reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
             remedy = "check or convert the file"

@@ -22,6 +22,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import OpploadError, SourceError
+from oppload_cli.files.reading import is_file
 from oppload_cli.processes import cores, signals
 from oppload_cli.processes.signals import POLL_S, ending, stop_if_asked
 from oppload_cli.processes.threads import Call
@@ -56,8 +57,8 @@ class Opening:
     name, height, span, image_rate, threads, colour
         As for :func:`oppload_cli.open_video`.
     own_process : bool
-        Whether a process of its own may decode: a video file, without colour, on Linux
-        with two cores or more. Else a thread does.
+        Whether a process of its own may decode, whatever the `threads`: a video file, without
+        colour, on Linux with two cores or more. Else a thread does.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class Opening:
             # Not every C library has such memory, and a limit of files, processes or sizes
             # may refuse it.
             with suppress(OSError, AttributeError):
-                self._process = _DecodingProcess(_Order(name, height, span, threads))
+                self._process = _DecodingProcess(_Order(name, height, span))
         if self._process is None:
 
             def source() -> PictureSource:
@@ -110,8 +111,7 @@ class Opening:
 
 def is_video_file(name: str) -> bool:
     """Tell whether a name is that of a single file, and no image; any text is allowed."""
-    is_file = os.path.isfile(name)  # noqa: PTH113 - raises no error
-    return is_file and not is_camera(name) and not is_image_file(name)
+    return is_file(name) and not is_camera(name) and not is_image_file(name)
 
 
 def _can_fork() -> bool:
@@ -137,7 +137,6 @@ class _Order(NamedTuple):
     name: str
     height: int | None  # None keeps the native size
     span: Span
-    threads: int
 
 
 class _Shared(NamedTuple):
@@ -304,7 +303,7 @@ def _send_pictures(connection: Connection, memory: int, order: _Order) -> None:
     from oppload_cli.video.container import ContainerSource
     from oppload_cli.video.planes import Resizing
 
-    source = ContainerSource(order.name, order.threads)
+    source = ContainerSource(order.name)
     source.decode.own_process = True
     working = WorkingSize.of(source.facts, order.height)
     connection.send((source.facts, source.decode))
