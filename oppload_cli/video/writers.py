@@ -119,8 +119,9 @@ class _Encoder:
         except BaseException as error:
             self._sink.abandon()
             if isinstance(error, av.codec.codec.UnknownCodecError):
+                name = "H.264" if coding.codec == "libx264" else coding.codec.upper()
                 raise OutputError(
-                    f"{file.path}: this PyAV has no H.264 encoder; install the wheel of PyPI"
+                    f"{file.path}: this PyAV has no {name} encoder; install the wheel of PyPI"
                 ) from error
             raise
         self._stream, context = stream, stream.codec_context
