@@ -177,7 +177,10 @@ class Repeats:
         ]
 
     def step(self, luma: Luma, time_s: float) -> Repeat:
-        """Take the luminance of the next frame, which is kept, not copied, and its time."""
+        """Take the next frame: its luminance at the working size, 0 to 1, and its time in seconds.
+
+        The array, float32 of shape (height, width), is kept, not copied.
+        """
         known = self.exact
         repeat = self._recognised(luma, time_s)
         self.exact += repeat.kind == EXACT

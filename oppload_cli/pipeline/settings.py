@@ -137,7 +137,10 @@ class Settings:
         return replace(self, groups={**sets, **self.groups, "alarm": alarm})
 
     def resolved(self, height: int) -> dict[str, Parameters]:
-        """Return all parameter sets with the values that depend on the working height filled in."""
+        """Return all parameter sets with the values that depend on the working height filled in.
+
+        For a frame that is higher than wide, the height is its width.
+        """
         return {name: group.resolved(height) for name, group in self.groups.items()}
 
 

@@ -218,7 +218,7 @@ def _check_frames(frames: Frames) -> None:
 
 
 def _check_type(frames: Frames) -> None:
-    """Refuse an array whose numbers have no known white."""
+    """Refuse an array whose type does not tell which number is white."""
     if frames.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)} and frames.dtype.kind != "f":
         raise SourceError(
             f"array: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"

@@ -296,10 +296,10 @@ def _silent(function: Callable[[Item], Result], item: Item, _tell: Tell) -> Resu
 
 
 class Seldom:
-    """A count that is passed on every so many seconds: each message costs both processes time.
+    """A count that is passed on now and then: each message costs both processes time.
 
-    `tell` takes the count since its last call. Each call also asks whether a signal has come, and
-    raises KeyboardInterrupt then.
+    `tell` takes the count since its last call, at most once in `every_s` seconds. Each call also
+    asks whether a signal has come, and raises KeyboardInterrupt then.
     """
 
     def __init__(self, tell: Callable[[int], object], every_s: float = TELL_EVERY_S) -> None:

@@ -55,8 +55,9 @@ class _Reading:
 def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) -> str | None:
     """Return the first fault that the container of a file shows, as a sentence.
 
-    None also where the container, given by the name of its demuxer, has neither an end that can be
-    told nor checksums. The byte `read_to` and the `stream` are those of :class:`_Reading`.
+    The answer is None also where the container, given by the name of its demuxer, has neither an
+    end that can be told nor checksums. The byte `read_to` and the `stream` are those of
+    :class:`_Reading`.
     """
     check = _CHECKS.get(container)
     if check is None:
