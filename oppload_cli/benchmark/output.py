@@ -18,7 +18,7 @@ from oppload_cli.files.atomic import output_errors, remove, write_atomic
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.files.tables import open_table
 from oppload_cli.models.registry import detectors
-from oppload_cli.plots.style import PAGE, SHADES, png_bytes, save, styled_figure
+from oppload_cli.plots.style import PAGE, SHADES, image_bytes, save, styled_figure
 from oppload_cli.results.table import write_sidecar
 
 if TYPE_CHECKING:
@@ -278,7 +278,7 @@ def write_benchmark(
         figure = _drawn(benchmark, each)
         path = folder / f"{each.name}.pdf"
         save(figure, path)
-        pictures[each.name] = png_bytes(figure, 160)
+        pictures[each.name] = image_bytes(figure, "png", 160)
         yield path
     sidecar = {
         "schema": _SCHEMA,

@@ -11,7 +11,7 @@ from oppload_cli.evaluation.metrics.alarms import RATES, condition_of
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.models.registry import detectors
-from oppload_cli.plots.style import DASHES, FAINT, INK, png_bytes, styled_figure
+from oppload_cli.plots.style import DASHES, FAINT, INK, image_bytes, styled_figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -241,4 +241,6 @@ def figure_of(plot: str, performances: Performances) -> Figure:
 
 def drawn(evaluation: Evaluation) -> dict[str, bytes]:
     """Return all `PLOTS` of an evaluation, as PNG by file name."""
-    return {name: png_bytes(figure_of(name, evaluation.performances), _DPI) for name in PLOTS}
+    return {
+        name: image_bytes(figure_of(name, evaluation.performances), "png", _DPI) for name in PLOTS
+    }

@@ -15,6 +15,7 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import (
     COLUMN,
     FAINT,
+    FEW,
     INK,
     LEGEND_WIDTH,
     MOST_HEIGHT,
@@ -22,70 +23,100 @@ from oppload_cli.plots.style import (
     SHADES,
     TITLE_WIDTH,
     begin_at_zero,
+    colour_bar,
     described,
+    doubts_of,
     edges_of,
     looks_of,
+    panel_grid,
     styled_figure,
-    with_doubts,
     wrapped,
+    write_title,
 )
 from oppload_cli.reference import BOTH_ENDS_OVER_ONE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from oppload_cli.models.detector import Detector
     from oppload_cli.results.reading import Tuning
 
     Series = NDArray[np.float64]
 
-FEW = 4  # detectors that have room in one column
 _NARROW = 28  # characters in a line above one of two panels
 _HALF = 0.5
 _MOST_RATIO = 1000
 
 
-class Request(NamedTuple):
-    """Tables to draw.
+class TuningCurve(NamedTuple):
+    """The peaks of one detector in a table: a curve of a figure, or a panel."""
 
-    Attributes
-    ----------
-    tunings : sequence of Tuning
-        At least one.
-    models : sequence of str
-        The detectors to draw; none for all.
-    names : sequence of str
-        A name for each table.
-    title : str
-        Of the figure.
-    published : bool
-        Whether published neurons are drawn too.
-    """
+    tuning: Tuning
+    detector: type[Detector]
+    name: str  # of the detector, after that of the table if there are several
+    look: dict[str, Any]  # line properties of matplotlib
+
+    @property
+    def rows(self) -> pd.DataFrame:
+        """The rows of the detector."""
+        return self.tuning.of(self.detector.name)
+
+    @property
+    def peaks(self) -> Series:
+        """The peak in each row."""
+        return self.rows["peak"].to_numpy(float)
+
+    @property
+    def doubts(self) -> str:
+        """Why the curve means little, each reason after a line break."""
+        return doubts_of(self.tuning, self.detector.name)
+
+
+class Request(NamedTuple):
+    """Tables to draw, at least one."""
 
     tunings: Sequence[Tuning]
-    models: Sequence[str]
-    names: Sequence[str]
-    title: str
-    published: bool
+    models: Sequence[str]  # the detectors to draw; none for all
+    names: Sequence[str]  # a name for each table
+    title: str = ""
+    published: bool = False  # whether published neurons are drawn too
+    raw: bool = False  # whether peaks are drawn in their unit, not over the largest
 
-    def curves(self) -> Iterator[tuple[Tuning, str, str, dict[str, Any]]]:
-        """Yield table, detector, name of the curve and its look, for each curve."""
+    def curves(self) -> list[TuningCurve]:
+        """Return the curves, table by table."""
         shown = [
-            (tuning, model, f"{table}: " * (len(self.tunings) > 1) + detector_named(model).label)
+            (tuning, detector_named(model), table)
             for tuning, table in zip(self.tunings, self.names, strict=True)
             for model in self.models or tuning.models
             if len(tuning.of(model))
         ]
-        looks = looks_of([model for _, model, _ in shown])
-        for curve, look in zip(shown, looks, strict=True):
-            yield *curve, look
+        looks = looks_of([detector.name for _, detector, _ in shown])
+        several = len(self.tunings) > 1
+        return [
+            TuningCurve(tuning, detector, f"{table}: " * several + detector.label, look)
+            for (tuning, detector, table), look in zip(shown, looks, strict=True)
+        ]
+
+    def of_one_table(self, figure: str) -> list[TuningCurve]:
+        """Return the curves in the table's order; raise ResultError if there are more tables."""
+        tuning, *others = self.tunings
+        if others:
+            raise ResultError(f"{others[0].path}: {figure} shows one table; plot them separately")
+        models = [name for name in tuning.models if name in (self.models or tuning.models)]
+        if not models:
+            raise ResultError(
+                f"{tuning.path}: column 'model' never holds '{self.models[0]}'; leave it out"
+            )
+        return self._replace(models=models).curves()
 
 
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
-    """Return the swept column with an ending.
+    """Return the swept column with an ending, in a table with so many swept columns.
 
     Parameters
     ----------
@@ -110,52 +141,36 @@ def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
     return found[0]
 
 
-def _one(request: Request, thing: str) -> tuple[Tuning, list[str]]:
-    """Return the only table and the detectors to draw of it."""
-    if len(request.tunings) > 1:
-        raise ResultError(
-            f"{request.tunings[1].path}: {thing} shows one table; plot them separately"
-        )
-    tuning = request.tunings[0]
-    models = [name for name in tuning.models if name in (request.models or tuning.models)]
-    if not models:
-        raise ResultError(
-            f"{tuning.path}: column 'model' never holds '{request.models[0]}'; leave it out"
-        )
-    return tuning, models
-
-
 @contextmanager
-def _panels(count: int, shape: float, above: float) -> Iterator[tuple[Figure, list[Axes]]]:
+def _panels(
+    count: int, labels: tuple[str, str], shape: float, above: float
+) -> Iterator[tuple[Figure, list[Axes]]]:
     """Open a figure with a panel for each of some detectors, whose titles the caller writes.
 
-    `shape` is the height of a panel over its width, `above` the height of the legend in inches.
+    The labels are those of the two axes, `shape` is the height of a panel over its width, and
+    `above` the height of the legend in inches.
     """
     columns = min(count, 2 if count <= FEW else 4)
-    rows = -(-count // columns)
     width = COLUMN if count <= FEW else PAGE
     with styled_figure(width, MOST_HEIGHT) as figure:
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
-        for free in grid[count:]:
-            free.set_visible(False)
-        axes = list(grid[:count])
+        axes = panel_grid(figure, count, columns, sharex=True, sharey=True)
+        for panel in axes[-columns:]:
+            panel.set_xlabel(labels[0])
+        for panel in axes[::columns]:
+            panel.set_ylabel(labels[1])
         yield figure, axes
-        for panel in axes[-columns:]:  # also above an empty place
-            panel.tick_params(labelbottom=True)
-            panel.set_xlabel(axes[-1].get_xlabel())
         lines = max(panel.get_title("left").count("\n") for panel in axes)
+        rows = -(-count // columns)
         height = above + rows * (0.4 + 0.11 * lines + shape * (width - 0.5) / columns)
         figure.set_figheight(min(MOST_HEIGHT, height))
 
 
 @contextmanager
-def _single(request: Request, count: int) -> Iterator[tuple[Figure, Axes]]:
+def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[Figure, Axes]]:
     """Open a figure with one panel for some curves; their legend is drawn at the end."""
-    few = count <= FEW
-    lines = sum(
-        with_doubts("", tuning, model).count("\n") for tuning, model, *_ in request.curves()
-    )
-    height = 2.2 + 0.14 * (count + lines) / (1 if few else 2)
+    few = len(curves) <= FEW
+    lines = sum(1 + curve.doubts.count("\n") for curve in curves)
+    height = 2.2 + 0.14 * lines / (1 if few else 2)
     with styled_figure(COLUMN if few else PAGE, min(MOST_HEIGHT, height)) as figure:
         panel = figure.subplots()
         yield figure, panel
@@ -176,13 +191,15 @@ def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> No
 
 def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw a map of the peak over the object's position, with the line of half the largest."""
-    tuning, models = _one(request, "a map of positions")
+    curves = request.of_one_table("a map of positions")
+    tuning = curves[0].tuning
     wanted = "a position; run 'oppload tune --figure position'"
     right, up = (column_of(tuning, end, wanted, of=2) for end in (".right", ".up"))
-    across = _NARROW if len(models) > 1 else TITLE_WIDTH
-    with _panels(len(models), 0.85, 0.25) as (figure, axes):
-        for panel, name in zip(axes, models, strict=True):
-            cells = tuning.of(name).pivot_table(index=up, columns=right, values="peak")
+    across = _NARROW if len(curves) > 1 else TITLE_WIDTH
+    labels = (described(right), described(up))
+    with _panels(len(curves), labels, 0.85, 0.25) as (figure, axes):
+        for panel, curve in zip(axes, curves, strict=True):
+            cells = curve.rows.pivot_table(index=up, columns=right, values="peak")
             share = cells.to_numpy(float)
             if np.isnan(share).any() or min(share.shape) < 2:
                 raise ResultError(f"{tuning.path}: its positions are no grid; draw --kind heat")
@@ -194,16 +211,10 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
             panel.set_aspect("equal")
             if share.min() < _HALF <= share.max():
                 panel.contour(x, y, share, levels=[_HALF], colors="white", linewidths=0.9)
-            panel.set_xlabel(described(right))
-            panel.set_ylabel(described(up))
-            label = with_doubts(detector_named(name).label, tuning, name)
-            panel.set_title(wrapped(f"{label}\n{_half(x, y, share)}", across), fontsize=7)
-            panel.label_outer()
-        if request.title:
-            figure.suptitle(wrapped(request.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
-        bar = figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02)
-        bar.set_label("peak / largest peak")
-        bar.outline.set_linewidth(0.5)
+            label = f"{curve.name}{curve.doubts}\n{_half(x, y, share)}"
+            panel.set_title(wrapped(label, across), fontsize=7)
+        write_title(figure, request.title)
+        colour_bar(figure, image, axes, "peak / largest peak", shrink=0.7, pad=0.02)
     return figure, axes
 
 
@@ -211,19 +222,8 @@ def _half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> float | 
     """Return the mean distance from its peak at which a map has fallen to half.
 
     Along each of the directions right, up, left and down the first crossing of half is taken,
-    between two places linearly.
-
-    Parameters
-    ----------
-    x, y : ndarray
-        Positions of the columns and rows.
-    share : ndarray, shape (len(y), len(x))
-        The map over its largest value.
-
-    Returns
-    -------
-    float or None
-        None if it does not fall to half in some direction, inside the map.
+    between two places linearly; None if there is none in some direction. `share` is the map over
+    its largest value, with a row for each `y` and a column for each `x`.
     """
     row, column = np.unravel_index(int(share.argmax()), share.shape)
     found = []
@@ -254,7 +254,8 @@ def _half(x: Series, y: Series, share: NDArray[np.float64]) -> str:
 
 def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak for a bar that grows at both ends, at one, and the sum of two single ends."""
-    tuning, models = _one(request, "one end and both")
+    curves = request.of_one_table("one end and both")
+    tuning = curves[0].tuning
     wanted = "the sides and the axis of a bar; run 'oppload tune --figure bar-ends'"
     sides, axis = (column_of(tuning, end, wanted, of=2) for end in (".sides", "axis_deg"))
     missing = {"both", "forward"}.difference(tuning.rows[sides])
@@ -262,23 +263,19 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
         raise ResultError(f"{tuning.path}: column '{sides}' never holds '{min(missing)}'")
     low, high = BOTH_ENDS_OVER_ONE
     note = f"\nboth / one in LPLC2 neurons: {low:.1f} to {high:.1f}" * request.published
-    across = _NARROW if len(models) > 1 else TITLE_WIDTH
-    with _panels(len(models), 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
-        for panel, name in zip(axes, models, strict=True):
-            rows = tuning.of(name)
+    across = _NARROW if len(curves) > 1 else TITLE_WIDTH
+    labels = (described(axis), "peak / largest peak")
+    with _panels(len(curves), labels, 0.6, 0.75 + 0.12 * request.published) as (figure, axes):
+        for panel, curve in zip(axes, curves, strict=True):
             both, one = (
                 dict(zip(some[axis].astype(float), some["peak"].astype(float), strict=True))
-                for some in (rows[rows[sides] == side] for side in ("both", "forward"))
+                for some in (curve.rows[curve.rows[sides] == side] for side in ("both", "forward"))
             )
-            _draw_ends(panel, both, one, detector_named(name).colour)
+            _draw_ends(panel, both, one, curve.detector.colour)
             largest = max(*both.values(), *one.values())
-            detector = detector_named(name)
-            label = f"{detector.label}, peak {largest:.2g}\n({detector.unit})\n"
+            label = f"{curve.name}, peak {largest:.2g}\n({curve.detector.unit})\n"
             label += f"both / one {_range(_both_over_one(both, one))}"
-            panel.set_title(wrapped(with_doubts(label, tuning, name), across), fontsize=7)
-            panel.set_xlabel(described(axis))
-            panel.set_ylabel("peak / largest peak")
-            panel.label_outer()
+            panel.set_title(wrapped(label + curve.doubts, across), fontsize=7)
         # The highest comes last: they share the axis.
         for panel in sorted(axes, key=lambda panel: panel.dataLim.y1):
             begin_at_zero(panel)
@@ -294,30 +291,22 @@ def _draw_ends(
 ) -> None:
     largest = max(*both.values(), *one.values()) or 1.0
     look: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5}
-    axes.plot(list(both), [each / largest for each in both.values()], **look, label="both ends")
-    look |= {"linestyle": "--", "markerfacecolor": "white"}
-    label = "the end in the direction of the axis"
-    axes.plot(list(one), [each / largest for each in one.values()], **look, label=label)
+    open_look = look | {"linestyle": "--", "markerfacecolor": "white"}
     total = {axis: peak + one[_across(axis)] for axis, peak in one.items() if _across(axis) in one}
-    axes.plot(
-        list(total), [each / largest for each in total.values()],
-        ":", color=INK, lw=0.9, label="sum of the two single ends",
-    )  # fmt: skip
+    for label, peaks, each in (
+        ("both ends", both, look),
+        ("the end in the direction of the axis", one, open_look),
+        ("sum of the two single ends", total, {"color": INK, "lw": 0.9, "linestyle": ":"}),
+    ):
+        axes.plot(list(peaks), [peak / largest for peak in peaks.values()], label=label, **each)
     axes.set_xticks(range(0, 361, 90))
 
 
 def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> list[float]:
     """Return the peak for both ends over that for the better single end, for each axis.
 
-    Parameters
-    ----------
-    both, one : mapping of float to float
-        Peaks by axis in degrees; of one end, by the direction in which it grows.
-
-    Returns
-    -------
-    list of float
-        Infinite where only both ends give a response; axes without any response are left out.
+    The peaks are by axis in degrees; those of one end by the direction in which it grows. The
+    ratio is infinite where only both ends give a response; axes without any are left out.
     """
     made = []
     for axis, peak in both.items():
@@ -352,23 +341,20 @@ def _ratio(value: float) -> str:
 def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak over the contrast of an object against the ground, as a share of the ground."""
     advice = "a luminance; run 'oppload tune --figure contrast'"
-    points = []
-    for tuning, model, name, look in request.curves():
-        luminance = tuning.of(model)[column_of(tuning, ".luminance", advice)].to_numpy(float)
-        ground = _background(tuning)
-        points.append((100 * (luminance - ground) / ground, tuning, model, name, look))
-    with _single(request, len(points)) as (figure, panel):
-        for contrast, tuning, model, name, look in points:
-            peaks = tuning.of(model)["peak"].to_numpy(float)
-            largest = float(peaks.max())
-            label = f"{name}, largest peak {largest:.3g} ({detector_named(model).unit})"
-            x, y = contrast, peaks / (largest or 1.0)
+    curves = request.curves()
+    columns = [column_of(curve.tuning, ".luminance", advice) for curve in curves]
+    grounds = [_background(curve.tuning) for curve in curves]
+    with _single(request, curves) as (figure, panel):
+        for curve, column, ground in zip(curves, columns, grounds, strict=True):
+            x, y = 100 * (curve.rows[column].to_numpy(float) - ground) / ground, curve.peaks
+            largest = float(y.max())
             if 0 not in x:  # no line over what was not measured
                 x, y = np.append(x, 0), np.append(y, np.nan)
             order = np.argsort(x)
+            label = f"{curve.name}, largest peak {largest:.3g} ({curve.detector.unit})"
             panel.plot(
-                x[order], y[order], marker="o", markersize=3, **look,
-                label=wrapped(with_doubts(label, tuning, model), LEGEND_WIDTH),
+                x[order], y[order] / (largest or 1.0), marker="o", markersize=3, **curve.look,
+                label=wrapped(label + curve.doubts, LEGEND_WIDTH),
             )  # fmt: skip
         begin_at_zero(panel)
         panel.axvline(0, color=FAINT, lw=0.7)
@@ -394,22 +380,25 @@ def _background(tuning: Tuning) -> float:
 def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak of each presentation over that of the first."""
     advice = "presentations in a row; run 'oppload tune --figure habituation'"
-    curves = [(column_of(each[0], "presentation", advice), *each) for each in request.curves()]
-    with _single(request, len(curves)) as (figure, panel):
+    curves = request.curves()
+    columns = [column_of(curve.tuning, "presentation", advice) for curve in curves]
+    with _single(request, curves) as (figure, panel):
         most = 1.0
-        for number, (column, tuning, model, name, look) in enumerate(curves):
-            rows = tuning.of(model).sort_values(column)
+        for number, (curve, column) in enumerate(zip(curves, columns, strict=True)):
+            rows = curve.rows.sort_values(column)
             peaks = rows["peak"].to_numpy(float)
             if not peaks[0] > 0:
-                panel.plot([], [], **look, label=f"{name}: no response to the first")
+                panel.plot([], [], **curve.look, label=f"{curve.name}: no response to the first")
                 continue
             share = peaks / peaks[0]
+            most = max(most, float(share.max()))
             # Curves that lie on one another are all seen: the first ones are drawn larger.
             size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= FEW)
-            most = max(most, float(share.max()))
-            label = with_doubts(f"{name}: last / first {share[-1]:.3f}", tuning, model)
-            label = wrapped(label, LEGEND_WIDTH)
-            panel.plot(rows[column], share, marker="o", markersize=size, **look, label=label)
+            label = f"{curve.name}: last / first {share[-1]:.3f}{curve.doubts}"
+            panel.plot(
+                rows[column], share, marker="o", markersize=size, **curve.look,
+                label=wrapped(label, LEGEND_WIDTH),
+            )  # fmt: skip
         panel.set_ylim(0, 1.1 * most)
         panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set_xlabel("presentation")

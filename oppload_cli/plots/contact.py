@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from oppload_cli.errors import ResultError, StimulusError
-from oppload_cli.plots.classic import FEW, Request, column_of, legend_above
+from oppload_cli.plots.classic import Request, column_of, legend_above
 from oppload_cli.plots.style import (
     COLUMN,
     DASHES,
     FAINT,
+    FEW,
     INK,
     LEGEND_WIDTH,
     MOST_HEIGHT,
     PAGE,
     described,
     styled_figure,
-    with_doubts,
     wrapped,
 )
 from oppload_cli.reference import AngularThreshold, angular_thresholds
@@ -46,21 +46,14 @@ class PeakTimes(NamedTuple):
     ``t = a l/v - d``: an object is seen under the angle 2 atan(1/a) at the delay d before its peak
     (Gabbiani, Krapp and Laurent 1999, J Neurosci 19:1122).
 
-    Attributes
-    ----------
-    slope, slope_error : float
-        a, and half of its interval of 95 %.
-    delay_s, delay_error_s : float
-        d in s, and half of its interval of 95 %.
-    middle_s : float
-        Mean of l/v, where the line is known best.
+    An error is half of the interval of 95 %.
     """
 
     slope: float
     slope_error: float
     delay_s: float
     delay_error_s: float
-    middle_s: float = 0.0
+    middle_s: float = 0.0  # mean of l/v, where the line is known best
 
     @property
     def angle_deg(self) -> float:
@@ -102,7 +95,7 @@ class PeakTimes(NamedTuple):
         delay = float(slope * x.mean() - t.mean())
         free = len(x) - 2
         scatter = math.sqrt(max(float(np.sum((t - slope * x + delay) ** 2)) / free, step_s**2 / 12))
-        error = student_t(free) * scatter / math.sqrt(float(about @ about))
+        error = _student_t(free) * scatter / math.sqrt(float(about @ about))
         return cls(slope, error, delay, error * math.sqrt(float(np.mean(x**2))), float(x.mean()))
 
 
@@ -111,7 +104,7 @@ def _threshold(slope: float) -> float:
     return math.degrees(2 * math.atan2(1, max(slope, 0.0)))
 
 
-def student_t(free: int) -> float:
+def _student_t(free: int) -> float:
     """Return the quantile 0.975 of Student's t distribution for some degrees of freedom."""
     if free <= len(_STUDENT):
         return _STUDENT[free - 1]
@@ -126,41 +119,38 @@ _NORMAL = 1.959964
 def contact_lines(request: Request) -> list[str]:
     """Return a line of text with the fit of each curve of :func:`plot_contact`."""
     made = []
-    for tuning, model, name, _ in request.curves():
-        fit = fit_of(tuning, model)
-        made.append(f"{name}: {fit.text if fit else 'fewer than three peaks, no line'}")
+    for curve in request.curves():
+        fit = fit_of(curve.tuning, curve.detector.name)
+        made.append(f"{curve.name}: {fit.text if fit else 'fewer than three peaks, no line'}")
     return made
 
 
 def fit_of(tuning: Tuning, model: str) -> PeakTimes | None:
     """Return the line through the peaks of one detector; None with fewer than three l/v."""
-    _, x, before, _ = _peaks(tuning, model)
+    x, before, _ = _peaks(tuning, model)
     return _line(tuning, x, before)
 
 
-def _peaks(tuning: Tuning, model: str) -> tuple[str, Series, Series, Series | None]:
-    """Return column, l/v in ms, times before contact in s, and sizes in deg if they are known."""
+def _peaks(tuning: Tuning, model: str) -> tuple[Series, Series, Series | None]:
+    """Return l/v in ms, times before contact in s, and sizes in deg if they are known."""
     advice = "l/v; for --kind contact run 'oppload tune --figure peak-time'"
-    column = column_of(tuning, "l_over_v_ms", advice)
-    if "peak_before_contact_s" not in tuning.rows:
-        raise ResultError(
-            f"{tuning.path}: has no column 'peak_before_contact_s'; run oppload tune again"
-        )
-    measured = ["peak_before_contact_s"]
-    measured += ["size_at_peak_deg"] * ("size_at_peak_deg" in tuning.rows)
-    for name in (column, *measured):
+    names = [column_of(tuning, "l_over_v_ms", advice), "peak_before_contact_s"]
+    if names[1] not in tuning.rows:
+        raise ResultError(f"{tuning.path}: has no column '{names[1]}'; run oppload tune again")
+    names += ["size_at_peak_deg"] * ("size_at_peak_deg" in tuning.rows)
+    for name in names:
         check_numbers(tuning.path, tuning.rows, name)
     rows = tuning.of(model)
     rows = rows[(rows["peak"] > 0) & rows["peak_before_contact_s"].notna()]
-    values = [rows[name].to_numpy(float) for name in (column, *measured)]
-    return column, values[0], values[1], values[2] if len(values) > 2 else None
+    x, before, *sizes = (rows[name].to_numpy(float) for name in names)
+    return x, before, sizes[0] if sizes else None
 
 
 def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the time of the peak before contact over l/v with a line, and the size at the peak."""
-    curves = list(request.curves())
+    curves = request.curves()
     few = len(curves) <= FEW
-    known = [_peaks(tuning, model) for tuning, model, _, _ in curves]
+    known = [_peaks(curve.tuning, curve.detector.name) for curve in curves]
     sized = any(sizes is not None for *_, sizes in known)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published
     height = 2.0 + 1.3 * sized + 0.14 * lines
@@ -168,26 +158,25 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         heights = (1.6, 1)[: 1 + sized]
         grid = figure.subplots(1 + sized, 1, squeeze=False, sharex=True, height_ratios=heights)
         axes = list(grid[:, 0])
-        top = None if few else _top(x for _, x, _, _ in known)
-        for (tuning, model, name, look), (_, x, before, sizes) in zip(curves, known, strict=True):
-            label = name
-            fit = _line(tuning, x, before)
+        top = None if few else _top(x for x, _, _ in known)
+        for curve, (x, before, sizes) in zip(curves, known, strict=True):
+            label = curve.name
+            fit = _line(curve.tuning, x, before)
             if fit is not None:
                 short = f": {fit.angle_deg:.0f} deg, {round(1000 * fit.delay_s)} ms"
                 label += f"\n{fit.text}" if few else short
-                _draw_line(axes[0], fit, x.max(), look, limits=few)
+                _draw_line(axes[0], fit, x.max(), curve.look, limits=few)
             if top is not None and len(x) and 1000 * before.min() > top:
                 label += " (above)"
-            if few:  # two columns of many detectors have no room
-                doubts = wrapped(with_doubts("", tuning, model), LEGEND_WIDTH)
-                label += f"\n{doubts}" * bool(doubts)
+            if few and curve.doubts:  # two columns of many detectors have no room
+                label += f"\n{wrapped(curve.doubts, LEGEND_WIDTH)}"
             dots: dict[str, Any] = {"marker": "o", "markersize": 3}
-            points = {"color": look["color"], "linestyle": "", **dots}
+            points = {"color": curve.look["color"], "linestyle": "", **dots}
             axes[0].plot(x, 1000 * before, **points)
-            axes[0].plot([], [], **(points if fit is None else look | dots), label=label)
+            axes[0].plot([], [], **(points if fit is None else curve.look | dots), label=label)
             if sizes is not None:
                 axes[-1].plot(x, sizes, **points)
-        _draw_field(axes, curves[0][0] if curves else None)
+        _draw_field(axes, curves[0].tuning if curves else None)
         if request.published:
             _draw_published(axes, axes[0].get_xlim()[1])
         axes[0].set_ylabel("peak before contact (ms)")

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 
 from oppload_cli.errors import ParameterError, ResultError
@@ -34,11 +35,13 @@ from oppload_cli.plots.style import (
     SHADES,
     TITLE_WIDTH,
     as_list,
-    in_two_lines,
+    colour_bar,
     labels_of,
     norm_of,
+    panel_grid,
     styled_figure,
     wrapped,
+    write_title,
 )
 from oppload_cli.results.truths import usable_truth
 
@@ -205,8 +208,7 @@ def _draw_few(
             _mark(panel, curves, options, truth)
         axes[-1].set_xlabel(options.time_label)
         figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
-        if options.title and len(panels) > 1:
-            figure.suptitle(wrapped(options.title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        write_title(figure, options.title if len(panels) > 1 else None)
     return figure, axes
 
 
@@ -225,10 +227,12 @@ def _of_like_length(panels: Sequence[Sequence[Curve]]) -> bool:
 
 
 def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> None:
+    if options.any_length or options.align:
+        return
     for first, *others in panels:
         for other in others:
             rows = [len(each.result.frames) for each in (first, other)]
-            if rows[0] != rows[1] and not (options.any_length or options.align):
+            if rows[0] != rows[1]:
                 raise ResultError(
                     f"{other.result.path}: column 'frame' has {rows[1]} rows, that of "
                     f"{first.result.path} {rows[0]}; give results of one length, or "
@@ -363,22 +367,11 @@ def _free_box(
     taken: Sequence[_Box],
     lines: Sequence[Series],
 ) -> _Box | None:
-    """Return the first place beside a mark where a label covers no other one and no curve.
+    """Return the first place beside a mark where a label covers no other one and no curve, if any.
 
-    None if there is none.
-
-    Parameters
-    ----------
-    share, wide : float
-        The mark and the width of the label, as shares of the panel's width.
-    top : float
-        Of the first row, as a share of the panel's height.
-    right : bool
-        The side that is tried first.
-    taken : sequence of _Box
-        Of other labels.
-    lines : sequence of ndarray
-        From :func:`_curves_of`.
+    The mark at `share` and the width of the label are shares of the panel's width, the `top` of
+    the first row is one of its height. The side that is tried first is `right`; places of other
+    labels are `taken`, and `lines` are the curves from :func:`_curves_of`.
     """
     sides = [right, not right] if wide <= share <= 1 - wide else [right]
     tried = [
@@ -451,10 +444,8 @@ def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
         return [[curve] for curves in panels for curve in curves]
     if len({curve.number for curve in panels[0]}) == 1:
         return [list(curves) for curves in panels]
-    label, colour = (
-        getattr(detector_named(panels[0][0].detector), name) for name in ("label", "colour")
-    )
-    return [[replace(each, name=label, colour=colour, dash="-")] for each in panels[0]]
+    shown = detector_named(panels[0][0].detector)
+    return [[replace(each, name=shown.label, colour=shown.colour, dash="-")] for each in panels[0]]
 
 
 def _names(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
@@ -480,8 +471,7 @@ def _draw_multiples(
         shared = scale != "raw" and len(set(scales)) == 1
         truths = [usable_truth(curves[0].result) for curves in panels]
         one_time = _of_like_length(panels)
-        grid = figure.subplots(rows, columns, squeeze=False, sharex=one_time, sharey=shared).ravel()
-        axes, free = list(grid[: len(panels)]), grid[len(panels) :]
+        axes = panel_grid(figure, len(panels), columns, sharex=one_time, sharey=shared)
         several = len({curves[0].number for curves in panels}) > 1
         notes: dict[str, None] = {}
         top = 0.0
@@ -501,10 +491,6 @@ def _draw_multiples(
             if own == "threshold":
                 log_axis(panel, top)
             _mark([panel], curves, options, truth)
-        for panel in free:
-            panel.set_visible(False)
-        for panel in axes[-columns:]:  # also above an empty place
-            panel.tick_params(labelbottom=True)
         legend = panels if several else []
         title = options.title or ("" if several else panels[0][0].result.title)
         shown_notes = [note for note in notes if "above the panel" not in note]
@@ -574,12 +560,13 @@ def _draw_heat(
     with styled_figure(PAGE, height) as figure:
         axes = list(figure.subplots(1, len(detectors), squeeze=False, sharey=True)[0])
         for panel, detector in zip(axes, detectors, strict=True):
-            _draw_rows(panel, [row.get(detector) for row in rows], options, scale)
+            _draw_rows(figure, panel, [row.get(detector) for row in rows], options, scale)
             panel.set_title(detector_named(detector).label)
             panel.set_xlabel(options.time_label)
         step = -(-len(names) // _MOST_NAMES)
         shown = range(0, len(names), step)
-        axes[0].set_yticks(shown, [in_two_lines(names[at]) for at in shown])
+        lines = [wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two at most
+        axes[0].set_yticks(shown, [lines[at] for at in shown])
         axes[0].tick_params(axis="y", labelsize=6, length=0)
         for label in axes[0].get_yticklabels():
             if "\n" in label.get_text():
@@ -592,7 +579,11 @@ def _draw_heat(
 
 
 def _draw_rows(
-    axes: Axes, curves: Sequence[Curve | None], options: CurveOptions, scale: str
+    figure: Figure,
+    axes: Axes,
+    curves: Sequence[Curve | None],
+    options: CurveOptions,
+    scale: str,
 ) -> None:
     known = [curve for curve in curves if curve is not None]
     times = [curve.time for curve in known]
@@ -605,8 +596,8 @@ def _draw_rows(
             for start, duration in curve.alarms():
                 axes.plot([start, start + duration], [row + 0.36] * 2, color=_ALARM, lw=1.6,
                           solid_capstyle="butt")  # fmt: skip
-    bounds = (FLOOR, 100.0) if scale == "threshold" else None
-    norm = norm_of(values, bounds)
+    thresholded = scale == "threshold"
+    norm = LogNorm(FLOOR, 100, clip=True) if thresholded else norm_of(values)
     image = axes.imshow(
         values, aspect="auto", cmap=SHADES, norm=norm, interpolation="nearest",
         extent=(begin, end, len(curves) - 0.5, -0.5),
@@ -614,11 +605,10 @@ def _draw_rows(
     axes.set_xlim(begin, end)
     if options.align:
         axes.axvline(0, color="white", lw=0.7, linestyle=(0, (4, 2)))
-    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", pad=0.02, aspect=30)
-    bar.outline.set_linewidth(0.5)
-    if bounds:
+    label = f"{_value_label(scale, known[0])}\nline in a row: alarm on"
+    bar = colour_bar(figure, image, axes, label, orientation="horizontal", pad=0.02, aspect=30)
+    if thresholded:
         bar.set_ticks([0.01, 0.1, 1, 10, 100], labels=["≤0.01", "0.1", "1", "10", "≥100"])
-    bar.set_label(f"{_value_label(scale, known[0])}\nline in a row: alarm on")
 
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:

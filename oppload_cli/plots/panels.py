@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; responses below it are drawn at it
-HEADROOM = 1.25  # over the peak
-BAR, BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
+_HEADROOM = 1.25  # over the peak
+_BAR, BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
 NOT_DOTTED = "no dotted line: threshold above the panel"
-UNCOUNTED = "above the threshold without an alarm: start, cut, flash, after rest, too short"
+_UNCOUNTED = "above the threshold without an alarm: start, cut, flash, after rest, too short"
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class CurveOptions:
     def bars_of(self, curves: Sequence[Curve]) -> dict[Curve, float]:
         """Return the height of the bar of each curve with an alarm, as a share of its panel."""
         alarming = [curve for curve in curves if self.bars and curve.alarms()]
-        return {curve: BAR - BAR_STEP * order for order, curve in enumerate(alarming)}
+        return {curve: _BAR - BAR_STEP * order for order, curve in enumerate(alarming)}
 
     def scale_of(self, curves: Sequence[Curve]) -> str:
         """Return the scale of a panel: over the peak where a curve has no threshold."""
@@ -84,28 +84,14 @@ class CurveOptions:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The responses of a detector in one of the results, as a line of a panel.
-
-    Attributes
-    ----------
-    result : Result
-        The result.
-    number : int
-        Of the result, in the order in which the results were given.
-    detector, name, colour : str
-        The detector, the curve's name in a legend, and its colour.
-    zero_s : float
-        The time that is 0 on the axis.
-    dash : object
-        Of the line.
-    """
+    """The responses of a detector in one of the results, as a line of a panel."""
 
     result: BaseResult
-    number: int
+    number: int  # of the result, in the order in which the results were given
     detector: str
-    name: str
+    name: str  # in the legend
     colour: str
-    zero_s: float = 0.0
+    zero_s: float = 0.0  # the time that is 0 on the axis
     dash: object = "-"
 
     @property
@@ -164,31 +150,24 @@ def panels_of(
         result.need([f"{name}_response" for name in options.models])
     detectors = [options.models or result.models for result in results]
     labels = labels_of(results, options.labels)
-    zeros = [0.0] * len(results)
-    if options.align:
-        zeros = [_contact(results, options, truths, at) for at in range(len(results))]
-    order = in_number_order(labels)
+    groups = []
+    for at in in_number_order(labels):
+        zero_s = _contact(results, options, truths, at) if options.align else 0.0
+        shown = [detector_named(name) for name in detectors[at]]
+        groups.append(
+            [Curve(results[at], at, each.name, each.label, each.colour, zero_s) for each in shown]
+        )
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
-        name = detectors[0][0]
-        looks = looks_of([name] * len(order))
+        curves = [curve for group in groups for curve in group]
+        looks = looks_of([curve.detector for curve in curves])
         return [
             [
-                Curve(
-                    results[at], at, name, labels[at], look["color"], zeros[at], look["linestyle"]
+                replace(
+                    each, name=labels[each.number], colour=look["color"], dash=look["linestyle"]
                 )
-                for at, look in zip(order, looks, strict=True)
+                for each, look in zip(curves, looks, strict=True)
             ]
         ]
-    groups = [
-        [
-            Curve(
-                results[at], at, name, detector_named(name).label, detector_named(name).colour,
-                zeros[at],
-            )
-            for name in detectors[at]
-        ]
-        for at in order
-    ]  # fmt: skip
     if options.scale == "raw":
         return [[curve] for group in groups for curve in group]
     return groups
@@ -253,7 +232,7 @@ def draw_curves(
             axes.axhline(1, color=INK, lw=0.9)
         log_axis(axes, max(10.0, 3 * largest) * 10 ** (4 * bars_height))
     elif largest > 0:
-        axes.set_ylim(-0.03 * largest, HEADROOM * largest * (1 + bars_height))
+        axes.set_ylim(-0.03 * largest, _HEADROOM * largest * (1 + bars_height))
         if scale == "peak":
             axes.set_yticks([0, 0.5, 1])
     return list(dict.fromkeys(notes))
@@ -265,7 +244,7 @@ def _alarm_notes(curves: Sequence[Curve], options: CurveOptions) -> list[str]:
         notes.append("bar at the top: alarm on" if options.bars else "shaded: alarm on")
     silent = [curve for curve in curves if not curve.alarms() and curve.threshold is not None]
     if any(np.nanmax(curve.scaled("threshold"), initial=0) > 1 for curve in silent):
-        notes.append(UNCOUNTED)
+        notes.append(_UNCOUNTED)
     return notes
 
 
@@ -322,7 +301,7 @@ def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
     if peak <= 0:
         return [f"threshold of {label} above the panel: no response"]
     over = peak if scale == "peak" else 1.0
-    shown = np.where(threshold > HEADROOM * peak, np.nan, threshold) / over
+    shown = np.where(threshold > _HEADROOM * peak, np.nan, threshold) / over
     if not np.isfinite(shown).any():
         times = float(np.nanmin(threshold)) / peak
         return [f"threshold of {label} above the panel: {times:.3g} times the peak or more"]
@@ -330,7 +309,7 @@ def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
         curve.time, shown, color=curve.colour, lw=0.8, linestyle=(0, (1, 1)), drawstyle="steps-mid"
     )
     notes = ["dotted: threshold of the alarm"]
-    return [*notes, NOT_DOTTED] if (threshold > HEADROOM * peak).any() else notes
+    return [*notes, NOT_DOTTED] if (threshold > _HEADROOM * peak).any() else notes
 
 
 def log_axis(axes: Axes, top: float) -> None:

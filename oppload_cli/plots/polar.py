@@ -20,11 +20,13 @@ from oppload_cli.plots.style import (
     MOST_HEIGHT,
     PAGE,
     TITLE_WIDTH,
+    doubts_of,
     looks_of,
+    panel_grid,
     styled_figure,
     told_apart,
-    with_doubts,
     wrapped,
+    write_title,
 )
 from oppload_cli.reference import BAR_WIDTHS, bar_tuning
 from oppload_cli.results.reading import NOTHING
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
 
 _TURN = 2 * np.pi
+_POLAR = {"projection": "polar"}
 _NARROW = 30  # characters in a line above a small plot
 _MOST_CURVES = 6  # in one plot; more get a small plot each
 _LABEL_POINTS, _LINE_POINTS = 28, 10  # from the circle down to below the label, or its first line
@@ -58,10 +61,8 @@ class _Selectivity:
 
     Attributes
     ----------
-    peak : float
-        Largest response.
-    preferred_deg : float
-        Direction of the largest response.
+    peak, preferred_deg : float
+        Largest response, and its direction.
     direction_index : float or None
         (R_p - R_o) / (R_p + R_o), with R_o the response to the opposite direction; None if
         that direction was not shown or nothing responded.
@@ -110,17 +111,10 @@ def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
 
 
 def full_circle(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
-    """Repeat a half circle of directions half a turn on.
+    """Repeat a half circle of directions half a turn on, where that gives the same stimulus.
 
-    Parameters
-    ----------
-    angles_deg, responses : ndarray, shape (n,)
-        Of a stimulus that half a turn does not change.
-
-    Returns
-    -------
-    angles_deg, responses : ndarray
-        Each direction once, in rising order, 0 to 360.
+    Takes and returns directions and responses, one-dimensional; the returned directions are
+    there once each, in rising order from 0 to 360.
     """
     angles = np.concatenate([angles_deg, angles_deg + 180])
     return _in_order(angles, np.concatenate([responses, responses]))
@@ -134,34 +128,16 @@ def _in_order(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
 
 @dataclass(frozen=True)
 class DirectionTuning:
-    """One closed or open curve of a polar plot.
+    """One closed or open curve of a polar plot."""
 
-    Attributes
-    ----------
-    name : str
-        For the legend.
-    angles_deg, responses : ndarray, shape (n,)
-        In rising order of angle.
-    unit : str
-        Of the responses.
-    look : dict
-        Line properties of matplotlib.
-    symmetric : bool
-        Whether half a turn gives the same stimulus, so that half of the curve is a copy.
-    angle : str
-        Label of the angles.
-    doubts : str
-        Why the curve means little, a reason in a line, each after a line break.
-    """
-
-    name: str
-    angles_deg: NDArray[np.float64]
-    responses: NDArray[np.float64]
-    unit: str
-    look: dict[str, Any]
-    symmetric: bool = False
+    name: str  # for the legend
+    angles_deg: Series  # rising
+    responses: Series
+    unit: str  # of the responses
+    look: dict[str, Any]  # line properties of matplotlib
+    symmetric: bool = False  # half a turn gives the same stimulus: half of the curve is a copy
     angle: str = _MOTION
-    doubts: str = ""
+    doubts: str = ""  # why the curve means little, each reason after a line break
 
     @property
     def numbers(self) -> _Selectivity:
@@ -203,19 +179,15 @@ def direction_tunings(
     lplc2: str = "auto",
     labels: Sequence[str] = (),
 ) -> list[DirectionTuning]:
-    """Collect the curves of a polar plot.
+    """Return the curves of a polar plot of tables over a direction.
 
     Parameters
     ----------
-    tunings : sequence of Tuning
-        Tables over a direction.
-    detectors : sequence of str
-        The detectors to draw; none for all.
+    tunings, detectors, labels
+        As for :func:`oppload_cli.plot_tuning`.
     lplc2 : str
-        Width of the bar whose LPLC2 tuning is overlaid, ``10`` or ``60``; ``none``; or
+        Width of the bar whose LPLC2 tuning is added, ``10`` or ``60``; ``none``; or
         ``auto``: the width in the stimulus's name, unless the bar was changed.
-    labels : sequence of str
-        Names of the tables; else what differs between them.
 
     Raises
     ------
@@ -263,13 +235,17 @@ def _of_detector(
     if isinstance(preset, str) and values.max() < NOTHING * alarm_floor_of(detector, preset):
         values = np.zeros_like(values)
     angles, values = (full_circle if tuning.symmetric else _in_order)(angles, values)
-    label = detector_named(detector).label
-    name = f"{label}, {table}" if table else label
-    look = {**look, "marker": "o", "markersize": 2.2}
-    unit = detector_named(detector).unit
-    angle = _TURNED if direction == _SCENE else _MOTION
-    doubts = with_doubts("", tuning, detector)
-    return DirectionTuning(name, angles, values, unit, look, tuning.symmetric, angle, doubts)
+    shown = detector_named(detector)
+    return DirectionTuning(
+        f"{shown.label}, {table}" if table else shown.label,
+        angles,
+        values,
+        shown.unit,
+        {**look, "marker": "o", "markersize": 2.2},
+        tuning.symmetric,
+        _TURNED if direction == _SCENE else _MOTION,
+        doubts_of(tuning, detector),
+    )
 
 
 def _bar_width(tunings: Sequence[Tuning]) -> int | None:
@@ -279,11 +255,10 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
     """
     if any(tuning.direction == _SCENE for tuning in tunings):
         return None
-    found = {re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings}
-    widths = {int(match[1]) if match else None for match in found}
-    width = widths.pop() if len(widths) == 1 else None
-    unchanged = all(map(_as_published, tunings))
-    return width if width in BAR_WIDTHS and unchanged else None
+    found = [re.search(r"bar-(?:expand-)?(\d+)$", tuning.name) for tuning in tunings]
+    width, *others = {int(match[1]) if match else 0 for match in found}
+    known = width in BAR_WIDTHS and not others
+    return width if known and all(map(_as_published, tunings)) else None
 
 
 def _as_published(tuning: Tuning) -> bool:
@@ -314,17 +289,9 @@ def names_of(tunings: Sequence[Tuning], labels: Sequence[str] = ()) -> list[str]
 def plot_polar(
     curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = ""
 ) -> tuple[Figure, list[Axes]]:
-    """Draw tuning over direction.
+    """Draw tuning over direction: all curves in one plot over their peaks.
 
-    Parameters
-    ----------
-    curves : sequence of DirectionTuning
-        At least one.
-    raw : bool
-        Whether each curve gets a plot in its own unit, instead of all in one over their peaks.
-        More than six curves get a small plot each in any case.
-    title : str
-        Of the figure.
+    If `raw`, each curve gets a plot in its own unit; more than six get a small plot each anyway.
     """
     if len(curves) > _MOST_CURVES:
         return _draw_multiples(curves, raw=raw, title=title)
@@ -337,16 +304,10 @@ def plot_polar(
     most = rows * max(lines) if raw else sum(lines)
     height = 0.1 + 0.25 * bool(title) + rows * (0.9 * width / columns + 0.45) + 0.14 * most
     with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
-        grid = figure.subplots(
-            rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
-        ).ravel()
-        axes = list(grid[: len(groups)])
+        axes: list[Any] = panel_grid(figure, len(groups), columns, subplot_kw=_POLAR)
         for panel, group in zip(axes, groups, strict=True):
             draw_polar(panel, group, raw=raw, across=across)
-        for panel in grid[len(groups) :]:
-            panel.set_visible(False)
-        if title:
-            figure.suptitle(wrapped(title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        write_title(figure, title)
         spread(figure)
     return figure, axes
 
@@ -358,10 +319,7 @@ def _draw_multiples(
     columns = 4
     rows = -(-len(curves) // columns)
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.4 + 2.1 * rows)) as figure:
-        grid = figure.subplots(
-            rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
-        ).ravel()
-        axes = list(grid[: len(curves)])
+        axes: list[Any] = panel_grid(figure, len(curves), columns, subplot_kw=_POLAR)
         for panel, curve in zip(axes, curves, strict=True):
             draw_polar(panel, [curve], raw=raw)
             panel.get_legend().remove()
@@ -370,10 +328,7 @@ def _draw_multiples(
             panel.tick_params(labelsize=5)
             name = f"{curve.name}\n{curve.about}{curve.doubts}"
             panel.set_title(wrapped(name, _NARROW), fontsize=6.8, pad=3)
-        for panel in grid[len(curves) :]:
-            panel.set_visible(False)
-        if title:
-            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        write_title(figure, title, 2 * TITLE_WIDTH)
         radius = "response" if raw else "response / peak"
         figure.supxlabel(
             f"radius: {radius}; angle: {_angle_of(curves)}, to the right: 0°", fontsize=7.5

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import contextmanager
 from functools import cache
-from itertools import takewhile
+from itertools import cycle, takewhile
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
 import numpy as np
@@ -29,11 +29,13 @@ from oppload_cli.schema import Parameter, Table
 from oppload_cli.stimulus import Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
     from contextlib import AbstractContextManager
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colorbar import Colorbar
     from numpy.typing import NDArray
 
     from oppload_cli.results.reading import BaseResult, Tuning
@@ -45,7 +47,7 @@ INK, FAINT = palette.INK, palette.FAINT
 GREY = "#666666"  # of what is read last
 CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
-_FEW = 4  # detectors whose colours suffice
+FEW = 4  # detectors that have room in one column, and whose colours suffice
 SHADES = "cividis"
 LPLC2 = "#000000"
 COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
@@ -93,20 +95,45 @@ def _style() -> AbstractContextManager[None]:
 
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
-    """Open an empty figure to draw on, with the style in effect.
+    """Open an empty figure of a size in inches, with the style in effect; it needs no display."""
+    with _style():
+        yield Figure(figsize=(width, height), layout="constrained")
+
+
+def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
+    """Divide a figure into rows of panels; places that are not needed stay empty.
 
     Parameters
     ----------
-    width, height : float
-        In inches.
-
-    Yields
-    ------
-    matplotlib.figure.Figure
-        The figure; it needs no display.
+    figure : matplotlib.figure.Figure
+        The figure.
+    count, columns : int
+        Panels, and those in a row.
+    **options
+        As for ``Figure.subplots``.
     """
-    with _style():
-        yield Figure(figsize=(width, height), layout="constrained")
+    grid = figure.subplots(-(-count // columns), columns, squeeze=False, **options).ravel()
+    for free in grid[count:]:
+        free.set_visible(False)
+    for panel in grid[:count][-columns:]:  # also above an empty place
+        panel.tick_params(labelbottom=True)
+    return list(grid[:count])
+
+
+def write_title(figure: Figure, title: str | None, width: int = TITLE_WIDTH) -> None:
+    """Write the title of a figure, if it has one, in lines of so many characters."""
+    if title:
+        figure.suptitle(wrapped(title, width), fontsize=8, x=0.02, ha="left")
+
+
+def colour_bar(
+    figure: Figure, image: ScalarMappable, axes: Axes | Sequence[Axes], label: str, **options: Any
+) -> Colorbar:
+    """Draw the scale of a heat map at its panels; options are those of ``Figure.colorbar``."""
+    bar = figure.colorbar(image, ax=axes, **options)
+    bar.set_label(label)
+    bar.outline.set_linewidth(0.5)
+    return bar
 
 
 def as_list(results: T | Sequence[T]) -> list[T]:
@@ -115,53 +142,36 @@ def as_list(results: T | Sequence[T]) -> list[T]:
 
 
 def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the colour and the dashes of each curve of a figure.
+    """Return the colour and the dashes of each curve of a figure, as matplotlib names them.
+
+    Each detector has its own colour, and in a figure of more than four its own dashes too. Where
+    a detector has several curves, colours come in turn: no two of up to 28 curves look alike.
 
     Parameters
     ----------
     detectors : sequence of str
         The detector of each curve.
-
-    Returns
-    -------
-    list of dict
-        Line properties of matplotlib: each detector's own colour, and its own dashes too in a
-        figure of more than four; or, where a detector has several curves, colours in turn, so
-        that no two of up to 28 curves look alike.
     """
     if len(set(detectors)) == len(detectors):
         known = known_names()
-        dashes = DASHES if len(detectors) > _FEW else DASHES[:1]
-        return [
-            {
-                "color": detector_named(name).colour,
-                "linestyle": dashes[known.index(name) % len(dashes)],
-            }
+        dashes = DASHES if len(detectors) > FEW else DASHES[:1]
+        looks = [
+            (detector_named(name).colour, dashes[known.index(name) % len(dashes)])
             for name in detectors
         ]
-    count = len(CYCLE)
+    else:
+        looks = [(colour, dash) for dash in DASHES for colour in CYCLE]
     return [
-        {"color": CYCLE[number % count], "linestyle": DASHES[number // count % len(DASHES)]}
-        for number in range(len(detectors))
+        {"color": colour, "linestyle": dash}
+        for _, (colour, dash) in zip(detectors, cycle(looks), strict=False)
     ]
 
 
-def with_doubts(label: str, tuning: Tuning, detector: str) -> str:
-    """Return a label and, in lines of their own, why the detector's curve means little.
-
-    Parameters
-    ----------
-    label : str
-        Of the curve or the panel.
-    tuning : Tuning
-        Its sidecar has the notes that ``oppload tune`` made.
-    detector : str
-        The curve's.
-    """
+def doubts_of(tuning: Tuning, detector: str) -> str:
+    """Return why a curve means little, as ``oppload tune`` noted it: lines to add to a label."""
     held = tuning.sidecar.get("doubts")
     doubts = [each for each in held if isinstance(each, dict)] if isinstance(held, list) else []
-    notes = [str(each.get("note")) for each in doubts if each.get("model") == detector]
-    return "\n".join([label, *notes])
+    return "".join(f"\n{each.get('note')}" for each in doubts if each.get("model") == detector)
 
 
 def begin_at_zero(axes: Axes) -> None:
@@ -172,16 +182,9 @@ def begin_at_zero(axes: Axes) -> None:
 
 
 def edges_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the edges of the cells of a map around rising places: half-way between them.
+    """Return the n + 1 edges of the cells around n rising places: half-way between them.
 
-    Parameters
-    ----------
-    places : ndarray, shape (n,)
-        At least one; a single one has a cell of width 1.
-
-    Returns
-    -------
-    ndarray, shape (n + 1,)
+    A single place has a cell of width 1.
     """
     if len(places) == 1:
         return np.array([places[0] - 0.5, places[0] + 0.5])
@@ -190,19 +193,12 @@ def edges_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate(([ends[0]], middle, [ends[1]]))
 
 
-def norm_of(values: NDArray[np.float64], bounds: tuple[float, float] | None = None) -> Normalize:
-    """Return the scale of a heat map: logarithmic where the values are of several decades.
+def norm_of(values: NDArray[np.float64]) -> Normalize:
+    """Return the scale of a heat map of values from 0: logarithmic where they span decades.
 
-    Parameters
-    ----------
-    values : ndarray
-        At least 0; NaN is blank.
-    bounds : tuple of float, optional
-        Of a logarithmic scale; else it ends at the largest value, and begins at the smallest,
-        but not more than four decades below.
+    A logarithmic one begins at the smallest value, but not more than four decades below the
+    largest.
     """
-    if bounds:
-        return LogNorm(*bounds, clip=True)
     above = values[np.isfinite(values) & (values > 0)]
     largest = float(above.max(initial=0)) or 1.0
     smallest = max(float(above.min(initial=largest)), largest * 10.0**-DECADES)
@@ -212,41 +208,25 @@ def norm_of(values: NDArray[np.float64], bounds: tuple[float, float] | None = No
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Save a figure; the suffix chooses the format.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    path : Path
-        Ends in ``.png``, ``.svg`` or ``.pdf``.
+    """Save a figure; the suffix of the path chooses the format, as for :func:`check_suffix`.
 
     Raises
     ------
     ParameterError
-        If the suffix is none of these.
+        If the suffix is none of the formats'.
     OutputError
         If the file cannot be written.
     """
     check_suffix(path)
-    write_atomic(path, [_image(figure, path.suffix.lower())])
+    write_atomic(path, [image_bytes(figure, path.suffix.lower().removeprefix("."))])
 
 
-def png_bytes(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as PNG with a number of pixels per inch."""
-    return _image(figure, ".png", dpi=dpi)
-
-
-def image_bytes(figure: Figure, form: str) -> bytes:
-    """Return a figure as ``png``, ``svg`` or ``pdf``."""
-    return _image(figure, f".{form}")
-
-
-def _image(figure: Figure, suffix: str, **options: Any) -> bytes:
+def image_bytes(figure: Figure, form: str, dpi: float | None = None) -> bytes:
+    """Return a figure as ``png``, ``svg`` or ``pdf``, with a number of pixels per inch."""
     image = io.BytesIO()
     with _style(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", r"Glyph .* missing from")  # a box is drawn for it
-        figure.savefig(image, format=suffix[1:], metadata=METADATA[suffix], **options)
+        figure.savefig(image, format=form, metadata=METADATA[f".{form}"], dpi=dpi)
     return image.getvalue()
 
 
@@ -263,52 +243,28 @@ def check_suffix(path: Path) -> None:
 
 
 def labels_of(results: Sequence[BaseResult], given: Sequence[str] = ()) -> list[str]:
-    """Return a short name for each result.
-
-    Parameters
-    ----------
-    results : sequence of Result
-        At least one.
-    given : sequence of str
-        The user's names; then there must be one for each result.
-
-    Returns
-    -------
-    list of str
-        What differs between the inputs' names, such as ``l/v 10`` and ``l/v 20``; of results of
-        the same input what differs between their presets or parameters, or else their paths.
+    """Return the names that the user gave to results, or what differs between the results.
 
     Raises
     ------
     ParameterError
-        If there are labels, but not one for each result.
+        If names are given, but not one for each result.
     """
-    if given:
-        if len(given) != len(results):
-            raise ParameterError(
-                f"{len(given)} label{'s' * (len(given) > 1)} for {len(results)} "
-                f"result{'s' * (len(results) > 1)}; "
-                "give one for each, or none"
-            )
-        return [_plain(label) for label in given]
-    return [_plain(name) for name in told_apart([each.title for each in results], results)]
+    if given and len(given) != len(results):
+        raise ParameterError(
+            f"{len(given)} label{'s' * (len(given) > 1)} for {len(results)} "
+            f"result{'s' * (len(results) > 1)}; "
+            "give one for each, or none"
+        )
+    names = given or told_apart([each.title for each in results], results)
+    return [_plain(name) for name in names]
 
 
 def told_apart(names: Sequence[str], read: Sequence[BaseResult | Tuning]) -> list[str]:
-    """Return what differs between results or tuning tables.
+    """Return what differs between results or tuning tables, a text for each.
 
-    Parameters
-    ----------
-    names : sequence of str
-        The name of the input or of the stimulus, for each.
-    read : sequence of BaseResult or Tuning
-        As many.
-
-    Returns
-    -------
-    list of str
-        What differs between the names; where two are equal, the presets or the parameters that
-        differ, or else the paths.
+    That is what differs between the names of their inputs or stimuli, such as ``l/v 10`` and
+    ``l/v 20``; where two names are equal, their presets or parameters, or else their paths.
     """
     if len(read) == 1:
         return list(names)
@@ -343,10 +299,8 @@ def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:
     return [", ".join(f"{key} {table.get(key)}" for key in keys) for table in tables]
 
 
-def _flat(table: object, prefix: str = "") -> Iterable[tuple[str, Any]]:
-    if not isinstance(table, dict):
-        return
-    for key, value in table.items():
+def _flat(table: object, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items() if isinstance(table, dict) else ():
         if isinstance(value, dict):
             yield from _flat(value, f"{prefix}{key}.")
         else:
@@ -384,13 +338,9 @@ def in_number_order(labels: Sequence[str]) -> list[int]:
     others stay in the order in which they were given.
     """
     texts = [_NUMBER.sub("", label) for label in labels]
-    first: dict[str, int] = {}
-    for at, text in enumerate(texts):
-        first.setdefault(text, at)
 
-    def key(at: int) -> tuple[int, list[float], int]:
-        numbers = [float(number) for number in _NUMBER.findall(labels[at])]
-        return first[texts[at]], numbers, at
+    def key(at: int) -> tuple[int, list[float]]:
+        return texts.index(texts[at]), [float(number) for number in _NUMBER.findall(labels[at])]
 
     return sorted(range(len(labels)), key=key)
 
@@ -402,11 +352,6 @@ def wrapped(text: str, width: int) -> str:
     return _plain("\n".join(each for line in lines for each in line).replace("\xa0", " "))
 
 
-def in_two_lines(name: str) -> str:
-    """Return a name in two lines of like length, if it is longer than 36 characters."""
-    return wrapped(name, max(36, len(name) // 2 + 8))
-
-
 def _plain(text: str) -> str:
     """Return a text that a figure shows as it is: no formula, and every character can be drawn."""
     lines = (printable(line) for line in text.split("\n"))
@@ -414,13 +359,7 @@ def _plain(text: str) -> str:
 
 
 def described(parameter: str) -> str:
-    """Return the label of an axis over a swept parameter, with its unit.
-
-    Parameters
-    ----------
-    parameter : str
-        A dotted key: ``disk.growth.speed_deg_s`` gives ``speed (deg/s)``.
-    """
+    """Return the label of an axis over a parameter: ``speed (deg/s)`` of ``disk.speed_deg_s``."""
     *_, owner, leaf = ("", *parameter.split("."))
     if leaf in {"right", "up"}:  # of a place, which is in degrees
         return f"{leaf} (deg)"

@@ -10,14 +10,14 @@ import numpy as np
 from matplotlib.colors import LogNorm
 
 from oppload_cli.errors import ParameterError, ResultError
-from oppload_cli.models.registry import detector_named
-from oppload_cli.plots.classic import FEW, FIGURES, Request, legend_above
+from oppload_cli.plots.classic import FIGURES, Request, TuningCurve, legend_above
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
 from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
     DECADES,
     FAINT,
+    FEW,
     GREY,
     LEGEND_WIDTH,
     MOST_HEIGHT,
@@ -26,14 +26,15 @@ from oppload_cli.plots.style import (
     TITLE_WIDTH,
     as_list,
     begin_at_zero,
+    colour_bar,
     described,
     edges_of,
     indicator_of,
-    looks_of,
     norm_of,
+    panel_grid,
     styled_figure,
-    with_doubts,
     wrapped,
+    write_title,
 )
 from oppload_cli.results.reading import check_numbers
 
@@ -56,9 +57,7 @@ _IN_A_ROW = 4  # small panels
 _MOST_LINES = 6  # in one panel; more get a small panel each
 _SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # in an inch, and inches, of the line at the foot
 _MOST_TICKS = 24  # along a heat map
-_TUNING_SCALES = ("peak", "raw")
-_CLASSIC = {"contact": plot_contact, **FIGURES}
-KINDS = ("polar", "line", "heat", *_CLASSIC)
+KINDS = ("polar", "line", "heat", "contact", *FIGURES)
 
 
 def plot_tuning(
@@ -103,7 +102,7 @@ def plot_tuning(
     Raises
     ------
     ParameterError
-        If there is no such scale.
+        If there is no such kind or scale.
     ResultError
         If the tables do not suit the kind.
 
@@ -119,33 +118,13 @@ def plot_tuning(
     """
     tunings = as_list(tunings)
     names = names_of(tunings, labels)
-    lines = _settings_lines(tunings, names)
-    figure, axes = _plotted(
-        tunings, kind, models=models, scale=scale, lplc2=lplc2, published=published, title=title,
-        labels=labels,
-    )  # fmt: skip
-    _write_below(figure, lines)
-    return figure, axes
-
-
-def _plotted(
-    tunings: Sequence[Tuning],
-    kind: str | None,
-    *,
-    models: Sequence[str],
-    scale: str,
-    lplc2: str,
-    published: bool,
-    title: str | None,
-    labels: Sequence[str],
-) -> tuple[Figure, list[Axes]]:
-    """Draw what :func:`plot_tuning` draws, without the settings."""
-    if scale not in _TUNING_SCALES:
+    if scale not in {"peak", "raw"}:
         raise ParameterError(
             f"a table of peaks is drawn over its largest peak or raw, not --scale {scale}"
         )
-    first, raw = tunings[0], scale == "raw"
-    kind = kind or kind_of(first)
+    kind = kind or kind_of(tunings[0])
+    if kind not in KINDS:
+        raise ParameterError(f"no kind '{kind}' of a tuning plot; choose {', '.join(KINDS)}")
     for each in tunings:
         if len(each.rows[list(each.parameters)].drop_duplicates()) < 2:
             raise ResultError(
@@ -153,27 +132,20 @@ def _plotted(
                 "more values"
             )
     title = _title(tunings) if title is None else title
-    names = names_of(tunings, labels)
-    if kind in {"polar", "line"}:
-        tunings = [_reduced(each) for each in tunings]
+    shown = [_reduced(each) for each in tunings] if kind in {"polar", "line"} else tunings
     if kind == "polar":
-        curves = direction_tunings(tunings, models, lplc2, names)
-        return plot_polar(curves, raw=raw, title=title)
-    if kind in _CLASSIC:
-        return _CLASSIC[kind](Request(tunings, models, names, title, published))
-    if kind == "line":
-        return _plot_line(tunings, models, names, raw=raw, title=title)
-    if len(tunings) > 1:
-        raise ResultError(f"{tunings[1].path}: a heat map shows one table; plot them separately")
-    return _plot_heat(first, models, title)
+        curves = direction_tunings(shown, models, lplc2, names)
+        figure, axes = plot_polar(curves, raw=scale == "raw", title=title)
+    else:
+        plots = {"line": _plot_line, "heat": _plot_heat, "contact": plot_contact, **FIGURES}
+        request = Request(shown, models, names, title, published, scale == "raw")
+        figure, axes = plots[kind](request)
+    _write_below(figure, _settings_lines(tunings, names))
+    return figure, axes
 
 
 def kind_of(tuning: Tuning) -> str:
-    """Return the kind of plot that suits a table.
-
-    A table made for a classic figure has the kind of that figure; others ``heat``, ``polar`` or
-    ``line``.
-    """
+    """Return the kind of plot that suits a table: that of the figure it was made for, if any."""
     made_for = _figure(tuning).get("kind")
     reduced = _reduced(tuning)
     single_row = len(reduced.parameters) == 1 < len(tuning.parameters)
@@ -213,7 +185,7 @@ def lines_of(
         tunings = [_reduced(each) for each in tunings]
         return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
     if kind == "contact":
-        return contact_lines(Request(tunings, models, names_of(tunings, labels), "", False))
+        return contact_lines(Request(tunings, models, names_of(tunings, labels)))
     return []
 
 
@@ -239,8 +211,7 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
         largest = float(peaks.max())
         least = float(peaks.min()) / largest if largest > 0 else None
         made[name] = {"largest_peak": largest, "least_over_largest": least}
-        fit = fit_of(tuning, name) if kind == "contact" else None
-        if fit is not None:
+        if kind == "contact" and (fit := fit_of(tuning, name)):
             made[name] |= {
                 "slope": fit.slope,
                 "slope_error": fit.slope_error,
@@ -249,10 +220,8 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
                 "delay_s": fit.delay_s,
                 "delay_error_s": fit.delay_error_s,
             }
-    if kind == "polar":
-        for name, curve in zip(
-            tuning.models, direction_tunings([_reduced(tuning)], lplc2="none"), strict=True
-        ):
+        if kind == "polar":
+            (curve,) = direction_tunings([_reduced(tuning)], [name], "none")
             numbers = curve.numbers
             made[name] |= {
                 "preferred_deg": numbers.preferred_deg if numbers.peak > 0 else None,
@@ -317,57 +286,36 @@ def _write_below(figure: Figure, lines: Sequence[str]) -> None:
     )  # fmt: skip
 
 
-def _plot_line(
-    tunings: Sequence[Tuning],
-    detectors: Sequence[str],
-    tables: Sequence[str],
-    *,
-    raw: bool,
-    title: str,
-) -> tuple[Figure, list[Axes]]:
+def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak over one swept parameter; a panel for each detector if raw."""
+    tunings, raw, title = request.tunings, request.raw, request.title
     parameter = _parameter(tunings)
-    names = list(detectors) or list(dict.fromkeys(m for each in tunings for m in each.models))
+    names = list(request.models) or list(dict.fromkeys(m for each in tunings for m in each.models))
     for name in names:
         if all(tuning.of(name).empty for tuning in tunings):
             raise ResultError(
                 f"{tunings[0].path}: column 'model' never holds '{name}'; leave it out"
             )
-    groups = [[name] for name in names] if raw else [names]
-    if not raw and sum(len(tuning.of(name)) > 0 for tuning in tunings for name in names) > (
-        _MOST_LINES
-    ):
-        return _plot_small_lines(tunings, names, tables, parameter, title)
-    lines = sum(
-        1 + with_doubts("", tuning, name).count("\n") for tuning in tunings for name in names
-    )
+    curves = request._replace(models=names).curves()
+    if not raw and len(curves) > _MOST_LINES:
+        return _plot_small_lines(curves, parameter, title)
+    groups = [request._replace(models=[name]).curves() for name in names] if raw else [curves]
+    lines = len(tunings) * len(names) + sum(curve.doubts.count("\n") for curve in curves)
     many = not raw and len(names) > FEW
     height = 0.3 + len(groups) * 1.9 + lines * (0.09 if many else 0.13)
     with styled_figure(PAGE if many else COLUMN, min(MOST_HEIGHT, height)) as figure:
-        axes = figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0]
+        axes = list(figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0])
         for panel, group in zip(axes, groups, strict=True):
-            shown = [
-                (tuning, name, table)
-                for tuning, table in zip(tunings, tables, strict=True)
-                for name in group
-                if len(tuning.of(name))
-            ]
-            looks = looks_of([name for _, name, _ in shown])
-            for (tuning, name, table), look in zip(shown, looks, strict=True):
-                rows = tuning.of(name)
-                largest = float(rows["peak"].max())
-                detector = detector_named(name)
-                label = f"{detector.label}, largest peak {largest:.3g} ({detector.unit})"
-                label = f"{table}: " * (len(tunings) > 1) + label
-                share = rows["peak"] / (1.0 if raw or largest <= 0 else largest)
+            for curve in group:
+                largest = float(curve.peaks.max())
+                label = f"{curve.name}, largest peak {largest:.3g} ({curve.detector.unit})"
                 panel.plot(
-                    rows[parameter], share, marker="o", **_doubted(look, tuning, name),
-                    label=wrapped(with_doubts(label, tuning, name), LEGEND_WIDTH),
+                    curve.rows[parameter], curve.peaks / (1.0 if raw else largest or 1.0),
+                    marker="o", **_doubted(curve.look, curve),
+                    label=wrapped(label + curve.doubts, LEGEND_WIDTH),
                 )  # fmt: skip
-            unit = (
-                f"peak response ({detector_named(group[0]).unit})" if raw else "peak / largest peak"
-            )
-            panel.set_ylabel(unit)
+            unit = group[0].detector.unit
+            panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
             begin_at_zero(panel)
             if not many:
                 panel.legend(
@@ -376,47 +324,41 @@ def _plot_line(
         axes[-1].set_xlabel(described(parameter))
         if many:
             legend_above(figure, axes[0], title, 2)
-            return figure, list(axes)
-        lines = sum(each.count("\n") + 1 for each in axes[0].get_legend_handles_labels()[1])
-        axes[0].set_title(wrapped(title, TITLE_WIDTH), pad=6 + 10 * lines)
-    return figure, list(axes)
+        else:
+            labels = axes[0].get_legend_handles_labels()[1]
+            above = sum(each.count("\n") + 1 for each in labels)
+            axes[0].set_title(wrapped(title, TITLE_WIDTH), pad=6 + 10 * above)
+    return figure, axes
 
 
-def _doubted(look: dict[str, Any], tuning: Tuning, detector: str) -> dict[str, Any]:
+def _doubted(look: dict[str, Any], curve: TuningCurve) -> dict[str, Any]:
     """Return the look of a curve: thin and grey where it means little."""
-    if with_doubts("", tuning, detector):
+    if curve.doubts:
         return {**look, "color": FAINT, "lw": 0.7, "markersize": 2}
     return {**look, "markersize": 3}
 
 
 def _plot_small_lines(
-    tunings: Sequence[Tuning],
-    names: Sequence[str],
-    tables: Sequence[str],
-    parameter: str,
-    title: str,
+    curves: Sequence[TuningCurve], parameter: str, title: str
 ) -> tuple[Figure, list[Axes]]:
     """Draw a small panel for each of many curves, over its own peak."""
-    shown = [
-        (tuning, name, table)
-        for tuning, table in zip(tunings, tables, strict=True)
-        for name in names
-        if len(tuning.of(name))
-    ]
-    with _small_panels(len(shown), 1.5, title) as (figure, axes):
-        for panel, (tuning, name, table) in zip(axes, shown, strict=True):
-            curve, detector = tuning.of(name), detector_named(name)
-            largest = float(curve["peak"].max())
-            look = _doubted({"color": detector.colour}, tuning, name)
-            panel.plot(curve[parameter], curve["peak"] / (largest or 1.0), marker="o", **look)
-            label = f"{table}: " * (len(tunings) > 1) + detector.label
-            label = with_doubts(f"{label}\npeak {largest:.3g} ({detector.unit})", tuning, name)
-            panel.set_title(wrapped(label, _SMALL), fontsize=6, pad=2)
-            panel.tick_params(labelsize=6)
+    with _small_panels(len(curves), 1.5, title) as (figure, axes):
+        for panel, curve in zip(axes, curves, strict=True):
+            largest = float(curve.peaks.max())
+            look = _doubted({"color": curve.detector.colour}, curve)
+            panel.plot(curve.rows[parameter], curve.peaks / (largest or 1.0), marker="o", **look)
+            _name_small(panel, curve, largest)
             begin_at_zero(panel)
         figure.supxlabel(described(parameter), fontsize=7.5)
         figure.supylabel("peak / largest peak", fontsize=7.5)
     return figure, axes
+
+
+def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
+    """Write the title of a small panel."""
+    name = f"{curve.name}\npeak {largest:.3g} ({curve.detector.unit}){curve.doubts}"
+    panel.set_title(wrapped(name, _SMALL), fontsize=6, pad=2)
+    panel.tick_params(labelsize=6)
 
 
 @contextmanager
@@ -424,14 +366,8 @@ def _small_panels(count: int, height: float, title: str) -> Iterator[tuple[Figur
     """Give small panels in rows of four that share their axes, each so many inches high."""
     rows = -(-count // _IN_A_ROW)
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + height * rows)) as figure:
-        grid = figure.subplots(rows, _IN_A_ROW, squeeze=False, sharex=True, sharey=True).ravel()
-        yield figure, list(grid[:count])
-        for free in grid[count:]:
-            free.set_visible(False)
-        for panel in grid[:count][-_IN_A_ROW:]:  # also above an empty place
-            panel.tick_params(labelbottom=True)
-        if title:
-            figure.suptitle(wrapped(title, 2 * TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
+        yield figure, panel_grid(figure, count, _IN_A_ROW, sharex=True, sharey=True)
+        write_title(figure, title, 2 * TITLE_WIDTH)
 
 
 def _parameter(tunings: Sequence[Tuning]) -> str:
@@ -461,70 +397,60 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
     return parameter
 
 
-def _plot_heat(tuning: Tuning, detectors: Sequence[str], title: str) -> tuple[Figure, list[Axes]]:
+def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the peak over two swept parameters; a combination that was not shown is blank."""
+    curves = request.of_one_table("a heat map")
+    tuning = curves[0].tuning
     if len(tuning.parameters) != 2:
         raise ResultError(
             f"{tuning.path}: column{'s' * (len(tuning.parameters) > 1)} "
             f"{', '.join(tuning.parameters)} swept; a heat map needs two parameters"
         )
-    names = [name for name in tuning.models if name in (detectors or tuning.models)]
-    if not names:
-        raise ResultError(
-            f"{tuning.path}: column 'model' never holds '{detectors[0]}'; leave it out"
-        )
-    if len(names) > FEW:
-        return _plot_small_heats(tuning, names, title)
+    if len(curves) > FEW:
+        return _plot_small_heats(curves, request.title)
     columns, rows = (tuning.rows[name].nunique() for name in tuning.parameters)
     width = COLUMN if columns <= _NARROW else PAGE
-    height = 0.2 + len(names) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
+    height = 0.2 + len(curves) * (0.75 + min(2.4, max(0.9, 0.28 * rows)))
     with styled_figure(width, min(MOST_HEIGHT, height)) as figure:
-        axes = list(figure.subplots(len(names), 1, squeeze=False)[:, 0])
-        if title:
-            figure.suptitle(wrapped(title, TITLE_WIDTH), fontsize=8, x=0.02, ha="left")
-        norm = norm_of(np.concatenate([_shares(tuning, name)[0].ravel() for name in names]))
-        for panel, name in zip(axes, names, strict=True):
-            image = _draw_heat(panel, tuning, name, norm)
+        axes = list(figure.subplots(len(curves), 1, squeeze=False)[:, 0])
+        write_title(figure, request.title)
+        norm = norm_of(np.concatenate([_shares(curve)[0].ravel() for curve in curves]))
+        for panel, curve in zip(axes, curves, strict=True):
+            image = _draw_heat(panel, curve, norm)
             cut = np.nanmin(np.asarray(image.get_array())) < (image.norm.vmin or 0)
-            bar = figure.colorbar(image, ax=panel, pad=0.02, extend="min" if cut else "neither")
-            bar.set_label("peak / largest peak")
-            bar.outline.set_linewidth(0.5)
+            extend = "min" if cut else "neither"
+            colour_bar(figure, image, panel, "peak / largest peak", pad=0.02, extend=extend)
     return figure, axes
 
 
-def _plot_small_heats(
-    tuning: Tuning, names: Sequence[str], title: str
-) -> tuple[Figure, list[Axes]]:
+def _plot_small_heats(curves: Sequence[TuningCurve], title: str) -> tuple[Figure, list[Axes]]:
     """Draw a small heat map for each of many detectors, without numbers, all on one scale."""
-    across, up = tuning.parameters
-    with _small_panels(len(names), 1.75, title) as (figure, axes):
+    across, up = curves[0].tuning.parameters
+    with _small_panels(len(curves), 1.75, title) as (figure, axes):
         norm = LogNorm(10.0**-DECADES, 1.0, clip=True)
-        for panel, name in zip(axes, names, strict=True):
-            image = _draw_heat(panel, tuning, name, norm, small=True)
+        for panel, curve in zip(axes, curves, strict=True):
+            image = _draw_heat(panel, curve, norm, small=True)
         figure.supxlabel(described(across), fontsize=7.5)
         figure.supylabel(described(up), fontsize=7.5)
-        bar = figure.colorbar(image, ax=axes, shrink=0.7, pad=0.02, extend="min")
-        bar.set_label("peak / largest peak")
-        bar.outline.set_linewidth(0.5)
+        bar = "peak / largest peak"
+        colour_bar(figure, image, axes, bar, shrink=0.7, pad=0.02, extend="min")
     return figure, axes
 
 
-def _shares(tuning: Tuning, detector: str) -> tuple[NDArray[np.float64], float, pd.DataFrame]:
+def _shares(curve: TuningCurve) -> tuple[NDArray[np.float64], float, pd.DataFrame]:
     """Return the peaks over the largest one, that one, and the cells of a heat map."""
-    across, up = tuning.parameters
-    cells = tuning.of(detector).pivot_table(index=up, columns=across, values="peak")
+    across, up = curve.tuning.parameters
+    cells = curve.rows.pivot_table(index=up, columns=across, values="peak")
     values = cells.to_numpy(float)
     largest = float(np.nanmax(values))
     return (values / largest if largest > 0 else values), largest, cells
 
 
 def _draw_heat(
-    axes: Axes, tuning: Tuning, detector: str, norm: Normalize, *, small: bool = False
+    axes: Axes, curve: TuningCurve, norm: Normalize, *, small: bool = False
 ) -> ScalarMappable:
-    across, up = tuning.parameters
-    share, largest, cells = _shares(tuning, detector)
-    every = -(-share.shape[1] // (6 if small else _MOST_TICKS))
-    names = [_number(value) for value in cells.columns]
+    across, up = curve.tuning.parameters
+    share, largest, cells = _shares(curve)
     image: ScalarMappable
     if {across.rpartition(".")[2], up.rpartition(".")[2]} == {"right", "up"}:  # true distances
         x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
@@ -534,33 +460,24 @@ def _draw_heat(
     else:
         x, y = np.arange(share.shape[1]), np.arange(share.shape[0])
         image = axes.imshow(share, origin="lower", aspect="auto", cmap=SHADES, norm=norm)
-    axes.set_xticks(x[::every], names[::every])
+    every = -(-len(x) // (6 if small else _MOST_TICKS))
+    axes.set_xticks(x[::every], [_number(value) for value in cells.columns[::every]])
     axes.set_yticks(y, [_number(value) for value in cells.index])
-    if share.size <= 100 and share.shape[1] <= _WIDE and not small:
+    if small:
+        _name_small(axes, curve, largest)
+        return image
+    if share.size <= 100 and share.shape[1] <= _WIDE:
         least = norm.vmin or 0.0
         for (row, column), value in np.ndenumerate(share):
             if np.isfinite(value):
-                ink = "black" if norm(value) > 0.55 else "white"
+                place = float(x[column]), float(y[row])
                 text = f"{value:.2g}" if value >= least else f"<{least:.2g}"
-                axes.text(
-                    float(x[column]),
-                    float(y[row]),
-                    text,
-                    ha="center",
-                    va="center",
-                    color=ink,
-                    size=6,
-                )
-    shown = detector_named(detector)
-    if small:
-        axes.tick_params(labelsize=6)
-        title = with_doubts(f"{shown.label}\npeak {largest:.3g} ({shown.unit})", tuning, detector)
-        axes.set_title(wrapped(title, _SMALL), fontsize=6, pad=2)
-        return image
+                ink = "black" if norm(value) > 0.55 else "white"
+                axes.text(*place, text, ha="center", va="center", color=ink, size=6)
     axes.set_xlabel(described(across))
     axes.set_ylabel(described(up))
-    title = f"{shown.label}, largest peak {largest:.3g} ({shown.unit})"
-    axes.set_title(wrapped(with_doubts(title, tuning, detector), TITLE_WIDTH))
+    title = f"{curve.name}, largest peak {largest:.3g} ({curve.detector.unit}){curve.doubts}"
+    axes.set_title(wrapped(title, TITLE_WIDTH))
     return image
 
 

@@ -397,7 +397,7 @@ def _with_pictures(built: Built, form: str) -> Built:
     if built.figure is None:
         return built
     style = importlib.import_module("oppload_cli.plots.style")  # loads matplotlib
-    pictures = {"png": style.png_bytes(built.figure, DPI)}
+    pictures = {"png": style.image_bytes(built.figure, "png", DPI)}
     if form not in pictures:
         pictures[form] = style.image_bytes(built.figure, form)
     return replace(built, figure=None, pictures=pictures)

@@ -8,7 +8,7 @@ import pytest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.plots import PLOTS, figure_of
-from oppload_cli.plots.style import png_bytes
+from oppload_cli.plots.style import image_bytes
 from tests.evaluation.make import NAME, clip, peaks
 
 if TYPE_CHECKING:
@@ -53,4 +53,4 @@ def test_leads_and_kinds_are_those_of_the_figures() -> None:
 def test_plots_without_approaches_or_false_alarms(clips: list[Clip]) -> None:
     found = measured(clips, NAME, draws_of([each.label.looming for each in clips], 100))
     for plot in PLOTS:
-        assert len(png_bytes(figure_of(plot, {NAME: found}), 40)) > 500
+        assert len(image_bytes(figure_of(plot, {NAME: found}), "png", 40)) > 500

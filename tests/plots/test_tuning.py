@@ -13,7 +13,7 @@ from scipy import stats
 
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named, detectors
-from oppload_cli.plots.contact import PeakTimes, student_t
+from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.polar import direction_tunings
 from oppload_cli.plots.style import CYCLE, FAINT, MOST_HEIGHT, described, looks_of
 from oppload_cli.plots.tuning import plot_tuning
@@ -222,8 +222,14 @@ def test_the_line_through_the_times_of_peaks() -> None:
     assert fit.delay_error_s == pytest.approx(wide * known.intercept_stderr, rel=1e-3)
     assert PeakTimes(1.0, 0, 0, 0).angle_deg == pytest.approx(90)
     assert PeakTimes(np.sqrt(3), 0, 0, 0).angle_deg == pytest.approx(60)
+
+
+def test_the_limits_are_those_of_student() -> None:
     for free in range(1, 60):
-        assert student_t(free) == pytest.approx(stats.t.ppf(0.975, free), rel=1e-3)
+        l_over_v = np.linspace(0.01, 0.1, free + 2)
+        before = 3 * l_over_v + 0.01 * (-1.0) ** np.arange(free + 2)
+        wide = stats.t.ppf(0.975, free) * stats.linregress(l_over_v, before).stderr
+        assert PeakTimes.through(l_over_v, before).slope_error == pytest.approx(wide, rel=1e-3)
 
 
 def test_peaks_before_contact_over_l_over_v(tmp_path: Path) -> None:
