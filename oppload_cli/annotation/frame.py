@@ -1,4 +1,4 @@
-"""An annotated frame: its layout, its text, and the strip of curves below the picture."""
+"""An annotated frame: its layout, the boxes in the picture, and the strip of curves below it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from oppload_cli.palette import bgr
 from oppload_cli.video.colour import LONGEST_SIDE, colour_size
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
+    from oppload_cli.detection.places import Detection
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.colour import Bgr
     from oppload_cli.video.frames import InputFacts
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 Paint = tuple[int, int, int]  # blue, green, red
 
-DARK, _DIM, WHITE = bgr(palette.INK), bgr(palette.FAINT), (255, 255, 255)
+DARK, _DIM, _WHITE = bgr(palette.INK), bgr(palette.FAINT), (255, 255, 255)
 _SHORT_SIDE = 400  # px; a smaller picture is enlarged by an integer
 _LEAST_WIDTH = 540  # px; the text needs it
 _LEAST_TEXT = 16  # px, of a line
@@ -44,22 +45,14 @@ _MOST_TICKS = 6  # numbers on the time axis
 
 
 class _Scale(NamedTuple):
-    """The scale of the plot's height.
+    """The scale of the plot's height."""
 
-    Attributes
-    ----------
-    top : float
-        Decades from a ratio of 1 to the upper edge.
-    levels : dict of int to str
-        The names of the lines, by their decades.
-    """
-
-    top: float
-    levels: dict[int, str]
+    top: float  # decades from a ratio of 1 to the upper edge
+    levels: dict[int, str]  # the names of the lines, by their decades
 
 
-OVER_THRESHOLD = _Scale(2.5, {0: "threshold", 1: "10 x", 2: "100 x"})
-OVER_LARGEST = _Scale(0.5, {0: "largest", -1: "1/10", -2: "1/100", -3: "1/1000"})
+_OVER_THRESHOLD = _Scale(2.5, {0: "threshold", 1: "10 x", 2: "100 x"})
+_OVER_LARGEST = _Scale(0.5, {0: "largest", -1: "1/10", -2: "1/100", -3: "1/1000"})
 
 
 def _paint_of(name: str) -> Paint:
@@ -89,18 +82,13 @@ class Layout:
     ----------
     width, height : int
         Of the annotated frame; both even.
-    picture : _Area
-        The source's picture.
-    header : _Area
-        Time, alarm and the detectors' labels, below the picture.
-    plot : _Area
-        The response curves, below the header; the numbers of the time axis are below them.
+    picture, header, plot : _Area
+        The source's picture; below it time, alarm and the detectors' labels; below these the
+        response curves. The numbers of the time axis come last.
     scale_x, scale_y : float
         Annotated pixels per source pixel.
-    text : int
-        Height of a line of text.
-    line : int
-        Thickness of a line.
+    text, line : int
+        Height of a line of text, and thickness of a line.
     """
 
     width: int
@@ -137,7 +125,7 @@ class Layout:
             max(2, round(text / 8)),
         )
 
-    def level_row(self, ratio: float, scale: _Scale = OVER_THRESHOLD) -> float:
+    def level_row(self, ratio: float, scale: _Scale = _OVER_THRESHOLD) -> float:
         """Return the row of the plot for a ratio of the scale, cut to its range."""
         below = min(_DECADES, max(0.0, scale.top - math.log10(ratio))) if ratio > 0 else _DECADES
         margin = 2 * self.line  # for half of a dot
@@ -153,31 +141,18 @@ def _even(number: int) -> int:
     return number + number % 2
 
 
-def width_of(text: str, size: int, *, bold: bool = False) -> int:
+def _width_of(text: str, size: int, *, bold: bool = False) -> int:
     """Return the width in pixels of an ASCII text in lines of a height in pixels."""
     (width, _), _ = cv2.getTextSize(text, *_font(size, bold), 1)
     return int(width)
 
 
-def write(
+def _write(
     picture: Bgr, text: str, at: tuple[int, int], size: int, paint: Paint, *, bold: bool = False
 ) -> None:
-    """Write a line of text.
+    """Write a line of ASCII text of a height in pixels: the font has no other letters.
 
-    Parameters
-    ----------
-    picture : ndarray of uint8, shape (height, width, 3)
-        Drawn on.
-    text : str
-        ASCII only: the font has no other letters.
-    at : tuple of int
-        Column of its left end, and row of the middle of its capital letters.
-    size : int
-        Height of the line in pixels.
-    paint : tuple of int
-        Colour of the letters.
-    bold : bool
-        Whether it is bold.
+    `at` is the column of its left end, and the row of the middle of its capital letters.
     """
     foot = at[1] + round(_CAPITAL * size / 2)
     cv2.putText(picture, text, (at[0], foot), *_font(size, bold), paint, 1, cv2.LINE_AA)
@@ -190,19 +165,12 @@ def _font(size: int, bold: bool) -> tuple[int, float]:
     return font, _CAPITAL * size / height
 
 
-class Point(NamedTuple):
+class _Point(NamedTuple):
     """One frame of one detector.
 
-    Attributes
-    ----------
-    time_s : float
-        Presentation time.
-    ratio : float or None
-        Response over the alarm's threshold; above 1 the frame counts for the alarm. Where the
-        alarms are off, response over the largest one so far. None during warm-up and where the
-        threshold is 0.
-    alarm : bool
-        Whether the alarm is on.
+    The ratio is the response over the alarm's threshold: above 1 the frame counts for the alarm.
+    Where the alarms are off, it is the response over the largest one so far. It is None during
+    warm-up and where the threshold is 0.
     """
 
     time_s: float
@@ -224,18 +192,16 @@ class History:
 
     Attributes
     ----------
-    points : dict of str to deque of Point
+    points : dict of str to deque of _Point
         By detector, in the order of the frames.
-    scale : _Scale
-        Of the plot.
     """
 
     def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
-        self.points: dict[str, deque[Point]] = {
+        self.points: dict[str, deque[_Point]] = {
             name: deque(maxlen=_MOST_FRAMES) for name in detectors
         }
         self.window_s = max(_LEAST_WINDOW_S, min(_WINDOW_S, duration_s or _WINDOW_S))
-        self.scale = OVER_THRESHOLD
+        self.scale = _OVER_THRESHOLD
         self._largest = dict.fromkeys(detectors, 0.0)
         self._first_s: float | None = None
         self._now_s = 0.0
@@ -247,17 +213,17 @@ class History:
         self._now_s = record.time_s
         self._copies = self._copies + 1 if record.repeat else 0
         if record.thresholds and all(map(math.isinf, record.thresholds.values())):
-            self.scale = OVER_LARGEST
+            self.scale = _OVER_LARGEST
         if not 0 < self._copies <= _MOST_COPIES:
             for name, points in self.points.items():
                 response, threshold = record.responses.get(name), record.thresholds.get(name)
                 ratio = None
                 if response is not None and threshold:
                     over = threshold
-                    if self.scale is OVER_LARGEST:
+                    if self.scale is _OVER_LARGEST:
                         over = self._over_largest(name, response.response)
                     ratio = response.response / over
-                points.append(Point(record.time_s, ratio, record.alarms.get(name, False)))
+                points.append(_Point(record.time_s, ratio, record.alarms.get(name, False)))
         for points in self.points.values():
             # One point more than is visible, so that the curve comes from beyond the edge.
             while len(points) > 1 and points[1].time_s < self.start_s:
@@ -280,29 +246,14 @@ class History:
         return max(self._first_s or 0.0, self._now_s - self.window_s)
 
 
-def draw_ground(canvas: Bgr, layout: Layout) -> None:
-    """Draw the constant part of the strip: its white ground."""
-    canvas[layout.header.y :] = WHITE
-
-
 def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecord) -> None:
-    """Draw the strip of one frame on its ground.
+    """Draw the strip below the picture of a frame, whose record `history` holds already.
 
     The curves are logarithmic, 1/30 to 300 times the alarm's threshold; where the alarms are off,
     1/3000 to 3 times the largest response so far. While an alarm is on, the ground is shaded, and
     the curve of its detector is thicker.
-
-    Parameters
-    ----------
-    canvas : ndarray of uint8, shape (height, width, 3)
-        The annotated frame; drawn on.
-    layout : Layout
-        Of the frame.
-    history : History
-        Up to this frame.
-    record : FrameRecord
-        The frame.
     """
+    canvas[layout.header.y :] = _WHITE
     alarming = [name for name in record.responses if record.alarms.get(name, False)]
     _header(canvas, layout, record, alarming)
     plot = canvas[layout.plot.slices]
@@ -320,40 +271,40 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
     text, area = layout.text, layout.header
     middle = area.y + layout.line + (area.height - layout.line) // 2
     clock = f"{record.time_s:.2f} s"
-    write(canvas, clock, (area.x, middle), text, DARK, bold=True)
-    after = area.x + max(width_of(clock, text, bold=True), 4 * text) + text
+    _write(canvas, clock, (area.x, middle), text, DARK, bold=True)
+    after = area.x + max(_width_of(clock, text, bold=True), 4 * text) + text
     frame = f"frame {record.frame}"
-    write(canvas, frame, (after, middle), text, DARK)
-    after += max(width_of(frame, text), 5 * text) + text
+    _write(canvas, frame, (after, middle), text, DARK)
+    after += max(_width_of(frame, text), 5 * text) + text
     if alarming:
         _sign(canvas, "ALARM", (after, middle), text, DARK)
-    after += width_of("ALARM", text, bold=True) + 2 * text
+    after += _width_of("ALARM", text, bold=True) + 2 * text
     x = area.x + area.width
     named = _fitting(list(record.responses), alarming, x - after, text)
     left_out = len(record.responses) - len(named)
     if left_out:
         more = f"+{left_out}"
-        x -= width_of(more, text) + text // 2
-        write(canvas, more, (x, middle), text, _DIM)
+        x -= _width_of(more, text) + text // 2
+        _write(canvas, more, (x, middle), text, _DIM)
     for name in reversed(named):
         label, paint = detector_named(name).label, _paint_of(name)
-        x -= width_of(label, text, bold=True) + text
+        x -= _width_of(label, text, bold=True) + text
         if name in alarming:
             _sign(canvas, label, (x, middle), text, paint)
         else:
-            write(canvas, label, (x + text // 2, middle), text, paint, bold=True)
+            _write(canvas, label, (x + text // 2, middle), text, paint, bold=True)
         x -= text // 2
 
 
 def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) -> list[str]:
     """Return the detectors whose labels fit side by side: those with an alarm first."""
     widths = {
-        name: width_of(detector_named(name).label, text, bold=True) + text + text // 2
+        name: _width_of(detector_named(name).label, text, bold=True) + text + text // 2
         for name in names
     }
     if sum(widths.values()) <= room:
         return names
-    room -= width_of(f"+{len(names)}", text) + text
+    room -= _width_of(f"+{len(names)}", text) + text
     kept: set[str] = set()
     for name in sorted(names, key=lambda each: each not in alarming):
         if widths[name] > room:
@@ -367,9 +318,9 @@ def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) 
     """Write a word in white on a ground of a colour."""
     x, middle = at
     half = round(0.75 * text)
-    wide = width_of(word, text, bold=True) + text
+    wide = _width_of(word, text, bold=True) + text
     canvas[middle - half : middle + half, x : x + wide] = paint
-    write(canvas, word, (x + text // 2, middle), text, WHITE, bold=True)
+    _write(canvas, word, (x + text // 2, middle), text, _WHITE, bold=True)
 
 
 def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
@@ -378,13 +329,13 @@ def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
     for level, name in scale.levels.items():
         row, line = round(layout.level_row(10.0**level, scale)), layout.line if level == 0 else 1
         plot[row - line // 2 : row - line // 2 + line] = DARK if level == 0 else _GRID
-        x = layout.plot.x - layout.text // 2 - width_of(name, layout.text)
+        x = layout.plot.x - layout.text // 2 - _width_of(name, layout.text)
         ink = DARK if level == 0 else _DIM
-        write(canvas, name, (x, layout.plot.y + row), layout.text, ink)
+        _write(canvas, name, (x, layout.plot.y + row), layout.text, ink)
     plot[-1] = _DIM
 
 
-def tick_step(window_s: float) -> float:
+def _tick_step(window_s: float) -> float:
     """Return the seconds between numbers of a time axis: 1, 2 or 5 times a power of ten."""
     least = window_s / _MOST_TICKS
     power = 10.0 ** math.floor(math.log10(least))
@@ -394,20 +345,20 @@ def tick_step(window_s: float) -> float:
 def _ticks(canvas: Bgr, layout: Layout, history: History) -> None:
     """Draw the ticks of the time axis, each with its number in seconds."""
     plot, text = layout.plot, layout.text
-    step = tick_step(history.window_s)
+    step = _tick_step(history.window_s)
     digits = max(0, -math.floor(math.log10(step)))
     number = math.ceil(history.start_s / step - 1e-9)
     while (column := round(layout.column_of(number * step, history))) < plot.width:
         x, foot = plot.x + column, plot.y + plot.height
         canvas[foot - text // 3 : foot, x : x + 1] = _DIM
         label = f"{number * step:.{digits}f} s"
-        wide = width_of(label, text)
+        wide = _width_of(label, text)
         at = min(x - wide // 2, layout.width - wide - 1)
-        write(canvas, label, (at, foot + round(0.7 * text)), text, _DIM)
+        _write(canvas, label, (at, foot + round(0.7 * text)), text, _DIM)
         number += 1
 
 
-def _shade(plot: Bgr, layout: Layout, history: History, points: list[Point]) -> None:
+def _shade(plot: Bgr, layout: Layout, history: History, points: list[_Point]) -> None:
     for point, following in pairwise([*points, *points[-1:]]):
         if point.alarm:
             first = math.floor(layout.column_of(point.time_s, history))
@@ -415,7 +366,7 @@ def _shade(plot: Bgr, layout: Layout, history: History, points: list[Point]) -> 
             plot[:, max(0, first) : max(0, last + 1)] = _SHADE
 
 
-def _curve(plot: Bgr, layout: Layout, history: History, points: list[Point], paint: Paint) -> None:
+def _curve(plot: Bgr, layout: Layout, history: History, points: list[_Point], paint: Paint) -> None:
     """Draw a line for each stretch of known ratios, thick in an alarm; a dot at the latest one."""
     for known, group in groupby(points, key=lambda each: each.ratio is not None):
         if not known:
@@ -437,3 +388,83 @@ def _curve(plot: Bgr, layout: Layout, history: History, points: list[Point], pai
     if points and points[-1].ratio is not None:
         x, y = fine[-1].tolist()
         cv2.circle(plot, (x, y), 2 * layout.line << _FINE, paint, -1, cv2.LINE_AA, _FINE)
+
+
+def draw_detections(
+    canvas: Bgr, layout: Layout, detections: Iterable[Detection], paint: Paint
+) -> None:
+    """Draw a box around each object in the colour of its detector, with its number above it.
+
+    While its object causes an alarm, a box has lines of twice the thickness and the word ALARM
+    on its label. The lines are just inside its edges. The first is drawn last: nothing covers it.
+    """
+    picture = canvas[layout.picture.slices]
+    for detection in reversed(list(detections)):
+        _draw_box(picture, layout, detection, paint)
+
+
+def _label_of(detection: Detection) -> str:
+    """Return the text beside a box, such as ``#3`` or ``ALARM #3  contact in 0.84 s``."""
+    name = f"ALARM #{detection.identity}" if detection.alarm else f"#{detection.identity}"
+    seconds = detection.time_to_contact_s
+    if seconds is None:
+        return name
+    # More digits would promise more than the estimate holds.
+    return f"{name}  contact in {seconds:.{1 if seconds >= 1 else 2}f} s"
+
+
+def _draw_box(picture: Bgr, layout: Layout, detection: Detection, paint: Paint) -> None:
+    line = (2 if detection.alarm else 1) * layout.line
+    edges = _edges(detection, layout)
+    # A dark rim makes the box visible on any picture.
+    _frame(picture, edges.grown(1), line + 2, DARK)
+    _frame(picture, edges, line, paint)
+    x, y = round(detection.centre_x * layout.scale_x), round(detection.centre_y * layout.scale_y)
+    for colour, line in ((DARK, layout.line + 2), (paint, layout.line)):
+        cv2.drawMarker(picture, (x, y), colour, cv2.MARKER_CROSS, layout.text, line)
+    _label(picture, edges, layout, detection, paint)
+
+
+class _Edges(NamedTuple):
+    """A rectangle: the pixels from left and top up to right and bottom, without these two."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def grown(self, by: int) -> _Edges:
+        return _Edges(self.left - by, self.top - by, self.right + by, self.bottom + by)
+
+
+def _edges(detection: Detection, layout: Layout) -> _Edges:
+    box, x, y = detection.box, layout.scale_x, layout.scale_y
+    left, top = round(box.x * x), round(box.y * y)
+    right, bottom = round((box.x + box.width) * x), round((box.y + box.height) * y)
+    return _Edges(left, top, max(right, left + 1), max(bottom, top + 1))
+
+
+def _fill(picture: Bgr, edges: tuple[int, int, int, int], paint: Paint) -> None:
+    left, top, right, bottom = (max(0, each) for each in edges)
+    picture[top:bottom, left:right] = paint
+
+
+def _frame(picture: Bgr, edges: _Edges, line: int, paint: Paint) -> None:
+    left, top, right, bottom = edges
+    _fill(picture, (left, top, right, min(top + line, bottom)), paint)
+    _fill(picture, (left, max(bottom - line, top), right, bottom), paint)
+    _fill(picture, (left, top, min(left + line, right), bottom), paint)
+    _fill(picture, (max(right - line, left), top, right, bottom), paint)
+
+
+def _label(picture: Bgr, edges: _Edges, layout: Layout, detection: Detection, paint: Paint) -> None:
+    """Write above the box, or inside it at the top edge; on the detector's colour in an alarm."""
+    label = _label_of(detection)
+    ground, ink = (paint, _WHITE) if detection.alarm else (_WHITE, paint)
+    high = round(1.5 * layout.text)
+    wide = _width_of(label, layout.text, bold=True) + layout.text
+    y = edges.top - high if edges.top >= high else max(0, edges.top)
+    x = max(0, min(edges.left, picture.shape[1] - wide))
+    _fill(picture, (x, y, x + wide, y + high), ground)
+    at = (x + layout.text // 2, y + high // 2)
+    _write(picture, label, at, layout.text, ink, bold=True)

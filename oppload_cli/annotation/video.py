@@ -4,21 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from oppload_cli.annotation.frame import (
-    DARK,
-    WHITE,
-    History,
-    Layout,
-    draw_ground,
-    draw_strip,
-    width_of,
-    write,
-)
+from oppload_cli.annotation.frame import DARK, History, Layout, draw_detections, draw_strip
 from oppload_cli.errors import OpploadError
 from oppload_cli.files.atomic import PartFile, output_errors
 from oppload_cli.models.registry import placing_detector
@@ -26,11 +17,9 @@ from oppload_cli.palette import bgr
 from oppload_cli.video.writers import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from oppload_cli.annotation.frame import Paint
-    from oppload_cli.detection.places import Detection
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.video.colour import Bgr
     from oppload_cli.video.frames import Frame, InputFacts, WorkingSize
@@ -105,7 +94,6 @@ class AnnotatedVideo:
         facts = video.facts
         self._layout = layout = Layout.of(facts)
         self._blank = np.full((layout.height, layout.width, 3), DARK, np.uint8)
-        draw_ground(self._blank, layout)
         rate, count = facts.frame_rate, facts.frames_declared
         self._history = History(detectors, float(count / rate) if rate and count else None)
         self._file = PartFile(path)
@@ -171,11 +159,8 @@ class AnnotatedVideo:
     def _drawn(self, picture: Bgr, record: FrameRecord) -> Bgr:
         layout, canvas = self._layout, self._blank.copy()
         size = (layout.picture.width, layout.picture.height)
-        canvas[layout.picture.slices] = (
-            picture
-            if picture.shape[1::-1] == size
-            else cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
-        )
+        alike = picture.shape[1::-1] == size
+        canvas[layout.picture.slices] = picture if alike else cv2.resize(picture, size)
         placing = placing_detector(record.responses)
         if placing is not None and self._boxes != "none":
             shown = (each for each in record.detections if each.alarm or self._boxes == "all")
@@ -183,94 +168,3 @@ class AnnotatedVideo:
         self._history.add(record)
         draw_strip(canvas, layout, self._history, record)
         return canvas
-
-
-def draw_detections(
-    canvas: Bgr, layout: Layout, detections: Iterable[Detection], paint: Paint
-) -> None:
-    """Draw a box around each object, with its number above it.
-
-    While its object causes an alarm, a box has lines of twice the thickness and the word ALARM
-    on its label. The lines are just inside its edges.
-
-    Parameters
-    ----------
-    canvas : ndarray of uint8, shape (height, width, 3)
-        The annotated frame; drawn on.
-    layout : Layout
-        Of the frame.
-    detections : iterable of Detection
-        The first is drawn last, so that nothing covers it.
-    paint : tuple of int
-        Blue, green and red of the detector that found them.
-    """
-    picture = canvas[layout.picture.slices]
-    for detection in reversed(list(detections)):
-        _draw(picture, layout, detection, paint)
-
-
-def label_of(detection: Detection) -> str:
-    """Return the text beside a box, such as ``#3`` or ``ALARM #3  contact in 0.84 s``."""
-    name = f"ALARM #{detection.identity}" if detection.alarm else f"#{detection.identity}"
-    seconds = detection.time_to_contact_s
-    if seconds is None:
-        return name
-    # More digits would promise more than the estimate holds.
-    return f"{name}  contact in {seconds:.{1 if seconds >= 1 else 2}f} s"
-
-
-def _draw(picture: Bgr, layout: Layout, detection: Detection, paint: Paint) -> None:
-    line = (2 if detection.alarm else 1) * layout.line
-    edges = _edges(detection, layout)
-    # A dark rim makes the box visible on any picture.
-    _frame(picture, edges.grown(1), line + 2, DARK)
-    _frame(picture, edges, line, paint)
-    x, y = round(detection.centre_x * layout.scale_x), round(detection.centre_y * layout.scale_y)
-    for colour, line in ((DARK, layout.line + 2), (paint, layout.line)):
-        cv2.drawMarker(picture, (x, y), colour, cv2.MARKER_CROSS, layout.text, line)
-    _label(picture, edges, layout, detection, paint)
-
-
-class _Edges(NamedTuple):
-    """A rectangle: the pixels from left and top up to right and bottom, without these two."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    def grown(self, by: int) -> _Edges:
-        return _Edges(self.left - by, self.top - by, self.right + by, self.bottom + by)
-
-
-def _edges(detection: Detection, layout: Layout) -> _Edges:
-    box, x, y = detection.box, layout.scale_x, layout.scale_y
-    left, top = round(box.x * x), round(box.y * y)
-    right, bottom = round((box.x + box.width) * x), round((box.y + box.height) * y)
-    return _Edges(left, top, max(right, left + 1), max(bottom, top + 1))
-
-
-def _fill(picture: Bgr, edges: tuple[int, int, int, int], paint: Paint) -> None:
-    left, top, right, bottom = (max(0, each) for each in edges)
-    picture[top:bottom, left:right] = paint
-
-
-def _frame(picture: Bgr, edges: _Edges, line: int, paint: Paint) -> None:
-    left, top, right, bottom = edges
-    _fill(picture, (left, top, right, min(top + line, bottom)), paint)
-    _fill(picture, (left, max(bottom - line, top), right, bottom), paint)
-    _fill(picture, (left, top, min(left + line, right), bottom), paint)
-    _fill(picture, (max(right - line, left), top, right, bottom), paint)
-
-
-def _label(picture: Bgr, edges: _Edges, layout: Layout, detection: Detection, paint: Paint) -> None:
-    """Write above the box, or inside it at the top edge; on the detector's colour in an alarm."""
-    label = label_of(detection)
-    ground, ink = (paint, WHITE) if detection.alarm else (WHITE, paint)
-    high = round(1.5 * layout.text)
-    wide = width_of(label, layout.text, bold=True) + layout.text
-    y = edges.top - high if edges.top >= high else max(0, edges.top)
-    x = max(0, min(edges.left, picture.shape[1] - wide))
-    _fill(picture, (x, y, x + wide, y + high), ground)
-    at = (x + layout.text // 2, y + high // 2)
-    write(picture, label, at, layout.text, ink, bold=True)

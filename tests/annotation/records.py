@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import cv2
 
 from oppload_cli.detection.places import Detection
 from oppload_cli.models.detector import Box
@@ -13,6 +15,11 @@ from oppload_cli.models.registry import detector_named
 from oppload_cli.palette import bgr
 from oppload_cli.results.table import FrameRecord
 from oppload_cli.video.frames import InputFacts
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import pytest
 
 
 def paint_of(name: str) -> tuple[int, int, int]:
@@ -64,3 +71,11 @@ def detection(
 def facts(width: int, height: int, frames: int | None = None) -> InputFacts:
     """An input of 30 frames/s."""
     return InputFacts("a.avi", "container", width, height, Fraction(30), frames)
+
+
+def texts_of(monkeypatch: pytest.MonkeyPatch, draw: Callable[[], object]) -> list[str]:
+    """The texts that a function writes into a picture, in the order of writing."""
+    texts: list[str] = []
+    monkeypatch.setattr(cv2, "putText", lambda *given: texts.append(given[1]))
+    draw()
+    return texts

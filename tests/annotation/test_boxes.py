@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.frame import Layout
-from oppload_cli.annotation.video import draw_detections, label_of
-from tests.annotation.records import detection, facts, paint_of
+from oppload_cli.annotation.frame import Layout, draw_detections
+from tests.annotation.records import detection, facts, paint_of, texts_of
 
 PAINT = paint_of("opplod")
 
@@ -86,8 +85,17 @@ def test_without_an_alarm_the_label_is_on_white() -> None:
     assert painted(canvas, PAINT)[138:158, 200:230].any()  # the number
 
 
-def test_the_label_tells_the_time_to_contact_where_it_is_known() -> None:
-    assert label_of(detection((0, 0, 1, 1))) == "#3"
-    assert label_of(detection((0, 0, 1, 1), seconds=0.8449)) == "#3  contact in 0.84 s"
-    assert label_of(detection((0, 0, 1, 1), seconds=4.46)) == "#3  contact in 4.5 s"
-    assert label_of(detection((0, 0, 1, 1), alarm=True)) == "ALARM #3"
+def test_the_label_tells_the_time_to_contact_where_it_is_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    layout = Layout.of(facts(432, 240))
+    canvas = np.zeros((layout.height, layout.width, 3), np.uint8)
+    box = (100.0, 80.0, 120.0, 60.0)
+    shown = [
+        detection(box, alarm=True),
+        detection(box, seconds=4.46),
+        detection(box, seconds=0.8449),
+        detection(box),
+    ]
+    texts = texts_of(monkeypatch, lambda: draw_detections(canvas, layout, shown, PAINT))
+    assert texts == ["#3", "#3  contact in 0.84 s", "#3  contact in 4.5 s", "ALARM #3"]

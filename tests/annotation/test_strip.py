@@ -7,17 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from oppload_cli.annotation.frame import (
-    OVER_LARGEST,
-    History,
-    Layout,
-    Point,
-    draw_ground,
-    draw_strip,
-    tick_step,
-)
+from oppload_cli.annotation.frame import History, Layout, draw_strip
 from oppload_cli.models.registry import detectors
-from tests.annotation.records import facts, paint_of, record
+from tests.annotation.records import facts, paint_of, record, texts_of
 
 if TYPE_CHECKING:
     from oppload_cli.results.table import FrameRecord
@@ -33,7 +25,6 @@ def drawn(records: list[FrameRecord]) -> tuple[np.ndarray, History]:
     history = History(list(records[0].responses))
     for each in records:
         history.add(each)
-    draw_ground(canvas, LAYOUT)
     draw_strip(canvas, LAYOUT, history, records[-1])
     assert not canvas[: LAYOUT.picture.height].any()
     return canvas, history
@@ -143,10 +134,24 @@ def test_the_curve_of_an_alarm_is_thicker() -> None:
 
 
 @pytest.mark.parametrize(
-    ("window", "step"), [(5, 1), (6, 1), (6.1, 2), (2.4, 0.5), (0.93, 0.2), (0.1, 0.02)]
+    ("window", "ticks"),
+    [
+        (5, ["0 s", "1 s", "2 s", "3 s", "4 s", "5 s"]),
+        (3.1, ["0 s", "1 s", "2 s", "3 s"]),
+        (3, ["0.0 s", "0.5 s", "1.0 s", "1.5 s", "2.0 s", "2.5 s", "3.0 s"]),
+        (2.4, ["0.0 s", "0.5 s", "1.0 s", "1.5 s", "2.0 s"]),
+        (0.93, ["0.0 s", "0.2 s", "0.4 s", "0.6 s", "0.8 s"]),
+        (0.1, ["0.00 s", "0.02 s", "0.04 s", "0.06 s", "0.08 s", "0.10 s"]),
+    ],
 )
-def test_ticks_are_at_round_times(window: float, step: float) -> None:
-    assert tick_step(window) == pytest.approx(step)
+def test_ticks_are_at_round_times(
+    window: float, ticks: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history, first = History(BOTH, window), record(0)
+    history.add(first)
+    canvas = np.zeros((LAYOUT.height, LAYOUT.width, 3), np.uint8)
+    texts = texts_of(monkeypatch, lambda: draw_strip(canvas, LAYOUT, history, first))
+    assert [text for text in texts if text.endswith(" s")][1:] == ticks  # after the clock
 
 
 def test_ticks_have_numbers_that_move_with_the_window() -> None:
@@ -172,8 +177,8 @@ def test_a_detector_that_runs_alone_is_shown_alone() -> None:
 def test_responses_are_divided_by_their_thresholds() -> None:
     history = History(BOTH)
     history.add(record(0, {"opplod": 2.0, "dlgmd": None}, {"opplod": True}))
-    assert list(history.points["opplod"]) == [Point(0.0, 2.0, True)]
-    assert list(history.points["dlgmd"]) == [Point(0.0, None, False)]
+    assert list(history.points["opplod"]) == [(0.0, 2.0, True)]
+    assert list(history.points["dlgmd"]) == [(0.0, None, False)]
     for thresholds in ({"opplod": 0.0}, {}):
         without = record(1, {"opplod": 2.0})
         without.thresholds.clear()
@@ -234,10 +239,10 @@ def test_without_alarms_responses_are_over_the_largest_so_far() -> None:
     assert ratios == pytest.approx([0.1, 0.05] * 15 + [1] + [0.25] * 29)
     plot = canvas[LAYOUT.plot.slices]
     column = round(LAYOUT.column_of(50 / 30, history))
-    assert near(plot[round(LAYOUT.level_row(0.25, OVER_LARGEST)), column], OPPLOD, 12)
+    assert near(plot[round(LAYOUT.level_row(0.25, history.scale)), column], OPPLOD, 12)
     # The dark line is at the largest one, and not where the threshold would be.
     lines = {row: (plot[row, -50:] == 34).all() for row in range(len(plot))}
-    assert lines[round(LAYOUT.level_row(1, OVER_LARGEST))]
+    assert lines[round(LAYOUT.level_row(1, history.scale))]
     assert not lines[round(LAYOUT.level_row(1))]
     names = slice(LAYOUT.plot.y, LAYOUT.plot.y + LAYOUT.plot.height), slice(0, LAYOUT.plot.x - 2)
     usual, _ = drawn([record(t, {"opplod": 1.0}) for t in range(9)])
