@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -26,31 +26,21 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import BaseResult
 
     Series = NDArray[np.float64]
+    _Boxes = dict[int, list[list[Any]]]
 
 
-DIGITS = 4  # of a number in the page; the table has all
+_DIGITS = 4  # of a number in the page; the table has all
 _PARTS = ("input", "working", "decode", "tool")  # of the sidecar, that the settings show
-RMO_CURVES = ("rmo_index", "rmo_mean")
+_RMO_CURVES = ("rmo_index", "rmo_mean")
 
 
 class Curve(NamedTuple):
-    """The responses of a detector over its threshold.
-
-    Attributes
-    ----------
-    name, label, colour : str
-        Of the detector.
-    values : ndarray, shape (rows,)
-        Response over the threshold of its alarm, or over its peak where it has no
-        threshold; NaN during warm-up.
-    thresholded : bool
-        Whether the values are over a threshold.
-    """
+    """The responses of a detector over its threshold."""
 
     name: str
     label: str
     colour: str
-    values: Series
+    values: Series  # over the threshold, or over the peak where there is none; NaN during warm-up
     thresholded: bool
 
     @property
@@ -70,73 +60,37 @@ class Curve(NamedTuple):
 
 
 class _AlarmSpan(NamedTuple):
-    """A time in which an alarm is on.
-
-    Attributes
-    ----------
-    curve : Curve
-        Of its detector.
-    first, last : int
-        The first and the last row.
-    frame : int
-        The frame of the first row.
-    start_s, end_s : float
-        Times of these rows.
-    peak : float
-        The largest value of the curve within.
-    contact_s : float or None
-        Time to contact from its beginning, by the first estimate within; None without one.
-    """
+    """A time in which an alarm is on."""
 
     curve: Curve
-    first: int
+    first: int  # row
     last: int
-    frame: int
+    frame: int  # of the first row
     start_s: float
     end_s: float
-    peak: float
-    contact_s: float | None
+    peak: float  # of the curve's values within
+    contact_s: float | None  # from its beginning, by the first estimate within, if there is one
 
 
 @dataclass(frozen=True)
 class Content:
     """The content of a result's page.
 
-    Attributes
-    ----------
-    result : Result
-        The result.
-    curves : list of Curve
-        Of every detector.
-    alarms : list of _AlarmSpan
-        In the order of their beginning.
-    boxes : dict of int to list
-        By row, ``[x, y, width, height, centre_x, centre_y, id, alarm, time to contact]`` in
-        source pixels and seconds; None where a number is not known.
-    box_colour : str
-        Of the detector that found them.
-    truth : dict or None
-        Sizes and contact of a stimulus.
-    notes : list of str
-        Warnings about the result, a sentence each.
+    The boxes are by row, ``[x, y, width, height, centre_x, centre_y, id, alarm, time to contact]``
+    in source pixels and seconds; None where a number is not known.
     """
 
     result: BaseResult
     curves: list[Curve]
-    alarms: list[_AlarmSpan]
-    boxes: dict[int, list[list[Any]]]
-    box_colour: str
-    truth: dict[str, Any] | None
-    notes: list[str] = field(default_factory=list)
+    alarms: list[_AlarmSpan]  # in the order of their beginning
+    boxes: _Boxes
+    box_colour: str  # of the detector that found them
+    truth: dict[str, Any] | None  # sizes and contact of a stimulus
+    notes: list[str]  # warnings about the result, a sentence each
 
     @classmethod
     def of(cls, result: BaseResult) -> Content:
         """Return the content of a result's page.
-
-        Parameters
-        ----------
-        result : Result
-            As read.
 
         Raises
         ------
@@ -146,19 +100,19 @@ class Content:
         check_schema(result)
         curves = [_curve(result, name) for name in result.models]
         placing = placing_detector(result.models)
-        boxes = {placing.name: _boxes(result, placing.name)} if placing else {}
-        alarms = [
-            span for curve in curves for span in _alarms(result, curve, boxes.get(curve.name, {}))
-        ]
+        name, colour = (placing.name, placing.colour) if placing else ("", "")
+        boxes = _boxes(result, name) if placing else {}
+        alarms: list[_AlarmSpan] = []
+        for curve in curves:
+            alarms += _alarms(result, curve, boxes if curve.name == name else {})
         alarms.sort(key=lambda span: span.first)
-        notes = list(_notes(result, curves))
+        notes = _notes(result, curves)
         try:
             truth = _truth(result)
         except (OpploadError, KeyError, TypeError, ValueError) as error:
             truth = None
             notes.append(f"the ground truth of its stimulus cannot be read ({error})")
-        found, colour = (boxes[placing.name], placing.colour) if placing else ({}, "")
-        return cls(result, curves, alarms, found, colour, truth, notes)
+        return cls(result, curves, alarms, boxes, colour, truth, notes)
 
     @property
     def strongest(self) -> Curve:
@@ -210,7 +164,7 @@ class Content:
     def data(self) -> dict[str, Any]:
         """Return all that the script of the page needs, ready for JSON."""
         frames = self.result.frames
-        rmo = [name for name in RMO_CURVES if name in frames.columns]
+        rmo = [name for name in _RMO_CURVES if name in frames.columns]
         return {
             "frames": frames["frame"].to_numpy(int).tolist(),
             "time": _rounded(frames["time_s"].to_numpy(float), 9),
@@ -243,32 +197,30 @@ def _curve(result: BaseResult, name: str) -> Curve:
     return Curve(name, detector.label, detector.colour, response / over, thresholded)
 
 
-def _alarms(
-    result: BaseResult, curve: Curve, boxes: dict[int, list[list[Any]]]
-) -> list[_AlarmSpan]:
+def _alarms(result: BaseResult, curve: Curve, boxes: _Boxes) -> list[_AlarmSpan]:
     column = f"{curve.name}_alarm"
     if column not in result.frames.columns:
         return []
     on = check_numbers(result.path, result.frames, column) == 1
     edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(int)))
     times = result.frames["time_s"].to_numpy(float)
-    frames = result.frames["frame"].to_numpy(int)
+    frames = result.frames["frame"].tolist()
     return [
         _AlarmSpan(
             curve,
-            int(first),
-            int(stop - 1),
+            first,
+            stop - 1,
             int(frames[first]),
             float(times[first]),
             float(times[stop - 1]),
             float(np.nanmax(curve.values[first:stop], initial=0.0)),
-            _contact_s(times, range(int(first), int(stop)), boxes),
+            _contact_s(times, range(first, stop), boxes),
         )
-        for first, stop in edges.reshape(-1, 2)
+        for first, stop in edges.reshape(-1, 2).tolist()
     ]
 
 
-def _contact_s(times: Series, rows: range, boxes: dict[int, list[list[Any]]]) -> float | None:
+def _contact_s(times: Series, rows: range, boxes: _Boxes) -> float | None:
     """Return the time from the first of some rows to contact, by the first estimate in them."""
     for row in rows:
         left_s = boxes[row][0][-1] if row in boxes else None
@@ -277,10 +229,10 @@ def _contact_s(times: Series, rows: range, boxes: dict[int, list[list[Any]]]) ->
     return None
 
 
-def _boxes(result: BaseResult, name: str) -> dict[int, list[list[Any]]]:
+def _boxes(result: BaseResult, name: str) -> _Boxes:
     """Return the boxes by row: from ``detections.jsonl``, or else those of the table."""
     rows = {int(frame): row for row, frame in enumerate(result.frames["frame"])}
-    boxes: dict[int, list[list[Any]]] = {}
+    boxes: _Boxes = {}
     detections = read_detections(result.path)
     if detections is not None:
         for found in detections:
@@ -372,9 +324,9 @@ def _said(value: Any) -> str:
 
 def _short(value: Any) -> Any:
     """Return a number of a few digits, and anything else as it is."""
-    return float(f"{value:.{DIGITS + 2}g}") if isinstance(value, float) else value
+    return float(f"{value:.{_DIGITS + 2}g}") if isinstance(value, float) else value
 
 
-def _rounded(values: Series, digits: int = DIGITS) -> list[float | None]:
+def _rounded(values: Series, digits: int = _DIGITS) -> list[float | None]:
     """Return numbers for JSON, None for NaN."""
     return [float(f"{value:.{digits}g}") if np.isfinite(value) else None for value in values]

@@ -1,4 +1,7 @@
-"""Writing the pages of results, and the index of many."""
+"""Writing the pages of results, with a copy of the video that each plays, and the index of many.
+
+The copy is H.264 of the page's size, frame by frame.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +9,25 @@ import base64
 import hashlib
 import os
 from collections import Counter
-from dataclasses import dataclass, field
+from contextlib import ExitStack
+from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
 
+import cv2
 import numpy as np
+from av.video.reformatter import Colorspace
 
 from oppload_cli.errors import OpploadError, OutputError, SourceError, printable
-from oppload_cli.files.atomic import make_folder, write_atomic
+from oppload_cli.files.atomic import PartFile, make_folder, output_errors, write_atomic
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.processes.pool import outcomes
+from oppload_cli.processes.pool import Seldom, outcomes
+from oppload_cli.processes.threads import Call, Prefetch
 from oppload_cli.report.page import Content, Curve
-from oppload_cli.report.video import VideoCopy, copy_video
 from oppload_cli.results.reading import (
     BaseResult,
     find_video,
@@ -29,81 +36,60 @@ from oppload_cli.results.reading import (
     title_and_input,
 )
 from oppload_cli.version import __version__
-from oppload_cli.video.inputs import REPORTED
+from oppload_cli.video.colour import Colour, colour_size
+from oppload_cli.video.inputs import REPORTED, Position, Span
+from oppload_cli.video.source import source_of, stop
+from oppload_cli.video.writers import Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
+
+    import av
+    from numpy.typing import NDArray
+
+    from oppload_cli.video.frames import InputFacts, PictureSource
 
 
 _PAGE, _INDEX = ".report.html", "index.html"
 _GENERATOR = f"oppload {__version__}"
 _SPARK = (240, 48)  # width and height of a small curve, in units of its drawing
 _SPARK_LOW, _SPARK_HIGH = -2.0, 2.0  # decades of the threshold that it shows
+_LONGEST_SIDE = 960  # px: half a screen, and all of a phone's
+MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # px of longer videos, whose pages take time and space
+MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
+_STILL_SIDE, _QUALITY = 320, 80  # px and JPEG quality of the picture in the index
+_AHEAD = 4  # pictures that wait to be encoded
+# A key frame at least every half second at 30 frames/s: a step backwards decodes 15 frames at most.
+# With look-ahead, the encoder sometimes gives other bytes for the same frames.
+_NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
+_CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
 
 
 class _Entry(NamedTuple):
-    """A result as the index shows it.
-
-    Attributes
-    ----------
-    title : str
-        Of the input.
-    page : Path
-        The page that was written.
-    still : bytes
-        JPEG; empty without a video.
-    sparks : list of tuple
-        Label, colour and SVG path of the curve of each detector.
-    alarms : list of tuple
-        Label and colour of the detector, time in seconds, frame and peak of each alarm.
-    duration_s : float
-        From the first to the last frame.
-    peak : float
-        The largest response, over its threshold, or over its peak where the alarms are off.
-    thresholded : bool
-        Whether it is over a threshold.
-    silence : str
-        Why `peak` set off no alarm although it is above the threshold, else empty.
-    notes : list of str
-        Sentences of warning.
-    video : Path or None
-        The copy of the video, where it is a file of its own.
-    """
+    """A result as the index shows it."""
 
     title: str
     page: Path
-    still: bytes
-    sparks: list[tuple[str, str, str]]
+    still: bytes  # JPEG; empty without a video
+    sparks: list[tuple[str, str, str]]  # label, colour and SVG path of each curve
+    # Label and colour of the detector, time in seconds, frame and peak of each alarm.
     alarms: list[tuple[str, str, float, int, float]]
-    duration_s: float
-    peak: float
-    thresholded: bool
-    silence: str
-    notes: list[str]
-    video: Path | None
+    duration_s: float  # from the first to the last frame
+    peak: float  # the largest response, over its threshold, or over its peak
+    thresholded: bool  # whether it is over a threshold
+    silence: str  # why a peak above the threshold set off no alarm, else empty
+    notes: list[str]  # warnings
 
 
 @dataclass(frozen=True)
 class _Report:
-    """The files that :func:`write_report` has written.
+    """The files that :func:`write_report` has written."""
 
-    Attributes
-    ----------
-    pages : list of Path
-        In the order of the results.
-    index : Path or None
-        The index; None of a single result.
-    failures : list of OpploadError
-        Why a result has no page.
-    notes : list of str
-        Sentences on pages without a video, or with one that may not fit.
-    """
-
-    pages: list[Path]
-    index: Path | None = None
-    failures: list[OpploadError] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
+    pages: list[Path]  # in the order of the results
+    index: Path | None  # None of a single result
+    failures: list[OpploadError]  # why a result has no page
+    notes: list[str]  # on pages without a video, or with one that may not fit
 
     @property
     def first(self) -> Path:
@@ -112,13 +98,13 @@ class _Report:
 
 
 class _Item(NamedTuple):
-    """A result, the page to make of it, its title, the index, and where the videos are now."""
+    """A page to make of a result."""
 
     result: BaseResult | Path
     page: Path
     title: str
-    videos: Path | None
-    listing: Path | None
+    videos: Path | None  # where the videos are now
+    listing: Path | None  # the index
 
 
 def write_report(
@@ -172,20 +158,18 @@ def write_report(
         _Item(result, folder / page, title, videos, index)
         for result, page, title in zip(results, pages, _titles(results, pages), strict=True)
     ]
-    found: dict[int, _Entry] = {}
-    failed: dict[int, OpploadError] = {}
-    made = outcomes(_write_page, items, jobs, named=lambda item: str(item.page), told=frames)
-    for position, outcome in made:
-        if isinstance(outcome, OpploadError):
-            failed[position] = outcome
-        else:
-            found[position] = outcome
+    made: dict[int, _Entry | OpploadError] = {}
+    for position, outcome in outcomes(
+        _write_page, items, jobs, named=lambda item: str(item.page), told=frames
+    ):
+        made[position] = outcome
         if done:
             done()
-    failures = [failed[position] for position in sorted(failed)]
-    if not found:
+    ordered = [made[position] for position in sorted(made)]
+    entries = [each for each in ordered if isinstance(each, _Entry)]
+    failures = [each for each in ordered if isinstance(each, OpploadError)]
+    if not entries:
         raise failures[0]
-    entries = [found[position] for position in sorted(found)]
     if index is not None:
         write_atomic(index, _index_page(index, entries, failures))
     notes = [f"{entry.page}: {note}" for entry in entries for note in entry.notes]
@@ -239,14 +223,13 @@ def _refuse_other(index: Path) -> None:
 
 
 def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
-    """Write the page of one result."""
     result = item.result if isinstance(item.result, BaseResult) else read_result(item.result)
     content = Content.of(result)
     beside = item.page.with_name(item.page.name.removesuffix(_PAGE) + REPORTED)
-    copy: VideoCopy | None = None
+    copy: _VideoCopy | None = None
     try:
         name = find_video(result, item.videos)
-        copy = copy_video(result, name, beside, still=content.strongest.best, tell=tell)
+        copy = _copy_video(result, name, beside, still=content.strongest.best, tell=tell)
         video_notes = [copy.note] if copy.note else []
     except SourceError as error:
         video_notes = [f"the page has no video ({error})"]
@@ -270,13 +253,12 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
         strongest.thresholded,
         content.silence.removeprefix(", which "),
         [*video_notes, *([result.shortfall] if result.shortfall else [])],
-        beside if copy and copy.content is None else None,
     )
 
 
 def _page(
     content: Content,
-    copy: VideoCopy | None,
+    copy: _VideoCopy | None,
     beside: Path,
     notes: list[str],
     *,
@@ -284,15 +266,11 @@ def _page(
     index: str | None,
 ) -> str:
     """Return the page of a result as HTML."""
-    data = content.data()
-    data["video"] = None
-    if copy is not None:
-        times = [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()]
-        data["video"] = {
-            "times": times,
-            "address": None if copy.content is not None else _address(beside, beside),
-            "name": printable(beside.name),
-        }
+    video = copy and {
+        "times": [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()],
+        "address": None if copy.content is not None else _address(beside, beside),
+        "name": printable(beside.name),
+    }
     return rendered(
         "result.html",
         package=__package__,
@@ -301,14 +279,14 @@ def _page(
         chart=_script("uPlot"),
         script=_script("result"),
         style=_part("uplot", "uPlot.min.css"),
-        data=data,
+        data=content.data() | {"video": video},
         film=base64.b64encode(copy.content).decode("ascii") if copy and copy.content else "",
         title=printable(title),
         content=content,
         notes=[printable(note) for note in notes],
         index=index,
-        seconds=seconds,
-        number=number,
+        seconds=_seconds,
+        number=_number,
     )
 
 
@@ -329,12 +307,12 @@ def _index_page(index: Path, entries: Sequence[_Entry], failures: Sequence[Opplo
         threshold_row=_spark_row(1.0),
         embedded=partial(embedded, kind="jpeg"),
         address=lambda path: _address(path, index),
-        seconds=seconds,
-        number=number,
+        seconds=_seconds,
+        number=_number,
     )
 
 
-def seconds(value: float) -> str:
+def _seconds(value: float) -> str:
     """Return a time as text: ``0.37 s``, or ``3:07.25`` from a minute on."""
     if value < 60:
         return f"{value:.2f} s"
@@ -342,7 +320,7 @@ def seconds(value: float) -> str:
     return f"{int(minutes)}:{rest:05.2f}"
 
 
-def number(value: float) -> str:
+def _number(value: float) -> str:
     """Return a multiple of a threshold or a peak as text, in two or three digits."""
     if not np.isfinite(value):
         return "\N{EN DASH}"
@@ -400,3 +378,126 @@ def _policy(*scripts: str) -> str:
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:; "
         f"media-src blob: file: 'self'; base-uri 'none'; form-action 'none'"
     )
+
+
+# ---- The copy of a video ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _VideoCopy:
+    """The copy of a video."""
+
+    times_s: NDArray[np.float64]  # when it shows the frame of each row; NaN where it never does
+    still: bytes  # the frame of one row as JPEG; empty if it was not decoded
+    content: bytes | None  # the MP4; None where it is a file of its own
+    note: str  # a possible fault of the copy, as a sentence; else empty
+
+
+def _copy_video(
+    result: BaseResult, name: str, path: Path, *, still: int, tell: Callable[[int], object]
+) -> _VideoCopy:
+    """Encode the frames of a result once more, as every browser plays them.
+
+    Parameters
+    ----------
+    result : Result
+        The rows of this result say which frames.
+    name : str
+        The video, from :func:`~oppload_cli.results.reading.find_video`.
+    path : Path
+        The name of the copy where it is too large to be embedded.
+    still : int
+        The row whose frame is kept as a picture.
+    tell : callable
+        Takes the number of frames done since its last call.
+
+    Raises
+    ------
+    SourceError
+        If the video cannot be read, or holds none of the frames.
+    OutputError
+        If the copy cannot be written.
+    """
+    frames = result.frames["frame"].to_numpy(int)
+    rows = {int(frame): row for row, frame in enumerate(frames)}
+    span = Span(Position(frame=int(frames[0])), Position(frame=int(frames[-1]) + 1))
+    times_s, picture = np.full(len(frames), np.nan), b""
+    count = Seldom(tell)
+    source = Call(lambda: source_of(name, _image_rate(result), 0)).result()
+    size = _even_size(source.facts, len(frames))
+    file = PartFile(path)
+    ahead: Prefetch[tuple[int, float, av.VideoFrame]] | None = None
+    try:
+        recording = Recording(file, *size, source.facts.frame_rate, _CODEC)
+        with output_errors(path), ExitStack() as failing:
+            failing.callback(recording.abandon)
+            ahead = _ahead(source, span, size)
+            for frame, time_s, shown in ahead:
+                written_s = recording.write(shown, time_s)
+                row = rows.get(frame)
+                if row is not None:
+                    times_s[row] = written_s
+                    picture = _jpeg(shown) if row == still else picture
+                count(1)
+            count.flush()
+            if np.isnan(times_s).all():
+                raise SourceError(f"{name}: holds none of the frames of this result")
+            recording.finish()
+            failing.pop_all()
+        content = None
+        if file.raw.seek(0, os.SEEK_END) <= MOST_EMBEDDED:
+            file.raw.seek(0)
+            content = file.raw.read()
+        else:
+            file.commit()
+    finally:
+        stop(source, ahead)
+        file.discard()
+    return _VideoCopy(times_s, picture, content, _difference(result, name, source.facts, times_s))
+
+
+def _ahead(
+    source: PictureSource, span: Span, size: tuple[int, int]
+) -> Prefetch[tuple[int, float, av.VideoFrame]]:
+    """Return frames, times and pictures, which a thread decodes ahead of the caller."""
+    colour = Colour(source.facts, size)
+    pictures = span.within(source)
+    return Prefetch(((each.index, each.time_s, colour.planes(each)) for each in pictures), _AHEAD)
+
+
+def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
+    """Return the size of the copy; H.264 of these colours has even sides only."""
+    longest = _LONGEST_SIDE if frames < MANY_FRAMES else SIDE_OF_MANY
+    width, height = colour_size(facts, longest)
+    return max(2, width - width % 2), max(2, height - height % 2)
+
+
+def _image_rate(result: BaseResult) -> Fraction | None:
+    try:
+        return Fraction(result.part("input")["frame_rate"])
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+
+
+def _jpeg(frame: av.VideoFrame) -> bytes:
+    colour = frame.to_ndarray(format="bgr24", src_colorspace=Colorspace.ITU709)
+    scale = min(1.0, _STILL_SIDE / max(colour.shape[:2]))
+    small = cv2.resize(colour, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return data.tobytes()
+
+
+def _difference(
+    result: BaseResult, name: str, facts: InputFacts, times_s: NDArray[np.float64]
+) -> str:
+    """Return a sentence where this is not the video of the run, or not all of it."""
+    stated = result.part("input")
+    for fact in ("bytes", "width", "height"):
+        before, now = stated.get(fact), getattr(facts, fact)
+        if before is not None and now != before:
+            return (
+                f"{name}: is not the video of the run ({fact} was {before}, is {now}); "
+                f"boxes and curves may not fit"
+            )
+    lost = int(np.isnan(times_s).sum())
+    return f"{name}: {lost} frames of the result could not be decoded again" if lost else ""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from oppload_cli.report import video
+from oppload_cli.report import writing
 from oppload_cli.report.writing import write_report
 from tests.report.make import ALARMS, FIRST, LAST, TIMES_MS, number_of, write_numbered_result
 
@@ -196,7 +196,7 @@ def test_dark_and_narrow(browser: Browser, page: Path, wide: int) -> None:
 def test_a_large_video_is_a_file_beside_the_page(
     browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(video, "MOST_EMBEDDED", 0)
+    monkeypatch.setattr(writing, "MOST_EMBEDDED", 0)
     page = write_report([write_numbered_result(tmp_path, "a #1? 50%")], tmp_path).first
     opened(browser, page, "#f14")
     is_at(browser, 14)  # its pixels may not be read: each file is an origin of its own

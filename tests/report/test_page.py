@@ -17,11 +17,12 @@ import pytest
 
 from oppload_cli.errors import OutputError, ResultError
 from oppload_cli.models.registry import detector_named
-from oppload_cli.report import video
+from oppload_cli.report import writing
 from oppload_cli.report.page import Content
-from oppload_cli.report.writing import number, seconds, write_report
+from oppload_cli.report.writing import write_report
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
+from oppload_cli.video.recording import Recording
 from oppload_cli.video.source import source_of
 from tests.cli.inside import run
 from tests.report.make import (
@@ -214,7 +215,7 @@ def test_nothing_in_a_page_leads_to_a_network(table: Path) -> None:
 
 
 def test_a_long_video_stands_beside_the_page(table: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video, "MOST_EMBEDDED", 100)
+    monkeypatch.setattr(writing, "MOST_EMBEDDED", 100)
     page = write_report([table], table.parent / "out").first
     assert film_of(page) == b""
     assert data_of(page)["video"]["address"] == "./clip.report.mp4"
@@ -228,8 +229,8 @@ def test_the_copy_of_a_long_video_is_smaller(table: Path, monkeypatch: pytest.Mo
             return copy.streams.video[0].width, copy.streams.video[0].height
 
     width, height = size()
-    monkeypatch.setattr(video, "MANY_FRAMES", LAST + 1 - FIRST)
-    monkeypatch.setattr(video, "SIDE_OF_MANY", width // 2)
+    monkeypatch.setattr(writing, "MANY_FRAMES", LAST + 1 - FIRST)
+    monkeypatch.setattr(writing, "SIDE_OF_MANY", width // 2)
     assert size() == (width // 2, height // 2)
 
 
@@ -259,14 +260,13 @@ def test_a_video_is_not_closed_while_a_thread_decodes_it(
             used.append(self._used)
             self._source.close()
 
-    def interrupt(_: object) -> bytes:
+    def interrupt(*_: object) -> float:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(video, "source_of", Slow)
-    monkeypatch.setattr(video, "_jpeg", interrupt)
-    result, clip, copy = read_result(table), table.with_name("clip.mkv"), table.with_name("c.mp4")
+    monkeypatch.setattr(writing, "source_of", Slow)
+    monkeypatch.setattr(Recording, "write", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        video.copy_video(result, str(clip), copy, still=0, tell=lambda _: None)
+        write_report([table], table.parent)
     assert used == [False]
     assert not list(table.parent.glob("*.part"))
 
@@ -475,10 +475,16 @@ def test_pages_in_one_folder_have_the_inputs_as_titles(table: Path, tmp_path: Pa
     }
 
 
-def test_numbers_as_text() -> None:
-    assert [seconds(value) for value in (0.366, 59.99, 60, 187.25)] == [
-        *("0.37 s", "59.99 s", "1:00.00", "3:07.25")
-    ]
-    assert [number(value) for value in (0.0, 8e-5, 0.0123, 4.23, 12.34, 1234.5)] == [
-        *("0", "< 0.01", "0.012", "4.2", "12", "1,234")
-    ]
+def test_numbers_as_text(table: Path) -> None:
+    times = (0.366, 59.99, 60, 187.25, 188, 189)
+    heights = (0.0, 8e-5, 0.0123, 4.23, 12.34, 1234.5)  # over a threshold of 0.05
+    rows = ["frame,time_s,opplod_response,opplod_alarm", "0,0,0,0"]
+    for at, (time_s, height) in enumerate(zip(times, heights, strict=True)):
+        rows.append(f"{2 * at + 1},{time_s},{height * 0.05:.9g},1")
+        rows.append(f"{2 * at + 2},{time_s + 0.001},0,0")
+    table.write_text("".join(f"{row}\n" for row in rows))
+    table.with_name("clip.detections.jsonl").unlink()
+    index = write_report([table, table], table.parent).first.read_text()
+    shown = re.findall(r'title="OppLoD: ([^"]+) times the threshold">([^<]+)<', index)
+    assert [text for _, text in shown[:4]] == ["0.37 s", "59.99 s", "1:00.00", "3:07.25"]
+    assert [text for text, _ in shown[:6]] == ["0", "&lt; 0.01", "0.012", "4.2", "12", "1,234"]
