@@ -140,10 +140,8 @@ def _run(
 ) -> Sequence[Path]:
     """Measure and write one sweep; return the files that were written."""
     from oppload_cli.tuning.run import (
-        faint,
-        to_onset,
+        doubts_about,
         tune,
-        unlike_neurons,
         write_tuning,
         write_tuning_sidecar,
     )
@@ -160,12 +158,7 @@ def _run(
             jobs=jobs or cores(),
             progress=bar.update,
         )
-    height = entry.protocols()[0].display.height
-    doubts = [
-        *faint(conditions, settings),
-        *to_onset(conditions, entry, presentations),
-        *unlike_neurons(conditions, settings, height),
-    ]
+    doubts = list(doubts_about(conditions, entry, settings))
     for doubt in doubts:
         say(f"oppload: {doubt.text}")
     write_tuning(table, conditions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,14 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Responses:
-    """The responses of one detector to one stimulus.
+    """The responses of one detector to the n frames of one stimulus.
 
     Attributes
     ----------
-    frame, time_s : ndarray, shape (n,)
-        Of every frame of the stimulus.
-    response : ndarray, shape (n,)
-        NaN during warm-up.
+    frame, time_s, response : ndarray, shape (n,)
+        Of every frame; the response is NaN during warm-up.
     centre : ndarray, shape (n, 2)
         Centre (x, y) of the winning unit in stimulus pixels; NaN without a winner.
     box : ndarray, shape (n, 4)
@@ -91,8 +89,7 @@ def present(
     Returns
     -------
     dict of str to Responses
-        By detector, in the settings' order: the numbers that ``oppload run`` writes
-        for the stimulus's lossless video.
+        By detector: the numbers that ``oppload run`` writes for the stimulus's lossless video.
     """
     video = StimulusVideo(protocol, settings.height, times)
     display = protocol.display
@@ -119,13 +116,12 @@ def present(
     for detector in settings.models:
         found = [record.responses.get(detector) for record in records]
         boxes = np.array([_box(each) for each in found])
-        response = [np.nan if each is None else each.response for each in found]
-        centre = boxes[:, :2] + boxes[:, 2:] / 2
-        made[detector] = Responses(frame, time, np.array(response), centre, boxes)
+        response = np.array([np.nan if each is None else each.response for each in found])
         if indicator_s:
-            signal = low_passed(made[detector].response, time, indicator_s)
-            signal[np.isnan(made[detector].response)] = np.nan
-            made[detector] = replace(made[detector], response=signal)
+            signal = low_passed(response, time, indicator_s)
+            response = np.where(np.isnan(response), np.nan, signal)
+        centre = boxes[:, :2] + boxes[:, 2:] / 2
+        made[detector] = Responses(frame, time, response, centre, boxes)
     return made
 
 
@@ -197,14 +193,9 @@ class Measures:
 
 
 def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
-    """Measure the responses of one detector to one condition.
+    """Measure the responses of one detector to a stimulus.
 
-    Parameters
-    ----------
-    responses : Responses
-        Of the detector.
-    protocol : Protocol, optional
-        The stimulus; without it nothing is known of contact and size.
+    Without its protocol nothing is known of contact and size.
     """
     best = responses.peak
     if best is None:

@@ -42,24 +42,12 @@ _MEASURES = tuple(field.name for field in fields(Measures))
 
 @dataclass(frozen=True)
 class Condition:
-    """One stimulus of a sweep with its measures.
-
-    Attributes
-    ----------
-    stimulus : str
-        Name of the stimulus.
-    values : dict
-        Swept values by dotted key.
-    measures : dict of str to Measures
-        By detector.
-    indicator_s : float
-        Time constant of the calcium indicator that showed the responses; 0 for none.
-    """
+    """One stimulus of a sweep with its measures."""
 
     stimulus: str
-    values: dict[str, Any]
-    measures: dict[str, Measures]
-    indicator_s: float = 0.0
+    values: dict[str, Any]  # swept ones, by dotted key
+    measures: dict[str, Measures]  # by detector
+    indicator_s: float = 0.0  # time constant of the calcium indicator; 0 for none
 
 
 def tune(
@@ -109,18 +97,15 @@ def tune(
         named=attrgetter("name"),
         progress=lambda _: progress() if progress else None,
     )
-    return [
-        Condition(name, values, measures, indicator_s)
-        if presentations == 1
-        else Condition(
-            f"{name}/{_PRESENTATION}-{number}",
-            {**values, _PRESENTATION: number},
-            measures,
-            indicator_s,
-        )
-        for (name, values), times in zip(entry.values().items(), shown, strict=True)
-        for number, measures in enumerate(times, 1)
-    ]
+    made = []
+    for (stimulus, swept), times in zip(entry.values().items(), shown, strict=True):
+        for number, measures in enumerate(times, 1):
+            name, values = stimulus, swept
+            if presentations > 1:
+                name = f"{stimulus}/{_PRESENTATION}-{number}"
+                values = {**swept, _PRESENTATION: number}
+            made.append(Condition(name, values, measures, indicator_s))
+    return made
 
 
 def _measured(
@@ -141,21 +126,20 @@ def _measured(
 
 
 class Doubt(NamedTuple):
-    """Why the curve of a detector means little.
-
-    Attributes
-    ----------
-    detector : str
-        Its name.
-    note : str
-        In a few words, for the legend of a figure.
-    text : str
-        A sentence with the numbers and an advice.
-    """
+    """Why the curve of a detector means little."""
 
     detector: str
-    note: str
-    text: str
+    note: str  # in a few words, for the legend of a figure
+    text: str  # a sentence with the numbers and an advice
+
+
+def doubts_about(
+    conditions: Sequence[Condition], entry: Entry, settings: Settings
+) -> Iterator[Doubt]:
+    """Name the detectors whose curves over a measured sweep mean little, and say why."""
+    yield from faint(conditions, settings)
+    yield from _to_onset(conditions, entry)
+    yield from _unlike_neurons(conditions, settings, entry.protocols()[0].display.height)
 
 
 def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt]:
@@ -166,11 +150,10 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
     """
     if any(each.indicator_s for each in conditions):
         return
-    floor_of = (
-        "the floor of its alarm"
-        if settings.alarm.on
-        else ("what its alarm needs under other presets (here the alarms are off)")
-    )
+    floor_of = "the floor of its alarm"
+    if not settings.alarm.on:
+        floor_of = "what its alarm needs under other presets (here the alarms are off)"
+    advice = "try a faster stimulus or another preset ('oppload models')"
     for name in settings.models:
         peak = max(each.measures[name].peak or 0 for each in conditions)
         floor = alarm_floor_of(name, settings.preset)
@@ -180,8 +163,7 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
                 "below a millionth of its floor",
                 f"{detector_named(name).label} does not respond to this stimulus under preset "
                 f"{settings.preset}: its largest response is below a millionth of {floor_of}, "
-                f"{floor:g}, as rounding errors are; "
-                f"try a faster stimulus or another preset ('oppload models')",
+                f"{floor:g}, as rounding errors are; {advice}",
             )
         elif peak < _FAINT * floor:
             yield Doubt(
@@ -189,26 +171,23 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
                 "below a tenth of its floor",
                 f"{detector_named(name).label} hardly responds to this stimulus under "
                 f"preset {settings.preset}: its largest response, {peak:.2g}, is below a tenth of "
-                f"{floor_of}, {floor:g}, so that the shape of its curve means little; "
-                f"try a faster stimulus or another preset ('oppload models')",
+                f"{floor_of}, {floor:g}, so that the shape of its curve means little; {advice}",
             )
 
 
-def to_onset(
-    conditions: Sequence[Condition], entry: Entry, presentations: int = 1
-) -> Iterator[Doubt]:
+def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
     """Name the detectors that answer to the start of a motion after a pause.
 
     Such a peak shows no tuning: all motion that begins excites them, as nothing moved before.
     """
-    if presentations > 1:
+    if _PRESENTATION in conditions[0].values:
         return
     begins = [protocol.timing.before_s for protocol in entry.protocols()]
     for name in conditions[0].measures:
+        times = [each.measures[name].peak_time_s for each in conditions]
         found = [
-            begin > 0 and each.peak_time_s is not None and each.peak_time_s - begin < _ONSET_S
-            for condition, begin in zip(conditions, begins, strict=True)
-            for each in [condition.measures[name]]
+            begin > 0 and time_s is not None and time_s - begin < _ONSET_S
+            for begin, time_s in zip(begins, times, strict=True)
         ]
         if any(found):
             part = f"{sum(found)} of {len(found)} peaks"
@@ -221,23 +200,14 @@ def to_onset(
             )
 
 
-def unlike_neurons(
+def _unlike_neurons(
     conditions: Sequence[Condition], settings: Settings, height: int
 ) -> Iterator[Doubt]:
     """Name the detectors that stand for LPLC2 neurons, but are not measured as those were.
 
     The neurons were recorded one by one, by a calcium indicator (``docs/lplc2.md``). Without it the
     peak is that of the first transient, and of many units the strongest one counts: either alone
-    makes the answers to bars several times as large.
-
-    Parameters
-    ----------
-    conditions : sequence of Condition
-        As measured.
-    settings : Settings
-        Of the detectors.
-    height : int
-        Of the stimulus in px.
+    makes the answers to bars several times as large. The height is that of the stimulus in px.
     """
     resolved = settings.with_all_detectors().resolved(settings.height or height)
     for name in settings.models:
@@ -263,9 +233,8 @@ def unlike_neurons(
 def _is_symmetric(entry: Entry) -> bool:
     """Tell whether half a turn of the swept direction gives the same stimulus.
 
-    Then half a circle of directions is the complete tuning, as for a bar that grows at
-    both ends. Two frames of the stimulus decide it, not the name of the key. False if no
-    direction is swept.
+    Then half a circle of directions is the complete tuning, as for a bar that grows at both ends.
+    Two frames of the stimulus decide it, not the name of the key.
     """
     direction = direction_of(list(entry.sweep))
     if direction is None:
@@ -320,11 +289,11 @@ def write_tuning_sidecar(
     command : sequence of str
         The command line.
     indicator_s : float
-        Time constant of the calcium indicator; 0 for none.
+        As of :func:`tune`.
     figure : mapping, optional
         Name, title and kind of the classic figure that the table is for.
     doubts : sequence of Doubt
-        Why curves mean little; figures show it.
+        Figures show them.
     summary : mapping, optional
         The numbers of each curve, by detector, from
         :func:`oppload_cli.plots.tuning.summary_of`.

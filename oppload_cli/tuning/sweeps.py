@@ -28,33 +28,15 @@ _EVERY = "all"
 
 @dataclass(frozen=True)
 class _Classic:
-    """A classic figure: the sweep that its table needs, and how it is drawn.
-
-    Attributes
-    ----------
-    title : str
-        Title of the figure.
-    kind : str
-        The plot, as ``oppload plot --kind`` names it.
-    stimulus : str
-        In the catalogue.
-    sweep : dict
-        Lists of values by dotted key.
-    changes : dict
-        Other values of the stimulus by dotted key.
-    settings : tuple of str
-        Parameters of detectors; those of the user come later and win.
-    presentations : int
-        How often each stimulus is shown in a row.
-    """
+    """A classic figure: the sweep that its table needs, and how it is drawn."""
 
     title: str
-    kind: str
-    stimulus: str
-    sweep: Mapping[str, list[Any]] = field(default_factory=dict)
-    changes: Mapping[str, Any] = field(default_factory=dict)
-    settings: tuple[str, ...] = ()
-    presentations: int = 1
+    kind: str  # of the plot, as `oppload plot --kind` names it
+    stimulus: str  # in the catalogue
+    sweep: Mapping[str, list[Any]] = field(default_factory=dict)  # by dotted key
+    changes: Mapping[str, Any] = field(default_factory=dict)  # of the stimulus, by dotted key
+    settings: tuple[str, ...] = ()  # of detectors; those of the user come later and win
+    presentations: int = 1  # how often each stimulus is shown in a row
 
 
 _PLACES = [-24, -18, -12, -6, 0, 6, 12, 18, 24]
@@ -135,28 +117,14 @@ FIGURES: dict[str, _Classic] = {
 
 
 class Sweep(NamedTuple):
-    """A stimulus with its sweep, the settings of the detectors, and the figure that it is for.
-
-    Attributes
-    ----------
-    entry : Entry
-        The stimulus.
-    settings : Settings
-        Of the detectors.
-    presentations : int
-        How often each stimulus is shown in a row.
-    figure : dict of str to str
-        Name, title and kind of the figure; empty without one.
-    held : dict
-        The dotted keys of the stimulus's own sweep that another sweep replaces, each with the value
-        that it keeps.
-    """
+    """A stimulus with its sweep, the settings of the detectors, and the figure that it is for."""
 
     entry: Entry
     settings: Settings
-    presentations: int
-    figure: dict[str, str]
-    held: dict[str, Any]
+    presentations: int = 1  # how often each stimulus is shown in a row
+    figure: Mapping[str, str] = {}  # name, title and kind of the figure; empty without one
+    # The dotted keys of the stimulus's own sweep that another sweep replaces, and their values.
+    held: Mapping[str, Any] = {}
 
 
 def sweeps(
@@ -199,9 +167,9 @@ def sweeps(
         if both is not None:
             raise ParameterError(f"--change {both}: --over sweeps it; leave one of the two out")
         gone = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
-        held = {key: value_at(entry.table, key) for key in sorted(gone)}
-        stated = {key: value for key, value in held.items() if value is not None}
-        return [Sweep(entry, resolve(**settings), 1, {}, stated)]
+        kept = {key: value_at(entry.table, key) for key in sorted(gone)}
+        held = {key: value for key, value in kept.items() if value is not None}
+        return [Sweep(entry, resolve(**settings), held=held)]
     classic = _figures_named(figures)
     if over and len(classic) > 1:
         raise ParameterError("--over goes with one --figure alone")
@@ -211,7 +179,7 @@ def sweeps(
         resolved = resolve(**{**settings, "assignments": assignments})
         words = {"name": name, "title": each.title, "kind": each.kind}
         entry = _figure_entry(name, changes, over)
-        made.append(Sweep(entry, resolved, each.presentations, words, {}))
+        made.append(Sweep(entry, resolved, each.presentations, words))
     return made
 
 
@@ -304,20 +272,10 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
 
 
 def _values_of(text: str, values: str) -> list[Any]:
-    """Read the values of a sweep.
+    """Read the values of a sweep; `text` is the complete option, for the message.
 
-    Parameters
-    ----------
-    text : str
-        The complete option, for the message.
-    values : str
-        ``10,20,40``, ``0:330:30`` (from, to, step; both ends included), or a list as
-        in TOML, such as ``[[0,0],[10,0]]``.
-
-    Raises
-    ------
-    ParameterError
-        If they cannot be read, or are more than 1000.
+    They are written ``10,20,40``, or ``0:330:30`` (from, to, step; both ends included), or as a
+    list of TOML, such as ``[[0,0],[10,0]]``.
     """
     try:
         if values.count(":") == 2:

@@ -18,7 +18,7 @@ from oppload_cli.plots.contact import PeakTimes
 from oppload_cli.plots.tuning import KINDS
 from oppload_cli.schema import Parameters, parameter
 from oppload_cli.tuning.present import Responses, low_passed, present
-from oppload_cli.tuning.run import faint, to_onset, tune, write_tuning
+from oppload_cli.tuning.run import doubts_about, tune, write_tuning
 from oppload_cli.tuning.sweeps import FIGURES, sweeps
 from tests.tuning.test_tuning import disk, swept
 
@@ -163,8 +163,7 @@ def test_a_figure_shows_tuning_and_no_start_of_the_motion(name: str, over: list[
     settings = resolve(usual="reference", assignments=FIGURES[name].settings)
     entry = entry_of(name, {}, over)
     shown = tune(entry, settings)
-    assert [each.detector for each in to_onset(shown, entry)] == []
-    assert [each.detector for each in faint(shown, settings)] == []
+    assert [each.detector for each in doubts_about(shown, entry, settings)] == []
     # The first response is in frame 3: no peak is cut off there.
     best = max(shown, key=lambda each: each.measures["opplod"].peak or 0).measures["opplod"]
     assert best.peak_frame is not None

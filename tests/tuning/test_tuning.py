@@ -16,10 +16,9 @@ from oppload_cli.stimulus.catalogue import find, read_entry
 from oppload_cli.tuning.present import Measures, Responses, measure, present
 from oppload_cli.tuning.run import (
     Condition,
+    doubts_about,
     faint,
-    to_onset,
     tune,
-    unlike_neurons,
     write_tuning,
     write_tuning_sidecar,
 )
@@ -28,7 +27,9 @@ from oppload_cli.tuning.sweeps import sweeps
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.catalogue import Entry
+    from oppload_cli.tuning.run import Doubt
 
 DISK = """
 [display]
@@ -230,16 +231,23 @@ def test_options_that_contradict_each_other(
         sweeps("klapoetke2017/loom-l-over-v", (), changes, over, {"models": ["opplod"]})
 
 
+def at_the_start(conditions: list[Condition], entry: Entry, settings: Settings) -> list[Doubt]:
+    doubts = doubts_about(conditions, entry, settings)
+    return [doubt for doubt in doubts if "the start of the motion" in doubt.note]
+
+
 def test_peaks_at_the_start_of_motion_are_named() -> None:
     """D-LGMD meets no inhibition there; OppLoD leaves such edges out."""
     entry = swept("klapoetke2017/bar-expand-10", ["axis=0,45"])
     settings = resolve(preset="reference", height="120", models=["opplod", "dlgmd"])
-    (doubt,) = to_onset(tune(entry, settings), entry)
+    (doubt,) = at_the_start(tune(entry, settings), entry, settings)
     assert doubt.text.startswith("D-LGMD: 2 of 2 peaks come within 0.083 s after the pause")
     assert "inhibition" not in doubt.text  # some detectors have none
     assert doubt[:2] == ("dlgmd", "2 of 2 peaks at the start of the motion: no tuning")
     without = entry.with_settings({"timing.before_s": 0})
-    assert not list(to_onset(tune(without, settings), without))
+    assert not at_the_start(tune(without, settings), without, settings)
+    # In presentations in a row a pause does not count.
+    assert not at_the_start(tune(entry, settings, presentations=2), entry, settings)
 
 
 @pytest.mark.parametrize(
@@ -371,7 +379,8 @@ def test_neurons_that_are_measured_unlike_the_study_are_named(
 ) -> None:
     settings = resolve(preset=preset, models=["opplod", "dlgmd"], assignments=assigned)
     measures = {name: Measures(peak=1.0) for name in settings.models}
-    doubts = list(unlike_neurons([Condition("a", {}, measures, indicator_s)], settings, 360))
+    condition = Condition("a", {}, measures, indicator_s)
+    doubts = list(doubts_about([condition], find("klapoetke2017/loom")[0], settings))
     notes = [(each.detector, each.note) for each in doubts]
     expected = f"{missing}: larger for bars than in LPLC2 neurons"
     assert notes == ([("opplod", expected)] if missing else [])
