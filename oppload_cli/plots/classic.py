@@ -72,9 +72,20 @@ class TuningCurve(NamedTuple):
         return self.rows["peak"].to_numpy(float)
 
     @property
+    def largest(self) -> float:
+        """The largest peak."""
+        return float(self.peaks.max())
+
+    @property
     def doubts(self) -> str:
         """Why the curve means little, each reason after a line break."""
         return doubts_of(self.tuning, self.detector.name)
+
+    @property
+    def label(self) -> str:
+        """The name with the largest peak, for a legend."""
+        text = f"{self.name}, largest peak {self.largest:.3g} ({self.detector.unit}){self.doubts}"
+        return wrapped(text, LEGEND_WIDTH)
 
 
 class Request(NamedTuple):
@@ -347,15 +358,11 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
     with _single(request, curves) as (figure, panel):
         for curve, column, ground in zip(curves, columns, grounds, strict=True):
             x, y = 100 * (curve.rows[column].to_numpy(float) - ground) / ground, curve.peaks
-            largest = float(y.max())
             if 0 not in x:  # no line over what was not measured
                 x, y = np.append(x, 0), np.append(y, np.nan)
             order = np.argsort(x)
-            label = f"{curve.name}, largest peak {largest:.3g} ({curve.detector.unit})"
-            panel.plot(
-                x[order], y[order] / (largest or 1.0), marker="o", markersize=3, **curve.look,
-                label=wrapped(label + curve.doubts, LEGEND_WIDTH),
-            )  # fmt: skip
+            share = y[order] / (curve.largest or 1.0)
+            panel.plot(x[order], share, marker="o", markersize=3, **curve.look, label=curve.label)
         begin_at_zero(panel)
         panel.axvline(0, color=FAINT, lw=0.7)
         panel.set_xlabel("contrast to the ground (%), below 0: darker")

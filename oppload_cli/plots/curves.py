@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -12,17 +12,15 @@ from matplotlib.lines import Line2D
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.panels import (
-    BAR_STEP,
     FLOOR,
     NOT_DOTTED,
     SCALES,
     CurveOptions,
-    check_xlim,
-    contact_of,
-    contacts_of,
     draw_curves,
+    draw_marks,
     log_axis,
     panels_of,
+    shared_truth,
 )
 from oppload_cli.plots.style import (
     COLUMN,
@@ -43,7 +41,6 @@ from oppload_cli.plots.style import (
     wrapped,
     write_title,
 )
-from oppload_cli.results.truths import usable_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -65,12 +62,6 @@ _MOST_LONGER = 4  # times as long as the shortest input of panels with one time 
 _MOST_BINS = 400  # of time, in a heat map
 _MOST_NAMES = 60  # along a heat map
 _ALARM = "#D55E00"
-_SAME_S = 1e-6  # between two times of one contact: rounding
-_LETTER = 0.02  # of a panel's width, for each letter of a label
-_ROW, _ROW_POINTS = 0.066, 7.5  # of a panel's height, and in points, for a row of labels
-_ROWS = 4  # that are tried; further down, a label is far from the top of its line
-_RING = 0.03  # of a panel's height and width: half of a ring around a peak
-_MARGIN = 0.02  # of a panel's height, between labels and curves
 _NAME_WIDTH = 16  # characters in a line of an object's name
 _NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
 _LINE = 0.09  # inches of height for each line of a legend
@@ -152,21 +143,32 @@ def plot_curves(
         tuple(models), scale, align, xlim, title, tuple(labels), dict(marks or {}), threshold,
         any_length,
     )  # fmt: skip
-    truths = [usable_truth(result) for result in results]
-    panels = panels_of(results, options, truths)
-    check_xlim(panels, xlim)
+    panels = panels_of(results, options)
+    _check_xlim(panels, xlim)
     if sum(map(len, panels)) <= _MOST_CURVES or axes is not None:
-        return _draw_few(panels, options.with_bars(panels), truths, axes)
+        return _draw_few(panels, options.with_bars(panels), axes)
     if len(results) <= _MOST_PANELS:
         small = _one_each(panels)
         return _draw_multiples(small, options.with_bars(small))
     return _draw_heat(_one_each(panels), options)
 
 
+def _check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | None) -> None:
+    """Raise a ParameterError if an axis has no length, or shows no frame of any curve."""
+    if xlim is None:
+        return
+    begin, end = xlim
+    if not begin < end:
+        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no length; begin it earlier")
+    times = [curve.time for curves in panels for curve in curves]
+    if not any(((begin <= time) & (time <= end)).any() for time in times):
+        held = f"{min(time[0] for time in times):.3g} to {max(time[-1] for time in times):.3g} s"
+        raise ParameterError(f"no frame is between {begin:g} and {end:g} s; there are {held}")
+
+
 def _draw_few(
     panels: Sequence[Sequence[Curve]],
     options: CurveOptions,
-    truths: Sequence[Truth | None],
     own: Axes | None = None,
 ) -> tuple[Figure, list[Axes]]:
     """Draw curves with a legend, each panel above the ground truth of its input."""
@@ -178,13 +180,12 @@ def _draw_few(
                 "detector or one result, or leave out the axes"
             )
         _draw_panel(own, panels[0], options, own=True)
-        _mark([own], panels[0], options, _shared_truth(panels[0], truths))
+        draw_marks([own], panels[0], options)
         return own.figure.figure, [own]
-    shared = [_shared_truth(curves, truths) for curves in panels]
-    strips = shared
+    strips = [shared_truth(curves) for curves in panels]
     if options.scale == "raw":  # one strip, under the last panel of each result
         last = {curves[-1].number: at for at, curves in enumerate(panels)}
-        strips = [truth if at in last.values() else None for at, truth in enumerate(shared)]
+        strips = [truth if at in last.values() else None for at, truth in enumerate(strips)]
     heights: list[float] = []
     for curves, strip in zip(panels, strips, strict=True):
         heights += [1.75 + 0.12 * len(curves), *([] if strip is None else [0.62])]
@@ -204,8 +205,8 @@ def _draw_few(
                 _draw_truth(panel[1], strip, curves[0].zero_s)
                 panel[0].tick_params(labelbottom=False)
             drawn.append(panel)
-        for panel, curves, truth in zip(drawn, panels, shared, strict=True):
-            _mark(panel, curves, options, truth)
+        for panel, curves in zip(drawn, panels, strict=True):
+            draw_marks(panel, curves, options)
         axes[-1].set_xlabel(options.time_label)
         figure.set_figheight(min(MOST_HEIGHT, 0.2 + sum(heights) + _LINE * lines))
         write_title(figure, options.title if len(panels) > 1 else None)
@@ -279,127 +280,6 @@ def _draw_panel(
     return lines
 
 
-def _mark(
-    axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOptions, truth: Truth | None
-) -> None:
-    """Draw labelled times as vertical lines; the label alone where a time is outside.
-
-    Where the inputs of a panel have different times, each line has the colour of its curve.
-    """
-    of_inputs = {curve.number: curve for curve in curves}.values()
-    other_contacts: list[float] = []  # of the objects after the first, in the ground truth
-    marks = {
-        label: {curve: times[curve.number] for curve in of_inputs}
-        for label, times in options.marks.items()
-    }
-    if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
-        contact = contact_of(truth)
-        marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
-        other_contacts = [
-            time - curves[0].zero_s for time in contacts_of(truth).values()
-            if contact is None or abs(time - contact) > _SAME_S
-        ]  # fmt: skip
-    first, last = axes[0].get_xlim()
-    below = max((1 - bar + BAR_STEP for bar in options.bars_of(curves).values()), default=0.0)
-    taken: list[_Box] = []  # by labels and curves
-    lines = _curves_of(axes[0])
-    for label, times in marks.items():
-        known = {c: time - c.zero_s for c, time in times.items() if time is not None}
-        alike = len({round(time, 6) for time in known.values()}) == 1
-        for number, (curve, time) in enumerate(known.items()):
-            inside = first <= time <= last
-            for each in axes if inside else ():
-                each.axvline(
-                    time, color=INK if alike else curve.colour, lw=0.7, linestyle=(0, (4, 2))
-                )
-            if number or (label == "contact" and options.align):  # the axis says where it is
-                continue
-            several = label == "contact" and bool(other_contacts)
-            text = label + "s" * several if inside else f"{label} at {time:.3g} s"
-            share = min(max((time - first) / (last - first), 0.0), 1.0)
-            wide = _LETTER * len(text)
-            # The second label goes to the right, away from the first and from peaks before it.
-            right = share < 0.2 or (bool(taken) and share + wide < 1)
-            box = _free_box(share, wide, 1 - below, right=right, taken=taken, lines=lines)
-            upright = box is None  # beside the line there is always room for a narrow label
-            begin = min(share, 1 - 2 * _LETTER)
-            box = box or _Box(begin, begin + 2 * _LETTER, 0)
-            right = box.left >= share
-            taken.append(box)
-            axes[0].annotate(
-                text, (share, 1 - below), xycoords="axes fraction",
-                xytext=(2 if right else -2, -1 - _ROW_POINTS * box.row), textcoords="offset points",
-                ha="left" if right else "right", va="top", fontsize=6, color=INK,
-                rotation=90 if upright else 0,
-            )  # fmt: skip
-    for time in other_contacts:
-        for each in axes if first <= time <= last else ():
-            each.axvline(time, color=INK, lw=0.7, linestyle=(0, (4, 2)))
-    axes[0].set_xlim(first, last)
-
-
-class _Box(NamedTuple):
-    """The place of a label, as shares of the panel's width, and its row from the top."""
-
-    left: float
-    right: float
-    row: int
-
-
-def _curves_of(axes: Axes) -> list[Series]:
-    """Return the curves of a panel as rows of (x, y), in shares of its width and height.
-
-    The ring around a peak is a line along its top. Lines of two points are marks.
-    """
-    place = axes.transData + axes.transAxes.inverted()
-    lines = [place.transform(np.asarray(line.get_xydata(), float)) for line in axes.lines]
-    top = np.array([(-_RING, _RING), (_RING, _RING)])
-    tops = [line + top for line in lines if len(line) == 1]
-    return [line for line in lines if len(line) > 2] + tops
-
-
-def _free_box(
-    share: float,
-    wide: float,
-    top: float,
-    *,
-    right: bool,
-    taken: Sequence[_Box],
-    lines: Sequence[Series],
-) -> _Box | None:
-    """Return the first place beside a mark where a label covers no other one and no curve, if any.
-
-    The mark at `share` and the width of the label are shares of the panel's width, the `top` of
-    the first row is one of its height. The side that is tried first is `right`; places of other
-    labels are `taken`, and `lines` are the curves from :func:`_curves_of`.
-    """
-    sides = [right, not right] if wide <= share <= 1 - wide else [right]
-    tried = [
-        _Box(share, share + wide, row) if side else _Box(share - wide, share, row)
-        for row in range(_ROWS)
-        for side in sides
-    ]
-    for box in tried:
-        covered = any(
-            box.row == other.row and box.left < other.right and other.left < box.right
-            for other in taken
-        )
-        high = top - _ROW * box.row
-        x = np.linspace(box.left, box.right, 50)
-        for line in () if covered else lines:
-            y = np.interp(x, line[:, 0], line[:, 1], left=np.nan, right=np.nan)
-            covered |= bool(np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)))
-        if not covered:
-            return box
-    return None
-
-
-def _shared_truth(curves: Sequence[Curve], truths: Sequence[Truth | None]) -> Truth | None:
-    """Return the ground truth of a panel, if all its inputs have the same one."""
-    own = [truths[curve.number] for curve in curves]
-    return own[0] if all(truth == own[0] for truth in own) else None
-
-
 def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
     """Draw the angular size of every object over time, on grey where an object looms.
 
@@ -469,7 +349,6 @@ def _draw_multiples(
     scale = scales[0] if len(set(scales)) == 1 else options.scale
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.6 + 1.35 * rows)) as figure:
         shared = scale != "raw" and len(set(scales)) == 1
-        truths = [usable_truth(curves[0].result) for curves in panels]
         one_time = _of_like_length(panels)
         axes = panel_grid(figure, len(panels), columns, sharex=one_time, sharey=shared)
         several = len({curves[0].number for curves in panels}) > 1
@@ -487,10 +366,10 @@ def _draw_multiples(
                 shown += ", over its peak: no threshold"
             panel.set_title(wrapped(shown + unit, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
             panel.tick_params(labelsize=6)
-        for panel, curves, truth, own in zip(axes, panels, truths, scales, strict=True):
+        for panel, curves, own in zip(axes, panels, scales, strict=True):
             if own == "threshold":
                 log_axis(panel, top)
-            _mark([panel], curves, options, truth)
+            draw_marks([panel], curves, options)
         legend = panels if several else []
         title = options.title or ("" if several else panels[0][0].result.title)
         shown_notes = [note for note in notes if "above the panel" not in note]

@@ -1,15 +1,15 @@
-"""One panel of responses over time: its curves, their scale, thresholds and alarms."""
+"""One panel of responses over time: its curves, thresholds, alarms and labelled times."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.ticker import FixedLocator, FuncFormatter
 
-from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import detector_named
 from oppload_cli.plots.style import (
     INK,
@@ -20,6 +20,7 @@ from oppload_cli.plots.style import (
     wrapped,
 )
 from oppload_cli.results.reading import result_threshold
+from oppload_cli.results.truths import usable_truth
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,7 +37,13 @@ if TYPE_CHECKING:
 SCALES = ("threshold", "peak", "raw")
 FLOOR = 0.01  # of the threshold; responses below it are drawn at it
 _HEADROOM = 1.25  # over the peak
-_BAR, BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
+_SAME_S = 1e-6  # between two times of one contact: rounding
+_LETTER = 0.02  # of a panel's width, for each letter of a label
+_ROW, _ROW_POINTS = 0.066, 7.5  # of a panel's height, and in points, for a row of labels
+_ROWS = 4  # that are tried; further down, a label is far from the top of its line
+_RING = 0.03  # of a panel's height and width: half of a ring around a peak
+_MARGIN = 0.02  # of a panel's height, between labels and curves
+_BAR, _BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
 NOT_DOTTED = "no dotted line: threshold above the panel"
 _UNCOUNTED = "above the threshold without an alarm: start, cut, flash, after rest, too short"
 
@@ -73,7 +80,7 @@ class CurveOptions:
     def bars_of(self, curves: Sequence[Curve]) -> dict[Curve, float]:
         """Return the height of the bar of each curve with an alarm, as a share of its panel."""
         alarming = [curve for curve in curves if self.bars and curve.alarms()]
-        return {curve: _BAR - BAR_STEP * order for order, curve in enumerate(alarming)}
+        return {curve: _BAR - _BAR_STEP * order for order, curve in enumerate(alarming)}
 
     def scale_of(self, curves: Sequence[Curve]) -> str:
         """Return the scale of a panel: over the peak where a curve has no threshold."""
@@ -91,7 +98,8 @@ class Curve:
     detector: str
     name: str  # in the legend
     colour: str
-    zero_s: float = 0.0  # the time that is 0 on the axis
+    truth: Truth | None  # of the result's stimulus, if it is known
+    zero_s: float  # the time that is 0 on the axis
     dash: object = "-"
 
     @property
@@ -132,9 +140,7 @@ class Curve:
         return [(time[a], time[b - 1] - time[a] + step) for a, b in edges.reshape(-1, 2)]
 
 
-def panels_of(
-    results: Sequence[BaseResult], options: CurveOptions, truths: Sequence[Truth | None]
-) -> list[list[Curve]]:
+def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list[Curve]]:
     """Return the curves of each panel.
 
     Several detectors over one input share a panel; one detector over several inputs shares one
@@ -152,10 +158,11 @@ def panels_of(
     labels = labels_of(results, options.labels)
     groups = []
     for at in in_number_order(labels):
-        zero_s = _contact(results, options, truths, at) if options.align else 0.0
+        result, truth = results[at], usable_truth(results[at])
+        zero_s = _contact(result, truth, options.marks.get("contact"), at) if options.align else 0.0
         shown = [detector_named(name) for name in detectors[at]]
         groups.append(
-            [Curve(results[at], at, each.name, each.label, each.colour, zero_s) for each in shown]
+            [Curve(result, at, each.name, each.label, each.colour, truth, zero_s) for each in shown]
         )
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
         curves = [curve for group in groups for curve in group]
@@ -173,28 +180,14 @@ def panels_of(
     return groups
 
 
-def check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | None) -> None:
-    """Raise a ParameterError if an axis has no length, or shows no frame of any curve."""
-    if xlim is None:
-        return
-    begin, end = xlim
-    if not begin < end:
-        raise ParameterError(f"an axis from {begin:g} to {end:g} s has no length; begin it earlier")
-    times = [curve.time for curves in panels for curve in curves]
-    if not any(((begin <= time) & (time <= end)).any() for time in times):
-        held = f"{min(time[0] for time in times):.3g} to {max(time[-1] for time in times):.3g} s"
-        raise ParameterError(f"no frame is between {begin:g} and {end:g} s; there are {held}")
-
-
 def _contact(
-    results: Sequence[BaseResult], options: CurveOptions, truths: Sequence[Truth | None], at: int
+    result: BaseResult, truth: Truth | None, given: Sequence[float | None] | None, at: int
 ) -> float:
-    given = options.marks.get("contact")
-    contact = given[at] if given else None
-    contact = contact_of(truths[at]) if contact is None else contact
+    stated = given[at] if given else None
+    contact = _contact_of(truth) if stated is None else stated
     if contact is None:
         raise ResultError(
-            f"{results[at].path}: its time of contact is not known; leave the result out, or give "
+            f"{result.path}: its time of contact is not known; leave the result out, or give "
             "the time with --contact (in Python marks={'contact': [SECONDS, ...]}), or with a "
             "--manifest of clips that states it"
         )
@@ -226,7 +219,7 @@ def draw_curves(
         notes.append("over the peak, as there is no alarm threshold")
     axes.margins(x=0.01)
     largest = max(float(np.nanmax(value, initial=0)) for value in values)
-    bars_height = BAR_STEP * len(bars)
+    bars_height = _BAR_STEP * len(bars)
     if scale == "threshold":
         if options.threshold:
             axes.axhline(1, color=INK, lw=0.9)
@@ -325,13 +318,72 @@ def log_axis(axes: Axes, top: float) -> None:
     axes.minorticks_off()
 
 
-def contact_of(truth: Truth | None) -> float | None:
+def _contact_of(truth: Truth | None) -> float | None:
     """Return the time of contact that a ground truth states, in seconds."""
     contact = truth.get("contact_time_s") if truth else None
     return float(contact) if isinstance(contact, int | float) else None
 
 
-def contacts_of(truth: Truth | None) -> dict[str, float]:
+def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOptions) -> None:
+    """Draw labelled times as vertical lines; the label alone where a time is outside.
+
+    Where the inputs of a panel have different times, each line has the colour of its curve.
+    """
+    truth = shared_truth(curves)
+    of_inputs = {curve.number: curve for curve in curves}.values()
+    other_contacts: list[float] = []  # of the objects after the first, in the ground truth
+    marks = {
+        label: {curve: times[curve.number] for curve in of_inputs}
+        for label, times in options.marks.items()
+    }
+    if options.align or not any(time is not None for time in marks.get("contact", {}).values()):
+        contact = _contact_of(truth)
+        marks["contact"] = {each: each.zero_s if options.align else contact for each in of_inputs}
+        other_contacts = [
+            time - curves[0].zero_s for time in _contacts_of(truth).values()
+            if contact is None or abs(time - contact) > _SAME_S
+        ]  # fmt: skip
+    first, last = axes[0].get_xlim()
+
+    def draw_line(time: float, colour: str) -> None:
+        for each in axes if first <= time <= last else ():
+            each.axvline(time, color=colour, lw=0.7, linestyle=(0, (4, 2)))
+
+    below = max((1 - bar + _BAR_STEP for bar in options.bars_of(curves).values()), default=0.0)
+    taken: list[_Box] = []  # by labels and curves
+    lines = _curves_of(axes[0])
+    for label, times in marks.items():
+        known = {c: time - c.zero_s for c, time in times.items() if time is not None}
+        alike = len({round(time, 6) for time in known.values()}) == 1
+        for number, (curve, time) in enumerate(known.items()):
+            draw_line(time, INK if alike else curve.colour)
+            if number or (label == "contact" and options.align):  # the axis says where it is
+                continue
+            several = label == "contact" and bool(other_contacts)
+            inside = first <= time <= last
+            text = label + "s" * several if inside else f"{label} at {time:.3g} s"
+            share = min(max((time - first) / (last - first), 0.0), 1.0)
+            wide = _LETTER * len(text)
+            # The second label goes to the right, away from the first and from peaks before it.
+            right = share < 0.2 or (bool(taken) and share + wide < 1)
+            box = _free_box(share, wide, 1 - below, right=right, taken=taken, lines=lines)
+            upright = box is None  # beside the line there is always room for a narrow label
+            begin = min(share, 1 - 2 * _LETTER)
+            box = box or _Box(begin, begin + 2 * _LETTER, 0)
+            right = box.left >= share
+            taken.append(box)
+            axes[0].annotate(
+                text, (share, 1 - below), xycoords="axes fraction",
+                xytext=(2 if right else -2, -1 - _ROW_POINTS * box.row), textcoords="offset points",
+                ha="left" if right else "right", va="top", fontsize=6, color=INK,
+                rotation=90 if upright else 0,
+            )  # fmt: skip
+    for time in other_contacts:
+        draw_line(time, INK)
+    axes[0].set_xlim(first, last)
+
+
+def _contacts_of(truth: Truth | None) -> dict[str, float]:
     """Return the time of contact of each object of a ground truth, in seconds, by its name."""
     contacts: dict[str, float] = {}
     for frame in truth["frames"] if truth else ():
@@ -340,3 +392,65 @@ def contacts_of(truth: Truth | None) -> dict[str, float]:
             if left is not None:
                 contacts.setdefault(each["id"], frame["time_s"] + left)
     return contacts
+
+
+class _Box(NamedTuple):
+    """The place of a label, as shares of the panel's width, and its row from the top."""
+
+    left: float
+    right: float
+    row: int
+
+
+def _curves_of(axes: Axes) -> list[Series]:
+    """Return the curves of a panel as rows of (x, y), in shares of its width and height.
+
+    The ring around a peak is a line along its top. Lines of two points are marks.
+    """
+    place = axes.transData + axes.transAxes.inverted()
+    lines = [place.transform(np.asarray(line.get_xydata(), float)) for line in axes.lines]
+    top = np.array([(-_RING, _RING), (_RING, _RING)])
+    tops = [line + top for line in lines if len(line) == 1]
+    return [line for line in lines if len(line) > 2] + tops
+
+
+def _free_box(
+    share: float,
+    wide: float,
+    top: float,
+    *,
+    right: bool,
+    taken: Sequence[_Box],
+    lines: Sequence[Series],
+) -> _Box | None:
+    """Return the first place beside a mark where a label covers no other one and no curve, if any.
+
+    The mark at `share` and the width of the label are shares of the panel's width, the `top` of
+    the first row is one of its height. The side that is tried first is `right`; places of other
+    labels are `taken`, and `lines` are the curves from :func:`_curves_of`.
+    """
+    sides = [right, not right] if wide <= share <= 1 - wide else [right]
+    tried = [
+        _Box(share, share + wide, row) if side else _Box(share - wide, share, row)
+        for row in range(_ROWS)
+        for side in sides
+    ]
+    for box in tried:
+        covered = any(
+            box.row == other.row and box.left < other.right and other.left < box.right
+            for other in taken
+        )
+        high = top - _ROW * box.row
+        x = np.linspace(box.left, box.right, 50)
+        for line in () if covered else lines:
+            y = np.interp(x, line[:, 0], line[:, 1], left=np.nan, right=np.nan)
+            covered |= bool(np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)))
+        if not covered:
+            return box
+    return None
+
+
+def shared_truth(curves: Sequence[Curve]) -> Truth | None:
+    """Return the ground truth of a panel, if all its inputs have the same one."""
+    truth = curves[0].truth
+    return truth if all(curve.truth == truth for curve in curves) else None

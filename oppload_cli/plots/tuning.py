@@ -19,7 +19,6 @@ from oppload_cli.plots.style import (
     FAINT,
     FEW,
     GREY,
-    LEGEND_WIDTH,
     MOST_HEIGHT,
     PAGE,
     SHADES,
@@ -307,13 +306,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
         axes = list(figure.subplots(len(groups), 1, squeeze=False, sharex=True)[:, 0])
         for panel, group in zip(axes, groups, strict=True):
             for curve in group:
-                largest = float(curve.peaks.max())
-                label = f"{curve.name}, largest peak {largest:.3g} ({curve.detector.unit})"
-                panel.plot(
-                    curve.rows[parameter], curve.peaks / (1.0 if raw else largest or 1.0),
-                    marker="o", **_doubted(curve.look, curve),
-                    label=wrapped(label + curve.doubts, LEGEND_WIDTH),
-                )  # fmt: skip
+                _draw_line(panel, curve, parameter, curve.look, raw=raw)
             unit = group[0].detector.unit
             panel.set_ylabel(f"peak response ({unit})" if raw else "peak / largest peak")
             begin_at_zero(panel)
@@ -331,11 +324,13 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def _doubted(look: dict[str, Any], curve: TuningCurve) -> dict[str, Any]:
-    """Return the look of a curve: thin and grey where it means little."""
-    if curve.doubts:
-        return {**look, "color": FAINT, "lw": 0.7, "markersize": 2}
-    return {**look, "markersize": 3}
+def _draw_line(
+    panel: Axes, curve: TuningCurve, parameter: str, look: dict[str, Any], *, raw: bool = False
+) -> None:
+    """Draw a curve over its largest peak, or raw; thin and grey where it means little."""
+    shown = {"color": FAINT, "lw": 0.7, "markersize": 2} if curve.doubts else {"markersize": 3}
+    peaks = curve.peaks / (1.0 if raw else curve.largest or 1.0)
+    panel.plot(curve.rows[parameter], peaks, marker="o", **look | shown, label=curve.label)
 
 
 def _plot_small_lines(
@@ -344,10 +339,8 @@ def _plot_small_lines(
     """Draw a small panel for each of many curves, over its own peak."""
     with _small_panels(len(curves), 1.5, title) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
-            largest = float(curve.peaks.max())
-            look = _doubted({"color": curve.detector.colour}, curve)
-            panel.plot(curve.rows[parameter], curve.peaks / (largest or 1.0), marker="o", **look)
-            _name_small(panel, curve, largest)
+            _draw_line(panel, curve, parameter, {"color": curve.detector.colour})
+            _name_small(panel, curve, curve.largest)
             begin_at_zero(panel)
         figure.supxlabel(described(parameter), fontsize=7.5)
         figure.supylabel("peak / largest peak", fontsize=7.5)
