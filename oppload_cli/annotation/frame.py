@@ -76,30 +76,17 @@ class _Area(NamedTuple):
 
 @dataclass(frozen=True)
 class Layout:
-    """The measures of an annotated video, all in its own pixels.
+    """The measures of an annotated video, all in its own pixels."""
 
-    Attributes
-    ----------
-    width, height : int
-        Of the annotated frame; both even.
-    picture, header, plot : _Area
-        The source's picture; below it time, alarm and the detectors' labels; below these the
-        response curves. The numbers of the time axis come last.
-    scale_x, scale_y : float
-        Annotated pixels per source pixel.
-    text, line : int
-        Height of a line of text, and thickness of a line.
-    """
-
-    width: int
+    width: int  # of the annotated frame; even, as the height is
     height: int
-    picture: _Area
-    header: _Area
-    plot: _Area
-    scale_x: float
+    picture: _Area  # of the source
+    header: _Area  # below the picture: time, alarm and the detectors' labels
+    plot: _Area  # below the header: the curves; the numbers of the time axis come last
+    scale_x: float  # annotated pixels per source pixel
     scale_y: float
-    text: int
-    line: int
+    text: int  # height of a line of text
+    line: int  # thickness of a line
 
     @classmethod
     def of(cls, facts: InputFacts) -> Layout:
@@ -182,22 +169,11 @@ class History:
     """The last seconds of each detector's response relative to its alarm threshold.
 
     Where the alarms are off, the responses are relative to the largest one so far in the video.
-
-    Parameters
-    ----------
-    detectors : sequence of str
-        Names of the detectors.
-    duration_s : float or None
-        Of the video, if it is known: a short video fills the plot.
-
-    Attributes
-    ----------
-    points : dict of str to deque of _Point
-        By detector, in the order of the frames.
+    If the duration of the video is known, a short video fills the plot.
     """
 
     def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
-        self.points: dict[str, deque[_Point]] = {
+        self.points: dict[str, deque[_Point]] = {  # in the order of the frames
             name: deque(maxlen=_MOST_FRAMES) for name in detectors
         }
         self.window_s = max(_LEAST_WINDOW_S, min(_WINDOW_S, duration_s or _WINDOW_S))

@@ -67,16 +67,11 @@ class AnnotatedVideo:
     path : Path
         Final name of the video.
     video : Video
-        Opened with ``colour=True``.
+        Opened with ``colour=True``. The detectors must take its frames from the attribute `frames`.
     detectors : sequence of str
-        Names of the detectors whose responses are shown.
+        The detectors whose responses are shown.
     boxes : str
         Objects with a box: ``alarm``, those that cause one; ``all``; or ``none``.
-
-    Attributes
-    ----------
-    frames : iterable of Frame
-        The detectors must take their frames from it.
 
     Raises
     ------

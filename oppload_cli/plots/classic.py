@@ -129,21 +129,10 @@ class Request(NamedTuple):
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
     """Return the swept column with an ending, in a table with so many swept columns.
 
-    Parameters
-    ----------
-    tuning : Tuning
-        The table.
-    ending : str
-        Of the column's name.
-    wanted : str
-        The column's meaning, and the command that makes such a table, for the message.
-    of : int
-        How many columns are swept.
-
     Raises
     ------
     ResultError
-        If there is none, or if more is swept.
+        If there is not one such column, or others are swept too; it names what was `wanted`.
     """
     found = [name for name in tuning.parameters if name.endswith(ending)]
     if len(found) != 1 or len(tuning.parameters) != of:

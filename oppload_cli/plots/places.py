@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     Still = NDArray[np.float32]
 
 
-WEAKEST = 0.05  # response over the peak of the frames shown
+_WEAKEST = 0.05  # response over the peak of the frames shown
 
 
 def still_of(
@@ -132,7 +132,7 @@ def plot_places(
             f"{result.path}: column '{places[0]}' is empty at the peak, as {detector.label} never "
             "responded"
         )
-    shown = np.isfinite(x) & (response >= WEAKEST * response[best])
+    shown = np.isfinite(x) & (response >= _WEAKEST * response[best])
     time = result.frames["time_s"].to_numpy(float)
     rows, columns = _size(result, detector, still)
     with styled_figure(COLUMN, 0.85 + min(4.5, (COLUMN - 0.5) * rows / columns)) as figure:

@@ -103,14 +103,7 @@ def styled_figure(width: float, height: float) -> Iterator[Figure]:
 def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
     """Divide a figure into rows of panels; places that are not needed stay empty.
 
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    count, columns : int
-        Panels, and those in a row.
-    **options
-        As for ``Figure.subplots``.
+    Each row has so many columns; the other options are those of ``Figure.subplots``.
     """
     grid = figure.subplots(-(-count // columns), columns, squeeze=False, **options).ravel()
     for free in grid[count:]:

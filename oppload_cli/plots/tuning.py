@@ -169,15 +169,8 @@ def lines_of(
 ) -> list[str]:
     """Return the numbers of a plot in words: a line of text for each curve.
 
-    Parameters
-    ----------
-    tunings, kind, models, lplc2, labels
-        As for :func:`plot_tuning`.
-
-    Returns
-    -------
-    list of str
-        The directional selectivity of ``polar``, the fits of ``contact``; else none.
+    They are the directional selectivity of ``polar`` and the fits of ``contact``; other kinds have
+    none. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
     if kind == "polar":
@@ -191,12 +184,9 @@ def lines_of(
 def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
     """Return the numbers of each curve of the usual plot of a table, by detector.
 
-    Returns
-    -------
-    dict of str to dict
-        The largest peak and the least one over it; over a direction, the preferred one in degrees
-        and both selectivity indices; of the times of peaks over l/v, the line with its limits of
-        95 % and the angular threshold in degrees. None is unknown.
+    These are the largest peak and the least one over it; over a direction, the preferred one in
+    degrees and both selectivity indices; of the times of peaks over l/v, the line with its limits
+    of 95 % and the angular threshold in degrees. None is unknown.
 
     Raises
     ------

@@ -398,25 +398,9 @@ def _copy_video(
 ) -> _VideoCopy:
     """Encode the frames of a result once more, as every browser plays them.
 
-    Parameters
-    ----------
-    result : Result
-        The rows of this result say which frames.
-    name : str
-        The video, from :func:`~oppload_cli.results.reading.find_video`.
-    path : Path
-        The name of the copy where it is too large to be embedded.
-    still : int
-        The row whose frame is kept as a picture.
-    tell : callable
-        Takes the number of frames done since its last call.
-
-    Raises
-    ------
-    SourceError
-        If the video cannot be read, or holds none of the frames.
-    OutputError
-        If the copy cannot be written.
+    The copy of the named video has the name `path` where it is too large to be embedded; the frame
+    of the row `still` is kept as a picture. A SourceError says that the video cannot be read, or
+    holds none of the frames.
     """
     frames = result.frames["frame"].to_numpy(int)
     rows = {int(frame): row for row, frame in enumerate(frames)}

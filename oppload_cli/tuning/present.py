@@ -157,39 +157,19 @@ _ONSET_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Measures:
-    """One row of a tuning table without its condition (``docs/tuning.md``).
+    """One row of a tuning table without its condition (``docs/tuning.md``)."""
 
-    Attributes
-    ----------
-    peak : float or None
-        Largest response; None if the stimulus ends before the first response.
-    peak_frame, peak_time_s
-        When it was first reached.
-    mean : float or None
-        Mean over the frames with a response.
-    area : float or None
-        Integral of the response over time (trapezoids), response times seconds.
-    onset_frame, onset_time_s
-        When the response first was 10 % of the peak; None if it is always 0.
-    centre_x, centre_y : float or None
-        Centre of the unit that won at the peak, in stimulus pixels.
-    peak_before_contact_s : float or None
-        Time from the peak to contact, below 0 after it; None where nothing approaches.
-    size_at_peak_deg : float or None
-        Angular size of the largest object in the frame of the peak; None without an object.
-    """
-
-    peak: float | None = None
-    peak_frame: int | None = None
+    peak: float | None = None  # None if the stimulus ends before the first response
+    peak_frame: int | None = None  # the first one with it
     peak_time_s: float | None = None
-    mean: float | None = None
-    area: float | None = None
-    onset_frame: int | None = None
+    mean: float | None = None  # over the frames with a response
+    area: float | None = None  # integral over time by trapezoids: response times seconds
+    onset_frame: int | None = None  # the first one with 10 % of a peak above 0
     onset_time_s: float | None = None
-    centre_x: float | None = None
+    centre_x: float | None = None  # of the unit that won at the peak, in stimulus pixels
     centre_y: float | None = None
-    peak_before_contact_s: float | None = None
-    size_at_peak_deg: float | None = None
+    peak_before_contact_s: float | None = None  # below 0 after it; None where nothing approaches
+    size_at_peak_deg: float | None = None  # of the largest object in the frame of the peak
 
 
 def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:

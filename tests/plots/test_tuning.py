@@ -370,6 +370,12 @@ def test_the_numbers_of_the_radius_are_where_no_curve_is(tmp_path: Path) -> None
         plot_tuning(tuning, scale="threshold")
 
 
+def test_a_kind_that_is_not_known_is_refused(tmp_path: Path) -> None:
+    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS))
+    with pytest.raises(ParameterError, match="no kind 'lines' of a tuning plot; choose polar, "):
+        plot_tuning(tuning, "lines")
+
+
 def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
     peaks_of = {"opplod": [4.0, 2, 1]}
     tables: list[Tuning] = []
