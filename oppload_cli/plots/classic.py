@@ -99,7 +99,12 @@ class Request(NamedTuple):
     raw: bool = False  # whether peaks are drawn in their unit, not over the largest
 
     def curves(self) -> list[TuningCurve]:
-        """Return the curves, table by table."""
+        """Return the curves, table by table; raise ResultError if a detector is in none."""
+        for model in self.models:
+            if all(tuning.of(model).empty for tuning in self.tunings):
+                raise ResultError(
+                    f"{self.tunings[0].path}: column 'model' never holds '{model}'; leave it out"
+                )
         shown = [
             (tuning, detector_named(model), table)
             for tuning, table in zip(self.tunings, self.names, strict=True)
@@ -118,12 +123,8 @@ class Request(NamedTuple):
         tuning, *others = self.tunings
         if others:
             raise ResultError(f"{others[0].path}: {figure} shows one table; plot them separately")
-        models = [name for name in tuning.models if name in (self.models or tuning.models)]
-        if not models:
-            raise ResultError(
-                f"{tuning.path}: column 'model' never holds '{self.models[0]}'; leave it out"
-            )
-        return self._replace(models=models).curves()
+        held = [name for name in tuning.models if name in self.models]
+        return self._replace(models=held or self.models).curves()
 
 
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:

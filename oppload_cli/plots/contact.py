@@ -176,7 +176,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
             axes[0].plot([], [], **(points if fit is None else curve.look | dots), label=label)
             if sizes is not None:
                 axes[-1].plot(x, sizes, **points)
-        _draw_field(axes, curves[0].tuning if curves else None)
+        _draw_field(axes, curves[0].tuning)
         if request.published:
             _draw_published(axes, axes[0].get_xlim()[1])
         axes[0].set_ylabel("peak before contact (ms)")
@@ -230,9 +230,9 @@ def _draw_line(
         axes.fill_between(x, line - error, line + error, color=look["color"], alpha=0.15, lw=0)
 
 
-def _draw_field(axes: Sequence[Axes], tuning: Tuning | None) -> None:
+def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
     """Mark where the object fills the display or stops growing: no peak can come much later."""
-    largest = _largest_angle(tuning) if tuning else None
+    largest = _largest_angle(tuning)
     if not largest or largest >= 180:
         return
     slope = 1 / math.tan(math.radians(largest / 2))

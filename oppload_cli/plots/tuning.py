@@ -280,11 +280,6 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
     tunings, raw, title = request.tunings, request.raw, request.title
     parameter = _parameter(tunings)
     names = list(request.models) or list(dict.fromkeys(m for each in tunings for m in each.models))
-    for name in names:
-        if all(tuning.of(name).empty for tuning in tunings):
-            raise ResultError(
-                f"{tunings[0].path}: column 'model' never holds '{name}'; leave it out"
-            )
     curves = request._replace(models=names).curves()
     if not raw and len(curves) > _MOST_LINES:
         return _plot_small_lines(curves, parameter, title)
