@@ -20,6 +20,7 @@ import numpy as np
 from matplotlib import style
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from oppload_cli import palette
 from oppload_cli.errors import ParameterError, printable
@@ -93,11 +94,25 @@ def _style() -> AbstractContextManager[None]:
     return style.context(["default", _STYLE])
 
 
+class _Layout(ConstrainedLayoutEngine):
+    """Matplotlib's layout without errors of rounding, which would differ from run to run.
+
+    Its solver goes through the panels in the order of their addresses in memory.
+    """
+
+    def execute(self, fig: Figure) -> None:
+        """Place the panels to a billionth of the figure."""
+        super().execute(fig)
+        for axes in fig.axes:
+            axes.set_position(tuple(np.round(axes.get_position(original=True).bounds, 9)))
+            axes.set_in_layout(True)  # which a position ends
+
+
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
     """Open an empty figure of a size in inches, with the style in effect; it needs no display."""
     with _style():
-        yield Figure(figsize=(width, height), layout="constrained")
+        yield Figure(figsize=(width, height), layout=_Layout())
 
 
 def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:

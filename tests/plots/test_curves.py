@@ -390,6 +390,17 @@ def test_the_same_input_gives_the_same_bytes(
     assert len(made[0]) > 5000
 
 
+def test_panels_do_not_move_by_an_error_of_rounding(tmp_path: Path) -> None:
+    """As the solver of the layout leaves them, which is not always the same one."""
+    results = [read_result(write_result(tmp_path / f"{name}.frames.csv")) for name in "ab"]
+    places = set()
+    for _ in range(10):
+        figure, panels = plot_curves(results, scale="raw", labels=["first", "second"])
+        figure.draw_without_rendering()
+        places.add(tuple(tuple(panel.get_position().bounds) for panel in panels))
+    assert len(places) == 1
+
+
 @pytest.mark.parametrize(("scale", "level"), [("threshold", 0.01), ("peak", 0)])
 def test_no_response_is_a_flat_line(tmp_path: Path, scale: str, level: float) -> None:
     rows = frame_rows()
