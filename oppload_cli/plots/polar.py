@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from matplotlib.transforms import ScaledTranslation
 
-from oppload_cli.errors import ParameterError, ResultError
+from oppload_cli.errors import ResultError
 from oppload_cli.models.registry import alarm_floor_of, detector_named
 from oppload_cli.plots.style import (
     COLUMN,
@@ -22,9 +22,9 @@ from oppload_cli.plots.style import (
     TITLE_WIDTH,
     doubts_of,
     looks_of,
+    names_of,
     panel_grid,
     styled_figure,
-    told_apart,
     wrapped,
     write_title,
 )
@@ -275,15 +275,6 @@ def _looks(table: Mapping[str, Any]) -> list[Any]:
     objects = [{**one, "axis_deg": 0} for one in table.get("object", [])]
     background = table.get("display", {}).get("background")
     return [objects, background, table.get("scene"), table.get("effects")]
-
-
-def names_of(tunings: Sequence[Tuning], labels: Sequence[str] = ()) -> list[str]:
-    """Return a name for each table: the given ones, or what differs between the tables."""
-    if labels and len(labels) != len(tunings):
-        raise ParameterError(
-            f"{len(labels)} labels for {len(tunings)} tables; give one for each, or none"
-        )
-    return list(labels) or told_apart([tuning.name for tuning in tunings], tunings)
 
 
 def plot_polar(

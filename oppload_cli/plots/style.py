@@ -264,11 +264,26 @@ def labels_of(results: Sequence[BaseResult], given: Sequence[str] = ()) -> list[
             f"result{'s' * (len(results) > 1)}; "
             "give one for each, or none"
         )
-    names = given or told_apart([each.title for each in results], results)
+    names = given or _told_apart([each.title for each in results], results)
     return [_plain(name) for name in names]
 
 
-def told_apart(names: Sequence[str], read: Sequence[BaseResult | Tuning]) -> list[str]:
+def names_of(tunings: Sequence[Tuning], given: Sequence[str] = ()) -> list[str]:
+    """Return the names that the user gave to tuning tables, or what differs between the tables.
+
+    Raises
+    ------
+    ParameterError
+        If names are given, but not one for each table.
+    """
+    if given and len(given) != len(tunings):
+        raise ParameterError(
+            f"{len(given)} labels for {len(tunings)} tables; give one for each, or none"
+        )
+    return list(given) or _told_apart([tuning.name for tuning in tunings], tunings)
+
+
+def _told_apart(names: Sequence[str], read: Sequence[BaseResult | Tuning]) -> list[str]:
     """Return what differs between results or tuning tables, a text for each.
 
     That is what differs between the names of their inputs or stimuli, such as ``l/v 10`` and

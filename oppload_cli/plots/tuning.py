@@ -12,7 +12,7 @@ from matplotlib.colors import LogNorm
 from oppload_cli.errors import ParameterError, ResultError
 from oppload_cli.plots.classic import FIGURES, Request, TuningCurve, legend_above
 from oppload_cli.plots.contact import contact_lines, fit_of, plot_contact
-from oppload_cli.plots.polar import direction_tunings, names_of, plot_polar
+from oppload_cli.plots.polar import direction_tunings, plot_polar
 from oppload_cli.plots.style import (
     COLUMN,
     DECADES,
@@ -29,6 +29,7 @@ from oppload_cli.plots.style import (
     described,
     edges_of,
     indicator_of,
+    names_of,
     norm_of,
     panel_grid,
     styled_figure,
