@@ -22,8 +22,8 @@ from oppload_cli.report.page import Content
 from oppload_cli.report.writing import write_report
 from oppload_cli.results.reading import read_result
 from oppload_cli.stimulus import ground_truth, load
-from oppload_cli.video.recording import Recording
 from oppload_cli.video.source import source_of
+from oppload_cli.video.writers import Recording
 from tests.cli.inside import run
 from tests.report.make import (
     ALARMS,
