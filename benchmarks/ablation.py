@@ -96,16 +96,14 @@ def measured(clips: list[Clip], detector: EvaluatedDetector) -> list[float]:
     """Return the values of one row of the table."""
     name = detector.name
     thresholds = Thresholds(clips, name)
-    threshold = thresholds.lowest(np.ones(len(clips), np.int64), RATE)
-    held_out = [
-        float(thresholds.detected(one)[index])
-        for index, one in enumerate(thresholds.held_out(RATE))
-    ]
+    once = np.ones((1, len(clips)), np.int64)
+    threshold = thresholds.lowest(once[0], RATE)
+    outcomes = thresholds.outcomes(threshold)
     near = [place.inside for place in places(clips, name) if place.near]
     return [
-        float(np.nanmean(thresholds.detected(threshold))),
-        float(np.nanmean(held_out)),
-        float(np.nanmedian(thresholds.leads(threshold))),
+        float(np.nanmean(outcomes.detected)),
+        float(np.nanmean(thresholds.held_out(RATE, once).outcomes.detected)),
+        float(np.nanmedian(outcomes.lead_s)),
         *(order(clips, name, frames) for frames in FRAMES),
         float(np.mean(near)),
         alarms_on_controls(detector, threshold),
@@ -137,7 +135,12 @@ def cross_validated(analysed: dict[str, list[Clip]]) -> str:
     others = 1 - np.eye(clips, dtype=np.int64)
     thresholds = {name: Thresholds(own, name) for name, own in analysed.items()}
     hits = {
-        name: np.array([each.detected(one) for one in each.held_out(RATE)])
+        name: np.array(
+            [
+                each.outcomes(threshold).detected
+                for threshold in each.held_out(RATE, np.ones((1, clips), np.int64)).thresholds
+            ]
+        )
         for name, each in thresholds.items()
     }  # shape: held-out clip, clip
     pairs = {

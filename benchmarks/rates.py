@@ -276,10 +276,7 @@ def on_clips(manifest: Path) -> Iterator[str]:
         for detector in evaluated_detectors(["opplod:default", "opplod:reference", "dlgmd"]):
             clips = [thinned(entry, detector, every) for entry in read_manifest(manifest).entries]
             draws = draws_of([clip.label.looming for clip in clips], 1)
-            decision = shipped(clips, detector.name, draws)
-            if decision is None:  # a detector without an alarm
-                continue
-            found = decision.outcomes
+            found = shipped(clips, detector.name, draws).outcomes
             minutes = sum(clip.seconds(*clip.quiet) for clip in clips) / 60
             lead = f"{np.nanmedian(found.lead_s):.2f}" if np.nansum(found.detected) else ""
             yield (

@@ -225,7 +225,7 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
                     "response": float(response),
                     "evidence": float(output.evidence[frame]),
                 }
-                if output.alarm is not None and not math.isnan(response):
+                if not math.isnan(response):
                     row["alarm"] = bool(output.alarm[frame])
                 if output.winner is not None:
                     sides = map(float, output.winner[frame])

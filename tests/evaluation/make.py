@@ -25,16 +25,14 @@ def clip(
     rate: float = 10,
     motion: str = "",
     boxes: dict[int, Box] | None = None,
-    alarm: Sequence[int] | None = None,
+    alarm: Sequence[int] = (),
     winner: Sequence[Sequence[float]] | None = None,
 ) -> Clip:
     """A clip of 400 x 200 px; its first three responses are warm-up."""
     values = np.array(response, float)
     values[:WARM_UP] = np.nan
-    on = None
-    if alarm is not None:
-        on = np.zeros(len(values), bool)
-        on[list(alarm)] = True
+    on = np.zeros(len(values), bool)
+    on[list(alarm)] = True
     output = Output(values, values, on, None if winner is None else np.array(winner, float))
     label = Label(f"{onset}.avi", onset, contact, motion, boxes or {})
     return Clip(label, np.arange(len(values)) / rate, 400, 200, {NAME: output})

@@ -88,7 +88,7 @@ class Thresholds:
     levels : ndarray, shape (m,)
         Every local maximum of the evidence in the footage without an approach, the largest
         first: evidence must be above a level to alarm.
-    counts : ndarray of int, shape (clips, m)
+    counts : ndarray, shape (clips, m)
         False alarms of each clip at each level.
     minutes : ndarray, shape (clips,)
         Footage of each clip without an approach.
@@ -97,27 +97,26 @@ class Thresholds:
     """
 
     def __init__(self, clips: Sequence[Clip], detector: str) -> None:
-        self.clips, self.detector = clips, detector
-        self.minutes = np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
-        quiet = [slice(*clip.quiet) for clip in clips]
-        evidence = [clip.outputs[detector].evidence for clip in clips]
-        calm = [each[part] for each, part in zip(evidence, quiet, strict=True)]
+        self._clips, self._detector = clips, detector
+        self.minutes = _minutes(clips)
+        self._evidence = [clip.outputs[detector].evidence for clip in clips]
+        calm = [each[slice(*clip.quiet)] for each, clip in zip(self._evidence, clips, strict=True)]
         self.levels = np.unique(np.concatenate([_maxima(each) for each in calm]))[::-1]
         # A clip with more alarms than this is over every rate, however often it is drawn.
         most = int(_HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
         self.counts = np.array(
             [
-                _counts(each, clip.time_s[part], self.levels, most)
-                for each, clip, part in zip(calm, clips, quiet, strict=True)
-            ]
+                _counts(each, clip.time_s[slice(*clip.quiet)], self.levels, most)
+                for each, clip in zip(calm, clips, strict=True)
+            ],
+            np.float64,  # which NumPy multiplies many times as fast as integers
         ).reshape(len(clips), len(self.levels))
-        self._largest = [
-            np.fmax.accumulate(each[slice(*clip.approach)])
-            for each, clip in zip(evidence, clips, strict=True)
-        ]
-        self.peaks = np.array([each[-1] if len(each) else np.nan for each in self._largest])
-        # An alarm may be held from an earlier approach: they are looked at frame by frame.
-        self._later = [index for index, clip in enumerate(clips) if clip.label.since]
+        self.peaks = np.array(
+            [
+                np.fmax.reduce(each[slice(*clip.approach)], initial=np.nan)
+                for each, clip in zip(self._evidence, clips, strict=True)
+            ]
+        )
 
     def rates(self, weights: Weights) -> Numbers:
         """Return the false alarms per minute at each level; NaN without footage.
@@ -152,56 +151,59 @@ class Thresholds:
             return float("nan")
         return float(self.levels[int(over.argmax()) - 1 if over.any() else -1])
 
-    def held_out(self, rate: float) -> Numbers:
-        """Return a threshold for each clip that keeps to a rate in the clips of all other videos.
-
-        NaN if these clips hold no footage without an approach.
-        """
-        videos = videos_of(self.clips)
-        others = (videos[:, None] != videos).astype(np.int64)
-        return np.array([self.lowest(each, rate) for each in others])
-
-    def false_alarms(self, level: float) -> Numbers:
-        """Return the false alarms of each clip at one of the `levels`; NaN at NaN."""
-        if np.isnan(level):
-            return np.full(len(self.minutes), np.nan)
-        at = int(np.searchsorted(-self.levels, -level))
-        return np.asarray(self.counts[:, at], np.float64)
-
     def detected(self, threshold: float) -> Numbers:
-        """Return 1 for each approach with evidence above a threshold, and 0 for the others.
-
-        NaN for a clip without an approach, for an alarm that is held from one approach through
-        the next, and for all at the threshold NaN.
-        """
-        if np.isnan(threshold):
-            return np.full(len(self.peaks), np.nan)
+        """Return the same as `outcomes` for `detected`, in less time."""
         found = np.where(np.isnan(self.peaks), np.nan, self.peaks > threshold)
-        for index in self._later:
-            found[index] = self._first(index, threshold)[0]
+        for index, clip in enumerate(self._clips):
+            if clip.label.since:  # an alarm may be held from an earlier approach
+                found[index], _ = _first_alarm(clip, self._evidence[index] > threshold)
         return found
 
-    def leads(self, threshold: float) -> Numbers:
-        """Return the seconds before contact at which each approach is first above a threshold.
+    def outcomes(self, threshold: float | Numbers) -> _Outcomes:
+        """Return the outcomes in every clip at a threshold, or at one for each clip; NaN at NaN."""
+        each = np.broadcast_to(threshold, len(self._clips))
+        above = [
+            None if np.isnan(limit) else evidence > limit
+            for limit, evidence in zip(each, self._evidence, strict=True)
+        ]
+        return _outcomes(self._clips, above)
 
-        NaN for an approach that is not detected.
+    def at_rate(self, rate: float, draws: Weights) -> Decision:
+        """Decide by the lowest threshold that keeps to a rate of false alarms per minute.
+
+        The rate is that over all footage; the threshold is chosen again in each draw.
         """
-        made = np.full(len(self.peaks), np.nan)
-        for index in map(int, np.flatnonzero(self.detected(threshold) == 1)):
-            clip = self.clips[index]
-            above = int(np.searchsorted(self._largest[index], threshold, side="right"))
-            made[index] = clip.lead(clip.approach[0] + above)
-        for index in self._later:
-            made[index] = self._first(index, threshold)[1]
-        return made
+        clips, condition = self._clips, condition_of(rate)
+        threshold = self.lowest(np.ones(len(clips), np.int64), rate)
+        drawn = [self.lowest(each, rate) for each in draws]
+        # Many draws share a threshold.
+        known = {each: self.outcomes(each) for each in {threshold, *drawn}}
+        own, each_draw = known[threshold], [known[each] for each in drawn]
+        measured = _measurements(clips, self._detector, condition, own, draws, drawn=each_draw)
+        estimate = Estimate(threshold, *interval(np.array(drawn)))
+        footage = int((self.minutes > 0).sum())
+        level = Measurement(self._detector, "threshold", condition, *estimate, footage)
+        return Decision(condition, np.full(len(clips), threshold), own, [*measured, level])
 
-    def _first(self, index: int, threshold: float) -> tuple[float, float]:
-        clip = self.clips[index]
-        return _first_alarm(clip, clip.outputs[self.detector].evidence > threshold)
+    def held_out(self, rate: float, draws: Weights) -> Decision:
+        """Decide in each clip by the threshold that keeps to a rate in all other videos.
 
-    def outcomes(self, level: float) -> _Outcomes:
-        """Return the outcomes in every clip at one of the `levels`."""
-        return _Outcomes(self.detected(level), self.leads(level), self.false_alarms(level))
+        The threshold is NaN where the other videos hold no footage without an approach.
+        """
+        videos = videos_of(self._clips)
+        others = (videos[:, None] != videos).astype(np.int64)
+        chosen = np.array([self.lowest(each, rate) for each in others])
+        outcomes, condition = self.outcomes(chosen), f"{HELD_OUT} {condition_of(rate)}"
+        # Each kind of motion has few clips: they are not split by clip again.
+        measurements = _measurements(
+            self._clips, self._detector, condition, outcomes, draws, by_kind=False
+        )
+        return Decision(condition, chosen, outcomes, list(measurements))
+
+
+def _minutes(clips: Sequence[Clip]) -> Numbers:
+    """Return the footage of each clip without an approach, in minutes."""
+    return np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
 
 
 def _maxima(evidence: Numbers) -> Numbers:
@@ -256,50 +258,15 @@ def condition_of(rate: float) -> str:
     return f"at {rate:g} per minute"
 
 
-def at_rate(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
-    """Decide by the lowest threshold that keeps to a rate of false alarms per minute.
-
-    The rate is that over all footage; the threshold is chosen again in each draw.
-    """
-    clips, condition = thresholds.clips, condition_of(rate)
-    threshold = thresholds.lowest(np.ones(len(clips), np.int64), rate)
-    drawn = [thresholds.lowest(each, rate) for each in draws]
-    # Many draws share a threshold.
-    known = {each: thresholds.outcomes(each) for each in {threshold, *drawn}}
-    own, each_draw = known[threshold], [known[each] for each in drawn]
-    measured = _measurements(clips, thresholds.detector, condition, own, draws, drawn=each_draw)
-    estimate = Estimate(threshold, *interval(np.array(drawn)))
-    footage = int((thresholds.minutes > 0).sum())
-    level = Measurement(thresholds.detector, "threshold", condition, *estimate, footage)
-    return Decision(condition, np.full(len(clips), threshold), own, [*measured, level])
-
-
-def held_out(thresholds: Thresholds, rate: float, draws: Weights) -> Decision:
-    """Decide in each clip by the threshold that keeps to a rate in all other videos."""
-    clips, detector = thresholds.clips, thresholds.detector
-    chosen = thresholds.held_out(rate)
-    above = [
-        None if np.isnan(threshold) else clip.outputs[detector].evidence > threshold
-        for clip, threshold in zip(clips, chosen, strict=True)
-    ]
-    outcomes, condition = _outcomes(clips, above), f"{HELD_OUT} {condition_of(rate)}"
-    # Each kind of motion has few clips: they are not split by clip again.
-    measurements = _measurements(clips, detector, condition, outcomes, draws, by_kind=False)
-    return Decision(condition, chosen, outcomes, list(measurements))
-
-
-def shipped(clips: Sequence[Clip], detector: str, draws: Weights) -> Decision | None:
-    """Take the detector's own alarm as it ran; None for a detector without an alarm."""
-    alarms = [clip.outputs[detector].alarm for clip in clips]
-    if all(each is None for each in alarms):
-        return None
-    outcomes = _outcomes(clips, alarms)
+def shipped(clips: Sequence[Clip], detector: str, draws: Weights) -> Decision:
+    """Take the detector's own alarm as it ran."""
+    outcomes = _outcomes(clips, [clip.outputs[detector].alarm for clip in clips])
     measurements = list(_measurements(clips, detector, SHIPPED, outcomes, draws))
     return Decision(SHIPPED, np.full(len(clips), np.nan), outcomes, measurements)
 
 
 def _outcomes(clips: Sequence[Clip], alarms: Sequence[Flags | None]) -> _Outcomes:
-    """Return the outcomes of alarms that are given for every frame of every clip."""
+    """Return the outcomes of alarms that are given for every frame; NaN in clips without them."""
     detected, leads, false = (np.full(len(clips), np.nan) for _ in range(3))
     for index, (clip, on) in enumerate(zip(clips, alarms, strict=True)):
         if on is None:
@@ -352,7 +319,7 @@ def _measurements(
     lead = found(lambda each, weights: weighted_median(each.lead_s, weights))
     detections = int(np.nansum(outcomes.detected))
     yield Measurement(detector, "lead_time_s", condition, *lead, detections)
-    minutes = np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
+    minutes = _minutes(clips)
     kinds = np.array([clip.label.kind for clip in clips])
     for kind in ("", *(sorted(set(kinds[minutes > 0])) if by_kind else ())):
         members = (kinds == kind) | (kind == "")

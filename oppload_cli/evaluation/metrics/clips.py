@@ -91,8 +91,8 @@ class Output:
     evidence : ndarray, shape (n,)
         The numbers that an alarm compares with its threshold: the responses, or multiples of them
         shortly before contact.
-    alarm : ndarray of bool, shape (n,), or None
-        The detector's own alarm; None where it has none.
+    alarm : ndarray of bool, shape (n,)
+        The detector's own alarm.
     winner : ndarray, shape (n, 4), or None
         Left, top, width and height of the winning unit's receptive field in source
         pixels; NaN in frames without a winner; None for a detector without units.
@@ -104,7 +104,7 @@ class Output:
 
     response: Numbers
     evidence: Numbers
-    alarm: Flags | None = None
+    alarm: Flags
     winner: Numbers | None = None
     box: Numbers | None = None
     contact_s: Numbers | None = None

@@ -13,9 +13,7 @@ from oppload_cli.evaluation.metrics.alarms import (
     SHIPPED,
     Decision,
     Thresholds,
-    at_rate,
     condition_of,
-    held_out,
     shipped,
 )
 from oppload_cli.evaluation.metrics.clips import (
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from oppload_cli.evaluation.metrics.clips import Box, Clip, Numbers
-    from oppload_cli.evaluation.metrics.intervals import Estimate, Weights
+    from oppload_cli.evaluation.metrics.intervals import Weights
 
 
 NEAR_CONTACT = 15  # frames before contact
@@ -47,6 +45,7 @@ FRAME_CENTRE = "frame_centre"  # for comparison
 KIND = "kind"  # the condition by which clips without an approach are grouped
 _BEFORE_CONTACT = 5  # frames
 _LAST_S, _WITHIN = 0.5, 0.2
+_EACH_CLIP = slice(None)
 
 
 @dataclass(frozen=True)
@@ -75,11 +74,10 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
     """Measure one detector over at least one clip, with the draws of the bootstrap."""
     thresholds = Thresholds(clips, detector)
     decisions = [
-        *(at_rate(thresholds, rate, draws) for rate in RATES),
-        *(held_out(thresholds, rate, draws) for rate in RATES),
+        *(thresholds.at_rate(rate, draws) for rate in RATES),
+        *(thresholds.held_out(rate, draws) for rate in RATES),
+        shipped(clips, detector, draws),
     ]
-    own = shipped(clips, detector, draws)
-    decisions += [own] if own else []
     score, positive, owner = scored(clips, detector)
 
     def area(weights: Weights, name: str) -> float:
@@ -96,44 +94,42 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         condition = "last second before contact"
         measurements.append(Measurement(detector, measure, condition, *found, len(score)))
     measurements += _of_order(clips, detector, draws)
-    ratios = _distinct_ratios(clips, detector)
-    found = _estimated(weighted_median, ratios, draws)
-    known = int((~np.isnan(ratios)).sum())
-    condition = "median over clips"
-    measurements.append(Measurement(detector, "distinct_ratio", condition, *found, known))
+    ratio = _middle(weighted_median, _distinct_ratios(clips, detector), draws)
+    measurements.append(Measurement(detector, "distinct_ratio", "median over clips", *ratio))
     measurements += of_places(clips, detector, draws)
-    whole = curve(score, positive, np.ones(len(score)))
-    return Performance(measurements, decisions, whole, thresholds)
+    complete = curve(score, positive, np.ones(len(score)))
+    return Performance(measurements, decisions, complete, thresholds)
+
+
+def _middle(
+    middle: Callable[[Numbers, Weights], float],
+    values: Numbers,
+    draws: Weights,
+    owner: Weights | slice = _EACH_CLIP,
+) -> tuple[float, float, float, int]:
+    """Return a mean or median with its interval, and the number of values that are known.
+
+    There is one value for each clip, or for each clip in `owner`.
+    """
+    found = estimate(lambda weights: middle(values, weights[owner]), draws)
+    return (*found, int((~np.isnan(values)).sum()))
 
 
 def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
     for frames in AHEAD:
-        pairs = [clip.ordered_pairs(detector, frames) for clip in clips]
-        shares = np.array([share for share, _ in pairs])
-        share, low, high = _estimated(weighted_mean, shares, draws)
-        bounds = share_interval(share, int((~np.isnan(shares)).sum()), low, high)
+        shares, pairs = zip(*(clip.ordered_pairs(detector, frames) for clip in clips), strict=True)
+        share, low, high, known = _middle(weighted_mean, np.array(shares), draws)
+        bounds = share_interval(share, known, low, high)
         where = f"{frames} frames before contact"
-        count = sum(count for _, count in pairs)
-        yield Measurement(detector, "ordered_pairs", where, share, *bounds, count)
+        yield Measurement(detector, "ordered_pairs", where, share, *bounds, sum(pairs))
 
 
 def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
     """Return how far each approach stands out from the footage before it.
 
-    Parameters
-    ----------
-    clips : sequence of Clip
-        All clips.
-    detector : str
-        Name of the detector.
-
-    Returns
-    -------
-    ndarray, shape (clips,)
-        Largest response from onset to contact over the largest one before onset; over
-        the median of the clips without an approach if less than half a second comes
-        before. 1 where both are 0, infinite where only the latter is; NaN without an
-        approach.
+    That is the largest response from onset to contact over the largest one before onset; over
+    the median of the clips without an approach if less than half a second comes before. 1 where
+    both are 0, infinite where only the latter is; NaN without an approach.
     """
     before = np.array([_largest_before(clip, detector) for clip in clips])
     looming = np.array([clip.label.looming for clip in clips])
@@ -170,24 +166,20 @@ def _of_conditions(
     alarmed = np.where(looming | np.isnan(outcomes.false_alarms), np.nan, outcomes.false_alarms > 0)
     names = dict.fromkeys(name for clip in clips for name in clip.label.conditions)
     for name in names:
-        values = [clip.label.conditions.get(name, "") for clip in clips]
-        for value in sorted(set(values) - {""}, key=_order):
-            members = np.array([each == value for each in values])
+        values = np.array([clip.label.conditions.get(name, "") for clip in clips])
+        for value in sorted(set(values.tolist()) - {""}, key=_order):
             where = f"{decision.condition}, {name} {value}"
             for measure, numbers, middle in (
                 ("detection_rate", outcomes.detected, weighted_mean),
                 ("lead_time_s", outcomes.lead_s, weighted_median),
                 ("alarmed_share", alarmed, weighted_mean),
             ):
-                part = np.where(members, numbers, np.nan)
-                known = int((~np.isnan(part)).sum())
-                if known and (measure != "alarmed_share" or name == KIND):
-                    found = _estimated(middle, part, draws)
-                    yield Measurement(detector, measure, where, *found, known)
+                part = np.where(values == value, numbers, np.nan)
+                if not np.isnan(part).all() and (measure != "alarmed_share" or name == KIND):
+                    yield Measurement(detector, measure, where, *_middle(middle, part, draws))
     if names and not np.isnan(alarmed).all():
-        found = _estimated(weighted_mean, alarmed, draws)
-        known = int((~np.isnan(alarmed)).sum())
-        yield Measurement(detector, "alarmed_share", decision.condition, *found, known)
+        share = _middle(weighted_mean, alarmed, draws)
+        yield Measurement(detector, "alarmed_share", decision.condition, *share)
 
 
 def _order(text: str) -> tuple[float, str]:
@@ -200,13 +192,6 @@ def _order(text: str) -> tuple[float, str]:
     return 0.0, text
 
 
-def _estimated(
-    middle: Callable[[Numbers, Weights], float], values: Numbers, draws: Weights
-) -> Estimate:
-    """Return a mean or median of one value for each clip, with its interval."""
-    return estimate(partial(middle, values), draws)
-
-
 def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
     """Yield how well a detector's boxes and times to contact fit the truth.
 
@@ -217,19 +202,17 @@ def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterato
         return
     overlaps = np.array([_overlap_of(clip, detector) for clip in clips])
     errors = np.array([_contact_error(clip, detector) for clip in clips])
-    where = f"{_BEFORE_CONTACT} frames before contact"
-    known = int((~np.isnan(overlaps)).sum())
-    if known:
-        found = _estimated(weighted_median, overlaps, draws)
-        yield Measurement(detector, "box_overlap", where, *found, known)
+    if not np.isnan(overlaps).all():
+        where = f"{_BEFORE_CONTACT} frames before contact"
+        overlap = _middle(weighted_median, overlaps, draws)
+        yield Measurement(detector, "box_overlap", where, *overlap)
     timed = np.array([any(map(_is_last, clip.label.contacts.values())) for clip in clips])
     within = np.where(timed, np.nan_to_num(errors, nan=np.inf) <= _WITHIN, np.nan)
     where = f"last {_LAST_S:g} s"
-    found = _estimated(weighted_mean, within, draws)
-    yield Measurement(detector, "contact_within", where, *found, int(timed.sum()))
-    given = int((~np.isnan(errors)).sum())
-    found = _estimated(weighted_median, errors, draws)
-    yield Measurement(detector, "contact_error", where, *found, given)
+    share = _middle(weighted_mean, within, draws)
+    yield Measurement(detector, "contact_within", where, *share)
+    error = _middle(weighted_median, errors, draws)
+    yield Measurement(detector, "contact_error", where, *error)
 
 
 def _overlap_of(clip: Clip, detector: str) -> float:
@@ -346,11 +329,11 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
     has_units = detector == FRAME_CENTRE or any(
         clip.outputs[detector].winner is not None for clip in clips
     )
-    found = places(clips, detector) if has_units else []
+    boxed = places(clips, detector) if has_units else []
     made = []
     for condition, part in (
-        (f"within {NEAR_CONTACT} frames of contact", [each for each in found if each.near]),
-        ("all boxed frames", found),
+        (f"within {NEAR_CONTACT} frames of contact", [each for each in boxed if each.near]),
+        ("all boxed frames", boxed),
     ):
         if not part:
             continue
@@ -361,14 +344,6 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
             ("distance_diagonals", weighted_median),
         ):
             values = np.array([getattr(each, name) for each in part], np.float64)
-            each = estimate(partial(_of_frames, middle, values, owner), draws)
-            known = int((~np.isnan(values)).sum())
-            made.append(Measurement(detector, f"place_{name}", condition, *each, known))
+            found = _middle(middle, values, draws, owner)
+            made.append(Measurement(detector, f"place_{name}", condition, *found))
     return made
-
-
-def _of_frames(
-    middle: Callable[[Numbers, Weights], float], values: Numbers, owner: Weights, weights: Weights
-) -> float:
-    """Return a statistic of frames, each of which counts as often as its clip."""
-    return middle(values, weights[owner])

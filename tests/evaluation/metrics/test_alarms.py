@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from oppload_cli.evaluation.metrics.alarms import (
-    Thresholds,
-    at_rate,
-    events,
-    held_out,
-    shipped,
-)
+from oppload_cli.evaluation.metrics.alarms import Thresholds, events, shipped
 from oppload_cli.evaluation.metrics.intervals import draws_of, rate_interval, share_interval
 from tests.evaluation.make import NAME, clip, peaks
 
@@ -50,7 +44,7 @@ def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
     assert [thresholds.lowest(ONCE, rate) for rate in (0, 0.34, 0.67, 1, 1.34, 1.7)] == [
         5, 4, 3, 2.5, 2, 1,
     ]  # fmt: skip
-    assert thresholds.false_alarms(2.5).tolist() == [2, 1, 0, 0]
+    assert thresholds.outcomes(2.5).false_alarms.tolist() == [2, 1, 0, 0]
     # Drawn twice, a clip counts twice: 5 and 3 are then four alarms in two minutes.
     assert thresholds.lowest(np.array([2, 0, 0, 0]), 1) == 3
 
@@ -66,17 +60,17 @@ def test_a_low_threshold_that_merges_all_alarms_into_one_is_not_chosen() -> None
 def test_a_steady_response_is_one_alarm_from_its_start() -> None:
     steady = clip([0.0] * 3 + [1.0] * 600)
     thresholds = Thresholds([steady, CALM], NAME)
-    assert thresholds.false_alarms(0.0).tolist() == [1, 3]
+    assert thresholds.outcomes(0.0).false_alarms.tolist() == [1, 3]
 
 
 def test_detection_and_lead_at_a_threshold() -> None:
     thresholds = Thresholds(CLIPS, NAME)
     assert thresholds.detected(3)[2:].tolist() == [1, 0]
     assert np.isnan(thresholds.detected(3)[:2]).all()
-    assert thresholds.leads(3)[2] == pytest.approx(1.0)
-    assert thresholds.leads(3.5)[2] == pytest.approx(0.5)  # it must be above
+    assert thresholds.outcomes(3).lead_s[2] == pytest.approx(1.0)
+    assert thresholds.outcomes(3.5).lead_s[2] == pytest.approx(0.5)  # it must be above
     assert thresholds.detected(9)[2:].tolist() == [0, 0]
-    assert np.isnan(thresholds.leads(9)).all()
+    assert np.isnan(thresholds.outcomes(9).lead_s).all()
 
 
 def test_a_threshold_is_compared_with_the_evidence() -> None:
@@ -86,9 +80,9 @@ def test_a_threshold_is_compared_with_the_evidence() -> None:
     known = replace(weak, outputs={NAME: output})
     for seen, expected in ((weak, 0), (known, 1)):
         assert Thresholds([seen, CALM], NAME).detected(3)[0] == expected
-        [outcome, _] = held_out(Thresholds([seen, CALM], NAME), 1.0, DRAWS[:, :2]).outcomes.detected
+        [outcome, _] = Thresholds([seen, CALM], NAME).held_out(1.0, DRAWS[:, :2]).outcomes.detected
         assert outcome == expected
-    assert Thresholds([known], NAME).leads(3).tolist() == pytest.approx([0.3])
+    assert Thresholds([known], NAME).outcomes(3).lead_s.tolist() == pytest.approx([0.3])
     assert Thresholds([known], NAME).levels.tolist() == [2.5, 0]
 
 
@@ -96,17 +90,17 @@ def test_a_frame_without_evidence_hides_none_of_the_approach() -> None:
     gap = [0.0] * 25 + [np.nan] * 3 + [0.0] * 7 + [2.0] * 10
     looming = clip(gap, 20, 44)
     assert Thresholds([looming], NAME).detected(1.0).tolist() == [1]
-    assert Thresholds([looming], NAME).leads(1.0).tolist() == pytest.approx([0.9])
+    assert Thresholds([looming], NAME).outcomes(1.0).lead_s.tolist() == pytest.approx([0.9])
 
 
 def test_contact_and_onset_are_part_of_the_approach() -> None:
     ends = [clip(peaks(60, {at: 1.0}), 20, 40) for at in (19, 20, 40, 41)]
     assert Thresholds(ends, NAME).detected(0.5).tolist() == [0, 1, 1, 0]
-    assert Thresholds(ends, NAME).leads(0.5)[1:3].tolist() == pytest.approx([2.0, 0.0])
+    assert Thresholds(ends, NAME).outcomes(0.5).lead_s[1:3].tolist() == pytest.approx([2.0, 0.0])
 
 
 def test_figures_at_a_rate() -> None:
-    found = at_rate(Thresholds(CLIPS, NAME), 1.0, DRAWS)
+    found = Thresholds(CLIPS, NAME).at_rate(1.0, DRAWS)
     values = {(each.measure, each.condition): each for each in found.measurements}
     assert values["detection_rate", "at 1 per minute"].value == 0.5
     assert values["detection_rate", "at 1 per minute"].n == 2
@@ -128,14 +122,15 @@ def test_figures_at_a_rate() -> None:
 def test_held_out_thresholds_come_from_other_videos() -> None:
     shared = [replace(seen, label=replace(seen.label, video=0)) for seen in CLIPS[:2]]
     # In half a minute each, LOOM and LATE have one alarm above 0 before onset.
-    assert Thresholds([*shared, *CLIPS[2:]], NAME).held_out(1.0).tolist() == [0, 0, 3, 3]
+    found = Thresholds([*shared, *CLIPS[2:]], NAME).held_out(1.0, DRAWS)
+    assert found.thresholds.tolist() == [0, 0, 3, 3]
 
 
 def test_held_out_thresholds_come_from_the_other_clips() -> None:
     thresholds = Thresholds(CLIPS, NAME)
+    found = thresholds.held_out(1.0, DRAWS)
     # At most two alarms in the two minutes without CALM, which are 4 and 2.5.
-    assert thresholds.held_out(1.0).tolist() == [2, 2.5, 3, 3]
-    found = held_out(thresholds, 1.0, DRAWS)
+    assert found.thresholds.tolist() == [2, 2.5, 3, 3]
     assert found.outcomes.false_alarms.tolist() == [2, 1, 0, 0]
     assert found.outcomes.detected[2:].tolist() == [1, 0]
     values = {each.measure: each.value for each in found.measurements}
@@ -151,7 +146,6 @@ def test_the_alarm_as_shipped() -> None:
         clip([0.0] * 401, 303, 400, alarm=[390]),
     ]
     found = shipped(clips, NAME, draws_of([False, True, True, True], 100))
-    assert found is not None
     # 55 is within a second of 50; the alarm that is on at onset began before it.
     assert found.outcomes.false_alarms.tolist() == [2, 1, 0, 0]
     assert found.outcomes.detected[1:].tolist() == [1, 0, 1]
@@ -159,14 +153,13 @@ def test_the_alarm_as_shipped() -> None:
     values = {each.measure: each.value for each in found.measurements}
     assert values["detection_rate"] == pytest.approx(2 / 3)
     assert values["lead_time_s"] == pytest.approx((9.7 + 1.0) / 2)
-    assert shipped(CLIPS, NAME, DRAWS) is None
 
 
 def test_without_footage_or_approaches_every_value_is_nan() -> None:
     at_once = clip(peaks(40, {30: 1.0}), 0, 39)
     thresholds = Thresholds([at_once], NAME)
     assert np.isnan(thresholds.lowest(np.array([1]), 1.0))
-    found = at_rate(thresholds, 1.0, draws_of([True], 100))
+    found = thresholds.at_rate(1.0, draws_of([True], 100))
     assert all(np.isnan(each.value) for each in found.measurements)
 
 
@@ -175,12 +168,12 @@ def test_each_draw_chooses_its_own_threshold() -> None:
     clips = [clip(peaks(603, {100: 5.0})), clip([0.0] * 603), clip(peaks(60, {40: 3.0}), 3, 50)]
     draws = draws_of([False, False, True], 400)
     thresholds = Thresholds(clips, NAME)
-    found = at_rate(thresholds, 0.4, draws)
+    found = thresholds.at_rate(0.4, draws)
     values = {each.measure: [each.value, each.low, each.high] for each in found.measurements}
     assert values["detection_rate"] == [0, 0, 1]
     assert values["threshold"] == [5, 0, 5]
     # Held-out thresholds are not chosen again in each draw.
-    fixed = held_out(thresholds, 0.4, draws)
+    fixed = thresholds.held_out(0.4, draws)
     kept = {each.measure: [each.value, each.low, each.high] for each in fixed.measurements}
     assert kept["detection_rate"] == pytest.approx([0, 0, 0.975])
 
@@ -208,6 +201,5 @@ def test_the_interval_of_a_rate_is_that_of_garwood(events_seen: int) -> None:
 def test_one_clip_gives_a_rate_an_interval() -> None:
     draws = draws_of([False], 100)
     found = shipped([clip([0.0] * 603, alarm=[300])], NAME, draws)
-    assert found is not None
     rate = next(one for one in found.measurements if one.measure == "false_alarms_per_minute")
     assert [rate.value, rate.low, rate.high] == pytest.approx([1, 0.0253, 5.572], abs=1e-3)
