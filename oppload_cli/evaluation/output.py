@@ -15,20 +15,17 @@ from oppload_cli.evaluation.metrics.alarms import (
     SILENCE_S,
     condition_of,
 )
-from oppload_cli.evaluation.metrics.clips import (
-    AHEAD,
-    LEAST_S,
-    WINDOW_S,
-)
+from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S
 from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
-from oppload_cli.evaluation.page import NOTHING, number, page_of, pictures, worst
-from oppload_cli.evaluation.plots import PLOTS, drawn
+from oppload_cli.evaluation.page import NOTHING, number, page_of
+from oppload_cli.evaluation.plots import PLOTS, figure_of
 from oppload_cli.files.atomic import PartFile, output_errors, remove, write_atomic
 from oppload_cli.files.tables import open_table
+from oppload_cli.plots.style import image_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from oppload_cli.evaluation.evaluate import Evaluation
@@ -38,40 +35,40 @@ if TYPE_CHECKING:
 
 
 _SCHEMA = "oppload.evaluation/1"
+_DPI = 160  # of the plots
+_SIDES = "x", "y", "width", "height"
 # The files call a detector a contender: their readers rely on it.
-_MEASUREMENTS: dict[str, type] = {
-    "contender": str,
-    "measure": str,
-    "condition": str,
-    "value": float,
-    "low": float,
-    "high": float,
-    "n": int,
+_COLUMNS: dict[str, dict[str, type]] = {
+    "evaluation.csv": {
+        "contender": str,
+        "measure": str,
+        "condition": str,
+        "value": float,
+        "low": float,
+        "high": float,
+        "n": int,
+    },
+    "responses.csv": {
+        "clip": str,
+        "frame": int,
+        "time_s": float,
+        "contender": str,
+        "response": float,
+        "alarm": bool,
+        **dict.fromkeys(_SIDES, float),
+        "evidence": float,
+    },
+    "windows.csv": {
+        "clip": str,
+        "use": str,
+        "frames_before_contact": int,
+        "first_frame": int,
+        "last_frame": int,
+        "contender": str,
+        "score": float,
+    },
 }
-_RESPONSES: dict[str, type] = {
-    "clip": str,
-    "frame": int,
-    "time_s": float,
-    "contender": str,
-    "response": float,
-    "alarm": bool,
-    "x": float,
-    "y": float,
-    "width": float,
-    "height": float,
-    "evidence": float,
-}
-_WINDOWS: dict[str, type] = {
-    "clip": str,
-    "use": str,
-    "frames_before_contact": int,
-    "first_frame": int,
-    "last_frame": int,
-    "contender": str,
-    "score": float,
-}
-_TABLES = ("evaluation.csv", "responses.csv", "windows.csv")
-FILES = (*_TABLES, *PLOTS, "report.json", "evaluation.html")
+FILES = (*_COLUMNS, *PLOTS, "report.json", "evaluation.html")
 
 
 def write_evaluation(
@@ -101,20 +98,19 @@ def write_evaluation(
     OutputError
         If one cannot be written.
     """
-    report, plots, moments = report_of(evaluation), drawn(evaluation), worst(evaluation)
-    page = page_of(evaluation, report, plots, moments, pictures(evaluation, moments))
+    report = report_of(evaluation)
+    plots = {
+        name: image_bytes(figure_of(name, evaluation.performances), "png", _DPI) for name in PLOTS
+    }
+    page = page_of(evaluation, report, plots)
     # Old files must never stand beside new ones, however this ends; the page comes last.
     for name in FILES:
         with output_errors(folder / name):
             remove(folder / name)
-    tables: Iterable[tuple[dict[str, type], Iterator[dict[str, Cell]]]] = (
-        (_MEASUREMENTS, map(_row, evaluation.measurements)),
-        (_RESPONSES, _responses(evaluation)),
-        (_WINDOWS, _windows(evaluation)),
-    )
-    for name, (columns, rows) in zip(_TABLES, tables, strict=True):
+    rows = map(_row, evaluation.measurements), _responses(evaluation), _windows(evaluation)
+    for (name, columns), of_table in zip(_COLUMNS.items(), rows, strict=True):
         with open_table(folder / name, columns) as table:
-            for row in rows:
+            for row in of_table:
                 table.write({key: _known(value) for key, value in row.items()})
         yield folder / name
     for name, png in plots.items():
@@ -122,12 +118,10 @@ def write_evaluation(
         yield folder / name
     frames, seconds = report["manifest"]["frames"], wall_s()
     timing = {"wall_s": round(seconds, 1), "frames_per_s": round(frames / seconds, 1)}
-    for target, text in (
-        (claim, report_json({**report, "timing": timing})),
-        (folder / "evaluation.html", page),
-    ):
-        write_atomic(target, text)
-        yield target.path if isinstance(target, PartFile) else target
+    write_atomic(claim, report_json({**report, "timing": timing}))
+    yield claim.path
+    write_atomic(folder / "evaluation.html", page)
+    yield folder / "evaluation.html"
 
 
 def printed_table(evaluation: Evaluation) -> Iterator[str]:
@@ -160,8 +154,7 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
                 detected = f"{rate.value * rate.n:.0f} of {rate.n}{_interval(rate)}"
             yield (
                 f"{label_of(each.name):<{wide}}  {detected:<24}"
-                f"{number(lead.value if lead else None):<10}"
-                f"{number(false.value if false else None)}{_interval(false)}"
+                f"{_value(lead):<10}{_value(false)}{_interval(false)}"
             )
     yield (
         "These clips: each detector has the lowest threshold with at most one false alarm per "
@@ -198,10 +191,13 @@ def _by_kind(
     for name, condition in zip(names, kinds, strict=True):
         shares = [found.get((one.name, "alarmed_share", condition)) for one in evaluation.detectors]
         cells = [
-            f"{number(share.value if share else None):<{len(label)}}"
-            for share, label in zip(shares, labels, strict=True)
+            f"{_value(share):<{len(label)}}" for share, label in zip(shares, labels, strict=True)
         ]
         yield "  ".join([f"{name:<{wide_kind}}", *cells])
+
+
+def _value(one: Measurement | None) -> str:
+    return number(one.value if one else None)
 
 
 def _interval(one: Measurement | None) -> str:
@@ -209,7 +205,7 @@ def _interval(one: Measurement | None) -> str:
 
 
 def _row(measurement: Measurement) -> dict[str, Cell]:
-    return dict(zip(_MEASUREMENTS, measurement, strict=True))
+    return dict(zip(_COLUMNS["evaluation.csv"], measurement, strict=True))
 
 
 def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
@@ -217,20 +213,17 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
     for clip in evaluation.clips:
         for name, output in clip.outputs.items():
             for frame, response in enumerate(output.response):
-                row: dict[str, Cell] = {
+                winner = [None] * 4 if output.winner is None else output.winner[frame]
+                yield {
                     "clip": clip.label.name,
                     "frame": frame,
                     "time_s": float(clip.time_s[frame]),
                     "contender": name,
                     "response": float(response),
+                    "alarm": None if math.isnan(response) else bool(output.alarm[frame]),
+                    **dict(zip(_SIDES, winner, strict=True)),
                     "evidence": float(output.evidence[frame]),
                 }
-                if not math.isnan(response):
-                    row["alarm"] = bool(output.alarm[frame])
-                if output.winner is not None:
-                    sides = map(float, output.winner[frame])
-                    row.update(zip(("x", "y", "width", "height"), sides, strict=True))
-                yield row
 
 
 def _windows(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
@@ -307,7 +300,7 @@ def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
                     "lead_s": float(each.outcomes.lead_s[index]),
                     "false_alarms": _integer(each.outcomes.false_alarms[index], int),
                 }
-                for each in performance.decisions
+                for each in performance.decisions.values()
             }
             for name, performance in evaluation.performances.items()
         }

@@ -6,7 +6,7 @@ It shows the measures, the plots, and the frames of the worst misses and false a
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -28,10 +28,8 @@ if TYPE_CHECKING:
     from cv2.typing import MatLike
 
     from oppload_cli.evaluation.evaluate import Evaluation
-    from oppload_cli.evaluation.metrics.clips import Box, Clip, Numbers
+    from oppload_cli.evaluation.metrics.clips import Box, Clip
     from oppload_cli.stimulus.protocol import Protocol
-
-    Pictures = Mapping[tuple[int, int], bytes]  # JPEG by clip and frame
 
 
 _MOST = 4  # stills of each kind, for each detector
@@ -199,34 +197,24 @@ _HEADLINE = (
 )
 
 
-def page_of(
-    evaluation: Evaluation,
-    report: Mapping[str, Any],
-    plots: Mapping[str, bytes],
-    moments: Sequence[_Moment],
-    pictures: Pictures,
-) -> str:
+def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[str, bytes]) -> str:
     """Return the page as HTML, with every picture in it.
 
     Parameters
     ----------
     evaluation : Evaluation
-        Of all clips.
+        Of all clips; their files are read again for the pictures of the worst moments.
     report : mapping
-        From :func:`oppload_cli.evaluation.output.report_of`.
+        The content of ``report.json``.
     plots : mapping of str to bytes
         PNG by file name.
-    moments : sequence of _Moment
-        The worst ones.
-    pictures : mapping
-        JPEG by clip and frame.
     """
     minutes = report["manifest"]["minutes_without_approach"]
     return rendered(
         "evaluation.html",
         report=report,
         plots=[(embedded(plots[name]), plot.caption) for name, plot in PLOTS.items()],
-        stills=list(_stills(evaluation, moments, pictures)),
+        stills=list(_stills(evaluation)),
         headline=_HEADLINE,
         allowed=int(_RATE * minutes),
         quiet=_duration(minutes),
@@ -293,35 +281,45 @@ class _Still(NamedTuple):
     evidence: str
 
 
-def _stills(
-    evaluation: Evaluation, moments: Sequence[_Moment], pictures: Pictures
-) -> Iterator[tuple[str, list[_Still]]]:
-    """Yield the stills by title."""
-    titles = {True: "Worst misses", False: "Largest evidence without an approach"}
-    for detector in dict.fromkeys(each.detector for each in moments):
-        for missed, title in titles.items():
-            stills = [
+def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[_Still]]]:
+    """Yield the stills by title: of each detector with units, misses first."""
+    moments = [
+        moment
+        for name in evaluation.performances
+        if any(clip.outputs[name].winner is not None for clip in evaluation.clips)
+        for moment in _worst_of(evaluation, name)
+    ]
+    pictures = _pictures(evaluation, moments)
+    for (detector, missed), group in groupby(
+        moments, key=lambda each: (each.detector, each.missed)
+    ):
+        title = "Worst misses" if missed else "Largest evidence without an approach"
+        yield (
+            f"{title}: {label_of(detector)}",
+            [
                 _still(evaluation.clips[each.clip], each, pictures.get((each.clip, each.frame)))
-                for each in moments
-                if each.detector == detector and each.missed == missed
-            ]
-            if stills:
-                yield f"{title}: {label_of(detector)}", stills
+                for each in group
+            ],
+        )
 
 
 def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
-    evidence = float(clip.outputs[moment.detector].evidence[moment.frame])
-    over = evidence / moment.threshold if moment.threshold > 0 else math.nan
+    output = clip.outputs[moment.detector]
+    evidence = float(output.evidence[moment.frame])
+    over = (
+        f"{number(evidence / moment.threshold)} times the threshold" if moment.threshold > 0 else ""
+    )
+    winner = None if output.winner is None else output.winner[moment.frame]
     lead = f"{number(clip.lead(moment.frame))} s before contact"
     return _Still(
         clip,
         moment.frame,
         None if picture is None else embedded(picture, "jpeg"),
         clip.label.boxes.get(moment.frame),
-        _winner_of(clip, moment),
+        None if winner is None or not np.isfinite(winner).all() else tuple(map(float, winner)),
         _strip(clip, moment),
         lead if moment.missed else clip.label.kind,
-        number(evidence) if math.isnan(over) else f"{number(over)} times the threshold",
+        over or number(evidence),
     )
 
 
@@ -338,12 +336,11 @@ def _by_measure(
 
 def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
     """Return the parameters of one of the report's detectors, with those of its alarm."""
-    alarm = {f"alarm.{name}": value for name, value in (detector["alarm"] or {}).items()}
-    return {"working height": detector["height"], **(detector["parameters"] or {}), **alarm}
+    alarm = {f"alarm.{name}": value for name, value in detector["alarm"].items()}
+    return {"working height": detector["height"], **detector["parameters"], **alarm}
 
 
-@dataclass(frozen=True)
-class _Moment:
+class _Moment(NamedTuple):
     """A frame worth a picture.
 
     Attributes
@@ -367,50 +364,33 @@ class _Moment:
     missed: bool
 
 
-def worst(evaluation: Evaluation) -> list[_Moment]:
-    """Return the worst moments of every detector with units, misses first.
+def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
+    """Yield the worst moments of a detector: at most four misses, then four false alarms.
 
     A miss is shown at its largest evidence from onset to contact, the smallest of them
     first; a clip's false alarm at its largest evidence without an approach, the
-    largest first, a clip once. At most four of each for each detector.
+    largest first.
     """
-    return [
-        moment
-        for name in evaluation.performances
-        if any(clip.outputs[name].winner is not None for clip in evaluation.clips)
-        for moment in _worst_of(evaluation, name)
-    ]
+    decision = evaluation.performances[name].decisions[condition_of(_RATE)]
+    threshold = float(decision.thresholds[0])
 
+    def peak(index: int, start: int, stop: int) -> tuple[float, int, int]:
+        evidence = evaluation.clips[index].outputs[name].evidence
+        frame = start + int(evidence[start:stop].argmax())
+        return float(evidence[frame]), index, frame
 
-def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
-    clips, found = evaluation.clips, evaluation.performances[name]
-    condition = condition_of(_RATE)
-    threshold = next(
-        float(each.thresholds[0]) for each in found.decisions if each.condition == condition
-    )
-    misses = np.flatnonzero(found.thresholds.detected(threshold) == 0)
-    peaks = found.thresholds.peaks
-    for missed in sorted(map(int, misses), key=lambda at: (peaks[at], at))[:_MOST]:
-        frame, _ = _peak(clips[missed], name, *clips[missed].approach)
-        yield _Moment(missed, frame, name, threshold, missed=True)
-    largest = {
-        index: _peak(clip, name, *clip.quiet)
-        for index, clip in enumerate(clips)
-        if clip.quiet[1] > clip.quiet[0]
-    }
-    for index in sorted(largest, key=lambda at: (-largest[at][1], at))[:_MOST]:
-        frame, evidence = largest[index]
+    misses = map(int, np.flatnonzero(decision.outcomes.detected == 0))
+    missed = sorted(peak(index, *evaluation.clips[index].approach) for index in misses)
+    for _, index, frame in missed[:_MOST]:
+        yield _Moment(index, frame, name, threshold, missed=True)
+    spans = [(index, *clip.quiet) for index, clip in enumerate(evaluation.clips)]
+    largest = [peak(index, start, stop) for index, start, stop in spans if start < stop]
+    for evidence, index, frame in sorted(largest, key=lambda each: (-each[0], each[1]))[:_MOST]:
         if evidence > 0:
             yield _Moment(index, frame, name, threshold, missed=False)
 
 
-def _peak(clip: Clip, name: str, start: int, stop: int) -> tuple[int, float]:
-    evidence = clip.outputs[name].evidence
-    frame = start + int(evidence[start:stop].argmax())
-    return frame, float(evidence[frame])
-
-
-def pictures(evaluation: Evaluation, moments: Sequence[_Moment]) -> dict[tuple[int, int], bytes]:
+def _pictures(evaluation: Evaluation, moments: Sequence[_Moment]) -> dict[tuple[int, int], bytes]:
     """Return the frames of moments as JPEG in grey, by clip and frame.
 
     A frame that cannot be decoded again is left out.
@@ -467,7 +447,10 @@ class _Strip(NamedTuple):
 
 
 def _strip(clip: Clip, moment: _Moment) -> _Strip:
-    """Draw the evidence over a complete clip, up to three times the threshold."""
+    """Draw the evidence over a complete clip, up to three times the threshold.
+
+    Of very many frames, the largest of every few is drawn.
+    """
     evidence = np.nan_to_num(clip.outputs[moment.detector].evidence)
     top = float(evidence.max()) or 1.0
     threshold = moment.threshold
@@ -479,25 +462,12 @@ def _strip(clip: Clip, moment: _Moment) -> _Strip:
     def height(value: float) -> float:
         return HEIGHT - 2 - (HEIGHT - 6) * min(value / top, 1.0)
 
+    step = max(1, math.ceil(len(evidence) / (2 * WIDTH)))
+    firsts = range(0, len(evidence), step)
+    shown = [first + int(evidence[first : first + step].argmax()) for first in firsts]
     return _Strip(
         (start * across, (stop - start) * across) if stop > start else None,
-        [((frame + 0.5) * across, height(value)) for frame, value in _thinned(evidence)],
+        [((frame + 0.5) * across, height(float(evidence[frame]))) for frame in shown],
         None if math.isnan(threshold) else height(threshold),
         (moment.frame + 0.5) * across,
     )
-
-
-def _thinned(evidence: Numbers) -> list[tuple[int, float]]:
-    """Return frames and evidence; of very many frames, the largest of every few."""
-    step = max(1, math.ceil(len(evidence) / (2 * WIDTH)))
-    starts = range(0, len(evidence), step)
-    at = [start + int(evidence[start : start + step].argmax()) for start in starts]
-    return [(frame, float(evidence[frame])) for frame in at]
-
-
-def _winner_of(clip: Clip, moment: _Moment) -> tuple[float, ...] | None:
-    """Return left, top, width and height of the winning unit's field in source pixels."""
-    winner = clip.outputs[moment.detector].winner
-    if winner is None or not np.isfinite(winner[moment.frame]).all():
-        return None
-    return tuple(map(float, winner[moment.frame]))

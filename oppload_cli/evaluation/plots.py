@@ -11,7 +11,7 @@ from oppload_cli.evaluation.metrics.alarms import RATES, condition_of
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.models.registry import detectors
-from oppload_cli.plots.style import DASHES, FAINT, INK, image_bytes, styled_figure
+from oppload_cli.plots.style import DASHES, FAINT, INK, styled_figure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from oppload_cli.evaluation.evaluate import Evaluation
     from oppload_cli.evaluation.metrics.clips import Numbers
     from oppload_cli.evaluation.metrics.intervals import Measurement
     from oppload_cli.evaluation.metrics.measures import Performance
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 # Of Okabe and Ito's palette, for the presets after the default one.
 _COLOURS = ("#009E73", "#CC79A7")
 _SIZE = 4.8, 3.5  # inches
-_DPI = 160
 _HIGHEST_RATE = 6.0  # false alarms per minute on the axis
 _RATE = 1.0  # false alarms per minute at which leads and kinds are shown
 _SHOWN = 1.6  # times the highest rate that the plot of false alarms shows
@@ -111,7 +109,7 @@ def _order(axes: Axes, performances: Performances) -> None:
 def _leads(axes: Axes, performances: Performances) -> None:
     labels = []
     for row, (each, look) in enumerate(_looks(performances)):
-        outcomes = next(d.outcomes for d in each.decisions if d.condition == condition_of(_RATE))
+        outcomes = each.decisions[condition_of(_RATE)].outcomes
         leads = np.sort(outcomes.lead_s[~np.isnan(outcomes.lead_s)])
         approaches = int((~np.isnan(outcomes.detected)).sum())
         labels.append(f"{look['label']}\n{len(leads)} of {approaches}")
@@ -237,10 +235,3 @@ def figure_of(plot: str, performances: Performances) -> Figure:
     with styled_figure(*_SIZE) as figure:
         PLOTS[plot].draw(figure.subplots(), performances)
     return figure
-
-
-def drawn(evaluation: Evaluation) -> dict[str, bytes]:
-    """Return all `PLOTS` of an evaluation, as PNG by file name."""
-    return {
-        name: image_bytes(figure_of(name, evaluation.performances), "png", _DPI) for name in PLOTS
-    }

@@ -56,8 +56,8 @@ class Performance:
     ----------
     measurements : list of Measurement
         In the order of the page.
-    decisions : list of Decision
-        By rule of alarm.
+    decisions : dict of str to Decision
+        By condition, such as ``at 1 per minute``.
     curve : Curve or None
         Over one-second windows.
     thresholds : Thresholds
@@ -65,7 +65,7 @@ class Performance:
     """
 
     measurements: list[Measurement]
-    decisions: list[Decision]
+    decisions: dict[str, Decision]
     curve: Curve | None
     thresholds: Thresholds
 
@@ -73,21 +73,21 @@ class Performance:
 def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performance:
     """Measure one detector over at least one clip, with the draws of the bootstrap."""
     thresholds = Thresholds(clips, detector)
-    decisions = [
+    rules = [
         *(thresholds.at_rate(rate, draws) for rate in RATES),
         *(thresholds.held_out(rate, draws) for rate in RATES),
         shipped(clips, detector, draws),
     ]
+    decisions = {each.condition: each for each in rules}
     score, positive, owner = scored(clips, detector)
 
     def area(weights: Weights, name: str) -> float:
         drawn = curve(score, positive, weights[owner])
         return float("nan") if drawn is None else float(getattr(drawn, name))
 
-    measurements = [each for decision in decisions for each in decision.measurements]
-    for decision in decisions:
-        if decision.condition in {condition_of(1.0), SHIPPED}:
-            measurements += _of_conditions(clips, detector, decision, draws)
+    measurements = [each for decision in rules for each in decision.measurements]
+    for condition in (condition_of(1.0), SHIPPED):
+        measurements += _of_conditions(clips, detector, decisions[condition], draws)
     measurements += _of_objects(clips, detector, draws)
     for measure, name in (("roc_auc", "auc"), ("average_precision", "average_precision")):
         found = estimate(partial(area, name=name), draws)
