@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, NamedTuple, cast
 import numpy as np
 
 from oppload_cli.errors import DetectorError, SourceError, StimulusError
-from oppload_cli.evaluation.manifest import RowError
 from oppload_cli.evaluation.metrics.clips import Clip, Output, videos_of
 from oppload_cli.evaluation.metrics.intervals import DRAWS, draws_of
 from oppload_cli.evaluation.metrics.measures import FRAME_CENTRE, measured, of_places
@@ -197,10 +196,8 @@ def _analyse_video(
         clip = Clip(entry.label, times, facts.width, facts.height, ordered)
         name = entry.label.name
         damage = [] if complete else [f"{name}: is damaged or cut; what could be decoded is used"]
-        try:
-            _check(clip)
-        except RowError as error:
-            analysed.append(_Analysed(None, [str(error)]))
+        if unfit := _fault_of(clip):
+            analysed.append(_Analysed(None, [f"{name}: {unfit}"]))
         else:
             beyond = _boxes_beyond(entry.label, len(clip))
             analysed.append(_Analysed(clip, [*damage, *beyond]))
@@ -216,20 +213,21 @@ def _opened(
     return nullcontext(StimulusVideo(path, height))
 
 
-def _check(clip: Clip) -> None:
-    name, contact = clip.label.name, clip.label.contact
+def _fault_of(clip: Clip) -> str:
+    """Return in words why a clip cannot be used; empty if it can."""
+    contact = clip.label.contact
     if clip.first == len(clip):
-        raise RowError(f"{name}: has {len(clip)} frames, too few for any response; leave it out")
+        return f"has {len(clip)} frames, too few for any response; leave it out"
     if contact is not None and contact >= len(clip):
-        raise RowError(
-            f"{name}: its contact, frame {contact}, is beyond its last frame, {len(clip) - 1}; "
-            "correct it"
+        return (
+            f"its contact, frame {contact}, is beyond its last frame, {len(clip) - 1}; correct it"
         )
     if contact is not None and contact < clip.first:
-        raise RowError(
-            f"{name}: its contact, frame {contact}, is before the first response, frame "
-            f"{clip.first}; leave it out"
+        return (
+            f"its contact, frame {contact}, is before the first response, frame {clip.first}; "
+            "leave it out"
         )
+    return ""
 
 
 def _boxes_beyond(label: Label, frames: int) -> list[str]:
@@ -291,14 +289,11 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
     groups: list[list[EvaluatedDetector]] = []
     for each in detectors:
         for group in groups:
-            other = all(member.detector != each.detector for member in group)
-            first = group[0]
-            alike = (first.alarm, first.repeats, first.time) == (
-                each.alarm,
-                each.repeats,
-                each.time,
+            alike = all(
+                getattr(each, name) == getattr(group[0], name)
+                for name in ("alarm", "repeats", "time")
             )
-            if other and alike:
+            if alike and each.detector not in {member.detector for member in group}:
                 group.append(each)
                 break
         else:

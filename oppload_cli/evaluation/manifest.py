@@ -89,7 +89,7 @@ class Manifest:
     notes: tuple[str, ...] = ()
 
 
-class RowError(ValueError):
+class _RowError(ValueError):
     """A row or a box that cannot be used; the message names the fault and its repair."""
 
 
@@ -126,7 +126,7 @@ def read_manifest(path: Path) -> Manifest:
     for number, cells in filled.items():
         try:
             entries.append(_entry(path, number, header, cells, row_of))
-        except RowError as fault:
+        except _RowError as fault:
             faults.append(f"{path}: row {number}: {fault}")
     at = header.index("file")
     names = tuple(cells[at].strip() for cells in filled.values() if at < len(cells))
@@ -166,20 +166,20 @@ def _entry(
     manifest: Path, number: int, header: Sequence[str], cells: list[str], row_of: dict[str, int]
 ) -> Entry:
     if len(cells) != len(header):
-        raise RowError(f"has {len(cells)} cells, not {len(header)}; give one for each column")
+        raise _RowError(f"has {len(cells)} cells, not {len(header)}; give one for each column")
     row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
     if not row["file"]:
-        raise RowError("names no file; fill in its first column, file")
+        raise _RowError("names no file; fill in its first column, file")
     path = manifest.parent / row["file"]
     if is_there(path) and not (is_file(path) or is_folder(path)):
-        raise RowError(f"{row['file']}: is a pipe or a device; give a file or a folder of images")
+        raise _RowError(f"{row['file']}: is a pipe or a device; give a file or a folder of images")
     if not is_there(path):
-        raise RowError(
+        raise _RowError(
             f"{row['file']}: there is no such file; check the path, from the manifest's folder"
         )
     same = os.path.realpath(path)
     if same in row_of:
-        raise RowError(f"{row['file']} is in row {row_of[same]} already; keep one of them")
+        raise _RowError(f"{row['file']} is in row {row_of[same]} already; keep one of them")
     label = _label(row)
     row_of[same] = number
     return Entry(number, path, label)
@@ -188,19 +188,19 @@ def _entry(
 def _label(row: dict[str, str]) -> Label:
     name, label = row["file"], row["label"]
     if label not in {_LOOMING, _NONE}:
-        raise RowError(f"{name}: unknown label '{label}'{suggestion(label, (_LOOMING, _NONE))}")
+        raise _RowError(f"{name}: unknown label '{label}'{suggestion(label, (_LOOMING, _NONE))}")
     motion = row.get("motion", "")
     if label == _NONE:
         for column in ("onset_frame", "contact_frame"):
             if row[column]:
-                raise RowError(
+                raise _RowError(
                     f"{name}: has the {column} {row[column]}, but is labelled {_NONE}; "
                     f"empty the cell, or label it {_LOOMING}"
                 )
         return Label(name, motion=motion)
     onset, contact = (_frame(name, row, column) for column in ("onset_frame", "contact_frame"))
     if contact < onset:
-        raise RowError(
+        raise _RowError(
             f"{name}: its contact, frame {contact}, is before its onset, frame {onset}; "
             "correct them"
         )
@@ -210,9 +210,9 @@ def _label(row: dict[str, str]) -> Label:
 def _frame(name: str, row: dict[str, str], column: str) -> int:
     text = row[column]
     if not text:
-        raise RowError(f"{name}: is labelled {_LOOMING} but has no {column}; fill it in")
+        raise _RowError(f"{name}: is labelled {_LOOMING} but has no {column}; fill it in")
     if not re.fullmatch(r"[0-9]{1,9}", text):
-        raise RowError(f"{name}: {column} must be a whole number from 0, not '{text}'")
+        raise _RowError(f"{name}: {column} must be a whole number from 0, not '{text}'")
     return int(text)
 
 
@@ -256,7 +256,7 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
         name = entry.label.name
         boxes: dict[int, Box] = {}
         for found in _boxes(content.get(name, {})):
-            if isinstance(found, RowError):
+            if isinstance(found, _RowError):
                 faults.append(f"{path}: {name}: {found}")
             else:
                 boxes[found[0]] = found[1]
@@ -275,15 +275,15 @@ def _content(path: Path) -> dict[str, Any]:
     return content
 
 
-def _boxes(of_clip: object) -> Iterator[tuple[int, Box] | RowError]:
+def _boxes(of_clip: object) -> Iterator[tuple[int, Box] | _RowError]:
     if not isinstance(of_clip, dict):
-        yield RowError("must be an object of frames; correct it")
+        yield _RowError("must be an object of frames; correct it")
         return
     for frame, box in of_clip.items():
         if not re.fullmatch(r"[0-9]{1,9}", frame):
-            yield RowError(f"frame '{frame}' must be a whole number from 0; correct it")
+            yield _RowError(f"frame '{frame}' must be a whole number from 0; correct it")
         elif not _is_box(box):
-            yield RowError(
+            yield _RowError(
                 f"frame {frame}: a box must be [left, top, width, height] in pixels with a width "
                 f"and height above 0, not {json.dumps(box)[:60]}"
             )
