@@ -289,11 +289,8 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
     groups: list[list[EvaluatedDetector]] = []
     for each in detectors:
         for group in groups:
-            alike = all(
-                getattr(each, name) == getattr(group[0], name)
-                for name in ("alarm", "repeats", "time")
-            )
-            if alike and each.detector not in {member.detector for member in group}:
+            own, shared = ((one.alarm, one.repeats, one.time) for one in (each, group[0]))
+            if own == shared and each.detector not in {member.detector for member in group}:
                 group.append(each)
                 break
         else:

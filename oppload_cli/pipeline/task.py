@@ -145,9 +145,8 @@ class Outcome:
     wall_s: float = 0.0  # seconds from opening to the last row
     notes: tuple[str, ...] = ()  # faults of the input, a line each
     remarks: tuple[str, ...] = ()  # unusual properties that are no faults, a line each
-    # By detector; empty where the result existed.
-    summaries: dict[str, ModelSummary] = field(default_factory=dict)
-    verdicts: tuple[Verdict, ...] = ()  # of every detector, those of an existing result included
+    summaries: dict[str, ModelSummary] = field(default_factory=dict)  # none if it existed already
+    verdicts: tuple[Verdict, ...] = ()  # one for each detector, also of a result that existed
 
     @property
     def alarmed(self) -> bool:

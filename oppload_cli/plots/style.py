@@ -258,12 +258,7 @@ def labels_of(results: Sequence[BaseResult], given: Sequence[str] = ()) -> list[
     ParameterError
         If names are given, but not one for each result.
     """
-    if given and len(given) != len(results):
-        raise ParameterError(
-            f"{len(given)} label{'s' * (len(given) > 1)} for {len(results)} "
-            f"result{'s' * (len(results) > 1)}; "
-            "give one for each, or none"
-        )
+    _check_count(given, len(results), "result")
     names = given or _told_apart([each.title for each in results], results)
     return [_plain(name) for name in names]
 
@@ -276,11 +271,16 @@ def names_of(tunings: Sequence[Tuning], given: Sequence[str] = ()) -> list[str]:
     ParameterError
         If names are given, but not one for each table.
     """
-    if given and len(given) != len(tunings):
-        raise ParameterError(
-            f"{len(given)} labels for {len(tunings)} tables; give one for each, or none"
-        )
+    _check_count(given, len(tunings), "table")
     return list(given) or _told_apart([tuning.name for tuning in tunings], tunings)
+
+
+def _check_count(given: Sequence[str], count: int, noun: str) -> None:
+    if given and len(given) != count:
+        raise ParameterError(
+            f"{len(given)} label{'s' * (len(given) > 1)} for {count} {noun}{'s' * (count > 1)}; "
+            "give one for each, or none"
+        )
 
 
 def _told_apart(names: Sequence[str], read: Sequence[BaseResult | Tuning]) -> list[str]:

@@ -387,7 +387,7 @@ def test_tables_are_named_by_what_differs(tmp_path: Path) -> None:
     _, (panel,) = plot_tuning(tables)
     names = [text.partition(":")[0] for text in panel.get_legend_handles_labels()[1]]
     assert names == ["bright", "dark"]
-    with pytest.raises(ParameterError, match="1 labels for 2 tables"):
+    with pytest.raises(ParameterError, match="1 label for 2 tables;"):
         plot_tuning(tables, labels=["one"])
 
 

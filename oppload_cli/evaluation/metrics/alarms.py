@@ -152,7 +152,10 @@ class Thresholds:
         return float(self.levels[int(over.argmax()) - 1 if over.any() else -1])
 
     def detected(self, threshold: float) -> Numbers:
-        """Return the same as `outcomes` for `detected`, in less time."""
+        """Return which approaches are detected at a threshold, as `outcomes` does but faster.
+
+        Of all clips but the later ones of a video, the largest evidence decides.
+        """
         found = np.where(np.isnan(self.peaks), np.nan, self.peaks > threshold)
         for index, clip in enumerate(self._clips):
             if clip.label.since:  # an alarm may be held from an earlier approach
