@@ -36,9 +36,10 @@ from oppload_cli.stimulus.catalogue import find, load_all
 from oppload_cli.stimulus.truth import frame_truth
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
 
     from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
     from numpy.typing import NDArray
 
     from oppload_cli.pipeline.settings import Settings
@@ -75,17 +76,26 @@ class _Tunings:
     reach: NDArray[np.float64]  # of the ends of the bars by frame, in degrees; NaN once they stand
     settings: Settings
 
-    def faint(self, *widths: int) -> str:
-        """Say whether the detector hardly responds to the bars of some widths."""
-        said = (
-            hardly({"opplod": self.bars[each].values()}, self.settings, f"to the {each} degree bar")
-            for each in widths
-        )
-        return " ".join(filter(None, said))
-
     def peaks(self, width: int) -> dict[int, float]:
         """Return the peak by axis in degrees."""
         return {axis: peak_of(each) for axis, each in self.bars[width].items()}
+
+    def over_loom(self, width: int) -> dict[int, float]:
+        """Return the peak over that for the disk by axis in degrees."""
+        loom = self.loom or math.nan
+        return {axis: peak / loom for axis, peak in self.peaks(width).items()}
+
+    def finding(
+        self, text: str, verdict: Verdict, numbers: dict[str, float], *widths: int
+    ) -> Finding:
+        """Return what the bars of some widths show; unknown numbers mean that nothing responded."""
+        if any(map(math.isnan, numbers.values())):
+            return Finding(NO_RESPONSE, verdict, numbers)
+        faint = (
+            hardly("opplod", self.bars[each].values(), self.settings, f"to the {each} degree bar")
+            for each in widths
+        )
+        return Finding(text, verdict, numbers, " ".join(filter(None, faint)))
 
 
 def bar_figures() -> list[Built]:
@@ -113,10 +123,7 @@ def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
 
 
 def _described(tunings: dict[str, _Tunings]) -> dict[str, str]:
-    return {
-        preset: described_settings(each.settings, *(_FIELD if preset != "paper" else ()))
-        for preset, each in tunings.items()
-    }
+    return {preset: described_settings(each.settings, _FIELD) for preset, each in tunings.items()}
 
 
 def _over_time(tunings: dict[str, _Tunings]) -> Built:
@@ -174,16 +181,13 @@ def _middle(tunings: _Tunings) -> Finding:
     count = sum(len(bars) for bars in tunings.bars.values())
     edge = tunings.edge_deg
     good = int(np.sum((ends >= 0.25 * edge) & (ends <= 0.75 * edge)))
-    low, high = (float(np.quantile(ends, q)) if ends.size else np.nan for q in (0.25, 0.75))
-    text = (
+    low, high = (float(np.quantile(ends, q)) if ends.size else math.nan for q in (0.25, 0.75))
+    return tunings.finding(
         f"{good} of {count}; half of the peaks come with the ends {low:.0f} to {high:.0f} "
-        f"degrees out."
-    )
-    return Finding(
-        text if ends.size else NO_RESPONSE,
+        "degrees out.",
         at_least(good / count, 0.9, 0.5),
         {"share": good / count, "lower_quartile_deg": low, "upper_quartile_deg": high},
-        tunings.faint(*BAR_WIDTHS) if ends.size else "",
+        *BAR_WIDTHS,
     )
 
 
@@ -193,16 +197,16 @@ def _edge(tunings: _Tunings) -> Finding:
         for each in _responding(tunings)
     ]
     median = float(np.median(last)) if last else math.nan
-    return Finding(
-        f"{plain(100 * median)} % of the peak remains beyond the edge." if last else NO_RESPONSE,
+    return tunings.finding(
+        f"{plain(100 * median)} % of the peak remains beyond the edge.",
         at_most(median, 0.05, 0.25),
         {"median_beyond_edge_over_peak": median},
-        tunings.faint(*BAR_WIDTHS) if last else "",
+        *BAR_WIDTHS,
     )
 
 
 def _responding(tunings: _Tunings) -> list[Responses]:
-    every = [each for bars in tunings.bars.values() for each in bars.values()]
+    every = (each for bars in tunings.bars.values() for each in bars.values())
     return [each for each in every if peak_of(each) > 0]
 
 
@@ -241,7 +245,7 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
         ),
     )
     ratio, _ = _diagonal_ratios(bar_tuning(60))
-    enhanced = _likeness(tunings["reference"]).numbers["largest_over_loom"] or 0.0
+    enhanced = _likeness(tunings["reference"]).numbers["largest_over_loom"]
     return Built(
         "bar-polar",
         "Peak responses to the bars in polar form, beside LPLC2",
@@ -275,35 +279,30 @@ def _relative(tunings: dict[str, _Tunings]) -> Iterator[tuple[str, int, Mapping[
     """Yield name, width of the bar, and peaks over the loom by axis, for presets and neurons."""
     for width in BAR_WIDTHS:
         for preset, each in tunings.items():
-            loom = each.loom or math.nan
-            yield preset, width, {axis: peak / loom for axis, peak in each.peaks(width).items()}
+            yield preset, width, each.over_loom(width)
         yield "LPLC2 neurons", width, bar_tuning(width)
 
 
 def _evenness(tunings: _Tunings) -> Finding:
     peaks = tunings.peaks(10).values()
     share = min(peaks) / max(peaks) if max(peaks) > 0 else math.nan
-    text = f"The least peak is {100 * share:.2g} % of the largest (LPLC2: 78 %)."
-    return Finding(
-        NO_RESPONSE if math.isnan(share) else text,
+    return tunings.finding(
+        f"The least peak is {100 * share:.2g} % of the largest (LPLC2: 78 %).",
         at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
-        "" if math.isnan(share) else tunings.faint(10),
+        10,
     )
 
 
 def _diagonal(tunings: _Tunings) -> Finding:
     mean, largest = _diagonal_ratios(tunings.peaks(60))
     partly = Verdict.IN_PART if mean > 1 else Verdict.DOES_NOT
-    text = (
+    return tunings.finding(
         f"The diagonals' mean peak is {plain(mean)} times the mean and {plain(largest)} times the "
-        f"largest of the other axes."
-    )
-    return Finding(
-        NO_RESPONSE if math.isnan(mean) else text,
+        "largest of the other axes.",
         Verdict.HOLDS if largest > 1 else partly,
         {"diagonal_over_mean": mean, "diagonal_over_largest": largest},
-        "" if math.isnan(mean) else tunings.faint(60),
+        60,
     )
 
 
@@ -318,13 +317,13 @@ def _diagonal_ratios(peaks: Mapping[int, float] | Mapping[float, float]) -> tupl
 
 def _likeness(tunings: _Tunings) -> Finding:
     pairs = [
-        (tunings.peaks(width)[int(axis)] / tunings.loom, value)
+        (tunings.over_loom(width)[int(axis)], value)
         for width in BAR_WIDTHS
         for axis, value in bar_tuning(width).items()
     ]
     model, neurons = np.array(pairs).T
     difference = float(np.sqrt(np.mean((model - neurons) ** 2)))
-    return Finding(
+    return tunings.finding(
         f"Root mean square difference {plain(difference)}; the bars give {plain(model.min())} to "
         f"{plain(model.max())} times the looming disk's response (LPLC2: {plain(neurons.min())} "
         f"to {plain(neurons.max())}).",
@@ -334,7 +333,7 @@ def _likeness(tunings: _Tunings) -> Finding:
             "least_over_loom": float(model.min()),
             "largest_over_loom": float(model.max()),
         },
-        tunings.faint(*BAR_WIDTHS),
+        *BAR_WIDTHS,
     )
 
 
@@ -369,24 +368,41 @@ def _draw_polar(tunings: dict[str, _Tunings]) -> Figure:
     with styled_figure(WIDE, 4.4) as figure:
         axes = figure.subplots(1, 2, subplot_kw={"projection": "polar"})
         for panel, width in zip(axes, BAR_WIDTHS, strict=True):
-            curves = [
-                _curve(TITLES[preset], each.peaks(width), colour, dash)
-                for (preset, each), colour, dash in zip(
-                    tunings.items(), (CYCLE[0], CYCLE[2]), ("-", "--"), strict=True
-                )
-            ]
-            curves.append(_curve("LPLC2", bar_tuning(width), LPLC2, ":"))
-            draw_polar(panel, curves)
-            panel.set_title(f"{width} deg bar", loc="center", pad=8)
+            curves = {TITLES[preset]: each.peaks(width) for preset, each in tunings.items()}
+            draw_beside_neurons(panel, width, curves, "arbitrary unit")
         spread(figure)
     return figure
 
 
-def _curve(name: str, peaks: dict[int, float] | dict[float, float], colour: str, dash: str) -> (
-    DirectionTuning
-):  # fmt: skip
-    angles: Sequence[float] = list(peaks)
-    closed = full_circle(np.array(angles, float), np.array(list(peaks.values())))
-    unit = "of the loom" if name == "LPLC2" else "arbitrary unit"
+def draw_beside_neurons(
+    panel: PolarAxes, width: int, models: Mapping[str, Mapping[Any, float]], unit: str
+) -> None:
+    """Draw the peaks for an expanding bar in polar form, those of LPLC2 neurons beside them.
+
+    Parameters
+    ----------
+    panel : PolarAxes
+        To draw on.
+    width : int
+        Of the bar in degrees, 10 or 60.
+    models : mapping of str to mapping of float to float
+        Two curves by their names in the legend: peaks by axis in degrees, 0 to 180.
+    unit : str
+        Of these peaks.
+    """
+    looks = (CYCLE[0], "-"), (CYCLE[2], "--")
+    curves = [
+        _curve(name, peaks, unit, *look)
+        for (name, peaks), look in zip(models.items(), looks, strict=True)
+    ]
+    curves.append(_curve("LPLC2", bar_tuning(width), "of the loom", LPLC2, ":"))
+    draw_polar(panel, curves)
+    panel.set_title(f"{width} deg bar", loc="center", pad=8)
+
+
+def _curve(
+    name: str, peaks: Mapping[Any, float], unit: str, colour: str, dash: str
+) -> DirectionTuning:
+    closed = full_circle(np.array(list(peaks), float), np.array(list(peaks.values())))
     look = {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
     return DirectionTuning(name, *closed, unit, look)

@@ -1,7 +1,6 @@
 """Statements of the paper, our measurements, the verdicts that follow, and the report on them.
 
 Every figure shows stimuli of the catalogue to the paper's own model, and judges the responses.
-The figures have names, and are made in processes.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ PRESETS = tuple(TITLES)
 # inhibition yet, and give a transient that is the same for every direction.
 NO_PAUSE = {"timing.before_s": 0}
 NO_RESPONSE = "No response to compare."  # in place of a sentence whose numbers are not known
-DPI = 130  # of a figure
+_DPI = 130  # of a figure
 WIDE = 7.2  # inches, of a figure
 
 
@@ -84,23 +83,22 @@ class Finding:
     text : str
         A sentence with the numbers.
     verdict : Verdict
-        Computed from the numbers by the claim's rule.
-    numbers : dict
-        The numbers by name.
+        Follows from the numbers by the claim's rule.
+    numbers : mapping of str to float
+        By name.
     faint : str
-        A sentence on the detectors that hardly respond, from :func:`hardly`; mostly empty.
+        Sentences on detectors that hardly respond, from :func:`hardly`; mostly empty.
     """
 
     text: str
     verdict: Verdict
-    numbers: dict[str, float | None] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
     faint: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the finding ready for JSON; NaN and infinite numbers become null."""
         numbers = {
-            name: value if value is not None and math.isfinite(value) else None
-            for name, value in self.numbers.items()
+            name: value if math.isfinite(value) else None for name, value in self.numbers.items()
         }
         return {
             "text": f"{self.text} {self.faint}".strip(),
@@ -173,8 +171,7 @@ class Built:
         text = StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.rows[0])
-        for row in self.rows:
-            writer.writerow([_cell(value) for value in row.values()])
+        writer.writerows(map(_cell, row.values()) for row in self.rows)
         return text.getvalue()
 
     def files(self, form: str) -> dict[str, str | bytes]:
@@ -213,59 +210,61 @@ class Built:
 
 def _cell(value: Any) -> str:
     """Return a value of a table; unknown and infinite numbers are empty."""
-    if value is None or isinstance(value, str):
-        return value or ""
-    return formatted(value) if math.isfinite(value) else ""
+    unknown = isinstance(value, float) and not math.isfinite(value)
+    return "" if unknown else formatted(value)
 
 
 def hardly(
-    responses: Mapping[str, Iterable[Responses]], settings: Settings, what: str = "here"
+    detector: str, responses: Collection[Responses], settings: Settings, stimuli: str
 ) -> str:
-    """Return a sentence on the detectors that hardly respond, as ``oppload tune`` judges it.
+    """Say whether a detector hardly responds, as ``oppload tune`` judges it.
 
     Parameters
     ----------
-    responses : mapping of str to iterable of Responses
-        By detector, to all stimuli of a measurement.
+    detector : str
+        Its name.
+    responses : collection of Responses
+        To all stimuli of a measurement.
     settings : Settings
         Under which they were measured.
-    what : str
-        The stimuli, such as ``to the disk``.
+    stimuli : str
+        For the reader, such as ``to the disk``.
+
+    Returns
+    -------
+    str
+        A sentence; empty for a detector that responds.
     """
-    said = []
-    for name, shown in responses.items():
-        measured = [Condition("", {}, {name: measure(each)}) for each in shown]
-        only = replace(settings, models=(name,))
-        peak = max((each.measures[name].peak or 0 for each in measured), default=0.0)
-        said += [
-            f"{detector_named(name).label} hardly responds {what} (largest response {peak:.3g}, "
-            f"{doubt.note}): the shape of its curve means little."
-            for doubt in faint(measured, only)
-        ]
-    return " ".join(said)
+    measured = [Condition("", {}, {detector: measure(each)}) for each in responses]
+    peak = max(map(peak_of, responses))
+    return "".join(
+        f"{detector_named(detector).label} hardly responds {stimuli} (largest response "
+        f"{peak:.3g}, {doubt.note}): the shape of its curve means little."
+        for doubt in faint(measured, replace(settings, models=(detector,)))
+    )
 
 
-def described_settings(settings: Settings, *changed: str) -> str:
-    """Return the working height and the parameters that were changed, for the reader."""
+def described_settings(settings: Settings, assignments: Sequence[str] = ()) -> str:
+    """Return the working height and the assignments that :func:`settings_of` took."""
     height = "native size" if settings.height is None else f"{settings.height} px"
-    return ", ".join((height, *changed))
+    return ", ".join((height, *(assignments if settings.preset != "paper" else ())))
 
 
 def settings_of(
     preset: str, assignments: Sequence[str] = (), *, height: str | None = None, detector: str = ""
 ) -> Settings:
-    """Return the settings of a preset.
+    """Return the settings of preset ``reference`` or ``paper``.
 
     Parameters
     ----------
     preset : str
-        ``reference`` or ``paper``.
+        Its name.
     assignments : sequence of str
-        As for ``--set``; for preset ``reference`` only, as ``paper`` is literal.
+        As for ``--set``; preset ``paper`` takes none, as it is literal.
     height : str, optional
         Working height; else the preset's.
     detector : str
-        The only detector to run; both if empty.
+        The only detector to run; OppLoD and D-LGMD if empty.
     """
     return resolve(
         preset=preset,
@@ -280,10 +279,7 @@ def presented(
 ) -> dict[str, dict[str, Responses]]:
     """Show all members of a stimulus of the catalogue, some of its values changed.
 
-    Returns
-    -------
-    dict of str to dict of str to Responses
-        By the member's name, then by detector.
+    Returns the responses by the member's name, then by detector.
     """
     return {each.name: present(each, settings) for each in load_all(name, changes)}
 
@@ -324,12 +320,7 @@ MARKS = {Verdict.HOLDS: "yes", Verdict.IN_PART: "part", Verdict.DOES_NOT: "no"} 
 
 
 def chosen(names: Collection[str]) -> list[str]:
-    """Return the figures to make, in the order of the page.
-
-    Parameters
-    ----------
-    names : collection of str
-        Of the figures; none for all.
+    """Return the names of the figures to make, in the order of the page; all for no name.
 
     Raises
     ------
@@ -377,56 +368,45 @@ def build(
     made: dict[str, Built] = {}
 
     def take(built: list[Built]) -> None:
-        wanted = {each.name: each for each in built if each.name in names}
-        made.update(wanted)
-        for each in wanted.values():
-            if done:
-                done(each)
+        for each in built:
+            if each.name in names:
+                made[each.name] = each
+                if done:
+                    done(each)
 
     results(partial(_make, form), ordered, jobs, named=_made_by, progress=take)
     return [made[name] for name in names]
 
 
 def _make(form: str, maker: str) -> list[Built]:
+    """Return what a maker of `FIGURES` makes, with its pictures in place of its figure."""
     module, _, function = maker.partition(".")
     built = getattr(importlib.import_module(f"oppload_cli.reproduction.{module}"), function)()
-    return [_with_pictures(each, form) for each in (built if isinstance(built, list) else [built])]
-
-
-def _with_pictures(built: Built, form: str) -> Built:
-    if built.figure is None:
-        return built
     style = importlib.import_module("oppload_cli.plots.style")  # loads matplotlib
-    pictures = {"png": style.image_bytes(built.figure, "png", DPI)}
-    if form not in pictures:
-        pictures[form] = style.image_bytes(built.figure, form)
-    return replace(built, figure=None, pictures=pictures)
+    made = []
+    for each in built if isinstance(built, list) else [built]:
+        pictures = {"png": style.image_bytes(each.figure, "png", _DPI)}
+        if form not in pictures:
+            pictures[form] = style.image_bytes(each.figure, form)
+        made.append(replace(each, figure=None, pictures=pictures))
+    return made
 
 
 def _made_by(maker: str) -> str:
     return " and ".join(name for name, (each, _) in FIGURES.items() if each == maker)
 
 
-def pages_of(
-    figures: Sequence[Built], wall_s: float, form: str = "png"
-) -> tuple[dict[str, str], str]:
-    """Return the files on all figures of a reproduction.
+def pages_of(figures: Sequence[Built], wall_s: float, form: str) -> tuple[dict[str, str], str]:
+    """Return ``report.json`` and ``index.html`` by name, and how often each verdict was given.
 
     Parameters
     ----------
     figures : sequence of Built
         In the order of the page.
     wall_s : float
-        How long making them took, in seconds.
+        Time that it took to make them, in s.
     form : str
-        Of the pictures.
-
-    Returns
-    -------
-    files : dict of str to str
-        By name: ``report.json`` and ``index.html``.
-    verdicts : str
-        How often each verdict was given.
+        Format of the pictures.
     """
     report = {
         "schema": _SCHEMA,
@@ -474,17 +454,18 @@ def introduction(report: Mapping[str, Any]) -> str:
 
 def _verdicts(report: Mapping[str, Any]) -> str:
     """Return how often each verdict was given, over all statements and presets."""
-    counts = dict.fromkeys(map(str, Verdict), 0)
-    faint = dict(counts)
-    for figure in report["figures"]:
-        for claim in figure["claims"]:
-            for finding in claim["measured"].values():
-                counts[finding["verdict"]] += 1
-                faint[finding["verdict"]] += finding["hardly_responds"]
-    notes = {
-        verdict: f" ({count} hardly responding)" * bool(count) for verdict, count in faint.items()
-    }
-    return ", ".join(f"{count} '{verdict}'{notes[verdict]}" for verdict, count in counts.items())
+    findings = [
+        finding
+        for figure in report["figures"]
+        for claim in figure["claims"]
+        for finding in claim["measured"].values()
+    ]
+    counts = []
+    for verdict in Verdict:
+        doubted = [each["hardly_responds"] for each in findings if each["verdict"] == verdict]
+        note = f" ({sum(doubted)} hardly responding)" * any(doubted)
+        counts.append(f"{len(doubted)} '{verdict}'{note}")
+    return ", ".join(counts)
 
 
 def tally(figure: Mapping[str, Any], preset: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -11,6 +10,7 @@ from oppload_cli.models.dpc import direction_mask, inhibition_kernels
 from oppload_cli.models.opplod import Opplod
 from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import detector_named
+from oppload_cli.pipeline.settings import resolve
 from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.plots.style import FAINT, SHADES, styled_figure
 from oppload_cli.reproduction.claims import (
@@ -45,14 +45,15 @@ _SHOWN_FRAME = {_BAR: 24, _BLOCK: 34}
 _SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
 _VERTICAL = {90: "upward", 270: "downward"}
 _DIAGONALS = (45, 135, 225, 315)
+_CARDINAL = ("opplod.axes=0",)  # pathways along 0 and 90 degrees, not along diagonals
 
 
 def up_and_down() -> Built:
     """Extract upward and downward motion of the expanding bar."""
     findings, shown, described = {}, {}, {}
     for preset in PRESETS:
-        settings = _with_axes(settings_of(preset), 0)
-        described[preset] = described_settings(settings, "opplod.axes=0")
+        settings = resolve(preset=preset, assignments=_CARDINAL)
+        described[preset] = ", ".join((described_settings(settings), *_CARDINAL))
         leaks, shown[preset] = _wrong_sides(
             load(_BAR), settings, tuple(_VERTICAL), _SHOWN_FRAME[_BAR]
         )
@@ -105,12 +106,7 @@ def diagonals() -> Built:
         )
         shares = 1 / (1 + leaks)
         rows += [
-            {
-                "preset": preset,
-                "moving_frame": number,
-                "pathway_deg": phi,
-                "share_on_side": share,
-            }
+            {"preset": preset, "moving_frame": number, "pathway_deg": phi, "share_on_side": share}
             for number, each in enumerate(shares, 1)
             for phi, share in zip(_DIAGONALS, each, strict=True)
         ]
@@ -142,11 +138,6 @@ def diagonals() -> Built:
         ),
         described,
     )
-
-
-def _with_axes(settings: Settings, axes: int) -> Settings:
-    opplod = settings.groups["opplod"].replaced(axes=axes)
-    return dataclasses.replace(settings, groups={**settings.groups, "opplod": opplod})
 
 
 def _wrong_sides(
@@ -194,7 +185,7 @@ def _leak_at(speed: int) -> float:
     display = {"display.width": 300, "display.height": 300}
     timing = {"timing.motion_s": 0.6}
     protocol = load(_BAR, {**display, **timing, "bar.growth.speed_deg_s": 3 * speed})
-    settings = _with_axes(settings_of("reference", height="native"), 0)
+    settings = settings_of("reference", _CARDINAL, height="native")
     return float(_wrong_sides(protocol, settings, tuple(_VERTICAL), -1)[0].mean(axis=0).max())
 
 

@@ -38,7 +38,7 @@ from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -100,36 +100,48 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
         "entire frame: an earlier peak is a statement about the size of the field. Figure "
         "'thresholds' compares at equal false alarms.",
     ]
-    judged = functools.partial(_at_all_speeds, by_speed)
-    faint = functools.partial(_faintly, shown, settings)
+    claim = functools.partial(_claim, by_speed=by_speed, settings=settings)
     claims = [
-        _claim(
+        claim(
+            _earlier,
             "OppLoD responds earlier than D-LGMD.",
             "holds: earlier both at 10 % of the own peak and at the peak; in part: at one of them",
-            judged(_earlier),
             _EARLIER,
-            faint(*_PAPER),
+            _PAPER,
         ),
-        _claim(
+        claim(
+            _stronger,
             "OppLoD responds more strongly than D-LGMD.",
             "share of the frames up to OppLoD's peak in which its response over its own peak is "
             "above that of D-LGMD (our reading of stronger, as the paper compares normalised "
             "curves); holds: at least 90 %, in part: at least half",
-            judged(_stronger),
             _EARLIER,
-            faint(*_PAPER),
+            _PAPER,
         ),
-        _claim(
+        claim(
+            functools.partial(_found, centre),
             "The model finds where the object is looming.",
             "holds: the winning unit is within 10 px of the disk's centre, in part: within 50 px",
-            judged(functools.partial(_found, centre)),
             "\u201cnot only detect the approaching obstacle but also localize it\u201d (looming "
             "disk)",
-            faint("opplod"),
+            ["opplod"],
         ),
     ]
     if stimulus == _CENTRE:
-        claims = [_peaks_near(by_speed, name, faint(name)) for name in _PAPER] + claims
+        near = [
+            claim(
+                functools.partial(_near, name),
+                f"{detector_named(name).label}'s response peaks near frame {frame}.",
+                "holds: within 1 frame of the paper's, in part: within 3; at "
+                f"{_SPEED:g} px/frame and over 45 frames, which were chosen here and set this "
+                "frame",
+                "\u201cour model's output reaches the peak at near frame 22, while the baseline "
+                "model at near frame 43\u201d (looming disk, (c))",
+                [name],
+            )
+            for name, frame in _PAPER.items()
+        ]
+        claims = near + claims
         notes.append(
             "The speed decides when the peak comes: at 4 px/frame the disk reaches the edge of "
             "the field of 200 px in frame (100 - 5) / 4 = 23.75. The agreement with frame 22 "
@@ -157,10 +169,7 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
             )
         ),
         tuple(notes),
-        {
-            preset: described_settings(each, *(_FIELD if preset != "paper" else ()))
-            for preset, each in settings.items()
-        },
+        {preset: described_settings(each, _FIELD) for preset, each in settings.items()},
     )  # fmt: skip
 
 
@@ -172,101 +181,63 @@ def _shown_at(stimulus: str, speed: float, settings: dict[str, Settings]) -> Sho
     return {preset: present(protocol, each) for preset, each in settings.items()}
 
 
-def _at_all_speeds(
-    by_speed: dict[float, Shown], judge: Callable[[dict[str, Responses]], Finding]
-) -> dict[float, dict[str, Finding]]:
-    return {
-        speed: {preset: judge(each) for preset, each in shown.items()}
-        for speed, shown in by_speed.items()
-    }
-
-
 def _claim(
+    judge: Callable[[dict[str, Responses]], Finding],
     statement: str,
     rule: str,
-    by_speed: dict[float, dict[str, Finding]],
     source: str,
-    faint: dict[str, str],
+    detectors: Iterable[str],
+    *,
+    by_speed: dict[float, Shown],
+    settings: dict[str, Settings],
 ) -> Claim:
-    """Judge a statement at the speed that was chosen; each finding has the verdicts at others.
-
-    Parameters
-    ----------
-    statement, rule, source : str
-        Of the claim.
-    by_speed : dict of float to dict of str to Finding
-        By speed in px/frame and by preset.
-    faint : dict of str to str
-        By preset, which detectors hardly respond.
-    """
-    findings = {
-        preset: replace(
-            chosen,
-            text=f"{chosen.text} {_elsewhere(by_speed, preset)}",
-            faint=faint[preset],
+    """Judge a statement on detectors at the chosen speed; say the verdicts at other speeds."""
+    findings = {}
+    for preset in PRESETS:
+        chosen = by_speed[_SPEED][preset]
+        found = judge(chosen)
+        speeds: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
+        for speed, shown in by_speed.items():
+            if speed != _SPEED:
+                speeds[judge(shown[preset]).verdict].append(f"{speed:g}")
+        others = "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in speeds.items() if at)
+        faint = (
+            hardly(name, [chosen[name]], settings[preset], "to the disk") for name in detectors
         )
-        for preset, chosen in by_speed[_SPEED].items()
-    }
+        findings[preset] = replace(
+            found,
+            text=f"{found.text} At other speeds of the disk: {others} px/frame.",
+            faint=" ".join(filter(None, faint)),
+        )
     return Claim(statement, rule, findings, source)
-
-
-def _elsewhere(findings: dict[float, dict[str, Finding]], preset: str) -> str:
-    """Say which verdict there is at the other speeds of the disk."""
-    speeds: dict[Verdict, list[str]] = {verdict: [] for verdict in Verdict}
-    for speed, each in findings.items():
-        if speed != _SPEED:
-            speeds[each[preset].verdict].append(f"{speed:g}")
-    said = "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in speeds.items() if at)
-    return f"At other speeds of the disk: {said} px/frame."
-
-
-def _faintly(shown: Shown, settings: dict[str, Settings], *detectors: str) -> dict[str, str]:
-    """Say for each preset which of some detectors hardly respond to the disk."""
-    return {
-        preset: hardly({name: [each[name]] for name in detectors}, settings[preset], "to the disk")
-        for preset, each in shown.items()
-    }
 
 
 def _frame_of_peak(responses: Responses) -> int:
     return int(responses.frame[responses.peak or 0])
 
 
-def _peaks_near(by_speed: dict[float, Shown], detector: str, faint: dict[str, str]) -> Claim:
-    paper, label = _PAPER[detector], detector_named(detector).label
-
-    def judged(each: dict[str, Responses]) -> Finding:
-        peak = _frame_of_peak(each[detector])
-        last = ", the last one" * (peak == int(each[detector].frame[-1]))
-        return Finding(
-            f"{label} peaks at frame {peak}{last}; the paper says {paper}.",
-            at_most(abs(peak - paper), 1, 3),
-            {"peak_frame": peak, "paper_frame": paper},
-        )
-
-    return _claim(
-        f"{label}'s response peaks near frame {paper}.",
-        f"holds: within 1 frame of the paper's, in part: within 3; at {_SPEED:g} px/frame and over "
-        "45 frames, which were chosen here and set this frame",
-        _at_all_speeds(by_speed, judged),
-        "\u201cour model's output reaches the peak at near frame 22, while the baseline model at "
-        "near frame 43\u201d (looming disk, (c))",
-        faint,
+def _near(detector: str, each: dict[str, Responses]) -> Finding:
+    paper, peak = _PAPER[detector], _frame_of_peak(each[detector])
+    last = ", the last one" * (peak == int(each[detector].frame[-1]))
+    return Finding(
+        f"{detector_named(detector).label} peaks at frame {peak}{last}; the paper says {paper}.",
+        at_most(abs(peak - paper), 1, 3),
+        {"peak_frame": peak, "paper_frame": paper},
     )
 
 
 def _earlier(each: dict[str, Responses]) -> Finding:
     onset = {name: _onset(responses) for name, responses in each.items()}
+    peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
     words = {
-        name: f"at or before frame {frame}" if frame == _first(each[name]) else f"at frame {frame}"
+        name: "at or before frame" if frame == _first(each[name]) else "at frame"
         for name, frame in onset.items()
     }
-    peak = {name: _frame_of_peak(responses) for name, responses in each.items()}
-    first = sum(at["opplod"] < at["dlgmd"] for at in (onset, peak))
+    earlier = sum(at["opplod"] < at["dlgmd"] for at in (onset, peak))
     return Finding(
-        f"10 % of its own peak: OppLoD {words['opplod']}, D-LGMD {words['dlgmd']}; "
-        f"peaks at {peak['opplod']} and {peak['dlgmd']}.",
-        (Verdict.DOES_NOT, Verdict.IN_PART, Verdict.HOLDS)[first],
+        f"10 % of its own peak: OppLoD {words['opplod']} {onset['opplod']}, D-LGMD "
+        f"{words['dlgmd']} {onset['dlgmd']}; peaks at {peak['opplod']} and {peak['dlgmd']}.",
+        (Verdict.DOES_NOT, Verdict.IN_PART, Verdict.HOLDS)[earlier],
         {f"{name}_onset_frame": frame for name, frame in onset.items()},
     )
 
@@ -287,13 +258,12 @@ def _stronger(each: dict[str, Responses]) -> Finding:
 
 
 def _onset(responses: Responses) -> int:
-    peak = float(responses.response[responses.peak or 0])
-    return int(responses.frame[int(np.argmax(responses.response >= _EARLY * peak))])
+    return int(responses.frame[np.argmax(responses.response >= _EARLY * peak_of(responses))])
 
 
 def _first(responses: Responses) -> int:
     """Return the first frame that has a response."""
-    return int(responses.frame[int(np.argmax(np.isfinite(responses.response)))])
+    return int(responses.frame[np.argmax(np.isfinite(responses.response))])
 
 
 def _found(centre: tuple[float, float], each: dict[str, Responses]) -> Finding:
@@ -382,10 +352,7 @@ def inward_motion() -> Built:
             "Preset reference has its receptive field set to 60 degrees here, that of LPLC2.",
         ),
         {
-            preset: described_settings(
-                settings_of(preset), *(_FIELD_OF_60 if preset != "paper" else ())
-            )
-            for preset in PRESETS
+            preset: described_settings(settings_of(preset), _FIELD_OF_60) for preset in PRESETS
         },
     )  # fmt: skip
 
@@ -414,24 +381,22 @@ def _inward(shown: Inward, preset: str) -> Finding:
 
 
 def _suppression(shown: Inward, preset: str) -> Finding:
-    ratios = {
-        angle: float(
-            np.nanmean(shown[_BOTH][angle].response) / np.nanmean(shown[_OUTWARD][angle].response)
-        )
-        for angle in _ANGLES
-    }
-    worse, better = max(ratios.values()), min(ratios.values())
+    both, outward = (
+        {angle: float(np.nanmean(shown[label][angle].response)) for angle in _ANGLES}
+        for label in (_BOTH, _OUTWARD)
+    )
+    ratios = {angle: both[angle] / outward[angle] for angle in _ANGLES}
+    holds = at_most(max(ratios.values()), 0.5, np.inf)
     return Finding(
         f"With inward motion there remain {_stated(ratios)}.",
-        at_most(worse, 0.5, np.inf) if better <= 0.9 else Verdict.DOES_NOT,
+        holds if min(ratios.values()) <= 0.9 else Verdict.DOES_NOT,
         {f"mean_ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
         _faint(shown, preset),
     )
 
 
 def _faint(shown: Inward, preset: str) -> str:
-    outward = shown[_OUTWARD].values()
-    return hardly({"opplod": outward}, settings_of(preset), "to outward motion")
+    return hardly("opplod", shown[_OUTWARD].values(), settings_of(preset), "to outward motion")
 
 
 def _stated(ratios: dict[int, float]) -> str:

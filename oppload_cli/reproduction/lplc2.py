@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 
-from oppload_cli.models.opplod_parameters import OpplodParams
 from oppload_cli.models.registry import detector_named, parameters_of
 from oppload_cli.pipeline.settings import resolve
-from oppload_cli.plots.polar import DirectionTuning, draw_polar, full_circle
 from oppload_cli.plots.style import CYCLE, FAINT, LPLC2, styled_figure
 from oppload_cli.reference import SOURCE, lplc2_peaks
+from oppload_cli.reproduction.bars import draw_beside_neurons
 from oppload_cli.reproduction.claims import (
     NO_RESPONSE,
     WIDE,
@@ -35,6 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.projections.polar import PolarAxes
     from numpy.typing import NDArray
 
+    from oppload_cli.models.opplod_parameters import OpplodParams
     from oppload_cli.pipeline.settings import Settings
     from oppload_cli.stimulus.protocol import Protocol
 
@@ -49,21 +48,11 @@ _MODELS = "mlplc2", "emd_lplc2_gf", "zhou_lrf"
 
 
 class _Family(NamedTuple):
-    """Stimuli of the catalogue that differ in their axis alone.
+    """Stimuli of the catalogue that differ in their axis alone."""
 
-    Attributes
-    ----------
-    name : str
-        In the catalogue, without its folder.
-    width_deg : int or None
-        Width of its bars.
-    published : str
-        Name of the family among the published peaks; empty if none were published.
-    """
-
-    name: str
-    width_deg: int | None = None
-    published: str = ""
+    name: str  # in the catalogue, without its folder
+    width_deg: int | None = None  # of its bars
+    published: str = ""  # name among the published peaks; empty if none were published
 
 
 LOOM = "loom"
@@ -81,7 +70,7 @@ BATTERY = (
     _Family("edge", None, "edge"),
     _Family("grating", None, "grating"),
 )
-_NAMED_DIRECTIONS = {"right": 0.0, "down": 270.0}
+_NAMED_DIRECTIONS = "right", "down"  # at the end of published names, beside their axis
 
 
 class Row(NamedTuple):
@@ -95,19 +84,11 @@ class Row(NamedTuple):
     published: float | None
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """The responses of one preset or model to the battery.
-
-    Attributes
-    ----------
-    rows : tuple of Row
-        In the order of the battery.
-    courses : dict of str to (ndarray, ndarray)
-        Times in s and calcium signals over the peak for the loom, by stimulus, for a figure.
-    """
+class _Shown(NamedTuple):
+    """The responses of one preset or model to the battery, in its order."""
 
     rows: tuple[Row, ...]
+    # Times in s and calcium signals over the peak for the loom, by stimulus, for a figure.
     courses: dict[str, tuple[Series, Series]]
 
 
@@ -117,16 +98,16 @@ def axis_of(name: str) -> float | None:
     return float(end) if end.isdigit() else None
 
 
-def published() -> dict[tuple[str, float | None, int | None], float]:
-    """Return the published peaks over that of the loom, by stimulus, axis and width."""
+def _published() -> dict[tuple[str, float | None], float]:
+    """Return the published peaks over that of the loom, by stimulus and axis."""
     known = {}
     for peak in lplc2_peaks():
         kind, _, word = peak.stimulus.rpartition("_")
         name = kind if word in _NAMED_DIRECTIONS else peak.stimulus
         for family in BATTERY:
-            width = None if peak.width_deg is None else int(peak.width_deg)
-            if family.published == name and (name != "bar_expand" or family.width_deg == width):
-                known[family.name, peak.axis_deg, family.width_deg] = peak.relative
+            same_width = name != "bar_expand" or family.width_deg == peak.width_deg
+            if family.published == name and same_width:
+                known[family.name, peak.axis_deg] = peak.relative
     return known
 
 
@@ -146,26 +127,26 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
         Peaks of the calcium signal over that for the loom; the time constant is that of
         preset ``lplc2`` for all.
     """
-    detector = "opplod" if name in _SETTINGS else name
     settings = _settings(name)
     signals = {
-        (family, axis): signal
+        (family, axis_of(protocol.name)): _signal(protocol, settings)
         for family in families
-        for axis, signal in _signals(family, settings, detector)
+        for protocol in load_all(f"klapoetke2017/{family.name}")
     }
-    loom = next(float(signal.max()) for (family, _), (_, signal) in signals.items()
-                if family.name == LOOM)  # fmt: skip
-    known = published()
+    loom = next(
+        float(signal.max()) for (family, _), (_, signal) in signals.items() if family.name == LOOM
+    )
+    known = _published()
     rows = tuple(
         Row(
             family.name, axis, family.width_deg, name,
             float(signal.max()) / loom if loom > 0 else math.nan,
-            known.get((family.name, axis, family.width_deg)),
+            known.get((family.name, axis)),
         )
         for (family, axis), (_, signal) in signals.items()
     )  # fmt: skip
     courses = {
-        f"{family.name}" if not axis else f"{family.name} {axis:g} deg": (time, signal / loom)
+        f"{family.name} {axis:g} deg" if axis else family.name: (time, signal / loom)
         for (family, axis), (time, signal) in signals.items()
         if loom > 0 and axis in {None, 0, 45}
     }
@@ -179,60 +160,11 @@ def _settings(name: str) -> Settings:
     return resolve(models=[name])
 
 
-def _signals(
-    family: _Family, settings: Settings, detector: str
-) -> Iterable[tuple[float | None, tuple[Series, Series]]]:
-    for protocol in load_all(f"klapoetke2017/{family.name}"):
-        yield axis_of(protocol.name), _signal(protocol, settings, detector)
-
-
-def _signal(protocol: Protocol, settings: Settings, detector: str) -> tuple[Series, Series]:
-    params = parameters_of("opplod", _PRESET)
-    constant = params.calcium_s if isinstance(params, OpplodParams) else 0.0
-    found = present(protocol, settings, indicator_s=constant)[detector]
+def _signal(protocol: Protocol, settings: Settings) -> tuple[Series, Series]:
+    """Return times in s and the calcium signal of the one detector of the settings."""
+    params = cast("OpplodParams", parameters_of("opplod", _PRESET))
+    (found,) = present(protocol, settings, indicator_s=params.calcium_s).values()
     return found.time_s, np.nan_to_num(found.response)
-
-
-def off_centre(
-    places: Iterable[tuple[float, float]], stimulus: str = f"klapoetke2017/{LOOM}"
-) -> list[float]:
-    """Show a looming disk off the centre of the one unit of preset ``lplc2``.
-
-    Parameters
-    ----------
-    places : iterable of (float, float)
-        Centres of the disk in degrees from that of the unit.
-    stimulus : str
-        A stimulus of the catalogue with an object ``disk``.
-
-    Returns
-    -------
-    list of float
-        Peaks of the calcium signal over that with the disk in the centre.
-    """
-    settings = resolve(preset=_PRESET, models=["opplod"], assignments=_CENTRE)
-    peaks = []
-    for place in ((0.0, 0.0), *places):
-        (protocol,) = load_all(stimulus, {"disk.centre_deg": list(place)})
-        peaks.append(float(_signal(protocol, settings, "opplod")[1].max()))
-    return [peak / peaks[0] for peak in peaks[1:]]
-
-
-# ---- Likeness ------------------------------------------------------------------------------
-
-
-def likeness(rows: Sequence[Row]) -> tuple[float, float]:
-    """Return Pearson's r without the loom, and the root mean square difference with it.
-
-    Only rows with a published peak count; NaN where there is no variation.
-    """
-    pairs = [(row.peak_over_loom, row.published) for row in rows if row.published is not None]
-    model, neurons = np.array(pairs, float).T
-    without = np.array([row.stimulus != LOOM for row in rows if row.published is not None])
-    rms = float(np.sqrt(np.mean((model - neurons) ** 2)))
-    if not np.isfinite(model).all() or not np.ptp(model[without]) > 0:
-        return math.nan, rms
-    return float(np.corrcoef(model[without], neurons[without])[0, 1]), rms
 
 
 def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
@@ -257,35 +189,24 @@ def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
     ]
     bars = [peak["bar-expand-10", axis] for axis in quarter]
     wide = [peak["bar-expand-60", axis] for axis in (0, 15, 30, 45)]
+    steps = [_ratio(after, before) for before, after in itertools.pairwise(wide)]
     fields = [
         peak[name, axis] for name in ("bar-sweep", "edge", "grating") for axis in range(0, 360, 45)
     ]
     corners = over("bar-expand-inward-corners", "bar-expand-10", quarter)
     periphery = over("bar-expand-inward-periphery", "bar-expand-10", quarter)
-    return {
-        "both ends over one end, least": (_least(ends), 2.5, math.inf),
+    return {  # np.min and np.max give NaN where one value is NaN, min and max may not
+        "both ends over one end, least": (np.min(ends), 2.5, math.inf),
         "outward cross": (peak["cross-outward", None], 0.35, 0.6),
         "inward cross": (peak["cross-inward", None], 0, 0.05),
-        "inward corners over the bar, largest": (_largest(corners), 0, 0.4),
-        "inward periphery over the bar, largest": (_largest(periphery), 0, 0.4),
+        "inward corners over the bar, largest": (np.max(corners), 0, 0.4),
+        "inward periphery over the bar, largest": (np.max(periphery), 0, 0.4),
         "60 deg bar, diagonal over cardinal": (_ratio(wide[3], wide[0]), 0, 1 / 3),
-        "60 deg bar, largest step up towards the diagonal": (
-            _largest([_ratio(after, before) for before, after in itertools.pairwise(wide)]), 0, 1,
-        ),
-        "10 deg bar, least over largest": (_ratio(_least(bars), _largest(bars)), 0.8, 1),
-        "sweeps, edges, gratings, least": (_least(fields), 0.01, 0.12),
-        "sweeps, edges, gratings, largest": (_largest(fields), 0.01, 0.12),
-    }  # fmt: skip
-
-
-def _least(values: Sequence[float]) -> float:
-    """Return the least value; NaN if one of them is NaN."""
-    return float(np.min(values))
-
-
-def _largest(values: Sequence[float]) -> float:
-    """Return the largest value; NaN if one of them is NaN."""
-    return float(np.max(values))
+        "60 deg bar, largest step up towards the diagonal": (np.max(steps), 0, 1),
+        "10 deg bar, least over largest": (_ratio(np.min(bars), np.max(bars)), 0.8, 1),
+        "sweeps, edges, gratings, least": (np.min(fields), 0.01, 0.12),
+        "sweeps, edges, gratings, largest": (np.max(fields), 0.01, 0.12),
+    }
 
 
 def _ratio(one: float, other: float) -> float:
@@ -332,18 +253,26 @@ def battery() -> Built:
             "Response of the one unit in the middle of the stimulus (preset paper and the other "
             "models: of the complete detector), low-passed with the time constant of preset lplc2.",
         ),
-        {name: described_settings(_settings(name), *_SETTINGS.get(name, ())) for name in shown},
+        {name: described_settings(_settings(name), _SETTINGS.get(name, ())) for name in shown},
     )
 
 
 def _alike(rows: Sequence[Row]) -> Finding:
-    r, rms = likeness(rows)
+    """Compare published peaks: Pearson's r without the loom, and the rms difference with it."""
+    pairs = [(row.peak_over_loom, row.published) for row in rows if row.published is not None]
+    model, neurons = np.array(pairs, float).T
+    others = np.array([row.stimulus != LOOM for row in rows if row.published is not None])
+    rms = float(np.sqrt(np.mean((model - neurons) ** 2)))
+    if math.isnan(rms):
+        r, text = math.nan, NO_RESPONSE
+    elif np.ptp(model[others]) == 0:  # equal peaks have a difference, but no correlation
+        r, text = math.nan, f"All peaks are equal: no r; rms {rms:.3g}."
+    else:
+        r = float(np.corrcoef(model[others], neurons[others])[0, 1])
+        text = f"r {r:.3f}, rms {rms:.3g}."
     verdict = Verdict.DOES_NOT
     if r >= 0.5 and rms <= 0.25:
         verdict = Verdict.HOLDS if r >= 0.95 and rms <= 0.08 else Verdict.IN_PART
-    text = f"r {r:.3f}, rms {rms:.3g}."
-    if math.isnan(r):  # equal peaks have a difference, but no correlation
-        text = NO_RESPONSE if math.isnan(rms) else f"All peaks are equal: no r; rms {rms:.3g}."
     return Finding(text, verdict, {"r": r, "rms": rms})
 
 
@@ -370,33 +299,19 @@ def _draw(shown: Mapping[str, _Shown]) -> Figure:
     with styled_figure(WIDE, 7.4) as figure:
         grid = figure.add_gridspec(2, 2, height_ratios=(1, 1.05))
         for column, width in enumerate((10, 60)):
+            curves = {
+                f"preset {name}": {
+                    row.axis_deg: row.peak_over_loom
+                    for row in shown[name].rows
+                    if row.stimulus == f"bar-expand-{width}"
+                }
+                for name in (_PRESET, "reference")
+            }
             panel = figure.add_subplot(grid[0, column], projection="polar")
-            _polar(cast("PolarAxes", panel), shown, width)
+            draw_beside_neurons(cast("PolarAxes", panel), width, curves, "of the loom")
         _others(figure.add_subplot(grid[1, 0]), shown[_PRESET].rows)
         _courses(figure.add_subplot(grid[1, 1]), shown[_PRESET])
     return figure
-
-
-def _polar(panel: PolarAxes, shown: Mapping[str, _Shown], width: int) -> None:
-    curves = []
-    for name, colour, dash in ((_PRESET, CYCLE[0], "-"), ("reference", CYCLE[2], "--")):
-        rows = [row for row in shown[name].rows if row.stimulus == f"bar-expand-{width}"]
-        peaks_by_axis = {row.axis_deg or 0.0: row.peak_over_loom for row in rows}
-        curves.append(_curve(f"preset {name}", peaks_by_axis, colour, dash))
-    neurons = {
-        axis or 0.0: value for (name, axis, _), value in published().items()
-        if name == f"bar-expand-{width}"
-    }  # fmt: skip
-    curves.append(_curve("LPLC2", neurons, LPLC2, ":"))
-    draw_polar(panel, curves)
-    panel.set_title(f"{width} deg bar", loc="center", pad=8)
-
-
-def _curve(name: str, values: Mapping[float, float], colour: str, dash: str) -> DirectionTuning:
-    ordered = dict(sorted(values.items()))
-    closed = full_circle(np.array(list(ordered)), np.array(list(ordered.values())))
-    look = {"color": colour, "linestyle": dash, "marker": "o", "markersize": 2}
-    return DirectionTuning(name, *closed, "of the loom", look)
 
 
 def _others(axes: Axes, rows: Sequence[Row]) -> None:

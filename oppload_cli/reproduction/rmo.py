@@ -113,7 +113,7 @@ def definition() -> Built:
                 "pattern": name, "rom_pairs": metrics.rom_pairs,
                 "rmo": metrics.rmo_max if metrics.rom_pairs else None,
             }
-            for name, metrics in map(_pattern, _PATTERNS)
+            for name, metrics in ((each, _pattern(each)) for each in _PATTERNS)
         ),
         (
             "The paper's integral counts the symmetric part on one side of the centre, while the "
@@ -219,14 +219,14 @@ def _draw_construction(axes: Axes) -> None:
     axes.axis("off")
 
 
-def _pattern(name: str) -> tuple[str, RmoMetrics]:
+def _pattern(name: str) -> RmoMetrics:
     s1, v1, s2, v2 = np.array(_PATTERNS[name], float)
-    return name, rmo_metrics(np.array([s1, s2]), np.array([v1, v2]))
+    return rmo_metrics(np.array([s1, s2]), np.array([v1, v2]))
 
 
 def _draw_pattern(axes: Axes, name: str, values: NDArray[np.float64]) -> None:
     s1, v1, s2, v2 = values
-    _, metrics = _pattern(name)
+    metrics = _pattern(name)
     for start, vector, colour in ((s1, v1, CYCLE[0]), (s2, v2, CYCLE[1])):
         _arrow(axes, start, vector, colour)
         axes.plot(*start, "o", color=colour, markersize=2)

@@ -35,14 +35,13 @@ if TYPE_CHECKING:
     Changes = dict[str, dict[str, list[int]]]
 
 
-_TWO = [0, 45]
 _CONTROLS = {
     "controls/receding-disk": {"disk.growth.l_over_v_ms": [10, 100]},
     "controls/translating-disk-speed": {"disk.motion.speed_deg_s": [20, 40]},
     "controls/translating-disk-direction": {"scene.rotation_deg": [45]},
-    "controls/texture-pan": {"ground.motion.direction_deg": _TWO},
+    "controls/texture-pan": {"ground.motion.direction_deg": [0, 45]},
     "controls/texture-rotation": {"ground.motion.rotation_deg_s": [45]},
-    "controls/square-grating": {"grating.axis_deg": _TWO},
+    "controls/square-grating": {"grating.axis_deg": [0, 45]},
     "controls/rotating-bar": {"bar.motion.rotation_deg_s": [90]},
     "klapoetke2017/bar-sweep": {"scene.rotation_deg": [0]},
     "klapoetke2017/edge": {"scene.rotation_deg": [0]},
@@ -110,7 +109,7 @@ def thresholds() -> Built:
             "Peaks alone flatter OppLoD: they come when the edge leaves its field, which is "
             "smaller than the frame that D-LGMD sees. This figure compares first crossings, on "
             "which an alarm depends.",
-            f"Controls: {_count(_CONTROLS)} stimuli of {len(_CONTROLS)} kinds (receding, "
+            f"Controls: {len(controls[PRESETS[0]])} stimuli of {len(_CONTROLS)} kinds (receding, "
             "translating, panning, rotating, gratings, edges), none of which looms, at each "
             "preset's own working height and without a pause before the motion. They are a part "
             "of the catalogue's sweeps: not all of its directions, sizes and speeds.",
@@ -131,10 +130,6 @@ def _shown(preset: str, stimuli: Changes) -> Shown:
     for name, changes in stimuli.items():
         made.update(presented(name, settings, {**NO_PAUSE, **_SHORT.get(name, {}), **changes}))
     return made
-
-
-def _count(stimuli: Changes) -> int:
-    return sum(len(next(iter(changes.values()), [0])) for changes in stimuli.values())
 
 
 def _worst(controls: Shown) -> dict[str, tuple[str, float]]:

@@ -89,12 +89,12 @@ def test_a_verdict_on_a_faint_response_says_so() -> None:
     time = np.arange(3.0)
     nothing = np.full((3, 4), NAN)
     shown = {
-        peak: {"dlgmd": [Responses(time, time, np.array([NAN, 0, peak]), nothing[:, :2], nothing)]}
+        peak: [Responses(time, time, np.array([NAN, 0, peak]), nothing[:, :2], nothing)]
         for peak in (1e-4, 1.0)
     }
-    faint = hardly(shown[1e-4], settings, "to the disk")
+    faint = hardly("dlgmd", shown[1e-4], settings, "to the disk")
     assert faint.startswith("D-LGMD hardly responds to the disk (largest response 0.0001, below a")
-    assert hardly(shown[1.0], settings) == ""
+    assert hardly("dlgmd", shown[1.0], settings, "to the disk") == ""
     found = Finding("Peak at 44.", HOLDS, {}, faint).as_dict()
     assert found["text"] == f"Peak at 44. {faint}"
     assert stated(found) == "holds, hardly responds"
@@ -102,6 +102,6 @@ def test_a_verdict_on_a_faint_response_says_so() -> None:
 
 
 def test_a_number_that_json_cannot_hold_is_null() -> None:
-    numbers = {"nan": NAN, "infinite": float("inf"), "none": None, "one": 1.0}
+    numbers = {"nan": NAN, "infinite": float("inf"), "one": 1.0}
     found = Finding("x", HOLDS, numbers).as_dict()["numbers"]
-    assert found == {"nan": None, "infinite": None, "none": None, "one": 1.0}
+    assert found == {"nan": None, "infinite": None, "one": 1.0}
