@@ -32,7 +32,7 @@ from oppload_cli.reproduction.claims import (
     presented,
     settings_of,
 )
-from oppload_cli.stimulus.catalogue import find, load_all
+from oppload_cli.stimulus.catalogue import load, load_all
 from oppload_cli.stimulus.truth import frame_truth
 
 if TYPE_CHECKING:
@@ -111,10 +111,9 @@ def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     for width in BAR_WIDTHS:
         # Along all axes of the catalogue: with some left out, a curve can look like a needle.
         shown = presented(_BAR.format(width), settings, changes)
-        axes = [int(name.rpartition("-")[2]) for name in shown]
-        bars[width] = dict(zip(axes, (each["opplod"] for each in shown.values()), strict=True))
+        bars[width] = {int(name.rpartition("-")[2]): each["opplod"] for name, each in shown.items()}
     loom = presented(_LOOM, settings, NO_PAUSE)[_LOOM]["opplod"]
-    display = find(_LOOM)[0].protocols()[0].display
+    display = load(_LOOM).display
     height = settings.height or display.height
     field = settings.resolved(height)["opplod"].as_dict()["receptive_field"]
     edge_deg = field / 2 * display.height / height / display.scale

@@ -216,9 +216,6 @@ def _ratio(one: float, other: float) -> float:
     return math.inf if one > 0 and other == 0 else math.nan
 
 
-# ---- The figure ----------------------------------------------------------------------------
-
-
 def battery() -> Built:
     """Show the complete battery to three presets and to the other LPLC2 models."""
     shown = {name: show(name) for name in (*_SETTINGS, *_MODELS)}

@@ -9,7 +9,7 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.motion.rmo import rmo
-from oppload_cli.reproduction import bars, direction, looming, thresholds
+from oppload_cli.reproduction import bars, direction, looming
 from oppload_cli.reproduction import rmo as reproduction_rmo
 from oppload_cli.reproduction.claims import FIGURES, Verdict, build, chosen, settings_of
 from oppload_cli.reproduction.rmo import _construct, definition
@@ -95,19 +95,19 @@ def test_crossings_need_the_largest_control() -> None:
         "a": {"opplod": responses([nan, 1, 2]), "dlgmd": responses([nan, 5, 0])},
         "b": {"opplod": responses([nan, 3, 0]), "dlgmd": responses([nan, 1, 0])},
     }
-    assert thresholds._worst(controls) == {"opplod": ("b", 3.0), "dlgmd": ("a", 5.0)}
+    assert looming._worst(controls) == {"opplod": ("b", 3.0), "dlgmd": ("a", 5.0)}
     limits = {"opplod": 3.0, "dlgmd": 5.0}
     looming_set = {
         "x": {"opplod": responses([nan, 3, 4]), "dlgmd": responses([nan, 6, 9])},
         "y": {"opplod": responses([nan, 4, 0]), "dlgmd": responses([nan, 5, 5])},
     }
-    first = thresholds._crossings(looming_set, limits)
+    first = looming._crossings(looming_set, limits)
     assert first == {"x": {"opplod": 0.2, "dlgmd": 0.1}, "y": {"opplod": 0.1, "dlgmd": None}}
-    finding = thresholds._finding(first, limits)
+    finding = looming._finding(first, limits)
     assert finding.numbers["opplod_first"] == finding.numbers["dlgmd_first"] == 1
     assert finding.verdict is Verdict.IN_PART
     first["c/looming-disk-centre"] = {"opplod": None, "dlgmd": None}
-    assert thresholds._finding(first, limits).text.endswith("Both miss: disk of the paper, centre.")
+    assert looming._finding(first, limits).text.endswith("Both miss: disk of the paper, centre.")
 
 
 def tunings(ten: dict[int, float], sixty: dict[int, float], loom: float) -> bars._Tunings:
