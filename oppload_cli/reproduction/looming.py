@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -35,7 +36,7 @@ from oppload_cli.stimulus.renderer import Renderer
 from oppload_cli.tuning.present import present
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -45,8 +46,8 @@ if TYPE_CHECKING:
     from oppload_cli.tuning.present import Responses
 
     Shown = dict[str, dict[str, Responses]]  # by preset or stimulus, and by detector
-    First = dict[str, dict[str, float | None]]  # by stimulus and detector, in s
-    Changes = dict[str, dict[str, list[int]]]
+    First = dict[str, dict[str, float]]  # by stimulus and detector, in s; infinite for never
+    Changes = Mapping[str, Mapping[str, float | list[int]]]  # by stimulus and key
 
 
 _CENTRE, _OFF_CENTRE = "opplod2023/looming-disk-centre", "opplod2023/looming-disk-off-centre"
@@ -60,33 +61,28 @@ _EARLIER = (
     "\u201cour model also performs much better\u201d (looming disk, (c) and (d))"
 )
 _EARLY = 0.1  # of the peak
-_CONTROLS = {
-    "controls/receding-disk": {"disk.growth.l_over_v_ms": [10, 100]},
+# Some are shorter than in the catalogue: a slow beginning, a crossing or a full disk adds nothing.
+_CONTROLS: Changes = {
+    "controls/receding-disk": {"disk.growth.l_over_v_ms": [10, 100], "timing.motion_s": 1.0},
     "controls/translating-disk-speed": {"disk.motion.speed_deg_s": [20, 40]},
     "controls/translating-disk-direction": {"scene.rotation_deg": [45]},
     "controls/texture-pan": {"ground.motion.direction_deg": [0, 45]},
     "controls/texture-rotation": {"ground.motion.rotation_deg_s": [45]},
     "controls/square-grating": {"grating.axis_deg": [0, 45]},
-    "controls/rotating-bar": {"bar.motion.rotation_deg_s": [90]},
-    "klapoetke2017/bar-sweep": {"scene.rotation_deg": [0]},
-    "klapoetke2017/edge": {"scene.rotation_deg": [0]},
+    "controls/rotating-bar": {"bar.motion.rotation_deg_s": [90], "timing.motion_s": 1.0},
+    "klapoetke2017/bar-sweep": {"scene.rotation_deg": [0], "timing.motion_s": 1.5},
+    "klapoetke2017/edge": {"scene.rotation_deg": [0], "timing.motion_s": 1.5},
 }
-_LOOMING = {
+_LOOMING: Changes = {
     _CENTRE: {},
     _OFF_CENTRE: {},
     "opplod2023/approaching-block": {},
     "klapoetke2017/loom": {},
-    "klapoetke2017/loom-speed": {"disk.growth.speed_deg_s": [20, 40, 80]},
-    "klapoetke2017/loom-l-over-v": {"disk.growth.l_over_v_ms": [10, 40, 100]},
-}
-# Shorter than in the catalogue: a slow beginning, a crossing or a full disk adds nothing.
-_SHORT = {
-    "controls/receding-disk": {"timing.motion_s": 1.0},
-    "controls/rotating-bar": {"timing.motion_s": 1.0},
-    "klapoetke2017/bar-sweep": {"timing.motion_s": 1.5},
-    "klapoetke2017/edge": {"timing.motion_s": 1.5},
-    "klapoetke2017/loom-speed": {"timing.motion_s": 1.3},
-    "klapoetke2017/loom-l-over-v": {"timing.motion_s": 1.0},
+    "klapoetke2017/loom-speed": {"disk.growth.speed_deg_s": [20, 40, 80], "timing.motion_s": 1.3},
+    "klapoetke2017/loom-l-over-v": {
+        "disk.growth.l_over_v_ms": [10, 40, 100],
+        "timing.motion_s": 1.0,
+    },
 }
 _DETECTORS = ("opplod", "dlgmd")
 
@@ -382,7 +378,7 @@ def _shown(preset: str, stimuli: Changes) -> Shown:
     settings = settings_of(preset)
     made: Shown = {}
     for name, changes in stimuli.items():
-        made.update(presented(name, settings, {**NO_PAUSE, **_SHORT.get(name, {}), **changes}))
+        made.update(presented(name, settings, {**NO_PAUSE, **changes}))
     return made
 
 
@@ -398,24 +394,23 @@ def _worst(controls: Shown) -> dict[str, tuple[str, float]]:
 
 
 def _crossings(looming: Shown, limits: dict[str, float]) -> First:
-    """Return when each detector first exceeds its limit, in seconds; None where it never does."""
+    """Return when each detector first exceeds its limit."""
     first: First = {}
     for name, each in looming.items():
         first[name] = {}
         for detector, limit in limits.items():
-            above = np.flatnonzero(each[detector].response > limit)
-            time = each[detector].time_s
-            first[name][detector] = float(time[above[0]]) if above.size else None
+            times = each[detector].time_s[each[detector].response > limit]
+            first[name][detector] = float(times[0]) if times.size else math.inf
     return first
 
 
 def _finding(first: First, limits: dict[str, float]) -> Finding:
     pairs = [(each["opplod"], each["dlgmd"]) for each in first.values()]
-    earlier = sum(o is not None and (d is None or o < d) for o, d in pairs)
-    later = sum(d is not None and (o is None or d < o) for o, d in pairs)
-    missed = [sum(pair[side] is None for pair in pairs) for side in (0, 1)]
+    earlier = sum(opplod < dlgmd for opplod, dlgmd in pairs)
+    later = sum(dlgmd < opplod for opplod, dlgmd in pairs)
+    missed = [times.count(math.inf) for times in zip(*pairs, strict=True)]
     share = earlier / len(pairs)
-    neither = [_short(name) for name, each in first.items() if not any(each.values())]
+    neither = [_short(name) for name, each in first.items() if min(each.values()) == math.inf]
     both = f" Both miss: {'; '.join(neither)}." if neither else ""
     return Finding(
         f"OppLoD is first in {earlier}, D-LGMD in {later} of {len(pairs)} looming stimuli; "
@@ -454,20 +449,18 @@ def _short(name: str) -> str:
 
 
 def _draw_crossings(axes: Axes, first: First) -> None:
-    times = [time for each in first.values() for time in each.values() if time is not None]
-    last = 1.05 * max(times, default=1.0)
+    table = np.array([[each[name] for name in _DETECTORS] for each in first.values()])
+    last = 1.05 * (np.max(table, where=np.isfinite(table), initial=0) or 1.0)
     end = 1.2 * last
-    for name, marker, shift in zip(_DETECTORS, "os", (-0.12, 0.12), strict=True):
-        crossings = [each[name] for each in first.values()]
-        seen = [(time, row) for row, time in enumerate(crossings) if time is not None]
-        missed = [row for row, time in enumerate(crossings) if time is None]
-        colour = detector_named(name).colour
-        axes.plot([time for time, _ in seen], [row + shift for _, row in seen], marker,
-                  color=colour, markersize=4, label=detector_named(name).label)  # fmt: skip
+    for times, name, marker, shift in zip(table.T, _DETECTORS, "os", (-0.12, 0.12), strict=True):
+        detector, places = detector_named(name), np.arange(len(times)) + shift
+        seen = np.isfinite(times)
+        axes.plot(times[seen], places[seen], marker,
+                  color=detector.colour, markersize=4, label=detector.label)  # fmt: skip
         # A strip of their own, without a time: at the end of the axis they would look like late
         # alarms.
-        axes.plot([(last + end) / 2] * len(missed), [row + shift for row in missed], "x",
-                  color=colour, ms=4)  # fmt: skip
+        axes.plot(np.full(np.sum(~seen), (last + end) / 2), places[~seen], "x",
+                  color=detector.colour, ms=4)  # fmt: skip
     axes.axvspan(last, end, color=FAINT, alpha=0.25, lw=0)
     axes.annotate("no alarm", ((last + end) / 2, 1), xycoords=("data", "axes fraction"),
                   ha="center", va="bottom", fontsize=6, color=INK)  # fmt: skip

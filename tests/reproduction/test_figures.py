@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -102,11 +103,12 @@ def test_crossings_need_the_largest_control() -> None:
         "y": {"opplod": responses([nan, 4, 0]), "dlgmd": responses([nan, 5, 5])},
     }
     first = looming._crossings(looming_set, limits)
-    assert first == {"x": {"opplod": 0.2, "dlgmd": 0.1}, "y": {"opplod": 0.1, "dlgmd": None}}
+    assert first == {"x": {"opplod": 0.2, "dlgmd": 0.1}, "y": {"opplod": 0.1, "dlgmd": math.inf}}
     finding = looming._finding(first, limits)
+    assert "Both miss" not in finding.text
     assert finding.numbers["opplod_first"] == finding.numbers["dlgmd_first"] == 1
     assert finding.verdict is Verdict.IN_PART
-    first["c/looming-disk-centre"] = {"opplod": None, "dlgmd": None}
+    first["c/looming-disk-centre"] = {"opplod": math.inf, "dlgmd": math.inf}
     assert looming._finding(first, limits).text.endswith("Both miss: disk of the paper, centre.")
 
 
