@@ -105,9 +105,10 @@ def test_crossings_need_the_largest_control() -> None:
     first = looming._crossings(looming_set, limits)
     assert first == {"x": {"opplod": 0.2, "dlgmd": 0.1}, "y": {"opplod": 0.1, "dlgmd": math.inf}}
     finding = looming._finding(first, limits)
-    assert "Both miss" not in finding.text
     assert finding.numbers["opplod_first"] == finding.numbers["dlgmd_first"] == 1
     assert finding.verdict is Verdict.IN_PART
+    first["z"] = {"opplod": 0.0, "dlgmd": math.inf}
+    assert "Both miss" not in looming._finding(first, limits).text
     first["c/looming-disk-centre"] = {"opplod": math.inf, "dlgmd": math.inf}
     assert looming._finding(first, limits).text.endswith("Both miss: disk of the paper, centre.")
 
