@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from oppload_cli.environment import environment
 from oppload_cli.evaluation.detectors import label_of
-from oppload_cli.evaluation.metrics.alarms import (
-    HELD_OUT,
-    RATES,
-    SHIPPED,
-    SILENCE_S,
-    condition_of,
-)
+from oppload_cli.evaluation.metrics.alarms import AT_ONE, HELD_OUT, RATES, SHIPPED, SILENCE_S
 from oppload_cli.evaluation.metrics.clips import AHEAD, LEAST_S, WINDOW_S
 from oppload_cli.evaluation.metrics.intervals import LEVEL, RULE_OF_THREE, SEED
 from oppload_cli.evaluation.metrics.measures import GROWN, KIND, NEAR_CONTACT
@@ -118,7 +112,7 @@ def write_evaluation(
         yield folder / name
     frames, seconds = report["manifest"]["frames"], wall_s()
     timing = {"wall_s": round(seconds, 1), "frames_per_s": round(frames / seconds, 1)}
-    write_atomic(claim, report_json({**report, "timing": timing}))
+    write_atomic(claim, _report_json({**report, "timing": timing}))
     yield claim.path
     write_atomic(folder / "evaluation.html", page)
     yield folder / "evaluation.html"
@@ -138,8 +132,8 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
     )
     rules = {
         "alarm as shipped": SHIPPED,
-        "1 per minute, these clips": condition_of(1.0),
-        "1 per minute, held out": f"{HELD_OUT} {condition_of(1.0)}",
+        "1 per minute, these clips": AT_ONE,
+        "1 per minute, held out": f"{HELD_OUT} {AT_ONE}",
     }
     wide = max(map(len, [*rules, *(label_of(each.name) for each in evaluation.detectors)]))
     for title, condition in rules.items():
@@ -178,7 +172,7 @@ def _by_kind(
     evaluation: Evaluation, found: dict[tuple[str, str, str], Measurement]
 ) -> Iterator[str]:
     """Yield lines on clips of stimuli: the share of each kind with an alarm, by detector."""
-    start = f"{condition_of(1.0)}, {KIND} "
+    start = f"{AT_ONE}, {KIND} "
     rows = [one for one in evaluation.measurements if one.condition.startswith(start)]
     kinds = dict.fromkeys(one.condition for one in rows if one.measure == "alarmed_share")
     if not kinds:
@@ -322,7 +316,7 @@ def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
         }
 
 
-def report_json(report: dict[str, Any]) -> str:
+def _report_json(report: dict[str, Any]) -> str:
     """Return the report as JSON; NaN and infinity become null."""
     return json.dumps(_finite(report), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from oppload_cli.errors import SourceError
 from oppload_cli.evaluation.detectors import label_of
-from oppload_cli.evaluation.metrics.alarms import condition_of
+from oppload_cli.evaluation.metrics.alarms import AT_ONE
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.html import embedded, rendered
 from oppload_cli.stimulus.renderer import Renderer
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 _MOST = 4  # stills of each kind, for each detector
 _PICTURE_HEIGHT = 270  # px, of a still
 _QUALITY = 82  # of a still as JPEG
-_RATE = 1.0  # false alarms per minute at which misses are shown
 WIDTH, HEIGHT = 300, 56  # of the strip below a still, in units of its drawing
 _HIGHEST = 3.0  # times the threshold at the top of a strip
 
@@ -216,7 +215,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         plots=[(embedded(plots[name]), plot.caption) for name, plot in PLOTS.items()],
         stills=list(_stills(evaluation)),
         headline=_HEADLINE,
-        allowed=int(_RATE * minutes),
+        allowed=int(minutes),
         quiet=_duration(minutes),
         figures=_by_measure(report["figures"]),
         measured=list(dict.fromkeys(figure["contender"] for figure in report["figures"])),
@@ -371,7 +370,7 @@ def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
     first; a clip's false alarm at its largest evidence without an approach, the
     largest first.
     """
-    decision = evaluation.performances[name].decisions[condition_of(_RATE)]
+    decision = evaluation.performances[name].decisions[AT_ONE]
     threshold = float(decision.thresholds[0])
 
     def peak(index: int, start: int, stop: int) -> tuple[float, int, int]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from oppload_cli.evaluation.detectors import label_of
-from oppload_cli.evaluation.metrics.alarms import RATES, condition_of
+from oppload_cli.evaluation.metrics.alarms import AT_ONE, RATES
 from oppload_cli.evaluation.metrics.clips import AHEAD
 from oppload_cli.models.presets import DEFAULT_PRESET, PRESETS
 from oppload_cli.models.registry import detectors
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 _COLOURS = ("#009E73", "#CC79A7")
 _SIZE = 4.8, 3.5  # inches
 _HIGHEST_RATE = 6.0  # false alarms per minute on the axis
-_RATE = 1.0  # false alarms per minute at which leads and kinds are shown
 _SHOWN = 1.6  # times the highest rate that the plot of false alarms shows
 
 
@@ -109,7 +108,7 @@ def _order(axes: Axes, performances: Performances) -> None:
 def _leads(axes: Axes, performances: Performances) -> None:
     labels = []
     for row, (each, look) in enumerate(_looks(performances)):
-        outcomes = each.decisions[condition_of(_RATE)].outcomes
+        outcomes = each.decisions[AT_ONE].outcomes
         leads = np.sort(outcomes.lead_s[~np.isnan(outcomes.lead_s)])
         approaches = int((~np.isnan(outcomes.detected)).sum())
         labels.append(f"{look['label']}\n{len(leads)} of {approaches}")
@@ -132,9 +131,9 @@ def _rank_among_equal(values: Numbers) -> Numbers:
 
 
 def _false_alarms(axes: Axes, performances: Performances) -> None:
-    prefix = f"{condition_of(_RATE)}, "
+    prefix = f"{AT_ONE}, "
     kinds: dict[str, Measurement] = {}
-    highest = _RATE
+    highest = 1.0
     for index, (each, look) in enumerate(_looks(performances)):
         kinds = {
             one.condition.removeprefix(prefix): one

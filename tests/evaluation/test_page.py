@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -14,9 +15,10 @@ from oppload_cli.evaluation.evaluate import Evaluation
 from oppload_cli.evaluation.manifest import Entry, Manifest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
-from oppload_cli.evaluation.output import report_json, report_of
+from oppload_cli.evaluation.output import FILES, report_of, write_evaluation
 from oppload_cli.evaluation.page import HEIGHT, WIDTH, number, page_of
 from oppload_cli.evaluation.plots import PLOTS
+from oppload_cli.files.atomic import claimed
 from tests.evaluation.make import NAME, clip, peaks
 from tests.presets import REFERENCE
 
@@ -126,22 +128,17 @@ def test_boxes_and_strips_are_drawn_on_the_page(evaluation: Evaluation) -> None:
     assert min(y for _, y in points_of(false)) == 4  # cut above three times the threshold
 
 
-def test_nan_and_infinity_are_null_in_the_report(evaluation: Evaluation) -> None:
-    text = report_json({"a": [float("nan"), 1.5], "b": {"c": float("inf")}})
-    assert text.split() == [
-        "{",
-        '"a":',
-        "[",
-        "null,",
-        "1.5",
-        "],",
-        '"b":',
-        "{",
-        '"c":',
-        "null",
-        "}",
-        "}",
-    ]
+def test_nan_and_infinity_are_null_in_the_report(evaluation: Evaluation, tmp_path: Path) -> None:
+    with claimed(tmp_path / "report.json", "error") as claim:
+        written = list(write_evaluation(evaluation, tmp_path, claim, lambda: 2.0))
+    assert [path.name for path in written] == list(FILES)
+    report = json.loads(claim.path.read_text("utf-8"), parse_constant=pytest.fail)
+    values = {(each["measure"], each["condition"]): each["value"] for each in report["figures"]}
+    assert values["distinct_ratio", "median over clips"] is None  # infinite
+    assert values["place_distance_px", "within 15 frames of contact"] > 0
+    assert report["clips"][0]["outcomes"][OPPLOD]["at 1 per minute"]["lead_s"] == 0.5
+    assert report["clips"][1]["outcomes"][OPPLOD]["at 1 per minute"]["lead_s"] is None  # NaN
+    assert report["timing"]["wall_s"] == 2.0
     outcome = report_of(evaluation)["clips"][2]["outcomes"][OPPLOD]["at 1 per minute"]
     assert outcome["detected"] is None
     assert outcome["false_alarms"] == 3

@@ -33,26 +33,9 @@ if TYPE_CHECKING:
 SILENCE_S = 1.0
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
 _HIGHEST_RATE = 10.0  # false alarms per minute up to which they are counted
+AT_ONE = "at 1 per minute"  # the condition under which the page compares detectors
 SHIPPED = "alarm as shipped"
 HELD_OUT = "held out"
-
-
-def events(above: Flags, time_s: Numbers) -> list[int]:
-    """Return the positions at which alarms begin: upward crossings after a second of silence.
-
-    A response that flickers about the threshold is one alarm, not many.
-
-    Parameters
-    ----------
-    above : ndarray of bool, shape (n,)
-        Whether the response is above the threshold, or an alarm on; if it is so at the
-        first frame, an alarm begins there.
-    time_s : ndarray, shape (n,)
-        Presentation times.
-    """
-    frames = np.flatnonzero(above)
-    silence = np.diff(time_s[frames], prepend=-np.inf)
-    return [int(frame) for frame in frames[silence >= SILENCE_S - 1e-6]]
 
 
 @dataclass(frozen=True)
@@ -176,7 +159,7 @@ class Thresholds:
 
         The rate is that over all footage; the threshold is chosen again in each draw.
         """
-        clips, condition = self._clips, condition_of(rate)
+        clips, condition = self._clips, _condition_of(rate)
         threshold = self.lowest(np.ones(len(clips), np.int64), rate)
         drawn = [self.lowest(each, rate) for each in draws]
         # Many draws share a threshold.
@@ -196,7 +179,7 @@ class Thresholds:
         videos = videos_of(self._clips)
         others = (videos[:, None] != videos).astype(np.int64)
         chosen = np.array([self.lowest(each, rate) for each in others])
-        outcomes, condition = self.outcomes(chosen), f"{HELD_OUT} {condition_of(rate)}"
+        outcomes, condition = self.outcomes(chosen), f"{HELD_OUT} {_condition_of(rate)}"
         # Each kind of motion has few clips: they are not split by clip again.
         measurements = _measurements(
             self._clips, self._detector, condition, outcomes, draws, by_kind=False
@@ -223,7 +206,7 @@ def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers, most: int) -> N
     own = np.unique(evidence)[::-1]
     found: list[int] = []
     for value in own:
-        found.append(len(events(evidence > value, time_s)))
+        found.append(_alarms_in(evidence > value, time_s))
         if found[-1] > most:
             break
     if not found:
@@ -232,6 +215,16 @@ def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers, most: int) -> N
     at = np.searchsorted(-own[: len(found)], -levels)
     everywhere = 1 if len(found) == len(own) else found[-1]
     return np.append(found, everywhere)[at]
+
+
+def _alarms_in(above: Flags, time_s: Numbers) -> int:
+    """Return how many alarms begin: upward crossings after a second of silence.
+
+    A response that flickers about the threshold is one alarm, not many. One that is above it at
+    the first frame begins there.
+    """
+    silence = np.diff(time_s[above], prepend=-np.inf)
+    return int(np.count_nonzero(silence >= SILENCE_S - 1e-6))
 
 
 @dataclass(frozen=True)
@@ -256,7 +249,7 @@ class Decision:
     measurements: list[Measurement]
 
 
-def condition_of(rate: float) -> str:
+def _condition_of(rate: float) -> str:
     """Return the name of a rate of false alarms per minute."""
     return f"at {rate:g} per minute"
 
@@ -275,7 +268,7 @@ def _outcomes(clips: Sequence[Clip], alarms: Sequence[Flags | None]) -> _Outcome
         if on is None:
             continue
         quiet = slice(*clip.quiet)
-        false[index] = len(events(on[quiet], clip.time_s[quiet]))
+        false[index] = _alarms_in(on[quiet], clip.time_s[quiet])
         detected[index], leads[index] = _first_alarm(clip, on)
     return _Outcomes(detected, leads, false)
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from oppload_cli.evaluation.metrics.alarms import (
+    AT_ONE,
     RATES,
     SHIPPED,
     Decision,
     Thresholds,
-    condition_of,
     shipped,
 )
 from oppload_cli.evaluation.metrics.clips import (
@@ -86,7 +86,7 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         return float("nan") if drawn is None else float(getattr(drawn, name))
 
     measurements = [each for decision in rules for each in decision.measurements]
-    for condition in (condition_of(1.0), SHIPPED):
+    for condition in (AT_ONE, SHIPPED):
         measurements += _of_conditions(clips, detector, decisions[condition], draws)
     measurements += _of_objects(clips, detector, draws)
     for measure, name in (("roc_auc", "auc"), ("average_precision", "average_precision")):

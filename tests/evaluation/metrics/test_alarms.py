@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from oppload_cli.evaluation.metrics.alarms import Thresholds, events, shipped
+from oppload_cli.evaluation.metrics.alarms import Thresholds, shipped
 from oppload_cli.evaluation.metrics.intervals import draws_of, rate_interval, share_interval
 from tests.evaluation.make import NAME, clip, peaks
 
@@ -22,19 +22,21 @@ DRAWS = draws_of([seen.label.looming for seen in CLIPS], 200)
 
 
 @pytest.mark.parametrize(
-    ("above", "expected"),
+    ("above", "alarms"),
     [
-        ([0, 0, 0, 0], []),
-        ([1, 1, 0, 0], [0]),
-        ([0, 1, 1, 1], [1]),
-        ([0, 1] + [0] * 9 + [1], [1, 11]),
-        ([0, 1] + [0] * 8 + [1, 1], [1]),
+        ([0, 0, 0, 0], 0),
+        ([1, 1, 0, 0], 1),
+        ([0, 1, 1, 1], 1),
+        ([0, 1] + [0] * 9 + [1], 2),
+        ([0, 1] + [0] * 8 + [1, 1], 1),
         # Without a second of silence it is one alarm, however long.
-        ([0, 1, 0, 1] + [0] * 6 + [0, 1] + [0] * 9 + [1], [1, 21]),
+        ([0, 1, 0, 1] + [0] * 6 + [0, 1] + [0] * 9 + [1], 2),
     ],
 )
-def test_an_alarm_begins_after_a_second_of_silence(above: list[int], expected: list[int]) -> None:
-    assert events(np.array(above, bool), np.arange(len(above)) / 10) == expected
+def test_an_alarm_begins_after_a_second_of_silence(above: list[int], alarms: int) -> None:
+    seen = clip([0, 0, 0, *above], alarm=[3 + frame for frame, on in enumerate(above) if on])
+    assert Thresholds([seen], NAME).outcomes(0.5).false_alarms.tolist() == [alarms]
+    assert shipped([seen], NAME, draws_of([False], 1)).outcomes.false_alarms.tolist() == [alarms]
 
 
 def test_the_threshold_is_the_lowest_that_keeps_to_a_rate() -> None:
