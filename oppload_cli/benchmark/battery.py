@@ -7,7 +7,6 @@ import inspect
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -97,29 +96,30 @@ class Column:
         return entry.with_settings(self.settings).protocols()
 
 
-def _control(label: str, stimulus: str, **settings: Any) -> Column:
-    keys = {name.replace("__", "."): value for name, value in settings.items()}
-    return Column(SELECTIVITY, label, stimulus, keys, CONTROL)
+def _control(label: str, stimulus: str, settings: dict[str, Any] | None = None) -> Column:
+    return Column(SELECTIVITY, label, stimulus, settings or {}, CONTROL)
 
 
+_DISK = {L_OVER_V: 40}
+_SMALL_DISK = {**_DISK, "disk.growth.most_deg": 40}
 _QUARTERS = [0, 45, 90, 135]
-_KINDS = (
-    Column(SELECTIVITY, "looming disk", LOOM, {L_OVER_V: 40}),
+BATTERY = (
+    Column(SELECTIVITY, "looming disk", LOOM, _DISK),
     Column(SELECTIVITY, "looming square", "controls/looming-square"),
     Column(SELECTIVITY, "looming patch", "controls/looming-patch"),
-    _control("receding disk", "controls/receding-disk", disk__growth__l_over_v_ms=40),
+    _control("receding disk", "controls/receding-disk", _DISK),
     _control("receding patch", "controls/receding-patch"),
     _control("near miss", "controls/near-miss"),
     _control(
         "translating disk",
         "controls/translating-disk-speed",
-        disk__motion__speed_deg_s=[20, 40, 80],
+        {"disk.motion.speed_deg_s": [20, 40, 80]},
     ),
     _control("translating bar", "controls/translating-bar-speed"),
     _control("turning bar", "controls/rotating-bar"),
-    _control("grating", "controls/square-grating", grating__axis_deg=_QUARTERS),
+    _control("grating", "controls/square-grating", {"grating.axis_deg": _QUARTERS}),
     _control("plaid", "controls/plaid"),
-    _control("pan", "controls/texture-pan", ground__motion__direction_deg=_QUARTERS),
+    _control("pan", "controls/texture-pan", {"ground.motion.direction_deg": _QUARTERS}),
     _control("roll", "controls/texture-rotation"),
     _control("forward and backward", "controls/texture-zoom"),
     _control("drifting dots", "controls/dots-drift"),
@@ -128,66 +128,48 @@ _KINDS = (
     _control("luminance step", "controls/luminance-step"),
     _control("dimming, brightening", "controls/luminance-ramp"),
     _control("appearing disk", "controls/appearing-disk"),
-    _control("noise", "controls/static-texture", effects__noise=0.05),
-)
-
-
-def _series() -> tuple[Column, ...]:
-    dark = {"display.background": 0.5}
-    rows = [
-        Column(POLARITY, "dark", LOOM, {L_OVER_V: 40}),
-        Column(POLARITY, "bright", "klapoetke2017/loom-bright", {L_OVER_V: 40}),
-        Column(PLACE, "0, 0", LOOM, {L_OVER_V: 40, "disk.growth.most_deg": 40}),
-    ]
-    rows += [
+    _control("noise", "controls/static-texture", {"effects.noise": 0.05}),
+    Column(POLARITY, "dark", LOOM, _DISK),
+    Column(POLARITY, "bright", "klapoetke2017/loom-bright", _DISK),
+    Column(PLACE, "0, 0", LOOM, _SMALL_DISK),
+    *(
         Column(
             CONTRAST,
             f"{contrast:g}",
             "controls/looming-contrast",
-            dark | {"disk.luminance": round(0.5 * (1 - contrast), 6)},
+            {"display.background": 0.5, "disk.luminance": round(0.5 * (1 - contrast), 6)},
         )
         for contrast in (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
-    ]
-    rows += [
+    ),
+    *(
         Column(NOISE, f"{noise:g}", "controls/looming-noise", {"effects.noise": noise})
         for noise in (0.0, 0.02, 0.05, 0.1, 0.2)
-    ]
-    rows += [
+    ),
+    *(
         Column(SPEED, f"{ratio}", LOOM, {L_OVER_V: ratio})
         for ratio in (10, 20, 40, 60, 80, 100, 140, 200)
-    ]
-    rows += [
-        Column(SIZE, f"{size}", LOOM, {L_OVER_V: 40, "disk.growth.most_deg": size})
+    ),
+    *(
+        Column(SIZE, f"{size}", LOOM, {**_DISK, "disk.growth.most_deg": size})
         for size in (10, 20, 30, 45, 60)
-    ]
-    rows += [
-        Column(
-            PLACE,
-            f"{x}, {y}",
-            LOOM,
-            {L_OVER_V: 40, "disk.growth.most_deg": 40, "disk.centre_deg": [x, y]},
-        )
+    ),
+    *(
+        Column(PLACE, f"{x}, {y}", LOOM, {**_SMALL_DISK, "disk.centre_deg": [x, y]})
         for x, y in ((10, 0), (20, 0), (0, 10), (-10, 0), (0, -10), (14, 14))
-    ]
-    moving = "controls/looming-on-moving-texture"
-    rows.append(Column(BACKGROUND, "still texture", "controls/looming-on-static-texture"))
-    rows += [
+    ),
+    Column(BACKGROUND, "still texture", "controls/looming-on-static-texture"),
+    *(
         Column(
             BACKGROUND,
             f"pan {speed} deg/s",
-            moving,
+            "controls/looming-on-moving-texture",
             {"ground.motion.speed_deg_s": speed, "ground.motion.direction_deg": 0},
         )
         for speed in (5, 15, 30)
-    ]
-    rows += [
-        Column(BACKGROUND, "forward motion", "controls/looming-on-zooming-texture"),
-        Column(BACKGROUND, "shake", "controls/looming-with-shake"),
-    ]
-    return tuple(rows)
-
-
-BATTERY: tuple[Column, ...] = (*_KINDS, *_series())
+    ),
+    Column(BACKGROUND, "forward motion", "controls/looming-on-zooming-texture"),
+    Column(BACKGROUND, "shake", "controls/looming-with-shake"),
+)
 
 
 def columns_of(tables: Sequence[str]) -> list[Column]:
@@ -258,17 +240,11 @@ class Shown(NamedTuple):
 
 
 class _Task(NamedTuple):
-    """A stimulus that is still to be shown."""
+    """A stimulus, the file that keeps its measures, and the checksum of all that decides them."""
 
-    name: str
     protocol: Protocol
     kept: Path
     key: str
-
-    @property
-    def motion_end_s(self) -> float:
-        """When the motion ends."""
-        return self.protocol.timing.end_s
 
 
 def show(
@@ -319,9 +295,15 @@ def show(
         if progress:
             progress(done, len(tasks))
 
-    results(partial(_show, detectors), waiting, jobs, named=attrgetter("name"), progress=count)
+    results(
+        partial(_show, detectors),
+        waiting,
+        jobs,
+        named=lambda task: task.protocol.name,
+        progress=count,
+    )
     return [
-        Shown(column, task.key, task.name, task.motion_end_s, _kept(task) or [])
+        Shown(column, task.key, task.protocol.name, task.protocol.timing.end_s, _kept(task) or [])
         for column, task in listed
     ]
 
@@ -356,7 +338,7 @@ def _task(
     key = hashlib.sha256(text.encode()).hexdigest()
     # Two columns may show one stimulus with other settings under one name.
     kept = folder / f"{file_stem(protocol.name)}.{key[:8]}.json"
-    return _Task(protocol.name, protocol, kept, key)
+    return _Task(protocol, kept, key)
 
 
 def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
@@ -369,7 +351,7 @@ def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
             for name, output in outputs.items():
                 measured[name] = _measure(name, times, output.response, output.alarm)
     except OpploadError as error:
-        raise type(error)(f"{task.name}: {error}") from error
+        raise type(error)(f"{task.protocol.name}: {error}") from error
     rows = [asdict(measured[each.name]) for each in detectors]
     write_atomic(task.kept, json.dumps({"key": task.key, "measured": rows}, indent=1) + "\n")
 

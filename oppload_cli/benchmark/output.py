@@ -131,7 +131,12 @@ class Benchmark:
     ) -> None:
         self.shown, self.detectors, self.clips = shown, list(evaluated), clips
         self.names = [each.name for each in evaluated]
-        self._peaks = {name: np.array([_peak(each, name) for each in shown]) for name in self.names}
+        found = {
+            name: [next(one for one in each.measured if one.detector == name) for each in shown]
+            for name in self.names
+        }
+        self._peaks = {name: np.array([one.peak or 0.0 for one in found[name]]) for name in found}
+        self._alarmed = {name: np.array([one.alarms > 0 for one in found[name]]) for name in found}
         first = next(i for i, each in enumerate(shown) if each.column is BATTERY[0])
         self.loom = {name: float(self._peaks[name][first]) for name in self.names}
         self.tables = [table for table in TABLES if len(self.labels(table)) > 1]
@@ -149,22 +154,18 @@ class Benchmark:
 
     def cells(self, table: Table, label: str, name: str) -> _Cells:
         """Return one cell of a table."""
-        found = [
-            (self._peaks[name][i], _alarms(each, name))
-            for i, each in enumerate(self.shown)
-            if (each.column.table, each.column.label) == (table.name, label)
+        part = [
+            (each.column.table, each.column.label) == (table.name, label) for each in self.shown
         ]
-        largest = max(peak for peak, _ in found)
-        return _Cells(
-            self.over_loom(name, largest), sum(alarms > 0 for _, alarms in found), len(found)
-        )
+        peaks, alarmed = self._peaks[name][part], self._alarmed[name][part]
+        return _Cells(self.over_loom(name, float(peaks.max())), int(alarmed.sum()), len(alarmed))
 
     def summary(self, name: str) -> _Summary:
         """Return the figures of one detector over the complete battery, each stimulus once."""
         once = np.sort(np.unique([each.key for each in self.shown], return_index=True)[1])
         shown, peaks = [self.shown[place] for place in once], self._peaks[name][once]
         kinds = np.array([each.column.kind for each in shown])
-        alarmed = np.array([_alarms(each, name) > 0 for each in shown])
+        alarmed = self._alarmed[name][once]
         looming, control = kinds == LOOMING, kinds == CONTROL
         higher = peaks[looming][:, None] - peaks[control]
         auc = float(np.mean(higher > 0) + np.mean(higher == 0) / 2) if higher.size else math.nan
@@ -184,15 +185,6 @@ class Benchmark:
             worst,
             cost,
         )
-
-
-def _peak(shown: Shown, name: str) -> float:
-    found = next(each for each in shown.measured if each.detector == name)
-    return found.peak or 0.0
-
-
-def _alarms(shown: Shown, name: str) -> int:
-    return next(each for each in shown.measured if each.detector == name).alarms
 
 
 def settings_of(
@@ -264,15 +256,16 @@ def write_benchmark(
     for name in (*earlier, *_FILES):
         with output_errors(folder / name):
             remove(folder / name)
-    with open_table(folder / "stimuli.csv", _STIMULI) as table:
-        for row in _rows(benchmark):
-            table.write(row)
-    yield folder / "stimuli.csv"
     summaries = {name: benchmark.summary(name) for name in benchmark.names}
-    with open_table(folder / "summary.csv", _SUMMARY) as table:
-        for name, summary in summaries.items():
-            table.write({"detector": name, **_known(summary._asdict())})
-    yield folder / "summary.csv"
+    figures = ({"detector": name, **each._asdict()} for name, each in summaries.items())
+    for name, columns, rows in (
+        ("stimuli.csv", _STIMULI, _rows(benchmark)),
+        ("summary.csv", _SUMMARY, figures),
+    ):
+        with open_table(folder / name, columns) as table:
+            for row in rows:
+                table.write({key: _known(value) for key, value in row.items()})
+        yield folder / name
     pictures = {}
     for each in benchmark.tables:
         figure = _drawn(benchmark, each)
@@ -280,13 +273,8 @@ def write_benchmark(
         save(figure, path)
         pictures[each.name] = image_bytes(figure, "png", 160)
         yield path
-    sidecar = {
-        "schema": _SCHEMA,
-        "tool": environment(),
-        "command": list(command),
-        **settings,
-    }
-    write_sidecar(folder / _SIDECAR, sidecar)
+    facts = {"schema": _SCHEMA, "tool": environment(), "command": list(command)}
+    write_sidecar(folder / _SIDECAR, {**facts, **settings})
     yield folder / _SIDECAR
     write_atomic(folder / "benchmark.html", _page(benchmark, summaries, pictures))
     yield folder / "benchmark.html"
@@ -295,41 +283,27 @@ def write_benchmark(
 def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
     for each in benchmark.shown:
         for found in each.measured:
-            over = benchmark.over_loom(found.detector, found.peak or 0.0)
-            yield _known(
-                {
-                    "table": each.column.table,
-                    "column": each.column.label,
-                    "kind": each.column.kind,
-                    "stimulus": each.stimulus,
-                    "detector": found.detector,
-                    "peak": found.peak,
-                    "peak_over_loom": over,
-                    "peak_time_s": found.peak_time_s,
-                    "motion_end_s": each.motion_end_s,
-                    "alarms": found.alarms,
-                    "first_alarm_s": found.first_alarm_s,
-                }
-            )
+            yield {
+                "table": each.column.table,
+                "column": each.column.label,
+                "kind": each.column.kind,
+                "stimulus": each.stimulus,
+                "detector": found.detector,
+                "peak": found.peak,
+                "peak_over_loom": benchmark.over_loom(found.detector, found.peak or 0.0),
+                "peak_time_s": found.peak_time_s,
+                "motion_end_s": each.motion_end_s,
+                "alarms": found.alarms,
+                "first_alarm_s": found.first_alarm_s,
+            }
 
 
-def _known(row: Mapping[str, Any]) -> dict[str, Cell]:
-    return {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value
-        for key, value in row.items()
-    }
+def _known(value: Cell) -> Cell:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _drawn(benchmark: Benchmark, table: Table) -> Figure:
-    """Draw one table as a heat map: response over that to the looming disk, dots for alarms.
-
-    Parameters
-    ----------
-    benchmark : Benchmark
-        The measurements.
-    table : Table
-        One table of the benchmark.
-    """
+    """Draw one table as a heat map: response over that to the looming disk, dots for alarms."""
     labels, names = benchmark.labels(table), benchmark.names
     cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]
     values = np.array([[cell.over_loom for cell in row] for row in cells])
@@ -404,14 +378,10 @@ def _page(
         ]
     return rendered(
         "benchmark.html",
-        summaries=sorted(summaries.items(), key=lambda item: -_rank(item[1])),
+        summaries=sorted(summaries.items(), key=lambda item: -np.nan_to_num(item[1].auc, nan=-1.0)),
         tables=[(table, embedded(pictures[table.name])) for table in benchmark.tables],
         clips=clips,
         detectors={name: detectors()[name.partition(":")[0]] for name in benchmark.names},
         label_of=label_of,
         number=number,
     )
-
-
-def _rank(summary: _Summary) -> float:
-    return -1.0 if math.isnan(summary.auc) else summary.auc
