@@ -55,11 +55,6 @@ class Extent(NamedTuple):
     y: float
     opponency: float
 
-    @property
-    def size(self) -> float:
-        """Geometric mean of the half sizes."""
-        return math.sqrt(self.x * self.y)
-
 
 class Products:
     """The opponent products about any one unit of the latest frame, over all of the frame.
@@ -67,10 +62,7 @@ class Products:
     ``O(u) = S_phi(c + u) S_(phi+180)(c - u)``, summed over both axes, as in
     ``docs/model.md``, section 5, but not cut off by the receptive field.
 
-    Parameters
-    ----------
-    maps : UnitMaps
-        With pooled pathways.
+    `maps` must have pooled pathways.
     """
 
     def __init__(self, maps: UnitMaps) -> None:
@@ -122,17 +114,7 @@ class Products:
     def better_unit(self, row: int, column: int, extent: Extent) -> tuple[int, int]:
         """Return the unit with the most outward motion about it, among a unit and its 8 neighbours.
 
-        Parameters
-        ----------
-        row, column : int
-            The unit.
-        extent : Extent
-            Of the object; its window serves all nine.
-
-        Returns
-        -------
-        tuple of int
-            Row and column.
+        The window of `extent` serves all nine.
         """
         rows, columns = self._maps.responses.shape
         best, found = -math.inf, (row, column)
@@ -376,18 +358,10 @@ class Contact:
     def remaining(self, time_s: float) -> tuple[float, float] | None:
         """Return the time to contact and its error.
 
-        Parameters
-        ----------
-        time_s : float
-            Now, in seconds.
-
-        Returns
-        -------
-        tuple of float, or None
-            Both in seconds, above 0; None unless it is determined: enough frames over a long
-            enough time, enough growth, and a standard error of the mean below `largest_error`
-            of it. The error is that of a time from a single growth: the growths of an object err
-            alike, so that their mean is hardly better.
+        Both are in seconds, above 0. None unless it is determined: enough frames over a long
+        enough time, enough growth, and a standard error of the mean below `largest_error` of it.
+        The error is that of a time from a single growth: the growths of an object err alike, so
+        that their mean is hardly better.
         """
         while self._samples and self._samples[0][0] < time_s - self._params.memory_s:
             self._samples.popleft()

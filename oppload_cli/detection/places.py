@@ -96,21 +96,11 @@ class _Peak(NamedTuple):
     response: float
 
 
-def peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
+def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     """Find the units that answer more than every other one in their receptive field.
 
-    Parameters
-    ----------
-    maps : UnitMaps
-        Of the frame.
-    params : PlaceParams
-        Floor and share of the responses, and the largest number of units.
-
-    Returns
-    -------
-    list of _Peak
-        The largest response first: the winning unit of the frame, if it is above
-        the floor. No peak lies in the receptive field of an earlier one.
+    The largest response comes first: it is that of the winning unit of the frame, if it is above
+    the floor. No peak lies in the receptive field of an earlier one.
     """
     responses = maps.responses
     largest = float(responses.max())
@@ -131,21 +121,8 @@ def peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     return found
 
 
-def focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
-    """Refine a peak to less than a cell: the top of a parabola through log R.
-
-    Parameters
-    ----------
-    maps : UnitMaps
-        Of the frame.
-    row, column : int
-        The peak.
-
-    Returns
-    -------
-    tuple of float
-        (x, y) in working pixels; within half a cell of the unit.
-    """
+def _focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
+    """Return the place (x, y) of a peak in working pixels, within half a cell of its unit."""
     x = _top(maps.responses[row], maps.centres_x, column)
     y = _top(maps.responses[:, column], maps.centres_y, row)
     return x, y
@@ -158,6 +135,7 @@ def _shares_field(maps: UnitMaps, row: int, column: int, peak: _Peak) -> bool:
 
 
 def _top(values: Map, centres: Floats, index: int) -> float:
+    """Return where the parabola through the logarithm of a peak and its neighbours is highest."""
     here = float(centres[index])
     if not 0 < index < len(centres) - 1 or not (values[index - 1 : index + 2] > 0).all():
         return here
@@ -244,7 +222,7 @@ class Places:
         luma : ndarray of float32, shape (height, width)
             The working frame.
         time_s : float
-            The frame's presentation time in seconds.
+            Its presentation time in seconds.
 
         Returns
         -------
@@ -255,7 +233,7 @@ class Places:
         self._maps = maps
         if maps.pathways:
             self._look(luma, time_s)
-        found = peaks(maps, self._params)
+        found = _peaks(maps, self._params)
         self._products = Products(maps) if found and maps.pathways else None
         oldest = time_s - self._params.gap_s
         if self._before_s is not None:
@@ -294,7 +272,7 @@ class Places:
         if extent is None:
             return None
         self._count += 1
-        x, y = focus(self._maps, peak.row, peak.column)
+        x, y = _focus(self._maps, peak.row, peak.column)
         track = Track(
             self._count,
             peak.row,
@@ -318,7 +296,7 @@ class Places:
     def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
         """Take an object on to the latest frame."""
         row, column = peak.row, peak.column
-        x, y = focus(self._maps, row, column)
+        x, y = _focus(self._maps, row, column)
         extent = self._measured(row, column, track.extent.x, track.extent.y)
         if self._products and max(abs(row - track.row), abs(column - track.column)) > 1:
             # The peak is an edge of an object larger than the field, or a new focus: the unit with
@@ -371,22 +349,7 @@ class Detections:
         self._cause: int | None = None
 
     def step(self, maps: UnitMaps, luma: Map, time_s: float) -> tuple[Detection, ...]:
-        """Find the objects of the latest frame.
-
-        Parameters
-        ----------
-        maps : UnitMaps
-            The units at that frame.
-        luma : ndarray of float32, shape (height, width)
-            The working frame.
-        time_s : float
-            The frame's presentation time in seconds.
-
-        Returns
-        -------
-        tuple of Detection
-            The largest response first, without an alarm.
-        """
+        """Find the objects of the latest frame, as :meth:`Places.step`; they have no alarm yet."""
         return tuple(self._detection(track) for track in self._places.step(maps, luma, time_s))
 
     def with_alarm(
@@ -423,10 +386,7 @@ class Detections:
     def of_box(self, answer: Response) -> tuple[Detection, ...]:
         """Return the only object of a detector without units: the place of its response.
 
-        Parameters
-        ----------
-        answer : Response
-            With a box in working pixels, or without one.
+        The box of `answer` is in working pixels.
         """
         if answer.box is None:
             return ()

@@ -9,7 +9,7 @@ import pytest
 
 from oppload_cli.detection.growth import Products
 from oppload_cli.detection.parameters import PlaceParams
-from oppload_cli.detection.places import focus, peaks
+from oppload_cli.detection.places import _focus, _peaks
 from oppload_cli.models.detector import UnitMaps
 
 CELLS, CELL = 41, 8.0
@@ -47,7 +47,7 @@ def test_what_moves_far_outside_an_object_does_not_count() -> None:
     apart(maps, 8, 8, 0.1)
     extent = Products(maps).extent(MIDDLE, MIDDLE, 100, 100)
     assert extent is not None
-    assert extent.size == pytest.approx(math.sqrt(2 * 16**2 - 4**2))
+    assert math.sqrt(extent.x * extent.y) == pytest.approx(math.sqrt(2 * 16**2 - 4**2))
 
 
 def test_what_moves_together_counts_against_the_opponency_only() -> None:
@@ -65,7 +65,7 @@ def test_peaks_have_a_receptive_field_to_themselves() -> None:
     maps = blank()
     for row, column, response in ((20, 20, 9.0), (20, 26, 8.0), (20, 27, 0.0), (27, 20, 5.0)):
         maps.responses[row, column] = response
-    found = peaks(maps, PlaceParams(share=0))
+    found = _peaks(maps, PlaceParams(share=0))
     # 48 px away is within half a field of 100 px, 56 px is not.
     assert found == [(20, 20, 9.0), (27, 20, 5.0)]
 
@@ -74,18 +74,18 @@ def test_without_a_floor_every_answer_counts() -> None:
     maps = blank()
     maps.responses[5, 5], maps.responses[30, 30] = 1.0, 1e-30
     everything = PlaceParams(floor=0, share=0)
-    assert [(peak.row, peak.column) for peak in peaks(maps, everything)] == [(5, 5), (30, 30)]
+    assert [(peak.row, peak.column) for peak in _peaks(maps, everything)] == [(5, 5), (30, 30)]
 
 
 def test_nothing_answers_in_empty_maps() -> None:
-    assert peaks(blank(), PlaceParams(floor=0, share=0)) == []
+    assert _peaks(blank(), PlaceParams(floor=0, share=0)) == []
 
 
 def test_the_focus_is_the_top_of_a_bell() -> None:
     maps = blank()
     y, x = np.mgrid[:CELLS, :CELLS]
     maps.responses[:] = np.exp(-((x - 20.3) ** 2 + (y - 11.8) ** 2) / 6)
-    [peak] = peaks(maps, PlaceParams())
+    [peak] = _peaks(maps, PlaceParams())
     assert (peak.row, peak.column) == (12, 20)
-    assert focus(maps, 12, 20) == pytest.approx((20.8 * CELL, 12.3 * CELL), abs=0.01)
-    assert focus(maps, 0, 40) == (maps.centres_x[40], maps.centres_y[0])
+    assert _focus(maps, 12, 20) == pytest.approx((20.8 * CELL, 12.3 * CELL), abs=0.01)
+    assert _focus(maps, 0, 40) == (maps.centres_x[40], maps.centres_y[0])
