@@ -92,8 +92,8 @@ def evaluated_detectors(
         If a name is not known, a value out of range, or a parameter that of no evaluated detector.
     """
     chosen = _full_names(names)
-    with_presets, others = _by_presets()
-    own = [name for name in chosen if name not in others] or _usual(with_presets)
+    _, others = _by_presets()
+    own = [name for name in chosen if name not in others] or _usual()
     rest = [name for name in others if detectors()[name].evaluated or name in chosen]
     handling = RepeatParams(handling=repeats) if repeats else RepeatParams()
     found = [_evaluated(name, handling) for name in (*own, *rest)]
@@ -134,24 +134,24 @@ def _by_presets() -> tuple[list[str], list[str]]:
     return changed, [name for name in detectors() if name not in changed]
 
 
-def _usual(with_presets: Iterable[str]) -> list[str]:
-    return [f"{name}:{preset}" for name in with_presets for preset in _USUAL_PRESETS]
+def _usual() -> list[str]:
+    return [f"{name}:{preset}" for name in _by_presets()[0] for preset in _USUAL_PRESETS]
 
 
 def _full_names(names: Iterable[str]) -> list[str]:
     """Return each name once, with missing presets filled in and variants by their own names."""
     with_presets, others = _by_presets()
-    known = [*(f"{name}:{preset}" for name in with_presets for preset in PRESETS), *others]
     full: list[str] = []
     for name in names:
         variant = name.replace(":", "_")
         if name == ALL:
-            full += _usual(with_presets)
+            full += _usual()
             full += [other for other in others if not detectors()[other].variant_of]
         elif name in with_presets:
             full.append(f"{name}:{DEFAULT_PRESET}")
         else:
             full.append(variant if variant in others else name)
+    known = [*(f"{name}:{preset}" for name in with_presets for preset in PRESETS), *others]
     for name in full:
         if name not in known:
             raise ParameterError(f"no model '{name}'{suggestion(name, known)}")
@@ -161,13 +161,12 @@ def _full_names(names: Iterable[str]) -> list[str]:
 def _evaluated(full_name: str, repeats: RepeatParams) -> EvaluatedDetector:
     name, _, preset = full_name.partition(":")
     preset = preset or DEFAULT_PRESET
-    meaning = PRESETS[preset].meaning if detectors()[name].presets else detectors()[name].meaning
-    params = parameters_of(name, preset)
+    detector = detectors()[name]
     return EvaluatedDetector(
         full_name,
-        meaning,
+        PRESETS[preset].meaning if detector.presets else detector.meaning,
         PRESETS[preset].height,
-        params,
+        parameters_of(name, preset),
         alarm_params(preset),
         repeats,
         time_params(preset),

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.clips import Label, Numbers
     from oppload_cli.evaluation.metrics.intervals import Measurement
     from oppload_cli.evaluation.metrics.measures import Performance
+    from oppload_cli.models.detector import Box
     from oppload_cli.results.table import FrameRecord
     from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.video.frames import DecodedSource, Frame, FrameSource
@@ -299,20 +300,26 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
 
 
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
-    found = [record.responses.get(detector.detector) for record in records]
+    name = detector.detector
+    found = [record.responses.get(name) for record in records]
     response = _answered(_numbers(None if each is None else each.response for each in found))
-    alarm = np.array([record.alarms.get(detector.detector, False) for record in records], bool)
-    if not detector_named(detector.detector).places:
+    alarm = np.array([record.alarms.get(name, False) for record in records], bool)
+    if not detector_named(name).places:
         return Output(response, response, alarm)
-    boxes = [None if each is None else each.box for each in found]
-    winner = [
-        [np.nan] * 4 if one is None else [one.x, one.y, one.width, one.height] for one in boxes
-    ]
-    objects = [record.objects.get(detector.detector) for record in records]
-    seen = [[np.nan] * 4 if one is None else list(one.box) for one in objects]
-    left = _numbers(None if one is None else one.time_to_contact_s for one in objects)
-    evidence = _numbers(map(detector.alarm.evidence, response, left))
-    return Output(response, evidence, alarm, np.array(winner, float), np.array(seen, float), left)
+    objects = [record.objects.get(name) for record in records]
+    left = _numbers(each and each.time_to_contact_s for each in objects)
+    return Output(
+        response,
+        _numbers(map(detector.alarm.evidence, response, left)),
+        alarm,
+        _boxes(None if each is None else each.box for each in found),
+        _boxes(each and each.box for each in objects),
+        left,
+    )
+
+
+def _boxes(boxes: Iterable[Box | None]) -> Numbers:
+    return np.array([[np.nan] * 4 if box is None else [*box] for box in boxes], float)
 
 
 def _answered(response: Numbers) -> Numbers:
