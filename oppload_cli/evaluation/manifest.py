@@ -21,7 +21,7 @@ from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.video.inputs import GROUND_TRUTH, is_video
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from oppload_cli.evaluation.metrics.clips import Box
     from oppload_cli.stimulus.protocol import Protocol
@@ -136,10 +136,8 @@ def read_manifest(path: Path) -> Manifest:
 def _notes_of(path: Path, header: Sequence[str]) -> tuple[str, ...]:
     """Return a sentence on the columns that are ignored; a misspelt one is told."""
     unknown = [name for name in dict.fromkeys(header) if name not in _KNOWN]
-    if not unknown:
-        return ()
-    told = [f"'{name}'{_meant(name, _KNOWN)}" for name in unknown]
-    return (f"{path}: ignores its columns {', '.join(told)}",)
+    told = ", ".join(f"'{name}'{_meant(name, _KNOWN)}" for name in unknown)
+    return (f"{path}: ignores its columns {told}",) if unknown else ()
 
 
 def _meant(name: str, known: Sequence[str]) -> str:
@@ -255,11 +253,17 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
     for entry in manifest.entries:
         name = entry.label.name
         boxes: dict[int, Box] = {}
-        for found in _boxes(content.get(name, {})):
-            if isinstance(found, _RowError):
-                faults.append(f"{path}: {name}: {found}")
+        of_clip = content.get(name, {})
+        if not isinstance(of_clip, dict):
+            faults.append(f"{path}: {name}: must be an object of frames; correct it")
+            of_clip = {}
+        for frame, box in of_clip.items():
+            fault = _fault_of_box(frame, box)
+            if fault:
+                faults.append(f"{path}: {name}: {fault}")
             else:
-                boxes[found[0]] = found[1]
+                left, top, width, height = map(float, box)
+                boxes[int(frame)] = left, top, width, height
         entries.append(replace(entry, label=replace(entry.label, boxes=boxes)))
     return replace(manifest, entries=entries, faults=faults)
 
@@ -275,30 +279,21 @@ def _content(path: Path) -> dict[str, Any]:
     return content
 
 
-def _boxes(of_clip: object) -> Iterator[tuple[int, Box] | _RowError]:
-    if not isinstance(of_clip, dict):
-        yield _RowError("must be an object of frames; correct it")
-        return
-    for frame, box in of_clip.items():
-        if not re.fullmatch(r"[0-9]{1,9}", frame):
-            yield _RowError(f"frame '{frame}' must be a whole number from 0; correct it")
-        elif not _is_box(box):
-            yield _RowError(
-                f"frame {frame}: a box must be [left, top, width, height] in pixels with a width "
-                f"and height above 0, not {json.dumps(box)[:60]}"
-            )
-        else:
-            yield int(frame), (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
-
-
-def _is_box(box: object) -> bool:
-    return (
+def _fault_of_box(frame: str, box: object) -> str:
+    """Return in words why an entry of the file of boxes is no box of a frame; empty if it is."""
+    if not re.fullmatch(r"[0-9]{1,9}", frame):
+        return f"frame '{frame}' must be a whole number from 0; correct it"
+    if (
         isinstance(box, list)
         and len(box) == 4
         and all(isinstance(side, int | float) and not isinstance(side, bool) for side in box)
         and all(math.isfinite(side) and abs(side) < 1e9 for side in box)
-        and box[2] > 0
-        and box[3] > 0
+        and min(box[2:]) > 0
+    ):
+        return ""
+    return (
+        f"frame {frame}: a box must be [left, top, width, height] in pixels with a width "
+        f"and height above 0, not {json.dumps(box)[:60]}"
     )
 
 
@@ -326,9 +321,12 @@ def clips_of(
         If an input cannot be read.
     """
     manifest = _manifest_in(inputs)
-    _check_options(manifest, boxes, (*backgrounds, *changes))
     if manifest is not None:
+        if backgrounds or changes:
+            raise ParameterError("--background and --change go with stimuli, not with a manifest")
         return with_boxes(read_manifest(manifest), boxes)
+    if boxes is not None:
+        raise ParameterError("--boxes goes with a manifest; the boxes of stimuli are known")
     settings = dict(parsed_setting(text) for text in changes)
     names = [name for name in inputs if not _is_clip(name)]
     videos = [Path(name) for name in inputs if _is_clip(name)]
@@ -337,7 +335,7 @@ def clips_of(
 
 def _is_clip(name: str) -> bool:
     """Tell whether an input is a file that is no protocol."""
-    return os.path.isfile(name) and not name.endswith(".toml")  # noqa: PTH113 - any name
+    return is_file(Path(name)) and not name.endswith(".toml")
 
 
 def _manifest_in(inputs: Sequence[str]) -> Path | None:
@@ -361,13 +359,6 @@ def _manifest_in(inputs: Sequence[str]) -> Path | None:
             )
         return path
     return path if path.suffix == ".csv" else None
-
-
-def _check_options(manifest: Path | None, boxes: Path | None, of_stimuli: Sequence[object]) -> None:
-    if manifest is None and boxes is not None:
-        raise ParameterError("--boxes goes with a manifest; the boxes of stimuli are known")
-    if manifest is not None and of_stimuli:
-        raise ParameterError("--background and --change go with stimuli, not with a manifest")
 
 
 def _protocols_of(
@@ -413,17 +404,8 @@ def _truth_beside(video: Path) -> Path:
 def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
     """Return stimuli, and videos of stimuli, with the labels that their ground truth gives.
 
-    Parameters
-    ----------
-    protocols : sequence of Protocol
-        Stimuli, which are drawn when they are analysed.
-    videos : sequence of Path
-        Each with its ``NAME.stimulus.json`` beside it.
-
-    Returns
-    -------
-    Manifest
-        A stimulus that cannot be drawn, or a video without truth, is a fault, not an error.
+    A stimulus is drawn when it is analysed; the truth of a video lies beside it. A stimulus that
+    cannot be drawn, or a video without truth, is a fault, not an error.
     """
     entries: list[Entry] = []
     faults = []
@@ -507,13 +489,7 @@ def _within(box: Sequence[float] | None, wide: int, high: int) -> Box | None:
 
 
 def _conditions_of(protocol: Table) -> dict[str, str]:
-    """Return the conditions by which a clip is grouped, by name.
-
-    Parameters
-    ----------
-    protocol : dict
-        The resolved protocol.
-    """
+    """Return the conditions by which a clip is grouped, by name, from its resolved protocol."""
     scene, camera = protocol.get("scene", {}), protocol.get("camera", {})
     pictures = [each for each in protocol.get("object", []) if each["kind"] == PICTURE]
     moves = [f"{word} {camera[key]:g}" for key, word in _CAMERA.items() if camera.get(key)]

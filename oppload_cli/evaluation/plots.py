@@ -46,12 +46,9 @@ def _detection(axes: Axes, performances: Performances) -> None:
 
 
 def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
-    """Return the detection rate for each number of false alarms per minute.
+    """Return rising false alarms per minute, and the detection rate at each of them.
 
-    Returns
-    -------
-    rates, detected : ndarray, shape (m,)
-        Both arrays rise; they are empty without an approach or without other footage.
+    Both are empty without an approach or without other footage.
     """
     thresholds = performance.thresholds
     once = np.ones(len(thresholds.minutes), np.int64)
