@@ -68,13 +68,8 @@ _FILES = ("stimuli.csv", "summary.csv", _SIDECAR, "benchmark.html")
 class _Cells(NamedTuple):
     """One column of a table for one detector.
 
-    Attributes
-    ----------
-    over_loom : float
-        Largest response of its stimuli over that to the looming disk; 0 without a response to them,
-        infinite without a response to the disk alone.
-    alarmed, stimuli : int
-        How many of its stimuli alarmed, and how many there are.
+    `over_loom` is the largest response to its stimuli over that to the looming disk: 0 without a
+    response to them, infinite without a response to the disk alone.
     """
 
     over_loom: float
@@ -83,21 +78,11 @@ class _Cells(NamedTuple):
 
 
 class _Summary(NamedTuple):
-    """The figures of one detector over the complete battery.
+    """The figures of one detector over the complete battery: a row of ``summary.csv``.
 
-    Attributes
-    ----------
-    auc : float
-        Chance that its peak is larger for a looming stimulus than for a control, 0 to 1;
-        0.5 is chance.
-    looming_alarmed, looming, controls_alarmed, controls : int
-        How many stimuli alarmed, of how many. A stimulus of several tables counts once.
-    largest_control_over_loom : float
-        Of all controls.
-    largest_control : str
-        Column of this control.
-    cost_ms : float or None
-        Per frame of 427 x 240 on one core.
+    A stimulus of several tables counts once. `auc` is the chance that its peak is larger for a
+    looming stimulus than for a control; 0.5 tells nothing apart. `largest_control` is the column
+    of that control. `cost_ms` is per frame of 427 x 240 on one core.
     """
 
     auc: float

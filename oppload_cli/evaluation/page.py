@@ -40,15 +40,7 @@ _HIGHEST = 3.0  # times the threshold at the top of a strip
 
 
 class _Definition(NamedTuple):
-    """A measure.
-
-    Attributes
-    ----------
-    title, unit : str
-        For the reader; the unit is empty for a share.
-    text : str
-        How it is measured, in plain words.
-    """
+    """A measure for the reader: its unit is empty for a share, its text says how it is measured."""
 
     title: str
     unit: str
@@ -252,22 +244,9 @@ def _duration(minutes: float) -> str:
 class _Still(NamedTuple):
     """A moment as the page shows it.
 
-    Attributes
-    ----------
-    clip : Clip
-        The clip.
-    frame : int
-        The frame.
-    picture : str or None
-        Address of the picture; None for a frame that could not be decoded again.
-    label, winner : tuple of float, or None
-        The labelled box, and the field of the winning unit, in source pixels.
-    strip : Strip
-        The evidence over the clip.
-    time : str
-        Time before contact, or the kind of motion.
-    evidence : str
-        In thresholds, if the threshold is known.
+    `picture` is an address, or None for a frame that could not be decoded again; `label` and
+    `winner` are the labelled box and the field of the winning unit, in source pixels; `time` is
+    the time before contact, or the kind of motion.
     """
 
     clip: Clip
@@ -427,16 +406,8 @@ def _jpeg(grey: MatLike) -> bytes:
 class _Strip(NamedTuple):
     """A detector's evidence over a clip, as a drawing of `WIDTH` x `HEIGHT`.
 
-    Attributes
-    ----------
-    approach : tuple of float, or None
-        Left edge and width of the approach.
-    points : list of tuple of float
-        x and y of the evidence.
-    threshold : float or None
-        y of the threshold.
-    now : float
-        x of the frame shown.
+    `approach` is its left edge and width; `points` and `threshold` are places of the evidence,
+    and `now` is that of the frame shown.
     """
 
     approach: tuple[float, float] | None

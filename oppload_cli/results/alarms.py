@@ -16,18 +16,16 @@ if TYPE_CHECKING:
 
     from oppload_cli.results.table import FrameRecord
 
-COLUMNS: dict[str, tuple[type, str]] = {
-    "video": (str, "the input, as it was named"),
-    "model": (str, "the detector"),
-    "start_frame": (int, "frame in which the alarm went on"),
-    "start_s": (float, "its presentation time"),
-    "end_s": (float, "presentation time of the last frame with the alarm on"),
-    "peak_over_threshold": (float, "largest response over its threshold"),
-    "x": (float, "left edge of the looming object's box at that response, in source px"),
-    "y": (float, "top edge"),
-    "width": (float, "width"),
-    "height": (float, "height"),
-    "time_to_contact_s": (float, "from the alarm's start, by the first estimate in it"),
+_SIDES = "x", "y", "width", "height"
+_COLUMNS: dict[str, type] = {
+    "video": str,
+    "model": str,
+    "start_frame": int,
+    "start_s": float,
+    "end_s": float,
+    "peak_over_threshold": float,
+    **dict.fromkeys(_SIDES, float),
+    "time_to_contact_s": float,
 }
 
 
@@ -37,11 +35,16 @@ class _AlarmEvent:
 
     Attributes
     ----------
-    start_frame, start_s, end_s, peak_over_threshold, time_to_contact_s
-        As in `COLUMNS`.
+    start_frame, start_s, end_s
+        The frame in which it goes on, its presentation time, and that of the last frame with the
+        alarm on.
+    peak_over_threshold : float
+        Largest response over its threshold.
     box : list of float or None
         x, y, width and height in source pixels at the largest response; None where nothing
         has a place.
+    time_to_contact_s : float or None
+        From the alarm's start, by the first estimate in it.
     near_contact : bool or None
         Whether the response was not above the threshold as it began, but an object had a time to
         contact; None where that is not known.
@@ -259,7 +262,7 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
     rows = [row for row in _rows_in(path) if row["video"] not in names]
     for video, verdicts in found.items():
         rows += [_row(video, each.model, alarm) for each in verdicts for alarm in each.alarms]
-    with open_table(path, {name: kind for name, (kind, _) in COLUMNS.items()}) as table:
+    with open_table(path, _COLUMNS) as table:
         for row in sorted(rows, key=lambda row: row["video"]):
             table.write(row)
 
@@ -267,7 +270,7 @@ def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
 def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
     row = {"video": printable(video), "model": model, **asdict(alarm)}
     box = row.pop("box") or [None] * 4
-    return row | dict(zip(("x", "y", "width", "height"), box, strict=True))
+    return row | dict(zip(_SIDES, box, strict=True))
 
 
 def _rows_in(path: Path) -> list[dict[str, Any]]:
@@ -275,6 +278,6 @@ def _rows_in(path: Path) -> list[dict[str, Any]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.DictReader(file)
-            return list(reader) if reader.fieldnames == list(COLUMNS) else []
+            return list(reader) if reader.fieldnames == list(_COLUMNS) else []
     except (OSError, ValueError, csv.Error):
         return []

@@ -66,7 +66,7 @@ _SUMMARY_COLUMNS = {**_ABOUT_INPUT, **_OF_MODEL}
 _REMEDY = "run its input again"
 
 
-class Collected(NamedTuple):
+class _Collected(NamedTuple):
     """How many results were collected, how many could not be, and the rows."""
 
     good: int
@@ -81,7 +81,7 @@ def collect(
     of_frames: bool,
     if_exists: str,
     told: Callable[[ResultError], object],
-) -> Collected:
+) -> _Collected:
     """Write one table of the results in folders.
 
     Parameters
@@ -128,7 +128,7 @@ def collect(
             if bad:
                 raise NoResultError(f"{where}: no result could be read; {_REMEDY}")
             raise ResultError(f"{where}: no result of 'oppload run' in there; check the folder")
-    return Collected(good, bad, rows)
+    return _Collected(good, bad, rows)
 
 
 def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
@@ -204,10 +204,7 @@ def _table_of(path: Path) -> Path:
 
 
 def _summary_rows(path: Path, name: str) -> Iterator[Row]:
-    """Yield a row per detector from a sidecar of a named result.
-
-    Raise ResultError if it is none, or if the table beside it has other rows than its run wrote.
-    """
+    """Yield a row per detector from the sidecar of a result with a name."""
     content, table = _sidecar(path), _table_of(path)
     if is_file(table):  # sidecars alone are enough
         _check_rows(table, content)
@@ -218,11 +215,7 @@ def _summary_rows(path: Path, name: str) -> Iterator[Row]:
 
 
 def _frame_rows(path: Path, name: str) -> Iterator[Row]:
-    """Yield the frames of the table beside a sidecar, with the name of the result.
-
-    Raise ResultError if that table does not exist, or is none of ``oppload run``, or has other rows
-    than its run wrote.
-    """
+    """Yield the frames of the table of a result, with its name."""
     content, table = _sidecar(path), _table_of(path)
     facts = content.get("input")
     source = str(facts.get("name", "")) if isinstance(facts, dict) else ""

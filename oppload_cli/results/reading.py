@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
+_SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
 NOTHING = 1e-6  # of an alarm's floor: rounding errors of pathways that cancel are below
@@ -181,7 +181,7 @@ def read_result(
     """
     ends = ("frame", "time_s", "_response", *needed)
     frames = read_table(path, _ANOTHER_RESULT, lambda name: name.endswith(ends))
-    result = BaseResult(path, frames, _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}")))
+    result = BaseResult(path, frames, _sidecar(_beside(path)))
     result.need(("frame", "time_s"))
     if not result.models:
         _alarm_params(result)  # says which detector is not known
@@ -224,7 +224,7 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
     ResultError
         If it cannot be read, or a line is no detection.
     """
-    path = table.with_name(f"{stem_of(table)}{DETECTIONS}")
+    path = _beside(table, DETECTIONS)
     path = part_of(path) if table.name.endswith(".part") else path
     if not is_there(path):
         return None
@@ -311,7 +311,7 @@ def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None
         values = check_numbers(path, frames, name)
         alarm = name.endswith(_ALARM)
         if alarm or name in {"frame", "time_s"}:
-            _check_filled(path, frames, name, "run it again")
+            _check_filled(path, name, values, "run it again")
         if alarm:
             _refuse(path, frames, name, ~np.isin(values, (0, 1)), "is neither 0 nor 1")
         elif kind_of_column(name) is int:
@@ -331,22 +331,24 @@ def title_and_input(result: BaseResult | Path) -> tuple[str, str]:
 
     It reads the sidecar alone, and raises no error.
     """
-    if not isinstance(result, BaseResult):
-        path, frames = result, pd.DataFrame()
+    if isinstance(result, Path):
         try:
-            sidecar = _sidecar(path.with_name(f"{stem_of(path)}{SIDECAR}"))
+            sidecar = _sidecar(_beside(result))
         except ResultError:  # reading the result gives the reason
             sidecar = {}
-        result = BaseResult(path, frames, sidecar)
+        result = BaseResult(result, pd.DataFrame(), sidecar)
     return result.title, str(result.part("input").get("name") or result.stem)
 
 
 def stem_of(path: Path) -> str:
     """Return the name of a result without the suffixes of its table."""
-    for suffix in SUFFIXES:
-        if path.name.endswith(suffix):
-            return path.name.removesuffix(suffix)
-    return path.stem
+    suffix = next((each for each in _SUFFIXES if path.name.endswith(each)), path.suffix)
+    return path.name.removesuffix(suffix)
+
+
+def _beside(table: Path, suffix: str = SIDECAR) -> Path:
+    """Return another file of the result whose table this is: its sidecar, or its detections."""
+    return table.with_name(stem_of(table) + suffix)
 
 
 def is_tuning(path: Path) -> bool:
@@ -392,7 +394,8 @@ def read_tuning(path: str | Path) -> Tuning:
     unknown = sorted(set(map(str, rows["model"])) - set(known_names()))
     if unknown:
         raise ResultError(f"{path}: its detector '{unknown[0]}' is not known here; {_LOAD_IT} ...'")
-    _check_filled(path, rows, "peak", "make the stimulus longer than the warm-up of the detector")
+    peaks = check_numbers(path, rows, "peak")
+    _check_filled(path, "peak", peaks, "make the stimulus longer than the warm-up of the detector")
     return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
 
 
@@ -432,8 +435,8 @@ def _refuse(path: Path, table: pd.DataFrame, name: str, bad: NDArray[np.bool_], 
         )
 
 
-def _check_filled(path: Path, table: pd.DataFrame, name: str, advice: str) -> None:
-    empty = np.isnan(check_numbers(path, table, name))
+def _check_filled(path: Path, name: str, values: NDArray[np.float64], advice: str) -> None:
+    empty = np.isnan(values)
     if empty.any():
         line = int(empty.argmax()) + 2
         raise ResultError(f"{path}: column '{name}' is empty in line {line}; {advice}")

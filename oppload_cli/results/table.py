@@ -209,25 +209,14 @@ class ModelSummary:
     alarm_frames: int = 0
 
     def add(self, record: FrameRecord, model: str) -> None:
-        """Take one frame's record.
-
-        Parameters
-        ----------
-        record : FrameRecord
-            The frame.
-        model : str
-            The detector that this summary is of.
-        """
+        """Take one frame's record; `model` is the detector that this summary is of."""
         answer = record.responses[model]
         if answer is None:
             return
         self.frames += 1
         if self.peak is None or answer.response > self.peak:
-            self.peak, self.peak_frame, self.peak_time_s = (
-                answer.response,
-                record.frame,
-                record.time_s,
-            )
+            self.peak = answer.response
+            self.peak_frame, self.peak_time_s = record.frame, record.time_s
         if answer.response > 0 and self.first_response_frame is None:
             self.first_response_frame, self.first_response_time_s = record.frame, record.time_s
         if record.alarms[model]:
@@ -253,14 +242,9 @@ def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str,
     path : Path
         The file.
     kind : type
-        Of the error to raise.
+        Of the error to raise if it cannot be read, is no JSON, or is of another version.
     remedy : str
-        What the user can do where it is none, such as ``run its input again``.
-
-    Raises
-    ------
-    OpploadError
-        Of `kind`, if it cannot be read, is no JSON, or is of another version.
+        What the user can do then, such as ``run its input again``.
     """
     with reading(path, kind, form="JSON", check="check its rights", repair=remedy):
         content = json.loads(text_of(path))
@@ -272,12 +256,7 @@ def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str,
 def fault_of_rows(table: Path, sidecar: Mapping[str, Any]) -> str:
     """Return in words that a table has other rows than its run wrote; empty where it has them.
 
-    Parameters
-    ----------
-    table : Path
-        A finished table; a row without its line end is cut, and does not count.
-    sidecar : dict
-        Its content.
+    A row without its line end is cut, and does not count.
 
     Raises
     ------
@@ -294,9 +273,9 @@ def write_sidecar(path: Path, content: dict[str, Any]) -> None:
     Parameters
     ----------
     path : Path
-        Final name of the sidecar, which appears complete or not at all.
+        Its final name.
     content : dict
-        Ready for JSON; ``schema`` is added.
+        Ready for JSON; ``schema`` is added if it lacks one.
 
     Raises
     ------

@@ -42,13 +42,9 @@ HELD_OUT = "held out"
 class _Outcomes:
     """Detections and false alarms in every clip, under one rule of alarm.
 
-    Attributes
-    ----------
-    detected, lead_s : ndarray, shape (clips,)
-        1 or 0, and seconds before contact; NaN for a clip without an approach, for an alarm that
-        is held from one approach through the next, and for the lead of one that is not detected.
-    false_alarms : ndarray, shape (clips,)
-        In the clip's footage without an approach.
+    `detected` (1 or 0) and `lead_s` (before contact) are NaN for a clip without an approach, and
+    for an alarm that is held from one approach through the next; so is the lead of an approach
+    that is not detected. `false_alarms` are those in the clip's footage without an approach.
     """
 
     detected: Numbers

@@ -264,21 +264,12 @@ def _contact_error(clip: Clip, detector: str) -> float:
 
 
 class _Place(NamedTuple):
-    """A boxed frame of a clip with the distance of the winning unit.
+    """A boxed frame of a clip, whose number is `clip`, with the distance of the winning unit.
 
-    Attributes
-    ----------
-    clip : int
-        Position of the clip.
-    frame : int
-        The frame.
-    near : bool
-        Whether it is within 15 frames before contact, or at it.
-    distance_px, distance_diagonals : float
-        From the centre of the winning unit to that of the box, in source pixels and
-        in diagonals of the box; NaN without a winner.
-    inside : bool
-        Whether the unit's centre is inside the box grown by half its size.
+    `near` tells whether it is within 15 frames before contact, or at it. The distances are from
+    the centre of the winning unit to that of the box, in source pixels and in diagonals of the
+    box; NaN without a winner. `inside` tells whether the unit's centre is inside the box grown by
+    half its size.
     """
 
     clip: int
