@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, make_dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
@@ -15,6 +15,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from oppload_cli.models.detector import Detector
+
+
+def _seconds(default: float, meaning: str) -> Any:
+    """Declare a parameter that is a time of up to a minute."""
+    return parameter(default, meaning, unit="s", low=0, high=60)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,26 +53,15 @@ class AlarmParams(Parameters):
         low=0.1,
         high=3600,
     )
-    guard_s: float = parameter(
-        0.2,
-        "time before the latest frame that does not yet count as background",
-        unit="s",
-        low=0,
-        high=60,
+    guard_s: float = _seconds(
+        0.2, "time before the latest frame that does not yet count as background"
     )
-    enough_s: float = parameter(
+    enough_s: float = _seconds(
         0.0,
         "time that the response must be above the threshold until the alarm starts; 0: one frame",
-        unit="s",
-        low=0,
-        high=60,
     )
-    window_s: float = parameter(
-        0.0,
-        "time within which the response must be above the threshold for enough_s",
-        unit="s",
-        low=0,
-        high=60,
+    window_s: float = _seconds(
+        0.0, "time within which the response must be above the threshold for enough_s"
     )
     release: float = parameter(
         0.5,
@@ -75,25 +69,17 @@ class AlarmParams(Parameters):
         low=0,
         high=1,
     )
-    contact_s: float = parameter(
-        1.0,
-        "time to contact below which a smaller response is enough for an alarm; 0: it never is",
-        unit="s",
-        low=0,
-        high=60,
+    contact_s: float = _seconds(
+        1.0, "time to contact below which a smaller response is enough for an alarm; 0: it never is"
     )
     contact_share: float = parameter(
         0.1, "share of the threshold that is enough below contact_s", low=1e-3, high=1
     )
-    hold_s: float = parameter(
-        0.5,
-        "time for which an alarm continues after its last frame above that share",
-        unit="s",
-        low=0,
-        high=60,
+    hold_s: float = _seconds(
+        0.5, "time for which an alarm continues after its last frame above that share"
     )
-    refractory_s: float = parameter(
-        0.5, "time after the end of an alarm in which no other one starts", unit="s", low=0, high=60
+    refractory_s: float = _seconds(
+        0.5, "time after the end of an alarm in which no other one starts"
     )
     cut_ratio: float = parameter(
         4.0,
@@ -108,12 +94,8 @@ class AlarmParams(Parameters):
     rest: float = parameter(
         5e-4, "a scene is at rest while its luminance change is at most this", low=0, high=1
     )
-    blind_s: float = parameter(
-        0.33,
-        "time after a cut, or after the end of a rest, in which frames do not count",
-        unit="s",
-        low=0,
-        high=60,
+    blind_s: float = _seconds(
+        0.33, "time after a cut, or after the end of a rest, in which frames do not count"
     )
 
     def __post_init__(self) -> None:
@@ -253,18 +235,14 @@ class PlaceParams(Parameters):
         high=1,
     )
     most: int = parameter(5, "most objects in a frame", unit="objects", low=1, high=100)
-    gap_s: float = parameter(
-        0.2, "time for which an object that is not seen keeps its number", unit="s", low=0, high=60
-    )
+    gap_s: float = _seconds(0.2, "time for which an object that is not seen keeps its number")
     memory_s: float = parameter(
         0.4, "time over which the growth of an object is measured", unit="s", low=0.01, high=60
     )
     least_frames: int = parameter(
         4, "number of frames that a time to contact needs", unit="frames", low=3, high=1000
     )
-    least_s: float = parameter(
-        0.09, "time that these frames span at least", unit="s", low=0, high=60
-    )
+    least_s: float = _seconds(0.09, "time that these frames span at least")
     least_growth: float = parameter(
         1.15,
         "least growth of the size over these frames that a time to contact needs",

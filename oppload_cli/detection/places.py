@@ -103,10 +103,7 @@ def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
     the floor. No peak lies in the receptive field of an earlier one.
     """
     responses = maps.responses
-    largest = float(responses.max())
-    least = max(params.floor, params.share * largest)
-    if largest == 0 or largest < least:
-        return []
+    least = max(params.floor, params.share * float(responses.max()))
     tops = (
         (responses >= cv2.dilate(responses, _NEIGHBOURS)) & (responses >= least) & (responses > 0)
     )
@@ -123,9 +120,8 @@ def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
 
 def _focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
     """Return the place (x, y) of a peak in working pixels, within half a cell of its unit."""
-    x = _top(maps.responses[row], maps.centres_x, column)
-    y = _top(maps.responses[:, column], maps.centres_y, row)
-    return x, y
+    across, down = maps.responses[row], maps.responses[:, column]
+    return _top(across, maps.centres_x, column), _top(down, maps.centres_y, row)
 
 
 def _shares_field(maps: UnitMaps, row: int, column: int, peak: _Peak) -> bool:
@@ -272,17 +268,10 @@ class Places:
         if extent is None:
             return None
         self._count += 1
-        x, y = _focus(self._maps, peak.row, peak.column)
+        place = _focus(self._maps, peak.row, peak.column)
+        contact = Contact(self._params)
         track = Track(
-            self._count,
-            peak.row,
-            peak.column,
-            x,
-            y,
-            extent,
-            peak.response,
-            time_s,
-            Contact(self._params),
+            self._count, peak.row, peak.column, *place, extent, peak.response, time_s, contact
         )
         self._tracks.append(track)
         self._time(track, time_s)
@@ -357,20 +346,9 @@ class Detections:
     ) -> tuple[Detection, ...]:
         """Say of each object whether the detector's alarm is on because of it.
 
-        Parameters
-        ----------
-        found : sequence of Detection
-            Of the latest frame, the largest response first.
-        alarm : bool
-            Whether the detector's alarm is on.
-        threshold : float
-            The response above which this frame sets it off.
-
-        Returns
-        -------
-        tuple of Detection
-            The alarm is that of the objects above the threshold, and of the one that had the
-            largest response when it went on.
+        The alarm is that of the objects with a response above the threshold of the frame, and of
+        the one that had the largest response when it went on; the first of `found` has the
+        largest.
         """
         if not alarm:
             self._cause = None
