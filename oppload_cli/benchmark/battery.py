@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import itertools
 import json
 from dataclasses import asdict, dataclass, field
 from functools import partial
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from oppload_cli.evaluation.detectors import EvaluatedDetector
+    from oppload_cli.evaluation.metrics.clips import Flags, Numbers
     from oppload_cli.stimulus.protocol import Protocol
 
 
@@ -285,16 +287,13 @@ def show(
     ]
     tasks = {task.kept: task for _, task in listed}
     waiting = [task for task in tasks.values() if _kept(task) is None]
-    done = len(tasks) - len(waiting)
-    if progress:
-        progress(done, len(tasks))
+    done = itertools.count(len(tasks) - len(waiting))
 
-    def count(_: object) -> None:
-        nonlocal done
-        done += 1
+    def count(_: object = None) -> None:
         if progress:
-            progress(done, len(tasks))
+            progress(next(done), len(tasks))
 
+    count()
     results(
         partial(_show, detectors),
         waiting,
@@ -356,8 +355,8 @@ def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
     write_atomic(task.kept, json.dumps({"key": task.key, "measured": rows}, indent=1) + "\n")
 
 
-def _measure(name: str, times: Any, response: Any, alarm: Any) -> Measured:
-    begins = np.flatnonzero(np.diff(np.concatenate([[False], alarm]).astype(int)) == 1)
+def _measure(name: str, times: Numbers, response: Numbers, alarm: Flags) -> Measured:
+    begins = np.flatnonzero(np.diff(alarm.astype(int), prepend=0) == 1)
     first = float(times[begins[0]]) if len(begins) else None
     if not np.isfinite(response).any():
         return Measured(name, None, None, len(begins), first)

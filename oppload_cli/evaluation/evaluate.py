@@ -259,19 +259,16 @@ def outputs_of(
         By the detectors' names.
     """
     groups = _groups(detectors)
-    feed = _Feed(video, len(groups))
     with ExitStack() as stack:
         passes = []
-        for reader, group in enumerate(groups):
-            params = [each.params for each in group]
-            first = group[0]
+        for group, reader in zip(groups, _readers(video, len(groups)), strict=True):
             records = analyse(
-                feed.reader(reader),
-                params,
-                alarm=first.alarm,
+                reader,
+                [each.params for each in group],
+                alarm=group[0].alarm,
                 rmo=None,
-                repeats=first.repeats,
-                time=first.time,
+                repeats=group[0].repeats,
+                time=group[0].time,
             )
             passes.append(
                 stack.enter_context(closing(cast("Generator[FrameRecord, None, None]", records)))
@@ -343,29 +340,23 @@ class _Part:
         return self._frames
 
 
-class _Feed:
-    """One video for several readers, each in a thread of its own.
+def _readers(video: FrameSource, count: int) -> list[_Part]:
+    """Return one video for several readers, each in a thread of its own.
 
     The readers go in step, so that few frames wait.
     """
+    frames, lock = iter(video), threading.Lock()
+    waiting: list[deque[Frame]] = [deque() for _ in range(count)]
 
-    def __init__(self, video: FrameSource, readers: int) -> None:
-        self._video, self._frames = video, iter(video)
-        self._waiting: list[deque[Frame]] = [deque() for _ in range(readers)]
-        self._lock = threading.Lock()
-
-    def reader(self, number: int) -> _Part:
-        """Return the video for one reader."""
-        return _Part(self._video, self._read(number))
-
-    def _read(self, number: int) -> Iterator[Frame]:
-        own = self._waiting[number]
+    def read(own: deque[Frame]) -> Iterator[Frame]:
         while True:
-            with self._lock:
+            with lock:
                 if not own:
-                    frame = next(self._frames, None)
+                    frame = next(frames, None)
                     if frame is None:
                         return
-                    for waiting in self._waiting:
-                        waiting.append(frame)
+                    for each in waiting:
+                        each.append(frame)
             yield own.popleft()
+
+    return [_Part(video, read(own)) for own in waiting]
