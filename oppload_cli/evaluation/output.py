@@ -157,9 +157,8 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
     )
     yield from _by_kind(evaluation, found)
     if any(
-        one.value == 0
-        for (_, measure, condition), one in found.items()
-        if measure == "false_alarms_per_minute" and condition == SHIPPED
+        one.value == 0 and (one.measure, one.condition) == ("false_alarms_per_minute", SHIPPED)
+        for one in evaluation.measurements
     ):
         bound = number(RULE_OF_THREE / minutes) if minutes else NOTHING
         yield (
@@ -173,8 +172,11 @@ def _by_kind(
 ) -> Iterator[str]:
     """Yield lines on clips of stimuli: the share of each kind with an alarm, by detector."""
     start = f"{AT_ONE}, {KIND} "
-    rows = [one for one in evaluation.measurements if one.condition.startswith(start)]
-    kinds = dict.fromkeys(one.condition for one in rows if one.measure == "alarmed_share")
+    kinds = dict.fromkeys(
+        one.condition
+        for one in evaluation.measurements
+        if one.measure == "alarmed_share" and one.condition.startswith(start)
+    )
     if not kinds:
         return
     yield "share of clips with a false alarm, at 1 per minute"

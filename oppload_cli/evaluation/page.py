@@ -301,11 +301,9 @@ def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
     )
 
 
-def _by_measure(
-    figures: Sequence[Mapping[str, Any]],
-) -> dict[str, dict[str, dict[str, Mapping[str, Any]]]]:
+def _by_measure(figures: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dict[str, Any]]]:
     """Return the figures by measure, condition and detector, in the order of the definitions."""
-    table: dict[str, dict[str, dict[str, Mapping[str, Any]]]] = {name: {} for name in MEASURES}
+    table: dict[str, dict[str, dict[str, Any]]] = {name: {} for name in MEASURES}
     for figure in figures:
         of_condition = table[figure["measure"]].setdefault(figure["condition"], {})
         of_condition[figure["contender"]] = figure

@@ -35,16 +35,9 @@ def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth
     ----------
     path : Path
         The file.
-    width, height : int or None
-        Of the video as it is displayed; from a sidecar, so that anything else than a number above 0
-        is not compared.
-    frames : int or None
-        That the video declares; likewise.
-
-    Returns
-    -------
-    dict
-        As :func:`oppload_cli.stimulus.ground_truth` gives it.
+    width, height, frames : int or None
+        The sides of the video as it is displayed, and the frames that it declares; from a sidecar,
+        so that anything else than a number above 0 is not compared.
 
     Raises
     ------
