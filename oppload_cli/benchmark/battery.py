@@ -39,17 +39,7 @@ SPEED, SIZE, PLACE, BACKGROUND = "speed", "size", "place", "background"
 
 
 class Table(NamedTuple):
-    """One table of the benchmark.
-
-    Attributes
-    ----------
-    name : str
-        As in the files.
-    title : str
-        For the reader.
-    axis : str
-        The quantity that its columns vary, with its unit.
-    """
+    """One table of the benchmark: `axis` is the quantity that its columns vary, with its unit."""
 
     name: str
     title: str
@@ -200,10 +190,8 @@ class Measured:
     ----------
     detector : str
         ``NAME`` or ``NAME:PRESET``.
-    peak : float or None
-        Largest response; None if the detector gave none.
-    peak_time_s : float or None
-        When it was first reached.
+    peak, peak_time_s : float or None
+        Largest response, and when it was first reached; None if the detector gave none.
     alarms : int
         How often its alarm began.
     first_alarm_s : float or None
@@ -220,18 +208,7 @@ class Measured:
 class Shown(NamedTuple):
     """One stimulus of the battery with the measures of every detector.
 
-    Attributes
-    ----------
-    column : Column
-        Of the battery.
-    key : str
-        The same for stimuli of several columns that are one.
-    stimulus : str
-        Its name.
-    motion_end_s : float
-        When its motion ends.
-    measured : list of Measured
-        One for each detector.
+    `key` is the same for stimuli of several columns that are one.
     """
 
     column: Column

@@ -94,18 +94,13 @@ class _RowError(ValueError):
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read a manifest.
+    """Read a manifest; a row that is wrong is a fault, not an error.
 
     Parameters
     ----------
     path : Path
         A CSV file with the columns ``file``, ``label``, ``onset_frame`` and
         ``contact_frame``; clips are relative to its folder.
-
-    Returns
-    -------
-    Manifest
-        A row that is wrong is a fault, not an error.
 
     Raises
     ------
@@ -215,7 +210,7 @@ def _frame(name: str, row: dict[str, str], column: str) -> int:
 
 
 def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
-    """Return a manifest with the boxes of its clips.
+    """Return a manifest with the boxes of its clips; a box that is wrong is a fault, not an error.
 
     Parameters
     ----------
@@ -225,11 +220,6 @@ def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
         A JSON file ``{file: {frame: [left, top, width, height]}}`` in source pixels;
         else ``boxes.json`` beside the manifest, if it exists. There, clips that are not in
         the manifest are ignored: several manifests may share the boxes.
-
-    Returns
-    -------
-    Manifest
-        A box that is wrong is a fault, not an error.
 
     Raises
     ------

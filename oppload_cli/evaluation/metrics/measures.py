@@ -16,14 +16,7 @@ from oppload_cli.evaluation.metrics.alarms import (
     Thresholds,
     shipped,
 )
-from oppload_cli.evaluation.metrics.clips import (
-    AHEAD,
-    EPSILON_S,
-    LEAST_S,
-    Curve,
-    curve,
-    scored,
-)
+from oppload_cli.evaluation.metrics.clips import AHEAD, EPSILON_S, LEAST_S, Curve, curve, scored
 from oppload_cli.evaluation.metrics.intervals import (
     Measurement,
     estimate,
