@@ -132,21 +132,24 @@ def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> Non
     assert "darkening" in done.stdout
 
 
-def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(tmp_path: Path) -> None:
+def test_the_tuning_of_a_detector_that_is_not_loaded_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "own.py").write_text(DETECTOR)
     words = ("tune", "bar-expand-60", "--over", "axis=0,90", "--model", "darkening", "--height",
              "60", "-j", "1", "--plot", "none")  # fmt: skip
     done = oppload("--load", "own.py", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     table = next(tmp_path.glob("*.tuning.csv"))
-    refused = oppload("plot", table.name, cwd=tmp_path)
+    monkeypatch.chdir(tmp_path)
+    refused = run(capsys, "plot", table.name)
     assert refused.returncode == 2
     assert refused.stderr == (
         f"oppload: {table.name}: its detector 'darkening' is not known here; load it, as in "
         "'oppload --load FILE.py plot ...'\n"
     )
     for command in (("plot", table.name), ("tune", "bar-expand-60"), ("run", "a.avi")):
-        unknown = oppload(*command, "--model", "darkening", cwd=tmp_path)
+        unknown = run(capsys, *command, "--model", "darkening")
         assert unknown.returncode == 2
         assert "no model 'darkening'; choose " in unknown.stderr
         assert f"'oppload --load FILE.py {command[0]} ...'" in unknown.stderr
