@@ -7,6 +7,8 @@ from pathlib import Path
 
 import click
 
+from oppload_cli.benchmark.battery import TABLES, columns_of, show
+from oppload_cli.benchmark.output import Benchmark, refuse_other, settings_of, write_benchmark
 from oppload_cli.cli import progress_bar, say
 from oppload_cli.cli.options import (
     complete_models,
@@ -17,10 +19,11 @@ from oppload_cli.cli.options import (
     quiet_option,
 )
 from oppload_cli.errors import ExitCode
+from oppload_cli.evaluation.detectors import chosen_detectors
+from oppload_cli.evaluation.evaluate import evaluate
+from oppload_cli.evaluation.manifest import read_manifest
 from oppload_cli.files.atomic import make_folder
 from oppload_cli.processes import cores
-
-_TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, background"
 
 
 @click.command(short_help="compare all detectors on one set of stimuli")
@@ -36,7 +39,7 @@ _TABLE_NAMES = "selectivity, polarity, contrast, noise, speed, size, place, back
     "--only",
     multiple=True,
     metavar="TABLE[,TABLE...]",
-    help=f"Tables of the battery: {_TABLE_NAMES}.  [default: all]",
+    help=f"Tables of the battery: {', '.join(each.name for each in TABLES)}.  [default: all]",
 )
 @click.option(
     "--manifest",
@@ -64,17 +67,6 @@ def benchmark(
     settings, and a file per stimulus in stimuli/: a benchmark that was stopped goes on from
     these when the same command is given again.
     """
-    from oppload_cli.benchmark.battery import TABLES, columns_of, show
-    from oppload_cli.benchmark.output import (
-        Benchmark,
-        refuse_other,
-        settings_of,
-        write_benchmark,
-    )
-    from oppload_cli.evaluation.detectors import chosen_detectors
-    from oppload_cli.evaluation.evaluate import evaluate
-    from oppload_cli.evaluation.manifest import read_manifest
-
     columns = columns_of(names_in(only))
     detectors = chosen_detectors(names_in(models))
     chosen = names_in(only)

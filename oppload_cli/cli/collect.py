@@ -9,6 +9,7 @@ import click
 from oppload_cli.cli import say
 from oppload_cli.cli.options import if_exists_option
 from oppload_cli.errors import ExitCode
+from oppload_cli.results import collecting
 
 
 @click.command(short_help="join many results into one table")
@@ -34,8 +35,6 @@ def collect(
     A row per input and model, from the sidecars; or with --frames a row per frame.
     A result that cannot be collected is named, and does not stop the others.
     """
-    from oppload_cli.results import collecting
-
     found = collecting.collect(
         folders,
         output,

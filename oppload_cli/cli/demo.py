@@ -9,7 +9,12 @@ import click
 import oppload_cli as oppload
 from oppload_cli import stimulus
 from oppload_cli.cli.options import if_exists_option, output_option
+from oppload_cli.cli.progress import report
 from oppload_cli.files.atomic import refuse_existing
+from oppload_cli.pipeline.execute import run_task
+from oppload_cli.pipeline.settings import resolve
+from oppload_cli.pipeline.task import IfExists, Outputs, Task, exists_already
+from oppload_cli.plots.style import save
 from oppload_cli.video.inputs import GROUND_TRUTH
 
 if TYPE_CHECKING:
@@ -27,12 +32,6 @@ def demo(output: Path, if_exists: str) -> None:
     It renders the stimulus, and does what 'oppload run', 'oppload plot' and 'oppload
     report' do with it; the lines that it prints give the same files.
     """
-    from oppload_cli.cli.progress import report
-    from oppload_cli.pipeline.execute import run_task
-    from oppload_cli.pipeline.settings import resolve
-    from oppload_cli.pipeline.task import IfExists, Outputs, Task, exists_already
-    from oppload_cli.plots.style import save
-
     stem, settings = stimulus.file_stem(_STIMULUS), resolve()
     outputs = Outputs.of(output, stem, settings.models)
     video, figure = output / f"{stem}.avi", outputs.csv.with_suffix(".png")

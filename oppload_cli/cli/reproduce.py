@@ -17,6 +17,7 @@ from oppload_cli.cli.options import (
 )
 from oppload_cli.files.atomic import claimed, refuse_existing, write_atomic
 from oppload_cli.processes import cores
+from oppload_cli.reproduction.claims import FIGURES, build, chosen, pages_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,8 +60,6 @@ def reproduce(
     report.json with every statement of the paper, the measurement and the verdict, and
     index.html, one page with all of it.
     """
-    from oppload_cli.reproduction.claims import FIGURES, build, chosen, pages_of
-
     if listed:
         click.echo("\n".join(FIGURES))
         return

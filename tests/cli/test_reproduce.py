@@ -123,7 +123,7 @@ def test_figures_in_another_format_are_written_as_they_are_done(
         seen.append(sorted(path.name for path in tmp_path.iterdir()))
         return pages(*arguments)
 
-    monkeypatch.setattr(claims, "pages_of", noted)
+    monkeypatch.setattr("oppload_cli.cli.reproduce.pages_of", noted)
     call = "reproduce", "--only", "rmo-definition", "--plot", "svg", "-o", tmp_path, "-j", "1"
     assert run(capsys, *call).returncode == 0
     assert [name for name in seen[0] if not name.endswith(".part")] == [
