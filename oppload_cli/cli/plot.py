@@ -154,7 +154,7 @@ def plot(
         detector_named(model)
     if show:
         check_display()
-    results = tuple(path for each in results for path in tables_in(each))
+    results = tuple(table for _, table in tables_in(results))
     kinds = {path: _kind_of(path, kind) for path in results}
     _check_effects(set(kinds.values()))
     marks = _Marks({"onset": onset, "contact": contact}, manifest)

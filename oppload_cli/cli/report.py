@@ -56,8 +56,7 @@ def report(
     whole = _holder([path for path in results if is_folder(path)])
     found = [
         (table, whole if whole and is_folder(path) else table.parent)
-        for path in results
-        for table in tables_in(path)
+        for path, table in tables_in(results)
     ]
     folder = output or _folder_of(results)
     tables, roots = ([each[which] for each in found] for which in (0, 1))

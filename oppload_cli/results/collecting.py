@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -63,6 +64,7 @@ _OF_MODEL: dict[str, type] = {
     for name in ModelSummary.__dataclass_fields__
 }
 _SUMMARY_COLUMNS = {**_ABOUT_INPUT, **_OF_MODEL}
+_LIST_OF_BATCH = re.compile(r"(alarms|failures)(-\d+-of-\d+)?\.csv")
 _REMEDY = "run its input again"
 
 
@@ -179,21 +181,25 @@ def _name_in(folder: Path, path: Path) -> str:
     return _text(path.relative_to(folder).as_posix().removesuffix(suffix))
 
 
-def tables_in(path: Path) -> Iterator[Path]:
-    """Yield the tables that a name stands for: a file itself, or a folder's to any depth.
+def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
+    """Return the tables that names stand for, each after its name.
+
+    A file stands for itself, and a folder for the tables in it, to any depth. The lists that a
+    batch writes beside its tables are left out where tables are named too, as by ``results/*.csv``.
 
     Raises
     ------
     ResultError
         If a folder holds none, or cannot be read.
     """
-    if not is_folder(path):
-        yield path
-        return
-    found = [_table_of(each) for each in _found_results(path)]
-    if not found:
-        raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")
-    yield from found
+    others = [path for path in paths if not _LIST_OF_BATCH.fullmatch(path.name)]
+    found: list[tuple[Path, Path]] = []
+    for path in others or paths:
+        tables = [_table_of(each) for each in _found_results(path)] if is_folder(path) else [path]
+        if not tables:
+            raise ResultError(f"{path}: holds no result; give a folder of 'oppload run --output'")
+        found += ((path, table) for table in tables)
+    return found
 
 
 def _table_of(path: Path) -> Path:

@@ -196,6 +196,17 @@ def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in made)
 
 
+@pytest.mark.parametrize("name", ["alarms.csv", "failures.csv", "alarms-2-of-3.csv"])
+def test_the_lists_of_a_batch_are_no_results(name: str, tmp_path: Path, capsys: Capture) -> None:
+    """As of ``oppload plot results/*.csv``."""
+    own, listed = write_result(tmp_path / "a.frames.csv"), tmp_path / name
+    listed.write_text("video,model\n")
+    done = run(capsys, "plot", listed, own)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{tmp_path / 'a.frames.png'}\n"
+    assert "no column 'frame'" in run(capsys, "plot", listed).stderr
+
+
 def test_the_settings_of_matplotlib_of_a_user_change_nothing(tmp_path: Path) -> None:
     table = write_result(tmp_path / "a.frames.csv")
     settings = tmp_path / "matplotlibrc"
