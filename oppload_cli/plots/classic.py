@@ -124,7 +124,8 @@ class Request(NamedTuple):
         if others:
             raise ResultError(f"{others[0].path}: {figure} shows one table; plot them separately")
         held = [name for name in tuning.models if name in self.models]
-        return self._replace(models=held or self.models).curves()
+        absent = [name for name in self.models if name not in held]  # the first one is an error
+        return self._replace(models=[*held, *absent]).curves()
 
 
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:

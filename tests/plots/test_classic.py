@@ -405,7 +405,7 @@ def test_detectors_without_a_response_and_many_of_them(kind: str, tmp_path: Path
     assert len(axes) == (5 if kind in {"ends", "position"} else 1)
     assert figure.get_figwidth() == pytest.approx(17.8 / 2.54)
     with pytest.raises(ResultError, match="'model' never holds 'lgmd1_group'; leave it out"):
-        plot_tuning(tuning, kind, models=["lgmd1_group"])
+        plot_tuning(tuning, kind, models=[models[0], "lgmd1_group"])
 
 
 def test_of_many_detectors_none_sets_the_axis_alone(tmp_path: Path) -> None:
