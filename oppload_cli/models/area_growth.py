@@ -1,4 +1,4 @@
-"""Growth of the changed area, an engineering baseline for still cameras."""
+"""Growth of the changed area, an engineering baseline for cameras that stand still."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class AreaGrowthParams(Parameters):
     """Parameters of area growth."""
 
     least: float = parameter(
-        0.1, "difference from frame 0 above which a pixel counts", low=0, high=1
+        0.1, "luminance difference from frame 0 above which a pixel counts", low=0, high=1
     )
 
 
@@ -38,16 +38,16 @@ class AreaGrowthResponse(Response):
     area: int = inner(0, "px", "count of the pixels that differ from frame 0")
     size: float = inner(0.0, "px", "square root of the area")
     dsize: float = inner(0.0, "px/frame", "growth of the size over 3 frames")
-    growth: float = inner(0.0, "1/frame", "growth of the size over the size")
+    growth: float = inner(0.0, "1/frame", "growth of the size, divided by the size")
     frame_diff: float = inner(0.0, "0 to 1", "mean absolute difference from the frame before")
 
 
 class AreaGrowth(Detector):
     """The relative growth of the area that differs from frame 0.
 
-    ``area = count |L(t) - L(0)| > least`` (0.1) and ``size = sqrt(area)``. The growth,
-    ``(size(t) - size(t-3)) / 3`` over the size, is one over the time to contact in frames. The
-    detector is made for a camera that stands still and a scene that is empty in frame 0.
+    The area is the number of pixels with ``|L(t) - L(0)| > least`` (0.1), and ``size =
+    sqrt(area)``. The response is ``(size(t) - size(t-3)) / 3``, divided by the size: 1 / (time to
+    contact in frames). The camera must stand still, and the scene must be empty in frame 0.
 
     Source: ``docs/detectors.md``.
     """
@@ -57,7 +57,7 @@ class AreaGrowth(Detector):
     colour = "#997225"
     meaning = "relative growth of the area that differs from the first frame"
     unit = "1/frame"
-    response_column = "1/frame", "growth of the size over the size, at least 0"
+    response_column = "1/frame", "growth of the size, divided by the size, at least 0"
     answers = AreaGrowthResponse
     parameters = AreaGrowthParams
     alarm_floors: ClassVar = {"default": 0.1}
@@ -83,7 +83,7 @@ class AreaGrowth(Detector):
             self._sizes: deque[float] = deque(maxlen=_SPAN + 1)
         pixels = self.shape[0] * self.shape[1]
         levels = self.params.least * 255
-        # Grey levels are integers: those above a threshold are those above its integer part.
+        # Grey levels are integers: one is above the threshold if it is above its integer part.
         _, changed = cv2.threshold(
             cv2.absdiff(now, self._start), math.floor(levels), 255, cv2.THRESH_BINARY
         )

@@ -1,8 +1,8 @@
 """The judgement of preset ``lplc2``: the four arms of an LPLC2 neuron (``docs/lplc2.md``).
 
-It stands in the place of the opponent products of :mod:`oppload_cli.models.opposing_motion`. Each
-unit has an arm in each cardinal direction. Motion along an arm away from the middle excites it;
-motion towards the middle, across the arm, and all motion in the field suppress it.
+It replaces the opponent products of :mod:`oppload_cli.models.opposing_motion`. Each unit has an
+arm in each cardinal direction. Motion along an arm away from the unit's middle excites the arm.
+Motion towards the middle, motion across the arm, and all motion in the field suppress it.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
     from oppload_cli.models.opposing_motion import Maps
 
 DIRECTIONS = 0, 90, 180, 270  # of the arms, in degrees
-_ARM_EDGE = 4.0  # degrees: how gradually the weight of an arm falls at the edge of its cone
+_ARM_EDGE = 4.0  # degrees: the larger, the more gradually an arm's weight falls at its cone's edge
 
 
 # ---- The equations -------------------------------------------------------------------------
 
 
 class _Motion(NamedTuple):
-    """Motion at every pixel: how much of it there is, and its components.
+    """Motion at every pixel: its amount, and its components to the right and up.
 
     All are arrays of float32, shape (height, width); `right` and `up` may be negative.
     """
@@ -51,19 +51,19 @@ class _Motion(NamedTuple):
 
 
 def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
-    """Return the motion at every pixel, with the direction that both axes give together.
+    """Return the motion at every pixel; both axes together give its direction.
 
-    A single S_phi only passes an edge or blocks it. The differences ``J_phi = I_(phi+180) - I_phi``
-    of two axes form a vector J, whose angle is the direction in which the edge moves. A pathway of
-    exactly this direction would have the inhibition ``(I - |J|) / 2``, and so the sum
-    ``S = max(0, E - (I - |J|) / 2)``.
+    A single S_phi only passes or blocks an edge. The differences ``J_phi = I_(phi+180) - I_phi`` of
+    both axes form a vector J, which points in the direction in which the edge moves. A pathway of
+    exactly this direction would have the inhibition ``(I - |J|) / 2``, and therefore the
+    presynaptic sum ``S = max(0, E - (I - |J|) / 2)``.
 
     Parameters
     ----------
     p : sequence of ndarray of float32, shape (height, width)
         P(t), P(t-1) and P(t-2).
     kernels : Kernels
-        With the masks of the axes 0 and 90 degrees.
+        The kernels, with the masks of the axes 0 and 90 degrees.
 
     Returns
     -------
@@ -81,15 +81,14 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
 
 
 def arm_weights(reach: float, direction: float, cone: float) -> Map:
-    """Return the weights with which an arm sees the cells about its unit.
+    """Return the weights with which an arm sums the cells around its unit.
 
     Parameters
     ----------
     reach : float
         Length of the arm in cells, above 0.
     direction, cone : float
-        Direction of the arm, counter-clockwise with 0 = right, and half-width of its cone, in
-        degrees.
+        Direction of the arm (counter-clockwise, 0 = right) and half-width of its cone, in degrees.
 
     Returns
     -------
@@ -106,14 +105,14 @@ def arm_weights(reach: float, direction: float, cone: float) -> Map:
 
 
 def field_weights(reach: float) -> Map:
-    """Return the weights of the cells in a unit's complete field, as `arm_weights` for an arm."""
+    """Return the weights of all cells in a unit's field, in the form of `arm_weights`."""
     weights = arm_weights(reach, 0, 360)
     weights[len(weights) // 2, len(weights) // 2] = 1
     return weights
 
 
 def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -> Map:
-    """Return ``o^g / (o^g + (s + q)^g)``: excitation that saturates and is divided by suppression.
+    """Return ``o^g / (o^g + (s + q)^g)``: excitation, saturating and divided by suppression.
 
     Parameters
     ----------
@@ -122,7 +121,7 @@ def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -
     suppression : ndarray of float32
         q, at least 0.
     half : float
-        s, the excitation that fills half of an arm without suppression, above 0.
+        s, the excitation at which an arm without suppression responds by half, above 0.
     exponent : float
         g, above 0.
 
@@ -131,14 +130,14 @@ def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -
     ndarray of float32
         From 0 to 1.
     """
-    # Written by the inverse, which may overflow: 1 / (1 + inf) is 0.
+    # The inverse may overflow to infinity; 1 / (1 + inf) is 0, which is right.
     with np.errstate(divide="ignore", over="ignore"):
         inverse = (np.float32(half) + np.maximum(suppression, 0)) / np.maximum(outward, 0)
         return np.asarray(1 / (1 + inverse**exponent), np.float32)
 
 
 def smoothing(elapsed: float, constant: float) -> float:
-    """Return the weight of a new value in a first-order low-pass; 1 for a constant of 0."""
+    """Return the weight of a new value in a first-order low-pass; 1 if the time constant is 0."""
     return 1 - math.exp(-elapsed / constant) if constant else 1.0
 
 
@@ -146,9 +145,10 @@ def smoothing(elapsed: float, constant: float) -> float:
 
 
 class ArmsJudgement(CellJudgement):
-    """Four arms at every cell, summed, enhanced above a threshold, and a calcium signal.
+    """The judgement with four arms at every cell, and the calcium signal.
 
-    The pathways of its units hold motion in the four directions.
+    The arms of a unit are summed, and the part of the sum above a threshold is enhanced. The
+    `pathways` in `maps` hold the motion in the four directions.
     """
 
     def __init__(
@@ -164,31 +164,31 @@ class ArmsJudgement(CellJudgement):
         self._field = field_weights(reach)
 
     def reset(self) -> None:
-        """Forget the frames that have passed."""
+        """Forget all frames."""
         super().reset()
         self._calcium = np.zeros_like(self.maps.responses)
         nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
         self._now = 0.0  # intervals
-        # Times and suppressions of the latest frame that is an interval old and of all later ones.
+        # Times and suppressions of the youngest frame that is an interval old, and of later frames.
         self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, nothing)])
 
     @property
     def calcium(self) -> float | None:
-        """The largest calcium signal of all units; None where there is none."""
+        """The largest calcium signal of all units; None if `calcium_s` is 0."""
         return float(self._calcium.max()) if self._params.calcium_s else None
 
     def judge(self, dpc: Dpc) -> OpplodResponse:
         """Judge the motion of one frame.
 
-        The answer is that of the best unit; its response is ``c2 (R - T_o)^p``, 0 unless R, the sum
-        of its arms, is above T_o.
+        The answer is that of the unit with the largest R, the sum of its arms. Its response is
+        ``c2 (R - T_o)^p`` if R is above T_o, else 0.
         """
         params, elapsed = self._params, dpc.photoreceptors.elapsed
         everywhere, moving = self.pooled(dpc)
         amount = _over(everywhere, self._field)
         self._now += elapsed
-        # Suppression goes on from its value an interval ago, so that frames in between change
-        # nothing. Times add up with rounding: 0.99 of an interval counts as one.
+        # Each suppression follows from its value an interval ago, whatever frames lie in between.
+        # The sum of the times has rounding errors: 0.99 of an interval counts as one.
         while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
             self._suppressions.popleft()
         then, before = self._suppressions[0]
@@ -217,10 +217,10 @@ class ArmsJudgement(CellJudgement):
         return OpplodResponse(response, box, float(total[row, column]), self.calcium)
 
     def pooled(self, dpc: Dpc) -> tuple[Map, list[Map]]:
-        """Return motion over cells, in units of E: its amount, and its parts in `DIRECTIONS`.
+        """Return the pooled motion: its amount, and its parts in `DIRECTIONS`.
 
-        All are arrays of float32, shape (rows, columns), at least 0. The axes of the DPC layers are
-        0 and 90 degrees.
+        All are arrays of float32, shape (rows, columns), at least 0, divided by the sum of W_E.
+        `dpc` has the axes 0 and 90 degrees.
         """
         photoreceptors = dpc.photoreceptors
         if self._params.graded:
@@ -244,6 +244,6 @@ class ArmsJudgement(CellJudgement):
 
 
 def _over(values: Map, weights: Map) -> Map:
-    """Sum values over the cells about each unit, weighted by their offset."""
+    """Return the weighted sum of the values of the cells around each unit."""
     summed = cv2.filter2D(values, cv2.CV_32F, weights, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(summed, np.float32)

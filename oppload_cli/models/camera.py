@@ -1,6 +1,6 @@
-"""What a camera does to a scene: light that flickers, bars beside the picture, edges of the frame.
+"""Effects of cameras and screens: flickering light, bars beside the picture, edges of the frame.
 
-Preset ``default`` of OppLoD leaves them out (``docs/presets.md``).
+OppLoD's preset ``default`` removes these effects before it judges motion (``docs/presets.md``).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import Map
 
-# Views of a map whose lines begin at the left, right, top and bottom of the frame.
+# Functions that turn a map so that its lines begin at the left, right, top or bottom of the frame.
 _SIDES: tuple[Callable[[Map], Map], ...] = (
     lambda each: each,
     lambda each: each[:, ::-1],
@@ -32,31 +32,31 @@ _SIDES: tuple[Callable[[Map], Map], ...] = (
 
 # ---- Light ---------------------------------------------------------------------------------
 
-_CELL = 8  # px: in larger cells, more gratings that move seem to change in brightness
-_DARKEST, _BRIGHTEST = 0.04, 0.997  # luminance between which a gain can be measured
-_LEAST_CELLS, _LEAST_USABLE = 20, 1 / 4  # in which it must be measured, and their share
-_LEAST_CHANGE = 1e-3  # median change of the logarithm of the luminance
-_MOST_CHANGE, _MOST_GAIN = 0.5, 0.7  # from frame to frame, and in all, as logarithms
-# Share of the cells. In a moving grating up to half of the cells can change by the same gain.
+_CELL = 8  # px; in larger cells, more of the moving gratings look like a change of the light
+_DARKEST, _BRIGHTEST = 0.04, 0.997  # range of the luminance in which a gain can be measured
+_LEAST_CELLS, _LEAST_USABLE = 20, 1 / 4  # cells in this range: least number, and least share
+_LEAST_CHANGE = 1e-3  # of the logarithm of the luminance: smaller changes count as none
+_MOST_CHANGE, _MOST_GAIN = 0.5, 0.7  # largest gain between two frames, and in all, as logarithms
+# The gain must explain the change in this share of the cells. In a moving grating up to half of the
+# cells can change by the same gain.
 _EXPLAINED = 0.7
-# What a gain leaves of the median change: a gain of each row of cells must explain more, since it
-# can explain motion up and down as well.
+# The unexplained change may be at most this share of the median change. The share is smaller for
+# one gain per row of cells, since such gains can also explain motion up or down.
 _LEFT, _LEFT_BY_ROWS = 1 / 2, 1 / 4
 
 
 class SteadyLight:
-    """The video as if its light were steady.
+    """Changes frames so that the light of the video is steady.
 
-    Lamps flicker, and cameras adapt their exposure: the luminance of all pixels is then multiplied
-    by one gain, or by one for each row where the shutter rolls. The gain from frame to frame is the
-    median, over cells of the frame, of the ratio of their luminance. It counts only where it
-    explains most of the change, which motion of the scene or of the camera does not let it do.
+    Where a lamp flickers or a camera adapts its exposure, one gain multiplies the luminance of all
+    pixels; with a rolling shutter each row has its own gain. The gain between two frames is
+    measured as the median, over cells of the frame, of the ratio of their luminance. It is used
+    only if it explains most of the change. Motion of the scene or the camera is no such change.
 
     Parameters
     ----------
     lasting : float
-        Time constant in intervals after which a lasting change of the light has passed through,
-        above 0.
+        Time constant in intervals with which a lasting change of the light passes, above 0.
 
     Source: ``docs/presets.md``.
     """
@@ -73,8 +73,8 @@ class SteadyLight:
     def step(self, luma: Map, elapsed: float) -> Map:
         """Return the next frame without the changes of its light.
 
-        `elapsed` is the number of intervals from frame to frame, as a rule. The result is luminance
-        up to 2; where the light is steady it is `luma` itself.
+        `elapsed` is the usual number of intervals from one frame to the next. The result has
+        luminance up to 2; if the light is steady it is `luma` itself.
         """
         cells = smaller(luma, min(_CELL, *luma.shape))
         before, self._before = self._before, cells
@@ -101,7 +101,7 @@ def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     Returns
     -------
     ndarray of float32, shape (1, 1) or (rows, 1)
-        One gain, or one for each row of cells; 0 where neither explains the change.
+        One gain, or one for each row of cells; 0 if neither explains the change.
     """
     none = np.zeros((1, 1), np.float32)
     darker = np.minimum(before, now)
@@ -117,7 +117,7 @@ def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     left = _quantile(np.abs(logarithms[usable] - gain), _EXPLAINED)
     if abs(gain) < _MOST_CHANGE and left <= _LEFT * change:
         return none + np.float32(gain)
-    # Rows that are plain within themselves may as well move up or down.
+    # If rows of cells have little contrast, motion up or down looks like a gain of each row.
     contrast = np.abs(before[:, 1:] - before[:, :-1]) / np.maximum(before[:, 1:], _DARKEST)
     if usable.mean() < _EXPLAINED or not contrast.size or _quantile(contrast, 1 / 2) < change / 4:
         return none
@@ -129,18 +129,18 @@ def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
 
 
 def _quantile(values: Map, share: float) -> float:
-    """Return the value below which a share of the values lies; NumPy's are ten times slower."""
+    """Return the value below which a share of the values lies, ten times faster than NumPy."""
     ordered = np.sort(values, axis=None)
     return float(ordered[int(share * len(ordered))])
 
 
 # ---- Bars ----------------------------------------------------------------------------------
 
-_TOLERANCE, _EDGE = 6 / 255, 10 / 255  # of a bar's luminance, and least step at its edge
+_TOLERANCE, _EDGE = 6 / 255, 10 / 255  # variation of a bar's luminance; least step at its edge
 _BEYOND = 3  # px from the last plain line to the line that must differ: scaling blurs the edge
-_LEAST_EDGE = 0.8  # share of the pixels of that line that differ
-_LONG = 7.5  # intervals after which a bar is known
-_WIDEST = 0.45  # of a side of the frame
+_LEAST_EDGE = 0.8  # least share of the pixels of that line that differ
+_LONG = 7.5  # intervals that a strip must last to be a bar
+_WIDEST = 0.45  # largest width of a bar, as a share of the frame's side
 
 
 class Widths(NamedTuple):
@@ -158,9 +158,9 @@ NO_BARS = Widths()
 class Bars:
     """Plain strips along the sides of the frame, as beside an upright video in a wide frame.
 
-    An edge that comes out from behind a bar meets no inhibition, as at the edge of the frame. A
-    strip is a bar when it has had the same luminance for 7.5 intervals (a quarter of a second), and
-    ends in a straight edge over most of the side.
+    An edge that appears from behind a bar meets no inhibition, as at the edge of the frame. A strip
+    is a bar if it has had the same luminance for 7.5 intervals (a quarter of a second), and if it
+    ends in a straight edge along most of the side.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Bars:
             width, edge = _plain_strip(side(luma).T)
             if width is None:
                 continue
-            if width < known[n] - 1:  # no bar, but ground that an object moves over
+            if width < known[n] - 1:  # an object moves over the strip: it is no bar
                 known[n] = 0
             if abs(width - self._candidates[n]) > 1 or not edge:
                 self._candidates[n], self._lasted[n] = width, 0.0
@@ -198,8 +198,8 @@ class Bars:
 def _plain_strip(lines: Map) -> tuple[int | None, bool]:
     """Return how many lines along a side are plain, and whether an edge follows them.
 
-    The lines are given from the side inwards. None where so many are plain that the frame shows
-    nothing.
+    The lines are ordered from the side inwards. The number is None if all lines up to the largest
+    width of a bar are plain.
     """
     first = lines[0]
     colour = float(first[len(first) // 2])
@@ -216,8 +216,8 @@ def _plain_strip(lines: Map) -> tuple[int | None, bool]:
 
 # ---- Edges of the frame --------------------------------------------------------------------
 
-_LEAST_MOTION = 0.02  # P of a pixel that moves
-_OF_EDGE = 0.3  # least P of a pixel over the largest P beside the edge
+_LEAST_MOTION = 0.02  # least P of a pixel that moves
+_OF_EDGE = 0.3  # least P of such a pixel, as a share of the largest P beside the edge
 
 
 def leave_out_entering(
@@ -225,10 +225,10 @@ def leave_out_entering(
 ) -> None:
     """Set S_phi to 0 where the motion may have come from outside the frame.
 
-    A fast edge that enters moves by more than the kernels' radius from frame to frame: its motion
-    before, which would inhibit it, was outside the frame. One that leaves is cut off. Both then
-    excite the pathways of both directions. Such motion reaches the edge of the frame without a
-    break.
+    A fast edge that enters the frame moves by more than the kernels' radius from frame to frame.
+    Its earlier motion, which would inhibit it, was outside the frame. A fast edge that leaves the
+    frame is cut off. Both excite the pathways of both directions. The function finds such motion
+    as changed pixels that reach the edge of the frame without a break.
 
     Parameters
     ----------
@@ -237,10 +237,10 @@ def leave_out_entering(
     change : ndarray of float32, shape (height, width)
         P(t), 0 to 1.
     reach, border : int
-        Largest distance from the edge in px, and pixels from the edge on whose largest P is that of
-        the motion; at least 0.
+        `reach` is the largest distance from the edge at which S_phi is set to 0. The largest P
+        within `border` of the edge is the P of the motion. Both are in px, at least 0.
     bars : Widths
-        Bars beside the picture, whose edges count as those of the frame.
+        Bars beside the picture; their edges count as edges of the frame.
 
     Source: ``docs/presets.md``.
     """
@@ -256,7 +256,7 @@ def leave_out_entering(
 def leave_out_moving(
     maps: Sequence[Map], change: Map, border: int, least: float, share: float
 ) -> None:
-    """Set S_phi to 0 in the pixels of each line that move, from the first one on without a break.
+    """Set S_phi to 0 at the start of each line, up to the first pixel that does not move.
 
     Parameters
     ----------
@@ -265,11 +265,11 @@ def leave_out_moving(
     change : ndarray of float32, shape (lines, pixels)
         P(t), 0 to 1.
     border : int
-        Pixels of each line, of which the largest P is that of its motion.
+        Number of pixels at the start of each line; their largest P is the P of the line's motion.
     least : float
         Least P of a pixel that moves.
     share : float
-        Least P of such a pixel over that of the motion.
+        Least P of a pixel that moves, as a share of the P of the line's motion.
     """
     at_edge = change[:, :border].max(axis=1, initial=0.0, keepdims=True)
     rests = np.ones((len(change), change.shape[1] + 1), np.bool_)

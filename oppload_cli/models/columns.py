@@ -1,7 +1,7 @@
 """The columns of ``frames.csv``: those of every result, and those of a detector.
 
-They are defined once: the table writes them, the registry refuses a detector whose columns are
-taken, and the page on formats lists them.
+The table, the registry and the page on formats use these definitions. The registry refuses a
+detector with a column name that is in use.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ COMMON_DETAILS = (  # with `--columns all`
     Column(
         "blind",
         "text",
-        "why no alarm counts this frame: start (of the video), cut (or flash), rest (that ended) "
-        "or gap; empty where it counts",
+        "why the frame does not count for alarms: start (of the video), cut (or flash), rest (that "
+        "ended) or gap; empty if it counts",
     ),
 )
 RMO = (
@@ -52,7 +52,7 @@ RMO = (
         "0 for translation, rotation and noise",
     ),
 )
-# Of each detector with places: the box and the winning unit.
+# Columns of each detector with places: the box and the winning unit.
 PLACE = (
     Column("x", "source px", "left edge of the strongest looming object's box"),
     Column("y", "source px", "top edge of the strongest looming object's box"),
@@ -61,39 +61,44 @@ PLACE = (
     Column("unit_x", "source px", "centre of the winning unit's field, from the left"),
     Column("unit_y", "source px", "centre of the winning unit's field, from the top"),
 )
-# Of each detector with places, where the field of view is known (`--fov`).
+# Columns of each detector with places, if the field of view is known (`--fov`).
 VIEW = (
-    Column("azimuth_deg", "deg", "direction of its focus of expansion, right of the middle"),
+    Column("azimuth_deg", "deg", "direction of the focus of expansion, right of the middle"),
     Column(
-        "elevation_deg", "deg", "direction of its focus of expansion, above the horizontal plane"
+        "elevation_deg", "deg", "direction of the focus of expansion, above the horizontal plane"
     ),
-    Column("angular_width_deg", "deg", "horizontal angle that its box spans"),
-    Column("angular_height_deg", "deg", "vertical angle that its box spans"),
-    Column("angular_size_deg", "deg", "the larger of the two angles that its box spans"),
+    Column("angular_width_deg", "deg", "horizontal angle that the box spans"),
+    Column("angular_height_deg", "deg", "vertical angle that the box spans"),
+    Column("angular_size_deg", "deg", "the larger of the two angles that the box spans"),
     Column(
         "angular_speed_deg_s",
         "deg/s",
-        "growth of its angular size, from the time to contact; empty where that is not known",
+        "growth of the angular size, computed from the time to contact; empty if that is not known",
     ),
 )
-# Of each detector, with `--columns all`; all but the first where it has places.
+# Columns with `--columns all`: the first of every detector, the others of each with places.
 ALARM_DETAILS = (
     Column(
-        "over_threshold", "", "response over the threshold of its alarm; empty where there is none"
+        "over_threshold",
+        "",
+        "response divided by the alarm's threshold; empty where there is no threshold",
     ),
     Column(
         "evidence_over_threshold",
         "",
-        "the same for the evidence, which near a contact is larger than the response: above 1 the "
-        "frame counts unless it is blind",
+        "evidence divided by the alarm's threshold; near a contact the evidence is larger than the "
+        "response. If this is above 1 the frame counts for the alarm, unless it is blind",
     ),
     Column(
-        "time_to_contact_s", "s", "until the strongest looming object arrives; empty if not known"
+        "time_to_contact_s",
+        "s",
+        "time until the strongest looming object arrives; empty if not known",
     ),
     Column(
         "time_to_contact_error_s",
         "s",
-        "error of that time; on rendered approaches the true time is usually within twice this",
+        "error of the time to contact; on rendered approaches the true time is usually within "
+        "twice this error",
     ),
 )
 
@@ -105,18 +110,18 @@ def columns_of(
     degrees: bool = False,
     presets: Collection[str] | None = None,
 ) -> tuple[Column, ...]:
-    """Return the columns of a detector: response, alarm, its box where it has one, its own.
+    """Return the columns of a detector: response, alarm, box (if it has places), its own columns.
 
     Parameters
     ----------
     detector : type of Detector
-        Gives its own columns, and the name that all begin with.
+        Its name is the start of all names of the columns.
     details : bool
-        Whether its inner values and the values behind its alarm have columns too.
+        Whether to include the inner values and the values behind the alarm (``--columns all``).
     degrees : bool
-        Whether its strongest looming object has columns in degrees (``--fov``).
+        Whether to include the columns in degrees of the strongest looming object (``--fov``).
     presets : collection of str, optional
-        Only columns that stand in the table under one of these; else all.
+        Leave out columns that exist only under other presets.
     """
     unit, meaning = detector.response_column
     alarm = f"1 while the alarm of {detector.label} is on, else 0"

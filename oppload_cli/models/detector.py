@@ -1,7 +1,7 @@
-"""The interface of a detector: the one seam between the models and their users.
+"""The interface of a detector; all other code uses the models only through this interface.
 
-A detector is one file in this room: its frozen parameters, its `step`, its columns, its label
-and colour. One line in :mod:`oppload_cli.models.registry` makes it known everywhere.
+A detector is one file in this folder, with its frozen parameters, its `step`, its columns, its
+label and its colour. One line in :mod:`oppload_cli.models.registry` makes it known everywhere.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ class Column(NamedTuple):
     Attributes
     ----------
     name : str
-        As in the header; a detector gives its own without the prefix ``NAME_``.
+        Name in the header. A detector names its own columns without the prefix ``NAME_``.
     unit : str
         Unit of its values.
     meaning : str
         One line for the user.
     preset : str
-        The only preset under which it stands in the table; empty for all.
+        The only preset under which the table has this column; empty for all presets.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class Column(NamedTuple):
 class Response:
     """The answer of a detector to one frame.
 
-    A detector with columns of its own extends this class by a field for each.
+    A detector with columns of its own extends this class by a field for each column.
 
     Attributes
     ----------
@@ -103,9 +103,9 @@ def inner(default: float, unit: str, meaning: str) -> Any:
     Parameters
     ----------
     default : float
-        The value at rest.
+        The value if nothing changes in the frame.
     unit, meaning : str
-        Of the column.
+        Unit and meaning of the column.
     """
     return field(default=default, metadata={"column": (unit, meaning)})
 
@@ -118,8 +118,8 @@ class UnitMaps(NamedTuple):
     responses : ndarray of float32, shape (rows, columns)
         The response of every unit, at least 0.
     pathways : mapping of int to ndarray of float32, shape (rows, columns)
-        The pooled S_phi at the units, by direction phi in degrees; empty where products are
-        not pooled.
+        The pooled S_phi at the units, by direction phi in degrees; empty if the judgement does
+        not pool.
     centres_y, centres_x : ndarray, shapes (rows,) and (columns,)
         Centres of the units in working pixels.
     field : float
@@ -145,7 +145,7 @@ class UnitMaps(NamedTuple):
     spread: float
 
     def box(self, row: int, column: int) -> Box:
-        """Return a unit's receptive field; it may reach over the edge of the frame."""
+        """Return a unit's receptive field, which may reach beyond the edge of the frame."""
         x, y = float(self.centres_x[column]), float(self.centres_y[row])
         return Box(x - self.field / 2, y - self.field / 2, self.field, self.field)
 
@@ -158,12 +158,12 @@ class Detector(ABC):
     shape : tuple of int
         Height and width of the working frames.
     params : Parameters, optional
-        Of the class `parameters`; the defaults if left out.
+        An instance of the class `parameters`; the defaults if left out.
     frame_rate : float, optional
-        Frames per second of the video, where it is known.
+        Frames per second of the video, if known.
     layers : Layers, optional
-        Holds photoreceptors and DPC layers; detectors that are given the same `layers` compute a
-        layer that they have in common once.
+        Photoreceptors and DPC layers. Detectors that get the same `layers` share them: a layer
+        that several detectors need is computed once.
 
     Attributes
     ----------
@@ -174,47 +174,46 @@ class Detector(ABC):
     meaning : str
         One line for the user.
     unit : str
-        Unit of its response, for the axes of figures.
+        Unit of the response, for the axes of figures.
     response_column : tuple of str
         Unit and meaning of the column ``NAME_response``.
     columns : tuple of Column
         The detector's own columns; each is a field of `answers`, with a default.
     details : tuple of Column
-        Further columns of its own, which stand in the table with ``--columns all`` only: the
-        inner values that its authors publish. By default the fields of `answers` that
-        :func:`inner` declares.
+        Columns for the inner values that the authors publish; the table has them only with
+        ``--columns all``. By default the fields of `answers` that :func:`inner` declares.
     answers : type of Response
         The class of its answers.
     parameters : type of Parameters
         The class of its parameters.
     presets : mapping of str to Parameters
-        Parameters of the detector under the presets that differ from the defaults.
+        The detector's parameters under each preset that changes them.
     alarm_floors : mapping of str to float
-        By preset, the response at or below which it never alarms; ``default`` holds for the presets
-        that are not named.
+        The floor of the alarm by preset: at or below this response the detector never alarms. The
+        floor of ``default`` is used for presets that are not named.
     by_default : bool
-        Whether it runs where no detector is chosen.
+        Whether the detector runs if the user chooses none.
     variant_of : str
-        The detector that it is a variant of; ``NAME:VARIANT`` stands for ``NAME_VARIANT``, and
-        ``all`` leaves variants out.
+        The name of the detector that this one is a variant of, else empty. ``NAME:VARIANT`` stands
+        for ``NAME_VARIANT``; ``all`` leaves variants out.
     evaluated : bool
-        Whether `oppload evaluate` runs it where it is not chosen.
+        Whether `oppload evaluate` runs the detector if the user chooses none.
     year : int or None
-        When it was published; None for one without a publication.
+        Year of the publication; None if there is none.
     reference : str
-        The publication, or who defined it.
+        The publication, or who defined the detector.
     answers_to : str
         The stimuli that it responds to and those that it does not, in one line.
     made_for : str
-        The working size and the frame rate that its authors meant.
+        The working size and the frame rate that its authors designed it for.
     cost_ms : float or None
-        Milliseconds per frame of 427 x 240 on one core, as ``oppload models --measure`` gave.
+        Milliseconds per frame of 427 x 240 on one core, measured by ``oppload models --measure``.
     least_size : tuple of int
         The least height and width of the frames, in px.
     warm_up : int
-        Intervals at the start for which it has no answer.
+        Number of intervals at the start without an answer.
     places : bool
-        Whether its responses have boxes, and `units` shows where objects loom.
+        Whether the responses have boxes, and `units` shows where objects loom.
 
     Raises
     ------
@@ -274,9 +273,9 @@ class Detector(ABC):
 
     @abstractmethod
     def step(self, luma: Map) -> Response | None:
-        """Take the next frame and answer to it; None during warm-up.
+        """Take the next frame and return the answer to it; None during warm-up.
 
-        Its presentation time, where it is known, is ``self.layers.time_s``.
+        The frame's presentation time, if known, is ``self.layers.time_s``.
 
         Parameters
         ----------
@@ -293,12 +292,12 @@ class Detector(ABC):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0.
 
-        Detectors that share layers are reset together, by ``DetectorBank.reset``.
+        Detectors that share layers must be reset together: ``DetectorBank.reset`` does it.
         """
 
     @classmethod
     def need_size(cls, shape: tuple[int, int], least: tuple[int, int]) -> None:
-        """Refuse, with a ParameterError, frames whose height or width in px is below the least."""
+        """Raise a ParameterError if the frames' height or width in px is below `least`."""
         if shape[0] < least[0] or shape[1] < least[1]:
             raise ParameterError(
                 f"model '{cls.name}' needs frames of at least {least[1]} x {least[0]} px, not "
@@ -308,7 +307,7 @@ class Detector(ABC):
     def at_rest(self) -> Response:
         """Return the answer to a frame in which nothing changed: a response of 0.
 
-        Inner values that outlast a motion keep their latest value.
+        Inner values that last longer than the motion keep their latest value.
         """
         return self.answers(0.0)
 
@@ -316,8 +315,8 @@ class Detector(ABC):
     def maps(self) -> dict[str, Map]:
         """The layers of the latest frame by their symbols, such as ``P`` and ``S``.
 
-        Arrays of float32, shape (height, width); the next frame overwrites them. Empty where
-        the detector has none.
+        Arrays of float32, shape (height, width); the next frame overwrites them. Empty if the
+        detector has no layers.
         """
         return {}
 

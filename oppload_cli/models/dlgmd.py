@@ -30,12 +30,17 @@ class DlgmdParams(DpcParams):
     8
     """
 
-    group_size: int = parameter(4, "side of the square of grouping", unit="px", low=1, high=100)
+    group_size: int = parameter(
+        4, "side of the square over which grouping sums S", unit="px", low=1, high=100
+    )
     threshold_factor: float = parameter(
-        1.2, "threshold of grouping, as a multiple of the mean luminance change", low=0, high=1000
+        1.2,
+        "threshold of grouping, as a multiple of the luminance change two intervals ago",
+        low=0,
+        high=1000,
     )
     threshold_limit: float = parameter(0.3, "largest threshold of grouping", low=0, high=1000)
-    grouped_limit: float = parameter(1.0, "largest grouped value of a pixel", low=0, high=1e6)
+    grouped_limit: float = parameter(1.0, "largest value of G at a pixel", low=0, high=1e6)
 
 
 @dataclass(frozen=True)
@@ -66,18 +71,18 @@ def threshold(params: DlgmdParams, change_two_ago: float) -> float:
 
 @with_twin
 def group(presynaptic: Map, side: int, least: float, limit: float, out: Map) -> tuple[float, float]:
-    """Group S: ``C = ones(side, side) * S``, ``G = S C`` from `least` on, up to `limit`.
+    """Group S: ``C = ones(side, side) * S`` and ``G = S C``, 0 below `least`, at most `limit`.
 
     Parameters
     ----------
     presynaptic : ndarray of float32, shape (height, width)
         S, at least 0.
     side : int
-        Of the square of grouping in pixels, at least 1.
+        Side in pixels of the square over which S is summed, at least 1.
     least, limit : float
-        G is 0 below T = `least`, and at most `limit`.
+        The threshold T, and the largest value of G.
     out : ndarray of float32, shape (height, width)
-        Takes G.
+        Filled with G.
 
     Returns
     -------
@@ -86,7 +91,7 @@ def group(presynaptic: Map, side: int, least: float, limit: float, out: Map) -> 
 
     Source: ``docs/model.md``, section 3.
     """
-    anchor = (side - 1) // 2  # of MATLAB's conv2(..., 'same')
+    anchor = (side - 1) // 2  # as MATLAB's conv2(..., 'same') places the square
     sums = cv2.boxFilter(
         presynaptic,
         cv2.CV_32F,

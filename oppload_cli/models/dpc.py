@@ -1,8 +1,7 @@
 """Photoreceptors, DPC and MDE: the equations that several detectors share.
 
-They stand in the order of ``docs/model.md``, sections 1, 2 and 4: first the kernels, then the
-layers that are summed with them. :mod:`oppload_cli.models.layers` applies them to the frames of a
-video.
+They are those of ``docs/model.md``, sections 1, 2 and 4: first the kernels, then the layers that
+the kernels compute. :mod:`oppload_cli.models.layers` applies them to the frames of a video.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ class DpcParams(Parameters):
     """Constants of the distributed presynaptic connections (DPC).
 
     Lengths are in pixels of the working size and do not scale with it, unless OppLoD's
-    `kernel_height` is set: the preferred speed thus depends on the working size. The values are
-    those of the D-LGMD authors' MATLAB code (``docs/model.md``, section 2).
+    `kernel_height` is set. The preferred speed therefore depends on the working size. The values
+    are those of the D-LGMD authors' MATLAB code (``docs/model.md``, section 2).
     """
 
     sigma_excitation: float = parameter(
@@ -48,7 +47,7 @@ class DpcParams(Parameters):
         5.0, "spread of inhibition, sigma_I", unit="px", low=0.1, high=100
     )
     inhibition_strength: float = parameter(
-        1.5, "strength of inhibition against excitation, a", low=0, high=100
+        1.5, "strength of inhibition relative to excitation, a", low=0, high=100
     )
     kernel_radius: int = parameter(6, "radius of all DPC kernels, r", unit="px", low=1, high=50)
     latency_alpha: float = parameter(-0.1, "latency constant alpha_tau", low=-10, high=10)
@@ -57,18 +56,22 @@ class DpcParams(Parameters):
         0.7, "latency constant lambda", unit="1/px", low=0.01, high=10
     )
     latency_one: float = parameter(
-        1.0, "latency from which a connection is one frame late", unit="frames", low=-10, high=100
+        1.0,
+        "least latency of a connection with a delay of one frame",
+        unit="frames",
+        low=-10,
+        high=100,
     )
     latency_two: float = parameter(
         1.8999,
-        "latency above which a connection is two frames late",
+        "latency above which a connection has a delay of two frames",
         unit="frames",
         low=-10,
         high=100,
     )
 
     def dpc(self) -> DpcParams:
-        """Return the DPC constants alone: detectors that agree in them share their layers."""
+        """Return the DPC constants alone; detectors with equal DPC constants share their layers."""
         return DpcParams(**{name: getattr(self, name) for name in DpcParams.names()})
 
 
@@ -79,13 +82,13 @@ class Kernels:
     Attributes
     ----------
     excitation : ndarray
-        W_E, without the zeros around its few values: OpenCV sums such a small kernel directly, so
-        that E is exactly 0 where P is.
+        W_E, without the zeros around its few values. OpenCV sums such a small kernel directly, so
+        that E is exactly 0 where P is 0.
     inhibition : tuple of ndarray, shape (2 r + 1, 2 r + 1)
         W_I1, which acts on P(t-1), and W_I2, which acts on P(t-2).
     odd_masks : dict of int to ndarray, shape (2 r + 1, 2 r + 1)
-        M_phi - 1/2 by the direction phi of an axis in degrees. It is odd, so that a quadrant of it
-        is enough for the compiled loops.
+        M_phi - 1/2 by the direction phi of an axis in degrees. It is an odd function of the offset,
+        so that the compiled loops need only one quadrant of it.
     """
 
     excitation: Kernel
@@ -102,8 +105,9 @@ class Kernels:
 def _spread(params: DpcParams, sigma: float) -> Kernel:
     """Return g_s(d), the Gaussian of eq. (kernel EI) with the spread s in pixels.
 
-    Its amplitude is the one-dimensional ``1 / (s sqrt(2 pi))``, not renormalised, as in the
-    authors' code; with the two-dimensional one the velocity selectivity all but vanishes.
+    Its amplitude is that of a one-dimensional Gaussian, ``1 / (s sqrt(2 pi))``, and its sum is not
+    made 1, as in the authors' code. With the two-dimensional amplitude the velocity selectivity
+    all but vanishes.
     """
     x, y = _offsets(params.kernel_radius)
     gaussian: Kernel = np.exp(-(x**2 + y**2) / (2 * sigma**2)) / (sigma * np.sqrt(2 * np.pi))
@@ -131,8 +135,8 @@ def excitation_kernel(params: DpcParams) -> Kernel:
 def inhibition_kernels(params: DpcParams) -> tuple[Kernel, Kernel]:
     """Return W_I1 and W_I2 = a g_I where the delay is 1 and 2 (``docs/model.md``, section 2).
 
-    With the default constants they have 64 pixels of sum 6.103130 and 100 pixels of sum
-    5.555562.
+    With the default constants W_I1 has 64 pixels other than 0, with a sum of 6.103130, and W_I2
+    has 100, with a sum of 5.555562.
     """
     inhibition = params.inhibition_strength * _spread(params, params.sigma_inhibition)
     tau = latency(params)
@@ -144,7 +148,7 @@ def inhibition_kernels(params: DpcParams) -> tuple[Kernel, Kernel]:
 def direction_mask(params: DpcParams, direction: float) -> Kernel:
     """Return M_phi(d), the MDE mask on the inhibition kernel, eq. (mde), from 0 to 1.
 
-    The mask is named by the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
+    phi is the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
     (``docs/model.md``, section 4).
 
     Parameters
@@ -157,7 +161,7 @@ def direction_mask(params: DpcParams, direction: float) -> Kernel:
     x, y = _offsets(params.kernel_radius)
     phi = np.deg2rad(direction)
     along = x * np.cos(phi) - y * np.sin(phi)
-    # 1 / (1 + exp(sqrt(2) along)), written so that a large kernel does not overflow.
+    # This equals 1 / (1 + exp(sqrt(2) along)), but does not overflow for a large kernel.
     mask: Kernel = 0.5 - 0.5 * np.tanh(along / np.sqrt(2))
     return mask
 
@@ -185,8 +189,9 @@ def photoreceptors(luma: Map, before: Map, out: Map | None = None) -> Map:
 
 
 def _convolved(values: Map, kernel: Kernel) -> Map:
-    """Return ``W * P``, a true convolution that takes P as 0 beyond the frame."""
-    flipped = kernel[::-1, ::-1].astype(np.float32)  # OpenCV correlates: it takes W at -d
+    """Return ``W * P``, a true convolution in which P is 0 outside the frame."""
+    # OpenCV's filter2D correlates; with a flipped kernel it convolves.
+    flipped = kernel[::-1, ::-1].astype(np.float32)
     convolution = cv2.filter2D(values, cv2.CV_32F, flipped, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(convolution, np.float32)
 
@@ -205,8 +210,8 @@ def inhibition(p: Sequence[Map], kernels: Kernels) -> Map:
 def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map:
     """Return ``I_phi = (W_I1 M_phi) * P(t-1) + (W_I2 M_phi) * P(t-2)``, section 4.
 
-    `axis` is the direction phi in degrees. One inhibition serves two opposite pathways, as
-    ``I_phi + I_(phi+180) = I``.
+    `axis` is the direction phi in degrees. ``I_phi + I_(phi+180) = I``, so that I_phi also gives
+    the inhibition of the opposite pathway.
     """
     mask = kernels.odd_masks[axis] + 0.5
     one, two = kernels.inhibition
@@ -215,8 +220,8 @@ def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map
 
 def rectified(excitation: Map, inhibition: Map) -> Map:
     """Return ``S = max(0, E - I)``, eq. (S)."""
-    # S is at most E: OpenCV convolves with large kernels by Fourier transform, whose rounding
-    # leaves I a little below 0, and S must be exactly 0 where nothing changed.
+    # OpenCV convolves large kernels by Fourier transform. Its rounding can leave I a little below
+    # 0, and S above E. S is limited to E, so that it is exactly 0 where nothing changed.
     return np.asarray(np.minimum(np.maximum(excitation - inhibition, 0), excitation), np.float32)
 
 
@@ -234,8 +239,8 @@ class PresynapticSums:
     def zeros(cls, shape: tuple[int, int], axes: tuple[int, ...]) -> PresynapticSums:
         """Return zeros, for both pathways of each axis."""
         directions = [*axes, *(phi + 180 for phi in axes)]
-        # One array holds all maps: separate arrays would all begin at the same place of a memory
-        # page, and push each other out of the cache.
+        # One array holds all maps. Separate arrays would all begin at the same offset within a
+        # memory page, and so displace each other in the processor's cache.
         presynaptic, *pathways = np.zeros((1 + len(directions), *shape), np.float32)
         return cls(presynaptic, dict(zip(directions, pathways, strict=True)))
 
@@ -249,9 +254,9 @@ def presynaptic_sums(p: Sequence[Map], kernels: Kernels, out: PresynapticSums) -
     p : sequence of ndarray of float32, shape (height, width)
         P(t), P(t-1) and P(t-2), contiguous.
     kernels : Kernels
-        With the masks of no axis, or of two axes at a right angle.
+        The kernels, with the masks of no axis or of two axes at a right angle.
     out : PresynapticSums
-        Takes ``S = max(0, E - I)`` and ``S_phi = max(0, E - I_phi)``.
+        Filled with ``S = max(0, E - I)`` and ``S_phi = max(0, E - I_phi)``.
     """
     e, i = excitation(p, kernels), inhibition(p, kernels)
     out.presynaptic[:] = rectified(e, i)
@@ -268,13 +273,13 @@ _Values = TypeVar("_Values", float, "Map")
 
 
 def referred(s: _Values, excitation: _Values, share: float, *, directional: bool) -> _Values:
-    """Refer S over an interval of another length to S over the reference interval.
+    """Convert S measured over an interval of another length to S over the reference interval.
 
-    E grows in proportion to the displacement of an edge, and inhibition reduces it by an amount
-    that is constant once the edge moves by a few pixels: S over the reference interval is
+    E is proportional to the displacement of an edge. Inhibition reduces E by the loss ``E - S``,
+    which is constant once the edge moves by a few pixels. So S over the reference interval is
     ``share E - (E - S)``. Below 2 px, S of a pathway that passes the edge is about proportional to
-    the square of the displacement: then ``share^2 S`` is larger, and is returned (``docs/time.md``
-    measures both).
+    the square of the displacement, and becomes ``share^2 S``. The larger of both values is
+    returned, for a share above 1 the smaller (``docs/time.md`` gives measurements).
 
     Parameters
     ----------
@@ -286,7 +291,7 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
         Whether S is that of a pathway.
     """
     less, squared = s - (1 - share) * excitation, share * share * s
-    if share > 1:  # the inverse of the other case
+    if share > 1:  # the actual interval is shorter than the reference interval
         result: _Values = np.minimum(less, squared)
     else:
         result = np.maximum(less, squared if directional else 0)
@@ -297,7 +302,7 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
 
 
 def check_frame(luma: Map, shape: tuple[int, int]) -> None:
-    """Refuse, with a FrameError, an array that is not float32 of a shape, or not finite."""
+    """Raise a FrameError unless an array is float32 of the given shape, with finite values."""
     if luma.shape != shape or luma.dtype != np.float32:
         raise FrameError(
             f"a frame must be a float32 array of shape {shape}, "
@@ -314,7 +319,7 @@ def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def smaller(luma: Map, reduction: int) -> Map:
-    """Return a frame made smaller: means of squares of pixels.
+    """Return a frame reduced in size: each of its pixels is the mean of a square of pixels.
 
     Parameters
     ----------
@@ -326,7 +331,7 @@ def smaller(luma: Map, reduction: int) -> Map:
     Returns
     -------
     ndarray of float32, shape (height // reduction, width // reduction), each at least 1
-        Rows and columns at the end that fill no square are left out.
+        Rows and columns at the end that do not fill a square are left out.
 
     Source: ``docs/presets.md``.
     """

@@ -33,25 +33,25 @@ class FlowDivergenceParams(Parameters):
 
     window: float = parameter(
         5 / 12,
-        "side of the window over which divergence is averaged, as a share of the working height",
+        "side of the windows over which divergence is averaged, as a share of the working height",
         low=0.01,
         high=1,
     )
 
 
 def largest_divergence(flow: NDArray[np.float32], side: int) -> float:
-    """Return the largest mean divergence over the windows within a frame, at least 0, in 1/frame.
+    """Return the largest mean divergence over all windows within a frame, at least 0, in 1/frame.
 
-    The divergence du/dx + dv/dy by central differences is averaged with its sign over every
-    square window that lies within the frame. By Gauss's theorem the mean is the flow out of the
-    window over its area: rotation, shear and translation cancel, an expanding surface remains.
+    The divergence du/dx + dv/dy (central differences) is averaged, with its sign, over every
+    square window that lies within the frame. By Gauss's theorem this mean is the flow out of the
+    window, divided by its area. Rotation, shear and translation cancel; expansion remains.
 
     Parameters
     ----------
     flow : ndarray of float32, shape (height, width, 2)
         Motion (x, y) in px/frame.
     side : int
-        Side of a window in px; at most the frame's shorter side is used.
+        Side of a window in px; it is limited to the frame's shorter side.
     """
     divergence = np.gradient(flow[..., 0], axis=1) + np.gradient(flow[..., 1], axis=0)
     height, width = divergence.shape

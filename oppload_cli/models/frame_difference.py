@@ -29,7 +29,7 @@ class FrameDifferenceParams(Parameters):
 class FrameDifference(Detector):
     """The mean of ``P(t) = |L(t) - L(t-1)|`` over the frame (``docs/model.md``, section 1).
 
-    It tells motion from rest, and nothing of its direction.
+    It distinguishes motion from rest, but not the directions of motion.
 
     Examples
     --------

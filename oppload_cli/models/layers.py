@@ -1,7 +1,7 @@
 """The layers of one video: photoreceptors and DPC, computed once for all detectors.
 
-This module decides which frames are compared with each other (``docs/time.md``); the equations
-stand in :mod:`oppload_cli.models.dpc`.
+This module decides which frames are compared with each other (``docs/time.md``). The equations
+are in :mod:`oppload_cli.models.dpc`.
 """
 
 from __future__ import annotations
@@ -32,19 +32,20 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.dpc import DpcParams, Map
 
-MEMORY = 3  # maps of the photoreceptors that S is made from: now, one and two intervals ago
-# P compares with the oldest frame that is younger than an interval, instead of the youngest that is
-# older, if the younger frame lacks at most a quarter of the interval, and at most 0.4 of the time
-# that the older frame has in excess. Measured at 20 to 144 frames/s.
+MEMORY = 3  # S is computed from three maps of P: now, one and two intervals ago
+# Two frames can be compared with the current one: the youngest that is at least an interval old,
+# and the next younger frame. The younger one is taken if it is too young by at most a quarter of
+# the interval, and by at most 0.4 of the time by which the older one is too old. These limits were
+# measured at 20 to 144 frames/s.
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
-_FEW, _MANY = 6, 15  # latest steps from frame to frame, of which the median is taken
-_MOST_KEPT = 16.5  # frames kept per interval; at higher rates some are skipped
-_FIRST, _BRIGHTEST = 3, 2.0  # frames that are checked for 0 to 255, and the luminance allowed
+_FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
+_MOST_KEPT = 16.5  # frames kept per interval; at higher frame rates some are not kept
+_FIRST, _BRIGHTEST = 3, 2.0  # luminance above 2 in the first 3 frames is an error: 8-bit values
 
 
 @dataclass(slots=True, eq=False)
 class _PastFrame:
-    """P of one frame (`change`), and the past frame that it was compared with."""
+    """P of one frame (`change`), and the frame that it was compared with (`before`)."""
 
     at: float
     change: Map | None = None
@@ -57,23 +58,24 @@ class _PastFrame:
 class Photoreceptors:
     """P of a video, now and one and two intervals ago.
 
-    P(t) compares a frame with the youngest frame that is at least an interval old, or with the next
-    younger frame, if that frame lacks at most a quarter of the interval and comes much nearer to it
-    (``docs/time.md``). "One interval ago" is the time of the frame compared with.
+    P(t) compares a frame with the youngest frame that is at least an interval old. It compares with
+    the next younger frame instead if this is too young by at most a quarter of the interval, and
+    much closer to one interval (``docs/time.md``). "One interval ago" is the time of the frame
+    that was compared with.
 
     Parameters
     ----------
     shape : tuple of int
         Height and width of the working frames.
     stride : int
-        Reference intervals in one interval of these photoreceptors, at least 1.
+        Length of the interval of these photoreceptors, in reference intervals, at least 1.
     clock : Clock, optional
         Tells the time of the frames; without it each lasts one reference interval.
 
     Attributes
     ----------
     frames : int
-        How many frames were taken.
+        Number of frames taken.
     elapsed : float
         Reference intervals from the frame before to the latest one.
     """
@@ -91,7 +93,7 @@ class Photoreceptors:
         self.elapsed = 1.0
         self._now: float | None = None
         self._steps: deque[float] = deque(maxlen=_MANY)
-        self._rest = 0.0  # when the latest frame without any change was
+        self._rest = 0.0  # time of the latest frame without any change
         self._latest = _PastFrame(0.0)
         self._lumas: deque[tuple[_PastFrame, Map]] = deque()
         self._kept: deque[_PastFrame] = deque()
@@ -103,7 +105,7 @@ class Photoreceptors:
 
     @property
     def maps(self) -> list[Map]:
-        """P now and one and two intervals ago, 0 to 1; zeros where nothing was compared."""
+        """P now and one and two intervals ago, 0 to 1; zeros if no frames were compared then."""
         return [
             self._nothing if each is None or each.change is None else each.change
             for each in self._series
@@ -111,20 +113,20 @@ class Photoreceptors:
 
     @property
     def share(self) -> float:
-        """The interval asked for over the one measured; 1 where they differ by less than 3 %."""
+        """The wanted interval divided by the actual one; 1 if they differ by at most 3 %."""
         return self._latest.share
 
     @property
     def means(self) -> list[float]:
         """The mean of each of `maps` over the frame, 0 to 1.
 
-        Changes add up over time: each mean is scaled to the length of an interval.
+        Changes add up over time, so that each mean is scaled to the wanted length of the interval.
         """
         return [each.mean * each.share if each else 0.0 for each in self._series]
 
     @property
     def luma_change(self) -> float | None:
-        """The first of `means`, that of P(t); None where no earlier frame was compared."""
+        """The mean of P(t), the first of `means`; None if there was no frame to compare with."""
         return None if self._latest.change is None else self.means[0]
 
     @property
@@ -134,9 +136,9 @@ class Photoreceptors:
 
     @property
     def motion_lasts(self) -> bool:
-        """Whether the luminance kept changing since before the three intervals of `maps`.
+        """Whether the luminance changed all the time in the three intervals of `maps`.
 
-        False at the start of a video, and for the same time after a rest of the complete scene.
+        False at the start of a video, and for equally long after a rest of the complete scene.
         """
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
@@ -145,11 +147,12 @@ class Photoreceptors:
 
     @property
     def usual_step(self) -> float:
-        """Reference intervals from frame to frame, as a rule: the median of the latest steps.
+        """The usual number of reference intervals from frame to frame: a median of latest steps.
 
-        Where repeats are left out, pictures come at a lower rate than the video says. A lower rate
-        counts after a few steps, a higher one after many: short steps may come from missed repeats.
-        Before the second step the declared rate counts.
+        Where repeats are left out, frames come at a lower rate than the video declares. The step is
+        the larger of the medians of the latest 6 and of the latest 15 steps, so that a lower rate
+        counts soon and a higher one late: short steps may come from missed repeats. Before the
+        second step the declared rate counts.
         """
         latest = list(self._steps)
         return max(median(latest[-_FEW:]), median(latest)) if len(latest) > 1 else self._clock.step
@@ -157,13 +160,13 @@ class Photoreceptors:
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
         """Return `maps` averaged over squares; `shape` is their number down and across.
 
-        The squares are as large as fit, and centred in the frame. Where the frame has fewer pixels
-        than squares, it is resized instead.
+        The squares are as large as possible, and centred in the frame. If the frame has fewer
+        pixels than squares, the maps are resized instead.
         """
         (height, width), (rows, columns) = self.shape, shape
-        side = min(height // rows, width // columns)  # OpenCV is fast where all are equal
+        side = min(height // rows, width // columns)  # OpenCV is fast if all squares are equal
         top, left = (height - rows * side) // 2, (width - columns * side) // 2
-        if not side:  # less than a pixel
+        if not side:  # the squares would be smaller than a pixel
             top, left, rows, columns, side = 0, 0, height, width, 1
         squares = np.s_[top : top + rows * side, left : left + columns * side]
         averaged = []
@@ -178,7 +181,7 @@ class Photoreceptors:
         return averaged
 
     def need(self, luma: Map) -> None:
-        """Refuse, with a FrameError, what `step` would refuse."""
+        """Raise the FrameError that `step` would raise for this frame."""
         check_frame(luma, self.shape)
         if self.frames < _FIRST and cv2.minMaxLoc(luma)[1] > _BRIGHTEST:
             raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
@@ -189,9 +192,9 @@ class Photoreceptors:
         Raises
         ------
         FrameError
-            If the array is not float32 of that shape, or holds a value that is not finite, or
-            one of the first three frames holds one above 2, as luminance of 0 to 255 does. Such
-            a frame is not taken. Other values outside 0 to 1 are not looked for.
+            If the array is not float32 of the right shape, or has a value that is not finite, or
+            if one of the first three frames has a value above 2, which suggests luminance of 0 to
+            255. The frame is then not taken. Other values outside 0 to 1 are not checked.
         """
         self.need(luma)
         frame = _PastFrame(self._clock.now(self._now))
@@ -211,7 +214,7 @@ class Photoreceptors:
         return self.ready
 
     def _compared_with(self, now: float) -> tuple[_PastFrame, Map] | None:
-        """Return the frame to compare with, and drop the luminance of older frames."""
+        """Return the frame to compare with; free the luminance of older frames."""
         lumas, wanted = self._lumas, now - self.stride
         while len(lumas) > 1 and lumas[1][0].at <= wanted + NEARLY_ONE * self.stride:
             self._free.append(lumas.popleft()[1])
@@ -220,7 +223,7 @@ class Photoreceptors:
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
         excess = wanted - older[0].at
         if excess < -NEARLY_ONE * self.stride:
-            # At the start no frame is old enough: assume one more frame, a step before the first.
+            # At the start no frame is old enough. Assume one more frame, one step before the first.
             younger, excess = older, excess + now - (self._now or 0.0)
         lacking = younger[0].at - wanted
         if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
@@ -228,7 +231,7 @@ class Photoreceptors:
         return older if older[0].at <= wanted + NEARLY_ONE * self.stride else None
 
     def _keep(self, frame: _PastFrame, luma: Map) -> None:
-        """Keep a frame for later ones, unless it comes shortly after the one kept last."""
+        """Keep a frame for later comparisons, unless it comes very soon after the last kept one."""
         kept, before = self._kept, self._latest
         if before.change is not None and before is not kept[-1]:
             self._free.append(before.change)
@@ -260,15 +263,15 @@ class Dpc:
     params : DpcParams
         The DPC constants.
     axes : tuple of int
-        Directions phi in degrees of the pathways' axes: none, (45, 135) or (0, 90); each serves
-        the pathways phi and phi + 180.
+        Axes of the pathways, as directions phi in degrees: none, (45, 135) or (0, 90). Each axis
+        has the pathways phi and phi + 180.
     photoreceptors : _Hold of Photoreceptors, optional
-        Shared photoreceptors; own ones otherwise.
+        Shared photoreceptors; if left out, the object makes its own.
 
     Attributes
     ----------
     kernels : Kernels
-        Of these constants and axes.
+        The kernels of these constants and axes.
     sums : PresynapticSums
         S and S_phi of the latest frame, once `ready`; the next frame overwrites them.
     """
@@ -285,7 +288,7 @@ class Dpc:
         self.set_axes(axes)
 
     def set_axes(self, axes: tuple[int, ...]) -> None:
-        """From the next frame on, compute the pathways of these axes beside S."""
+        """Compute S and the pathways of these axes from the next frame on."""
         self.axes = axes
         self.kernels = Kernels.of(self._params, axes)
         self.sums = PresynapticSums.zeros(self._shape, axes)
@@ -297,19 +300,19 @@ class Dpc:
 
     @property
     def frames(self) -> int:
-        """How many frames were taken."""
+        """Number of frames taken."""
         return self._photoreceptors.frames
 
     @property
     def ready(self) -> bool:
-        """Whether S was computed for the latest frame: after three intervals."""
+        """Whether S was computed for the latest frame, as it is after three intervals."""
         return self.photoreceptors.ready
 
     @property
     def maps(self) -> dict[str, Map]:
         """P, E, I and S of the latest frame, and S_phi as ``S_45`` and so on.
 
-        E, I and S are computed when this is read.
+        Each access to this property computes E, I and S.
         """
         p = self.photoreceptors.maps
         named = {f"S_{phi}": pathway for phi, pathway in self.sums.pathways.items()}
@@ -346,15 +349,15 @@ _AnyLayer = TypeVar("_AnyLayer", bound=_Layer)
 
 
 class _Hold(Generic[_AnyLayer]):
-    """One user's hold on a layer that others may hold too.
+    """One detector's access to a layer that several detectors share.
 
-    Each user steps its own hold at every frame, and reads the values of `layer` after that. The
-    first one makes the layer compute; for the others the values are there already.
+    Each detector calls `step` of its own hold at every frame, and then reads the values of `layer`.
+    The first call of a frame makes the layer compute; the others find its values ready.
     """
 
     def __init__(self, layer: _AnyLayer) -> None:
         self.layer = layer
-        self.frames = 0  # that this user has taken
+        self.frames = 0  # number of frames that this detector has taken
 
     def step(self, luma: Map) -> bool:
         if self.frames == self.layer.frames:
@@ -368,9 +371,9 @@ class _Hold(Generic[_AnyLayer]):
 
 
 class Layers:
-    """The layers of one video, each made and computed once however many detectors use it.
+    """The layers of one video; each layer is computed once, even if several detectors use it.
 
-    Detectors that share layers are reset together, by ``DetectorBank.reset``.
+    Detectors that share layers must be reset together: ``DetectorBank.reset`` does it.
 
     Parameters
     ----------
@@ -398,7 +401,7 @@ class Layers:
 
     @property
     def time_s(self) -> float | None:
-        """Presentation time of the frame that is given now; None if it is not known."""
+        """Presentation time in seconds of the current frame; None if it is not known."""
         return self.clock.time_s
 
     def photoreceptors(self, stride: int = 1) -> _Hold[Photoreceptors]:
@@ -410,8 +413,8 @@ class Layers:
     def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> _Hold[Dpc]:
         """Return a hold on the DPC layers of some constants and axes.
 
-        Of the parameters only the DPC constants count. `axes` are those of :class:`Dpc`, none for a
-        holder that needs S only; `stride` is that of :meth:`photoreceptors`.
+        Only the DPC constants of `params` are used. `axes` is as in :class:`Dpc`, and empty for a
+        detector that needs S only; `stride` is as in :meth:`photoreceptors`.
         """
         constants = params.dpc()
         for known, known_stride, dpc in self._dpcs:
@@ -425,9 +428,9 @@ class Layers:
         return _Hold(dpc)
 
     def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> _Hold[_AnyLayer]:
-        """Return a hold on a layer of another kind, which is made once.
+        """Return a hold on a layer of another kind, which `make` makes once per key.
 
-        The key holds the kind of the layer and all its constants.
+        The key must contain the kind of the layer and all its constants.
         """
         if key not in self._others:
             self._others[key] = make()

@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from oppload_cli.models.layers import Dpc, _Hold
     from oppload_cli.models.timebase import Clock
 
-_LONGEST = 4  # intervals over which smaller frames are compared
-_LACKING = 1 / 8  # a step between frames that is shorter by this share still counts as n intervals
-_HELD = 6  # frames for which a size that is no longer wanted goes on
+_LONGEST = 4  # largest number of intervals over which smaller frames are compared
+_LACKING = 1 / 8  # a step that is shorter than n intervals by this share still counts as n
+_HELD = 6  # frames for which a size that is no longer wanted is still computed
 
 
 class _SmallerFrames:
-    """The DPC over a reduced video, in which the direction of faster edges can be distinguished.
+    """The DPC layers of smaller frames, which show the direction of faster edges.
 
-    Frames one interval apart are compared at half their size. Where frames come every n intervals
-    only, they are compared over n intervals at 1/(2n) of their size: an edge then moves as many
-    pixels between the frames compared (``docs/time.md``).
+    Frames that are one interval apart are compared at half their size. If frames come only every n
+    intervals, they are compared over n intervals at 1/(2n) of their size. An edge then moves by
+    equally many pixels between the compared frames (``docs/time.md``).
     """
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams, clock: Clock) -> None:
@@ -40,7 +40,7 @@ class _SmallerFrames:
     def reset(self) -> None:
         self._intervals = _longest_interval(self._clock.step)
         self._dpcs = {self._intervals: self._begun(self._intervals)}
-        self._unwanted = {self._intervals: 0}  # for how many frames
+        self._unwanted = {self._intervals: 0}  # number of frames for which each is not wanted
         self._frames = 0
 
     def _begun(self, intervals: int) -> _Hold[Dpc]:
@@ -49,14 +49,14 @@ class _SmallerFrames:
         return layers.dpc(self._params, self._params.both_axes, intervals)
 
     def step(self, luma: Map, usual_step: float) -> bool:
-        """Take the next frame; tell whether S is known.
+        """Take the next frame; return whether S was computed.
 
-        `usual_step` is the number of intervals from frame to frame, as a rule. When another size is
-        wanted, the size in use goes on until the new one can answer.
+        `usual_step` is the usual number of intervals from frame to frame. If it asks for another
+        size, the present size is used until the new one can answer.
         """
         wanted = _longest_interval(usual_step)
         self._frames += 1
-        # The first frames have nothing to go on with, and their steps are not yet known.
+        # For the first frames no former size is kept: their usual step is not yet known.
         most = _HELD if self._frames > _HELD else 0
         kept = {n: count + 1 for n, count in self._unwanted.items() if count < most}
         self._unwanted = kept | {wanted: 0}
@@ -73,16 +73,16 @@ class _SmallerFrames:
 
     @property
     def latest(self) -> tuple[Dpc, int]:
-        """The DPC over the smaller frames, and the side of the working frame over theirs."""
+        """The DPC layers of the smaller frames, and how many times smaller these frames are."""
         return self._dpcs[self._intervals].layer, 2 * self._intervals
 
 
 def _longest_interval(step: float) -> int:
-    """Return over how many intervals to compare frames that are `step` intervals apart."""
+    """Return the number of intervals over which to compare frames `step` intervals apart."""
     return min(_LONGEST, max(1, int(step / (1 - _LACKING))))
 
 
-# The paper's model, made to work: none of the additions for real footage.
+# The paper's model, made to work, without the parts that `default` adds for videos of cameras.
 _REFERENCE = OpplodParams(
     field_share=5 / 12,
     cell_share=1 / 30,
@@ -98,7 +98,7 @@ _REFERENCE = OpplodParams(
     cone=90.0,
 )
 
-# As LPLC2 neurons answer (``docs/lplc2.md``): fields of 60 degrees on a display of 72 degrees.
+# Tuned to LPLC2 neurons (``docs/lplc2.md``): fields of 60 degrees on displays of 72 degrees.
 _LPLC2 = _REFERENCE.replaced(
     judgement="arms",
     axes=0,
@@ -173,7 +173,7 @@ class Opplod(Detector):
         Column(
             "calcium",
             "",
-            "response as a calcium indicator shows it: the largest low-passed one of all units",
+            "response as a calcium indicator shows it: the largest low-passed response of a unit",
             "lplc2",
         ),
     )
@@ -188,7 +188,7 @@ class Opplod(Detector):
         own, clock, layers = self.params, self.layers.clock, self.layers
         lasting = own.light_s * clock.per_second
         self._light = SteadyLight(lasting) if lasting else None
-        if lasting or own.entering:  # no other detector shares these frames and maps
+        if lasting or own.entering:  # these change frames or maps, so that none can be shared
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
         pooled = own.judgement == "pooled"
@@ -228,8 +228,8 @@ class Opplod(Detector):
     def at_rest(self) -> OpplodResponse:
         """Return the answer to a frame in which nothing changed: a response of 0.
 
-        The calcium signal keeps its latest value: it holds over a few repeats of a picture, and
-        falls in a scene at rest, of which the detector is shown every frame.
+        The calcium signal keeps its latest value. So it does not change during a few repeats. In a
+        scene at rest it falls, because there the detector gets every frame.
         """
         judgement = self.judgement
         calcium = judgement.calcium if isinstance(judgement, ArmsJudgement) else None
@@ -238,7 +238,8 @@ class Opplod(Detector):
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing.
 
-        None until the working frame or the smaller frame was compared over three intervals.
+        The result is None until three intervals of the working frame, or of the smaller frame,
+        have been compared.
         """
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors

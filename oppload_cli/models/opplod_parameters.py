@@ -11,55 +11,63 @@ from oppload_cli.models.detector import Response
 from oppload_cli.models.dpc import DpcParams
 from oppload_cli.schema import parameter
 
-_LEAST_SIGMA = 0.01  # cells: below, a cell is pooled with itself alone
+_LEAST_SIGMA = 0.01  # cells; with a smaller sigma no cell is pooled with its neighbours
 
 
 @dataclass(frozen=True, kw_only=True)
 class _ArmParams(DpcParams):
-    """Parameters of the arms; they count with ``judgement=arms`` only (preset ``lplc2``)."""
+    """Parameters that have an effect with ``judgement=arms`` only (preset ``lplc2``)."""
 
     kernel_height: int = parameter(
         0,
-        "working height that the DPC constants in px are meant for; at another one they are "
-        "scaled; 0: never",
+        "working height for which the DPC constants in px are given; at another working height "
+        "they are scaled in proportion; 0: never scaled",
         unit="px",
         low=0,
         high=8192,
     )
     graded: bool = parameter(
-        True, "whether the arms see the graded direction of motion, or the four S_phi"
+        True, "True: the arms see motion in its direction, from both axes; False: the four S_phi"
     )
     arm_cone: float = parameter(
-        90.0, "half-width of the cone in which an arm is excited", unit="deg", low=1, high=180
+        90.0, "half-width of the cone in which motion excites an arm", unit="deg", low=1, high=180
     )
     suppression_cone: float = parameter(
-        36.0, "half-width of the cone in which an arm is suppressed", unit="deg", low=1, high=180
+        36.0,
+        "half-width of the cone in which motion suppresses an arm",
+        unit="deg",
+        low=1,
+        high=180,
     )
     suppression_field: float = parameter(
-        1.7, "reach of suppression along an arm, over that of excitation", low=0.1, high=10
+        1.7, "reach of an arm's suppression, divided by that of its excitation", low=0.1, high=10
     )
-    inward: float = parameter(5.0, "suppression by motion towards the middle", low=0, high=1000)
-    lateral: float = parameter(4.0, "suppression by motion across the arm", low=0, high=1000)
+    inward: float = parameter(
+        5.0, "weight of suppression by motion towards the unit's middle", low=0, high=1000
+    )
+    lateral: float = parameter(
+        4.0, "weight of suppression by motion across the arm", low=0, high=1000
+    )
     surround: float = parameter(
-        0.25, "suppression by all motion in the field (normalisation)", low=0, high=1000
+        0.25, "weight of suppression by all motion in the field (normalisation)", low=0, high=1000
     )
     suppression_s: float = parameter(
-        0.15, "time constant of suppression; 0: none", unit="s", low=0, high=60
+        0.15, "time constant of suppression; 0: it acts at once", unit="s", low=0, high=60
     )
     half_saturation: float = parameter(
-        1e-3, "excitation that fills half of an arm without suppression", low=1e-12, high=1e9
+        1e-3, "excitation at which an arm without suppression responds by half", low=1e-12, high=1e9
     )
     saturation: float = parameter(1.0, "exponent of an arm's saturation", low=0.05, high=20)
     arm_power: float = parameter(
-        1.5, "exponent of the sum of the arms above the threshold", low=0.1, high=10
+        1.5, "exponent of that part of the arms' sum that is above the threshold", low=0.1, high=10
     )
     calcium_s: float = parameter(
-        0.0, "time constant of the calcium signal; 0: none", unit="s", low=0, high=60
+        0.0, "time constant of the calcium signal; 0: no calcium signal", unit="s", low=0, high=60
     )
 
     @property
     def least_scale(self) -> float:
-        """The least scale at which the scaled constants are within their ranges."""
+        """The least scale at which all scaled constants are still within their allowed ranges."""
         ranges = {each.name: each for each in self.declared()}
         least: float = max(
             self.latency_lambda / (ranges["latency_lambda"].high or math.inf),
@@ -91,125 +99,135 @@ class OpplodParams(_ArmParams):
 
     judgement: str = parameter(
         "pooled",
-        "opposing motion judgement: 'pooled' over cells, 'pixelwise' as the paper has it, or by "
-        "the 'arms' of an LPLC2 neuron",
+        "how opposing motion is judged: 'pooled' over cells, 'pixelwise' as in the paper, or by "
+        "the 'arms' of units like LPLC2 neurons",
         choices=("pooled", "pixelwise", "arms"),
     )
     receptive_field: int | None = parameter(
         None,
-        "side of a unit's square field; auto: field_share of the working height",
+        "side of a unit's square receptive field; auto: field_share times the working height",
         unit="px",
         low=2,
         high=8192,
     )
     cell: int | None = parameter(
         None,
-        "spacing of cells; auto: cell_share of the working height",
+        "side of a cell, and spacing of the cells; auto: cell_share times the working height",
         unit="px",
         low=1,
         high=1024,
     )
     field_share: float = parameter(
         1.0,
-        "side of an automatic receptive_field, as a share of the working height",
+        "side of the receptive field as a share of the working height, if receptive_field is auto",
         low=0.01,
         high=2,
     )
     cell_share: float = parameter(
-        0.05, "size of an automatic cell, as a share of the working height", low=0.001, high=0.5
+        0.05,
+        "side of a cell as a share of the working height, if cell is auto",
+        low=0.001,
+        high=0.5,
     )
     pool_sigma: float = parameter(
-        1.0, "spread of pooling; 0: no pooling", unit="cells", low=0, high=10
+        1.0, "sigma of the pooling over cells; 0: no pooling", unit="cells", low=0, high=10
     )
     axes: int = parameter(
-        45, "first axis of opponency; the other is 90 degrees on", unit="deg", choices=(0, 45)
+        45,
+        "direction of the first axis of opponency; the second is at a right angle to it",
+        unit="deg",
+        choices=(0, 45),
     )
     border: int = parameter(
         6,
-        "width of the strip along the edge of the frame, and along bars beside the picture, in "
-        "which S is set to 0; 0: none, and bars are not looked for",
+        "S is set to 0 in a strip of this width along the edges of the frame and of bars beside "
+        "the picture; 0: no strip, and no search for bars",
         unit="px",
         low=0,
         high=1000,
     )
     entering: int = parameter(
         24,
-        "S is also 0 where motion reaches the edge of the frame, or of a bar, without a break: up "
-        "to this distance; 0: nowhere",
+        "S is also set to 0, up to this distance from the edge of the frame or of a bar, where "
+        "motion reaches that edge without a break; 0: nowhere",
         unit="px",
         low=0,
         high=1000,
     )
     compression: float = parameter(
-        0.5, "exponent of the pooled S; below 1, contrast counts for less", low=0.1, high=2
+        0.5, "exponent of the pooled S; below 1, contrast matters less", low=0.1, high=2
     )
     stride: int = parameter(
         2,
-        "compare frames that are this many intervals apart; judgement=pooled divides S by it",
+        "intervals between the frames that are compared; judgement=pooled divides S by it",
         low=1,
         high=16,
     )
     halved_weight: float = parameter(
         2.0,
-        "weight of R computed in a frame of half the size (smaller still at low frame rates), over "
-        "one interval; with judgement=pooled only; 0: not computed",
+        "weight of the R that is added from the frame at half its size (smaller still at low frame "
+        "rates), compared over one interval; only with judgement=pooled; 0: none is added",
         low=0,
         high=1000,
     )
     persistence: float = parameter(
         0.45,
-        "share of its R that a unit keeps from one interval to the next; one picture counts as at "
-        "most 1.3 intervals",
+        "share of its former R that a unit keeps after one interval; the time between two frames "
+        "counts as at most 1.3 intervals",
         low=0,
         high=0.99,
     )
     history: float = parameter(
         0.125,
-        "S counts only where, one and two intervals ago, the change nearby was at least this share "
-        "of the present one: with less, motion has only just begun there; 0: off",
+        "S of a cell counts only if the change nearby, both one and two intervals ago, was at "
+        "least this share of the present change; otherwise motion has only just begun; 0: S "
+        "always counts",
         low=0,
         high=1,
     )
     adaptation_level: float = parameter(
         0.035,
-        "where the recent median of R, with all motion counted, is above this level, R is "
-        "multiplied by level / median; 0: never",
+        "if the background of R is above this level, R is multiplied by level / background; the "
+        "background is the median of the best unit's R, all motion counted; 0: never",
         low=0,
         high=1e9,
     )
     adaptation_s: float = parameter(
         4.0,
-        "length of this background, which ends adaptation_guard_s before the latest frame",
+        "length of the background of R, which ends adaptation_guard_s before the latest frame",
         unit="s",
         low=0.1,
         high=60,
     )
     adaptation_guard_s: float = parameter(
         0.25,
-        "time before the latest frame that does not yet count as background",
+        "time before the latest frame that the background of R leaves out",
         unit="s",
         low=0,
         high=60,
     )
     light_s: float = parameter(
         4.0,
-        "time constant with which a lasting change of the light is let through; faster changes, of "
-        "lamps or by the exposure, are left out; 0: all changes count",
+        "time constant with which a lasting change of the light passes; faster changes, by lamps "
+        "or by the camera's exposure, are removed; 0: no change is removed",
         unit="s",
         low=0,
         high=60,
     )
     cone: float = parameter(
         60.0,
-        "largest angle between an offset and the motion that is outward (or inward) there",
+        "motion counts as outward (inward) if the angle between it and the line from (to) the "
+        "unit's centre is at most this",
         unit="deg",
         low=1,
         high=90,
     )
     periphery: float = parameter(
-        1.0, "weight of inward against outward motion, w_p", low=0, high=1000
+        1.0, "weight w_p of inward motion, which is subtracted from outward", low=0, high=1000
     )
-    threshold: float = parameter(0.0, "opponency above which it is enhanced, T_o", low=0, high=1e9)
+    threshold: float = parameter(
+        0.0, "threshold of opponency, T_o: at or below it the response is 0", low=0, high=1e9
+    )
     gain: float = parameter(1.0, "gain of enhancing, c2", low=0, high=1e9)
     units: str = parameter("every", "grid of units such as 5x5 (columns x rows), or 'every' cell")
 
@@ -263,13 +281,14 @@ class OpplodParams(_ArmParams):
     def resolved(self, height: int) -> OpplodParams:
         """Return these parameters with the values that depend on the video filled in.
 
-        `receptive_field` and `cell` become their shares of the working height (240 and 12 px at
-        240, and 100 and 8 px under preset ``reference``), but at least 2 and 1 px.
+        Where `receptive_field` and `cell` are None they become shares of the working height: at
+        240 px they are 240 and 12 px, and 100 and 8 px under preset ``reference``. They are at
+        least 2 and 1 px.
 
         Raises
         ------
         ParameterError
-            If `kernel_height` is set, and the DPC constants cannot be scaled down so far.
+            If `kernel_height` is set, and the scaled DPC constants leave their allowed ranges.
         """
         scale = height / self.kernel_height if self.kernel_height else 1.0
         if scale < self.least_scale:
@@ -325,8 +344,8 @@ class OpplodResponse(Response):
     response : float
         The enhanced response of the frame, at least 0.
     box : Box or None
-        Receptive field of the winning unit in working pixels, centred where the object is
-        looming; it may reach over the frame's edge. None where the response is 0.
+        Receptive field of the winning unit in working pixels; the object looms at its centre. It
+        may reach over the frame's edge. None where the response is 0.
     opponency : float
         R of the winning unit before enhancing, at least 0.
     calcium : float or None

@@ -1,8 +1,8 @@
 """Opposing motion judgement (OMJ), made to work (``docs/model.md``, section 5).
 
-It pools the S maps over cells, multiplies opposite motion on opposite sides of each unit, and
-subtracts the inward products from the outward ones. :class:`PixelwiseJudgement` follows the paper
-to the letter instead.
+:class:`PooledJudgement` pools the S maps over cells, multiplies opposite motion on opposite sides
+of each unit, and subtracts the inward products from the outward ones. :class:`PixelwiseJudgement`
+follows the paper's text literally instead.
 """
 
 from __future__ import annotations
@@ -34,18 +34,18 @@ if TYPE_CHECKING:
 
 
 _BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
-_MOST_ELAPSED = 1.3  # intervals that one picture counts at most: at 24 frames/s, 1.25 in full
-_POOLED_SIGMAS = 5  # pixels further from a cell's centre weigh less than a millionth
+_MOST_ELAPSED = 1.3  # largest weight of a frame in intervals; the step at 24 frames/s is 1.25
+_POOLED_SIGMAS = 5  # in sigmas: pixels further from a cell's centre weigh less than a millionth
 
 
 # ---- The equations -------------------------------------------------------------------------
 
 
 def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
-    """Return where the centres of the cells lie along one side of the frame.
+    """Return the centres of the cells along one side of the frame, in pixels.
 
-    As many complete cells as fit, at least one, stand centred in the frame. For an odd number of
-    units the number of cells is odd too, so that the unit in the middle has a cell there.
+    The row of cells has as many complete cells as fit, at least one, and is centred in the frame.
+    If the number of units is odd, the number of cells is odd too: the middle unit needs a cell.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
     cell : int
         Spacing of the cells in pixels.
     units : int, optional
-        How many of the cells are units; None where each is one.
+        How many of the cells are units; None if every cell is a unit.
     """
     count = max(1, length // cell)
     if units and units % 2 and count % 2 == 0:
@@ -74,7 +74,7 @@ def pooling_weights(
     centres : ndarray, shape (n,)
         Centres of the cells in pixels; pixel i covers [i, i + 1).
     sigma : float
-        Spread of the Gaussian in pixels; 0 takes the pixel at the centre alone.
+        Sigma of the Gaussian in pixels; with 0 each cell takes the pixel at its centre only.
     border : tuple of int
         Pixels at the start and at the end of the side that do not count.
 
@@ -98,14 +98,14 @@ def pooling_weights(
 
 @with_twin
 def pool(maps: Sequence[Map], down: Map, across: Map) -> Maps:
-    """Pool maps over the cells: ``down S_phi across'`` of each, step 1 of section 5.
+    """Pool maps over the cells: the matrix product ``down S_phi across'``, step 1 of section 5.
 
     Parameters
     ----------
     maps : sequence of ndarray of float32, shape (height, width)
         S_phi, each contiguous.
     down, across : ndarray of float32, shapes (rows, height) and (columns, width)
-        :func:`pooling_weights` of either side.
+        :func:`pooling_weights` along the height and along the width.
 
     Returns
     -------
@@ -126,15 +126,15 @@ def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
     cone : float
         Largest angle in degrees between an offset and the axis, up to 90.
     periphery : float
-        w_p, the weight of inward against outward motion.
+        w_p, the weight with which inward motion is subtracted.
 
     Returns
     -------
     ndarray of float32, shape (2 reach + 1, 2 reach + 1)
-        By row and column of u: 1 within the cone about u_phi (outward), -w_p within that about
-        -u_phi (inward), else 0. The cone is that of ``docs/presets.md``.
+        By row and column of u: 1 in the cone around u_phi (outward), -w_p in the cone around
+        -u_phi (inward), else 0. The cone is the "outward cone" of ``docs/presets.md``.
     """
-    # Along an axis or a diagonal each component of u_phi is -1, 0 or 1 times one length.
+    # For these directions both components of u_phi, times a common factor, are -1, 0 or 1.
     right = round(math.cos(math.radians(axis)) * math.sqrt(2))
     up = round(math.sin(math.radians(axis)) * math.sqrt(2))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -146,13 +146,13 @@ def offset_weights(reach: int, axis: int, cone: float, periphery: float) -> Map:
 
 @with_twin
 def opponent_products(pooled: Maps, weights: Maps) -> Maps:
-    """Sum ``O(c, u) = S_phi(c + u) S_(phi+180)(c - u)`` over the offsets u, weighted.
+    """Return the weighted sums of ``O(c, u) = S_phi(c + u) S_(phi+180)(c - u)`` over offsets u.
 
     Parameters
     ----------
     pooled : ndarray of float32, shape (2 axes, rows, columns)
-        The pooled S_phi of each axis, and then the S_(phi+180), contiguous; beyond the frame
-        they are 0.
+        The pooled S_phi of each axis, followed by the pooled S_(phi+180), contiguous. Outside the
+        frame they count as 0.
     weights : ndarray of float32, shape (axes, 2 reach + 1, 2 reach + 1)
         :func:`offset_weights` of each axis, contiguous.
 
@@ -165,7 +165,7 @@ def opponent_products(pooled: Maps, weights: Maps) -> Maps:
     sums = np.zeros_like(pooled[:axes])
     rows, columns = sums.shape[1:]
     for axis, dy, dx in np.argwhere(weights) - (0, reach, reach):
-        y, x = abs(dy), abs(dx)  # beyond these margins one of the two places is outside
+        y, x = abs(dy), abs(dx)  # for units nearer to the edge, c + u or c - u is outside
         if 2 * y < rows and 2 * x < columns:
             ahead = pooled[axis, y + dy : rows - y + dy, x + dx : columns - x + dx]
             behind = pooled[axes + axis, y - dy : rows - y - dy, x - dx : columns - x - dx]
@@ -175,18 +175,18 @@ def opponent_products(pooled: Maps, weights: Maps) -> Maps:
 
 
 def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
-    """Tell in which cells motion has lasted for long enough that S has its inhibition.
+    """Return in which cells motion has lasted long enough for inhibition to be complete.
 
-    The first edges that move after a rest meet no inhibition, in no direction, and excite all
-    pathways alike. The history of a cell is the largest change within 6 cells.
+    The first edges that move after a rest meet no inhibition in any direction: they excite all
+    pathways equally. The history of a cell is the largest change within 6 cells of it.
 
     Parameters
     ----------
     changes : sequence of ndarray of float32, shape (rows, columns)
         P over cells, now and one and two intervals ago.
     least : float
-        Least history, one and two intervals ago, over the largest change now in the cell or
-        beside it.
+        Least history, both one and two intervals ago, as a share of the largest present change in
+        the cell and its neighbours.
 
     Source: ``docs/time.md``.
     """
@@ -207,14 +207,14 @@ def unit_starts(room: int, count: int) -> list[int]:
     Parameters
     ----------
     room : int
-        Side of the frame less that of a receptive field, in pixels.
+        Side of the frame minus the side of a receptive field, in pixels.
     count : int
-        How many units there are, at least 1.
+        Number of units, at least 1.
 
     Returns
     -------
     list of int
-        Where their fields start: from 0 to `room`; in the middle for one unit.
+        First pixel of each unit's receptive field: from 0 to `room`; a single unit is centred.
     """
     if count == 1:
         return [room // 2]
@@ -222,9 +222,10 @@ def unit_starts(room: int, count: int) -> list[int]:
 
 
 def _selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[int, int]) -> Map:
-    """Return 1 at the cells that are units, 0 elsewhere, in frames of a height and width.
+    """Return a map with 1 at the cells that are units, and 0 elsewhere.
 
-    `grid` holds the columns and rows of the units, spread evenly; None where every cell is a unit.
+    `grid` has the numbers of columns and rows of units, which are evenly spread over frames of the
+    given shape; None if every cell is a unit.
     """
     if grid is None:
         return np.ones_like(maps.responses)
@@ -245,7 +246,7 @@ def _selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[i
 
 
 class CellJudgement:
-    """Units at the cells of the frame, for the judgements that pool motion over cells.
+    """Base of the judgements that pool motion over cells: their units are cells of the frame.
 
     Parameters
     ----------
@@ -280,13 +281,13 @@ class CellJudgement:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the frames that have passed."""
+        """Forget all frames."""
         self.maps = self.maps._replace(responses=np.zeros_like(self.maps.responses), pathways={})
 
     def _pooling_weights(
         self, shape: tuple[int, ...], reduction: int = 1, bars: Widths = NO_BARS
     ) -> tuple[Map, Map]:
-        """Return the weights, down and across, that pool maps smaller than the frame."""
+        """Return the weights, down and across, that pool maps reduced by a factor, without bars."""
         maps, params = self.maps, self._params
         sigma = params.pool_sigma * params.cell_px / reduction
         left, right, top, bottom = ((params.border + bar) // reduction for bar in bars)
@@ -297,7 +298,7 @@ class CellJudgement:
 
 
 class PooledJudgement(CellJudgement):
-    """OMJ at every cell: pool, outward minus inward, enhance the best unit."""
+    """OMJ at every cell: pool, subtract inward from outward motion, enhance the best unit."""
 
     def __init__(
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
@@ -305,7 +306,7 @@ class PooledJudgement(CellJudgement):
         super().__init__(shape, params, per_second)
         self._bars = NO_BARS
         self._pooling = {1: (self._down, self._across)}  # by the reduction of the maps
-        # A power of a Gaussian is a Gaussian, wider where the power is below 1.
+        # A Gaussian to a power is a Gaussian of another width: wider if the power is below 1.
         self.maps = self.maps._replace(spread=self.maps.spread / math.sqrt(params.compression))
         reach = int(self.maps.field / 2 // params.cell_px)
         cone, periphery = params.cone, params.periphery
@@ -314,21 +315,21 @@ class PooledJudgement(CellJudgement):
         )
 
     def reset(self) -> None:
-        """Forget the frames that have passed."""
+        """Forget all frames."""
         super().reset()
         params = self._params
         self._kept = np.zeros((2, *self.maps.responses.shape), np.float32)
         self._moving = 0.0  # intervals
-        # Times of frames add up with rounding: a hundredth of an interval decides no comparison.
+        # Sums of frame times have rounding errors: a hundredth of an interval must not matter.
         self._background = Background(
             params.adaptation_s * self._per_second + 0.01,
             params.adaptation_guard_s * self._per_second + 0.01,
         )
 
     def _answers_to(self, photoreceptors: Photoreceptors) -> bool:
-        """Tell whether motion has lasted for long enough to be judged.
+        """Return whether motion has lasted long enough to be judged.
 
-        With `history`, a rest of the complete scene is like the start of a video
+        If `history` is not 0, a rest of the complete scene counts like the start of a video
         (``docs/time.md``).
         """
         return photoreceptors.motion_lasts if self._params.history else photoreceptors.ready
@@ -339,17 +340,17 @@ class PooledJudgement(CellJudgement):
         Parameters
         ----------
         dpc : Dpc
-            S_phi of the working frame or of a smaller one. With `entering` they are set to 0 in
-            place where motion may have come from outside.
+            S_phi of the working frame or of a smaller frame. If `entering` is not 0, this method
+            sets S_phi to 0, in place, where motion may have come from outside the frame.
         reduction : int
-            Side of the working frame over that of the maps, at least 1.
+            Side of the working frame divided by the side of the maps, at least 1.
 
         Returns
         -------
         ndarray of float32, shape (2, rows, columns)
-            Two maps of ``max(0, out - w_p in)``, summed over both axes: first without cells where
-            motion has only just begun (`history`), then of all cells, which the adaptation uses. S
-            over several intervals is divided by their number.
+            Two maps of ``max(0, out - w_p in)``, summed over both axes. The first leaves out cells
+            where motion has only just begun (`history`). The second has all cells; the adaptation
+            uses it. S over several intervals is divided by the number of intervals.
         """
         params, photoreceptors = self._params, dpc.photoreceptors
         one, other = params.both_axes
@@ -395,15 +396,15 @@ class PooledJudgement(CellJudgement):
         dpc : Dpc
             S_phi of the frame.
         smaller : tuple of Dpc and int, optional
-            S_phi of the frame made smaller, and by how much. R in it is added with the weight
-            `halved_weight`, once its motion has lasted.
+            S_phi of the smaller frame, and how many times smaller it is. R in the smaller frame is
+            added with the weight `halved_weight`, once motion has lasted long enough there.
         bars : Widths
-            Bars beside the picture, in which S is set to 0, and in the `border` along them.
+            Bars beside the picture. S is set to 0 in them, and in the `border` along them.
 
         Returns
         -------
         OpplodResponse
-            Of the best unit; its response is ``c2 R^2``, 0 unless R is above T_o.
+            The answer of the unit with the largest R: ``c2 R^2`` if R is above T_o, else 0.
         """
         params, photoreceptors = self._params, dpc.photoreceptors
         if bars != self._bars:
@@ -415,13 +416,14 @@ class PooledJudgement(CellJudgement):
         if self._answers_to(photoreceptors):
             both += self.opponency(dpc)
         elif added is None:
-            self._kept[:] = 0  # as before the first response
+            self._kept[:] = 0  # begin again, as at the start of the video
         if added is not None:
             both += added
         if params.persistence:
-            rows = -1, both.shape[-1]  # OpenCV takes maps of two dimensions
-            # At low frame rates one picture counts for less than its full time, so that a single
-            # chance response cannot pass.
+            rows = -1, both.shape[-1]  # OpenCV needs arrays of two dimensions
+            # A frame's weight grows with the time since the frame before, but only up to the usual
+            # step, and up to 1.3 intervals. Otherwise, at low frame rates or after a dropped frame,
+            # a single chance response could pass.
             most = min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step))
             weight = 1 - params.persistence ** min(photoreceptors.elapsed, most)
             cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)
@@ -441,9 +443,10 @@ class PooledJudgement(CellJudgement):
     def _adaptation(self, best: float, elapsed: float) -> float:
         """Return the factor of R: 1, or less in a scene full of opponent motion.
 
-        ``min(1, level / B)``, with B the background of the best unit's R (``docs/presets.md``).
+        It is ``min(1, level / B)`` with B the background of the best unit's R
+        (``docs/presets.md``).
         """
-        if not best:  # a scene at rest is no background
+        if not best:  # a frame without R does not count as background
             return 1.0
         self._moving += elapsed
         background = self._background.step(best, self._moving)
@@ -454,7 +457,7 @@ class PooledJudgement(CellJudgement):
 
 
 class PixelwiseJudgement:
-    """Products pixel by pixel in the receptive fields of a grid of units.
+    """The paper's OMJ: products pixel by pixel in the receptive fields of a grid of units.
 
     Parameters
     ----------
@@ -485,14 +488,14 @@ class PixelwiseJudgement:
         )
 
     def reset(self) -> None:
-        """Forget the latest frame, the only one that it remembers."""
+        """Forget the responses to the latest frame; nothing else is remembered."""
         self.maps.responses[:] = 0
 
     def judge(self, dpc: Dpc) -> OpplodResponse:
         """Judge the motion of one frame.
 
-        The response is the sum of S_E over all units, the place that of the unit with the largest
-        S_E. S is multiplied by the reference interval over the actual one.
+        The response is the sum of S_E over all units; the box is that of the unit with the largest
+        S_E. S is multiplied by the reference interval divided by the actual interval.
         """
         pathways, share = dpc.sums.pathways, dpc.photoreceptors.share
         if share != 1:
@@ -514,7 +517,8 @@ class PixelwiseJudgement:
         for phi in self._params.both_axes:
             product = pathways[phi][field] * pathways[phi + 180][field][::-1, ::-1]
             selected = product[product > self._params.threshold].astype(np.float64)
-            # The products in the other order are the same ones, rotated by 180 degrees.
+            # With phi and phi + 180 exchanged the same products come, rotated by 180 degrees:
+            # hence the factor 2.
             s_enhanced += 2 * self._params.gain * float(selected @ selected)
             s_e += 2 * float(selected.sum())
         return s_enhanced, s_e

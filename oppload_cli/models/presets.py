@@ -1,7 +1,7 @@
 """The presets by name: their working height and their purpose.
 
-Their parameters stand with each detector. This module needs no NumPy, so that a video can be
-opened at its working height before the detectors are loaded.
+The class of each detector holds its parameters under the presets. This module does not import
+NumPy, so that a video can be opened at its working height before the detectors are loaded.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 DEFAULT_PRESET = "default"
-STUDY_PRESET = "reference"  # of commands that study the model itself
+STUDY_PRESET = "reference"  # the default of commands that study the model itself
 REFERENCE_INTERVAL = "1/30"  # seconds
-NATIVE = "native"  # the working height that is the height of the video
-# Variants of detectors that are called like a preset: there `NAME:paper` is the variant.
+NATIVE = "native"  # as a working height: the height of the video
+# Variants of detectors with the name of a preset. For these, `NAME:paper` means the variant.
 VARIANTS = ("lgmd1_group:paper", "lgmd1_single:paper")
 EXAMPLE_SETTING = "opplod.receptive_field=200"  # for help texts and messages
 
@@ -27,10 +27,10 @@ class Preset(NamedTuple):
     """A name for a set of parameters."""
 
     name: str
-    meaning: str  # its users and purpose, in one line
-    height: int  # working height in pixels that its parameters are made for
-    no_alarm: str = ""  # why its alarms are off; empty where they are calibrated
-    interval: str = REFERENCE_INTERVAL  # its time base, as in ``time.interval``
+    meaning: str  # its purpose, in one line
+    height: int  # working height in pixels for which its parameters are made
+    no_alarm: str = ""  # why its alarms are off; empty if they are calibrated
+    interval: str = REFERENCE_INTERVAL  # its time base: the value of ``time.interval``
 
 
 PRESETS = {
@@ -64,10 +64,10 @@ PRESETS = {
 
 
 def preset_in(models: Iterable[str]) -> str:
-    """Return the preset that some ``NAME:PRESET`` name, empty if none does.
+    """Return the preset in texts such as ``NAME:PRESET``, empty if there is none.
 
-    `models` are texts as for ``--model``; a ParameterError if they name different presets, which
-    one run cannot have.
+    `models` are values of ``--model``. One run has one preset: different presets are a
+    ParameterError.
     """
     named = [each.strip() for text in models for each in text.split(",")]
     words = (name.partition(":")[2].strip() for name in named if name not in VARIANTS)
@@ -81,7 +81,7 @@ def preset_in(models: Iterable[str]) -> str:
 
 
 def preset_named(name: str) -> Preset:
-    """Return a preset by its name; a ParameterError if none has it."""
+    """Return a preset by its name; an unknown name is a ParameterError."""
     if name == "robust":
         raise ParameterError("preset 'robust' is called 'default' since 1.0; leave --preset out")
     if name not in PRESETS:
@@ -90,12 +90,12 @@ def preset_named(name: str) -> Preset:
 
 
 def parse_height(value: str | int) -> int | None:
-    """Read a working height: pixels, or ``native``, for which None is returned.
+    """Return a working height in pixels; None for ``native``.
 
     Raises
     ------
     ParameterError
-        If it is neither, or outside 1 to 8192.
+        If `value` is neither ``native`` nor an integer from 1 to 8192.
     """
     if value == NATIVE:
         return None

@@ -1,6 +1,6 @@
-"""The detectors by name, and several of them over one video.
+"""The list of all detectors, and a bank that runs several detectors over one video.
 
-A new detector is one file in this room and one line here.
+A new detector needs one file in this folder and one line here.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ if TYPE_CHECKING:
     from oppload_cli.models.timebase import TimeParams
 
 
-# Names that mean something else in settings and tables.
+# No detector may have these names: they mean something else in settings and tables.
 _TAKEN_NAMES = {
     *("alarm", "places", "rmo", "repeats", "time"),
     *("preset", "models", "height", "measure_rmo", "fov", "columns", "all"),
 }
-ALL, _LITERAL = "all", "literal"  # words for detectors in `names_of`
+ALL, _LITERAL = "all", "literal"  # words with a special meaning in `names_of`
 
-# The detectors that run by default, and where to find each of the others once it is asked for:
-# declaring them all would take a tenth of the start of a run.
+# The class of each detector that runs by default. The others are given as module and class, and
+# imported when they are first needed: to import all would take a tenth of a run's start-up time.
 _detectors: dict[str, type[Detector] | str] = {
     "opplod": Opplod,
     "dlgmd": Dlgmd,
@@ -76,25 +76,25 @@ _detectors: dict[str, type[Detector] | str] = {
 }
 
 
-_loaded: dict[str, str] = {}  # checksums by name
+_loaded: dict[str, str] = {}  # checksums of the files that `load` imported, by name
 
 
 def register(detector: type[Detector]) -> type[Detector]:
-    """Make a detector known everywhere: settings, tables, alarms, figures, `oppload models`.
+    """Add a detector to settings, tables, alarms, figures and `oppload models`.
 
-    A class that is defined again, as in a notebook, takes the place of the one before.
+    If a class is defined again, as in a notebook, the new class replaces the former one.
 
     Parameters
     ----------
     detector : type of Detector
-        Returned, so that this can be used as a decorator. A class without parameters of its own
-        gets an empty class of them.
+        The class. It is returned, so that this function can be a decorator. If it has no
+        parameters of its own it gets an empty class of parameters.
 
     Raises
     ------
     ParameterError
-        If the class is not complete, or its name, its parameters or one of its columns is not
-        valid, or is taken already.
+        If the class is not complete, or if its name, its parameters or one of its columns is not
+        valid or is in use already.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def load(name: str) -> None:
     path = Path(name)
     try:
         if path.suffix == ".py":
-            # Other processes, which load the same file, find its classes under this name.
+            # Working processes load the same file, and find its classes under this module name.
             title = f"loaded_{path.stem}"
             spec = cast("ModuleSpec", spec_from_file_location(title, path.absolute()))
             sys.modules[title] = module_from_spec(spec)
@@ -163,7 +163,7 @@ def loaded() -> list[dict[str, str]]:
 
 
 def _check_class(detector: type[Detector]) -> str:
-    """Check what a detector is by itself; return its name and place for messages."""
+    """Check a class without the other detectors; return its name and place for messages."""
     given: object = detector
     if not isinstance(given, type) or not issubclass(given, Detector):
         raise ParameterError(f"{given!r} is no detector: register a class that extends Detector")
@@ -188,7 +188,7 @@ def _check_class(detector: type[Detector]) -> str:
 
 
 def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
-    """Tell whether a class is one that is registered already, or its definition anew."""
+    """Return whether a class is the known one, or a new definition of it by the user."""
     place = known.__module__, known.__qualname__
     return known is detector or (
         not _is_own(known) and place == (detector.__module__, detector.__qualname__)
@@ -196,9 +196,9 @@ def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
 
 
 def _no_parameters(detector: type[Detector]) -> type[Parameters]:
-    """Return an empty class of parameters, which tells one detector from another."""
+    """Return an empty class of parameters; each detector needs its own (see `detector_of`)."""
     empty = make_dataclass(detector.__name__, [], bases=(Parameters,), frozen=True, kw_only=True)
-    # The place where other processes find the class.
+    # Other processes look for the class at this place.
     empty.__module__ = detector.__module__
     empty.__qualname__ = f"{detector.__qualname__}.parameters"
     return empty
@@ -228,19 +228,19 @@ def detectors() -> dict[str, type[Detector]]:
 
 
 def known_names() -> tuple[str, ...]:
-    """Return the names of all detectors, without loading any."""
+    """Return the names of all detectors, without importing their classes."""
     return tuple(_detectors)
 
 
 def default_names() -> tuple[str, ...]:
-    """Return the names of the detectors that run where none is chosen."""
+    """Return the names of the detectors that run if the user chooses none."""
     return tuple(
         name for name, each in _detectors.items() if not isinstance(each, str) and each.by_default
     )
 
 
 def detector_named(name: str) -> type[Detector]:
-    """Return a detector by its name; a ParameterError if none has it."""
+    """Return a detector by its name; an unknown name is a ParameterError."""
     if name not in _detectors:
         raise ParameterError(f"no model '{name}'{suggestion(name, _detectors)}")
     detector = _detectors[name]
@@ -252,10 +252,10 @@ def detector_named(name: str) -> type[Detector]:
 
 
 def names_of(text: str) -> tuple[str, ...]:
-    """Return the detectors that a user names.
+    """Return the names of the detectors in a value of ``--model``.
 
-    The text is ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET``,
-    several of them with commas between them, or ``all``; a ParameterError for other names.
+    `text` is ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET`` or
+    ``all``, or several of these with commas between them. Other names are a ParameterError.
     """
     found: list[str] = []
     for part in text.split(","):
@@ -278,12 +278,12 @@ def names_of(text: str) -> tuple[str, ...]:
 
 
 def placing_detector(names: Iterable[str]) -> type[Detector] | None:
-    """Return the first of some detectors whose answers have places: its objects are reported."""
+    """Return the first of some detectors that has places: oppload reports its looming objects."""
     return next((each for each in map(detector_named, names) if each.places), None)
 
 
 def detector_of(params: Parameters) -> type[Detector]:
-    """Return the detector that a set of parameters belongs to; a ParameterError if none does."""
+    """Return the detector to which a set of parameters belongs; a ParameterError if none has it."""
     loaded = [each for each in _detectors.values() if not isinstance(each, str)]
     for detector in chain(loaded, map(detector_named, known_names())):
         if type(params) is detector.parameters:
@@ -292,7 +292,7 @@ def detector_of(params: Parameters) -> type[Detector]:
 
 
 def parameters_of(name: str, preset: str = DEFAULT_PRESET) -> Parameters:
-    """Return the parameters of a detector under a preset; a ParameterError if one is unknown.
+    """Return the parameters of a detector under a preset; unknown names are a ParameterError.
 
     Examples
     --------
@@ -315,7 +315,7 @@ def _columns_of(detector: type[Detector]) -> tuple[str, ...]:
 
 
 class DetectorBank:
-    """Detectors that see the same frames, in one pass.
+    """Several detectors that get the same frames and share their layers.
 
     Parameters
     ----------
@@ -324,14 +324,14 @@ class DetectorBank:
     params : sequence of Parameters
         One set for each detector, in the order of the answers.
     frame_rate : float, optional
-        Frames per second of the video, where it is known.
+        Frames per second of the video, if known.
     time : TimeParams, optional
         The time base; intervals of 1/30 s if left out.
 
     Attributes
     ----------
     detectors : dict of str to Detector
-        By name.
+        The detectors by name.
 
     Raises
     ------
@@ -370,7 +370,7 @@ class DetectorBank:
 
     @property
     def luma_change(self) -> float | None:
-        """Mean of P(t) over the frame, 0 to 1; None where no earlier frame was compared."""
+        """Mean of P(t) over the frame, 0 to 1; None if there was no frame to compare with."""
         return self._photoreceptors.layer.luma_change
 
     @property
@@ -388,7 +388,8 @@ class DetectorBank:
     def step(self, luma: Map, time_s: float | None = None) -> dict[str, Response | None]:
         """Take the next frame; return every detector's answer by name.
 
-        An answer is None during warm-up, and never after another answer.
+        A detector's answer is None during its warm-up only. If it gives none later, its answer to
+        a frame without change (`at_rest`) is returned instead.
 
         Parameters
         ----------
@@ -402,11 +403,11 @@ class DetectorBank:
         FrameError
             If the array is not a luminance image of the right shape.
         DetectorError
-            If a detector returns anything else than a valid instance of its `answers`, or one
-            that a user has registered raises an error of its own.
+            If a detector returns something other than None or a valid instance of its `answers`,
+            or if a detector that a user has registered raises an error.
         """
         self._layers.clock.time_s = time_s
-        # A detector that writes into the frame fails, instead of changing the others' frame.
+        # If a detector writes into the frame, it fails: the others must see the same frame.
         luma = luma.view()
         luma.flags.writeable = False
         self._photoreceptors.step(luma)
@@ -417,9 +418,9 @@ class DetectorBank:
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
         """Return every detector's answer to a frame in which nothing changed.
 
-        A detector has one if it has answered before. Where the video stands still from its start,
-        so that `step` has taken one frame only, it has one once its warm-up has passed in
-        `intervals`, those since the start of the video.
+        The answer is None unless the detector has answered before. If nothing has changed since
+        the start of the video, `step` has taken one frame only: then a detector answers once
+        `intervals`, the number of intervals since the start, has reached its warm-up.
         """
         if self._photoreceptors.layer.frames == 1:
             self._answered |= {n for n, each in self.detectors.items() if intervals >= each.warm_up}
@@ -430,7 +431,7 @@ class DetectorBank:
 
 
 def _answer(detector: Detector, luma: Map) -> Response | None:
-    """Return the answer of a detector to a frame, which must be valid."""
+    """Return the answer of a detector to a frame, checked."""
     with _named(type(detector), "its step failed"):
         answer = detector.step(luma)
     if answer is not None and (fault := _fault(detector, answer)):
@@ -440,7 +441,7 @@ def _answer(detector: Detector, luma: Map) -> Response | None:
 
 @contextmanager
 def _named(detector: type[Detector], fault: str) -> Iterator[None]:
-    """Turn an error of the code of a user's detector into one that names the detector."""
+    """Turn an error in the code of a user's detector into a DetectorError that names it."""
     try:
         yield
     except Exception as error:
@@ -454,10 +455,10 @@ def _named(detector: type[Detector], fault: str) -> Iterator[None]:
 
 
 def _fault(detector: Detector, answer: object) -> str:
-    """Return why an answer is not valid, in words; empty for a valid one."""
+    """Return a text that says why an answer is not valid; empty for a valid answer."""
     if not isinstance(answer, detector.answers):
         return f"{type(answer).__name__}, not a {detector.answers.__name__} or None"
-    response: object = answer.response  # users may ignore types
+    response: object = answer.response  # a user's detector may ignore the types
     box: object = answer.box
     if not isinstance(response, int | float | np.floating) or not 0 <= response < math.inf:
         return f"a response of {response!r:.60}, not a finite number of at least 0"
@@ -467,7 +468,7 @@ def _fault(detector: Detector, answer: object) -> str:
 
 
 def _is_own(detector: type[Detector]) -> bool:
-    """Tell whether a detector is one of this package."""
+    """Return whether a detector is part of this package."""
     return detector.__module__.startswith("oppload_cli.")
 
 

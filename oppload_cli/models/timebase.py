@@ -1,8 +1,8 @@
-"""Time: when each frame is presented, and how the models count it (``docs/time.md``).
+"""Time: the presentation times of frames, counted in intervals (``docs/time.md``).
 
-The step of the models is a time, the interval, and not a frame: the paper and the authors of
-D-LGMD took it from one frame of 30 per second to the next. The background of a response, its
-recent median, goes by times too.
+The step of the models is a time, the interval, and not a frame. The paper and the authors of D-LGMD
+stepped from frame to frame, at 30 frames per second. The background of a response, the median of
+recent responses, covers a span of time too.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from oppload_cli.schema import Parameters, parameter
 FRAME = "frame"
 _REFERENCE_S = Fraction(REFERENCE_INTERVAL)
 _SHORTEST_S, _LONGEST_S = 1e-4, 10.0
-NEARLY_ONE = 0.03  # times in files are rounded, often to milliseconds
-_MOST_VALUES = 1 << 14  # of a background, also where times stand still
+NEARLY_ONE = 0.03  # tolerance: times in files are rounded, often to milliseconds
+_MOST_VALUES = 1 << 14  # of a background, in case the times do not grow
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class TimeParams(Parameters):
 
     interval: str = parameter(
         REFERENCE_INTERVAL,
-        "step of the models in seconds, such as 1/30 or 0.04; 'frame': from frame to frame",
+        "step of the models in seconds, such as 1/30 or 0.04; 'frame': one step per frame",
         unit="s",
     )
 
@@ -53,7 +53,7 @@ class TimeParams(Parameters):
 
     @property
     def per_second(self) -> float | None:
-        """Intervals per second; None where frames are counted."""
+        """Intervals per second; None if each frame is one interval."""
         return None if self.interval == FRAME else float(1 / self._seconds())
 
 
@@ -70,17 +70,17 @@ class Clock:
     params : TimeParams, optional
         The time base.
     frame_rate : float, optional
-        Frames per second of the video, for frames without a presentation time; without it each of
-        them lasts one interval.
+        Frames per second of the video, used for frames without a presentation time. If it is left
+        out, each of these lasts one interval.
 
     Attributes
     ----------
     time_s : float or None
-        Presentation time in seconds of the frame that is given now; None if it is not known.
+        Presentation time in seconds of the current frame; None if it is not known.
     per_second : float
         Intervals per second.
     step : float
-        Intervals from frame to frame, by the frame rate of the video.
+        Intervals from frame to frame, according to the frame rate of the video.
     """
 
     def __init__(self, params: TimeParams | None = None, frame_rate: float | None = None) -> None:
@@ -92,10 +92,10 @@ class Clock:
         self.time_s: float | None = None
 
     def now(self, before: float | None) -> float:
-        """Return the time of the frame that is given now, in intervals.
+        """Return the time of the current frame, in intervals.
 
-        `before` is that of the frame before, None for the first frame. A frame whose time does not
-        lie after it comes one step later.
+        `before` is the time of the frame before, None for the first frame. If a frame's time is not
+        later than `before`, the frame is taken one step later.
         """
         if not self._counts and self.time_s is not None:
             now = float(self.time_s) * self.per_second  # a NumPy number would widen the maps
@@ -105,7 +105,7 @@ class Clock:
 
 
 def nearly_one(ratio: float) -> float:
-    """Return 1 for a ratio within 3 % of it, else the ratio."""
+    """Return 1 if a ratio differs from 1 by at most 3 %, else the ratio."""
     return 1.0 if abs(ratio - 1) <= NEARLY_ONE else ratio
 
 
@@ -117,8 +117,8 @@ class Background:
     reach : float
         Length of the background, in the unit of the times, above 0.
     guard : float
-        Time before the latest value in which values are not yet background, at least 0: an event
-        must not raise the background that it is compared with.
+        Values of this latest span of time are not yet background, at least 0: an event must not
+        raise the background that it is compared with.
     """
 
     def __init__(self, reach: float, guard: float) -> None:
@@ -129,9 +129,9 @@ class Background:
         self._sorted: list[float] = []
 
     def step(self, value: float, time: float) -> float:
-        """Take the next value; return the median of the background, 0 where there is none yet.
+        """Take the next value; return the median of the background, 0 if it is still empty.
 
-        The value is finite, and its time never before that of the value that came last.
+        The value must be finite, and its time not earlier than that of the previous value.
         """
         while self._waiting and self._waiting[0][0] < time - self._guard:
             counted = self._waiting.popleft()

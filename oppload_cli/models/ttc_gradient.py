@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     Numbers = NDArray[np.float64]
 
 _MADE_FOR = 150  # px, the height at which the blur is given
-_REACH = 4  # sigmas to which the blur goes
+_REACH = 4  # radius of the blur's kernel, in sigmas
 _RIDGE = 1e-6
-_LEAST_CHANGE = 1e-12  # sum of Et^2 up to which nothing changed
+_LEAST_CHANGE = 1e-12  # a window whose sum of Et^2 is at most this counts as unchanged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,13 +32,13 @@ class TtcGradientParams(Parameters):
 
     sigma: float = parameter(
         2.0,
-        "spread of the blur at a height of 150 px; at other heights in proportion",
+        "sigma of the blur at a working height of 150 px; in proportion at other heights",
         unit="px",
         above=0,
         high=100,
     )
     window: float = parameter(
-        5 / 12, "side of a window, as a share of the working height", low=0.02, high=1
+        5 / 12, "side of the windows, as a share of the working height", low=0.02, high=1
     )
 
 
@@ -62,11 +62,11 @@ class TtcGradientResponse(Response):
 class TtcGradient(Detector):
     """Time to contact without optical flow.
 
-    A surface that approaches moves in the image by ``u = A + C x``, ``v = B + C y``. With
-    ``G = x Ex + y Ey`` the constancy of brightness gives ``A Ex + B Ey + C G = -Et``, solved by
-    least squares in every window; C is the expansion per frame and 1/C the time to contact in
-    frames. The response is the largest ``max(C, 0) r2`` of all windows, where r2 is the share
-    of Et^2 that the motion explains.
+    The image of an approaching surface moves by ``u = A + C x``, ``v = B + C y``. If a moving
+    point keeps its brightness, ``A Ex + B Ey + C G = -Et`` with ``G = x Ex + y Ey``. This equation
+    is solved by least squares in every window. C is the expansion per frame, and 1/C the time to
+    contact in frames. The response is the largest ``max(C, 0) r2`` of all windows, where r2 is
+    the share of Et^2 that the motion explains.
 
     Source: Horn, Fang and Masaki 2007; ``docs/detectors.md``.
     """
@@ -99,7 +99,7 @@ class TtcGradient(Detector):
         side = min(shape)
         self._sigma = self.params.sigma * side / _MADE_FOR
         self._radius = max(1, round(_REACH * self._sigma))
-        # A window of one pixel does not determine three numbers.
+        # Windows have at least 3 x 3 pixels: one pixel does not determine A, B and C.
         self._half = max(1, round(self.params.window * side) // 2)
         step = max(1, round(side / 30))
         ends = height - 1 - self._half, width - 1 - self._half
@@ -147,7 +147,7 @@ class TtcGradient(Detector):
     def _products(self, now: Map, before: Map) -> Map:
         """Return the ten products of derivatives, shape (height - 1, 10, width - 1).
 
-        The derivatives are means over cubes of 2 x 2 x 2 pixels; x and y are counted from the
+        Each derivative is taken over cubes of 2 x 2 pixels and 2 frames; x and y are from the
         middle of the frame.
         """
         both, change = now + before, now - before
@@ -178,11 +178,11 @@ class _Windows:
         self._starts, self._ends = (np.searchsorted(self._edges, each) for each in (starts, ends))
 
     def sums(self, values: NDArray[np.floating[Any]], axis: int) -> Numbers:
-        """Return the sums over every window, and after them the sum over all."""
+        """Return the sum over each window along the axis, and last the sum over the full axis."""
         moved = np.moveaxis(values, axis, 0)
         edges = [edge for edge in self._edges if edge < len(moved)]
         parts = itertools.pairwise([*edges, len(moved)])
-        # One sum per stretch of rows: NumPy's `reduceat` takes three times as long.
+        # This loop sums each part between two edges; NumPy's `reduceat` takes three times as long.
         sums = [moved[start:end].sum(0, dtype=values.dtype) for start, end in parts]
         whole = np.zeros((len(sums) + 1, *moved.shape[1:]))
         for number, part in enumerate(sums):
@@ -196,11 +196,12 @@ def _fitted(
 ) -> tuple[Numbers, Numbers, Numbers, Numbers]:
     """Return A, B, C and r2 of some windows, from the sums of their ten products.
 
-    In these, G is about the middle of the frame, from which the centres of the windows are counted
-    too. The pixels of a window and half its side scale the ridge that keeps the system solvable.
+    In these sums, G uses x and y from the middle of the frame. `cy` and `cx` are the windows'
+    centres, also from the middle of the frame. `pixels`, the number of pixels of a window, and
+    `half`, half its side, scale the ridge term that keeps the equations solvable.
     """
     xx, yy, xy, gx, gy, gg, xt, yt, gt, tt = sums
-    # G about the centre of the window instead of the middle of the frame.
+    # Convert the sums with G to x and y from the centre of each window.
     gg = gg + cx**2 * xx + cy**2 * yy - 2 * (cx * gx + cy * gy - cx * cy * xy)
     gx, gy = gx - cx * xx - cy * xy, gy - cx * xy - cy * yy
     gt = gt - cx * xt - cy * yt

@@ -1,1 +1,1 @@
-"""Looming detectors of the field, each as its authors wrote it (``docs/detectors.md``)."""
+"""Looming detectors by other authors, each as its authors programmed it (``docs/detectors.md``)."""

@@ -30,26 +30,29 @@ if TYPE_CHECKING:
 class CiLmdParams(Parameters):
     """Parameters of ci_lmd."""
 
-    on_inhibition: float = parameter(0.4, "weight of the spread ON in ON", low=0, high=100)
-    off_inhibition: float = parameter(0.6, "weight of the spread OFF in OFF", low=0, high=100)
-    off_on: float = parameter(0.25, "weight of OFF against ON", low=0, high=100)
-    on_off: float = parameter(0.3, "weight of ON against OFF", low=0, high=100)
-    threshold: float = parameter(10.0, "G that counts", unit="grey levels", above=0, high=1e6)
+    on_inhibition: float = parameter(0.4, "inhibition of ON by earlier, spread ON", low=0, high=100)
+    off_inhibition: float = parameter(
+        0.6, "inhibition of OFF by earlier, spread OFF", low=0, high=100
+    )
+    off_on: float = parameter(0.25, "inhibition of ON by OFF", low=0, high=100)
+    on_off: float = parameter(0.3, "inhibition of OFF by ON", low=0, high=100)
+    threshold: float = parameter(10.0, "least G that counts", unit="grey levels", above=0, high=1e6)
 
 
 @dataclass(frozen=True)
 class CiLmdResponse(Response):
     """The answer of ci_lmd, with the value that its authors publish."""
 
-    ci_lmd: float = inner(0.5, "0.5 to 1", "sigmoid of the sum of G over 0.9 of the pixels")
+    ci_lmd: float = inner(0.5, "0.5 to 1", "sigmoid of the sum of G divided by 0.9 of the pixels")
 
 
 class CiLmd(ChangeDetector):
     """The looming detector with cross-inhibition of ON and OFF.
 
-    P is convolved with an excitatory Gaussian (5 x 5 px, sigma 4) and an inhibitory one (9 x 9,
-    sigma 2; the smaller window has the larger sigma), neither with sum 1. D is the absolute
-    difference where both have one sign, and has that sign; ON and OFF are its parts.
+    P is convolved with an excitatory Gaussian (5 x 5 px, sigma 4) and an inhibitory Gaussian (9 x 9
+    px, sigma 2; the smaller window has the larger sigma). Neither has sum 1. Where both results
+    have the same sign, D is their absolute difference with this sign; elsewhere D is 0. ON and OFF
+    are the positive and the negative part of D.
     ``So = ON - 0.4 W * ON(t-1) - 0.25 OFF``, ``Sf = OFF - 0.6 W * OFF(t-1) - 0.3 ON`` and
     ``S = So + 0.9 Sf + 0.5 So Sf``.
 
@@ -61,7 +64,7 @@ class CiLmd(ChangeDetector):
     colour = "#BBC57A"
     meaning = "cross-inhibition of ON and OFF after a difference of Gaussians"
     unit = "grey levels"
-    response_column = "grey levels", "sum of G over the number of pixels"
+    response_column = "grey levels", "sum of G, divided by the number of pixels"
     answers = CiLmdResponse
     parameters = CiLmdParams
     alarm_floors: ClassVar = {"default": 9.0}
@@ -97,7 +100,7 @@ class CiLmd(ChangeDetector):
 
 
 def _difference(p: Plane) -> Plane:
-    """Return D: ``+-|e - i|`` where excitation and inhibition have one sign, else 0."""
+    """Return D: ``+-|e - i|`` where excitation and inhibition have the same sign, else 0."""
     e, i = _blurred(p, 5, 4), _blurred(p, 9, 2)
     d = np.abs(e - i)
     d[(e < 0) & (i < 0)] *= -1

@@ -15,14 +15,14 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
-_LOW_PASS = 1 / 6  # share of the input in each low-passed value
+_LOW_PASS = 1 / 6  # weight of the input in each low-passed value
 _HIGH_PASS = 25 / 26
-_OFF_LEVEL = 0.05  # a resting pixel has this OFF signal: only differences of it matter
+_OFF_LEVEL = 0.05  # OFF signal of a pixel at rest
 
 _AUTHORS_PIXELS = 200 * 150
-_SATURATING_UNITS = 2500  # active units of the authors' array that make an input of 1
+_SATURATING_UNITS = 2500  # number of active units in the authors' array that gives an input of 1
 _VELOCITY_SCALE = 57.6  # (2116 - 676) / 2500 / 0.01 s
-_STEP_S = 0.01  # the authors' frames
+_STEP_S = 0.01  # duration of the authors' frames
 
 _REST_MV, _SPIKE_MV, _RESET_MV, _LOWEST_MV = -60.0, -50.0, -70.0, -80.0
 _MEMBRANE_STEPS, _MEMBRANE_STEP_S, _MEMBRANE_TAU_S = 20, 0.0005, 0.3
@@ -33,16 +33,16 @@ class EmdLplc2GfParams(Parameters):
     """Parameters of EMD-LPLC2-GF."""
 
     height: int = parameter(
-        150, "rows to which taller frames are reduced", unit="px", low=8, high=10000
+        150, "height to which higher frames are reduced", unit="px", low=8, high=10000
     )
     receptive_field: int | None = parameter(
-        None, "side of a unit's field; auto: 2/3 of the reduced rows", unit="px", low=4, high=10000
+        None, "side of a unit's field; auto: 2/3 of this height", unit="px", low=4, high=10000
     )
-    full_scale: float = parameter(1.0, "value of white: 1, or 255 as in grey levels", above=0)
+    full_scale: float = parameter(1.0, "number that stands for white, such as 1 or 255", above=0)
     arm_threshold: float = parameter(
-        2.0, "an arm counts if the sum of its motion is above this", low=0
+        2.0, "an arm counts only if the sum of its motion is above this threshold", low=0
     )
-    current_gain: float = parameter(250.0, "gain of the giant fibre's input", low=0)
+    current_gain: float = parameter(250.0, "factor of the giant fibre's input", low=0)
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,10 @@ class EmdLplc2GfResponse(Response):
 def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: Plane) -> None:
     """Add the motion to the right and downwards between neighbouring pixels.
 
-    Reichardt's correlation: the delayed signal of a pixel times the signal of its neighbour, minus
-    the same for the opposite direction. `room`, one row and column smaller than the signal, is
-    overwritten: a new allocation takes more time than the computation.
+    This is Reichardt's correlation: the delayed signal of a pixel times the signal of its
+    neighbour, minus the same product for the opposite direction. The function uses the array
+    `room`, one row and one column smaller than the signal, for intermediate results: a new array
+    would take more time than the computation.
     """
     here, late = signal[:-1, :-1], delayed[:-1, :-1]
     neighbours = np.s_[:-1, 1:], np.s_[1:, :-1]
@@ -79,18 +80,19 @@ def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: P
 def _lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Plane:
     """Return the response of the unit at every pixel: the product of its four arms.
 
-    Each arm sums the motion away from the unit over a rectangle of half the field by two fifths of
-    it, 0 beyond the frame, and counts only above the threshold.
+    Each arm sums the motion away from the unit over a rectangle, half of the field long and two
+    fifths of the field wide. Motion beyond the frame is 0. An arm whose sum is not above the
+    threshold is 0.
     """
     half, width = field // 2, round(field * 2 / 5)
     units = _arms(right, half, width, threshold)
-    if units.any():  # as a rule nothing expands
+    if units.any():  # in most frames all units are 0 by now
         units *= _arms(np.ascontiguousarray(down.T), half, width, threshold).T
     return units
 
 
 def _arms(motion: Plane, length: int, width: int, threshold: float) -> Plane:
-    """Return the product of both arms along the rows: motion away from each pixel, at least 0."""
+    """Return the product of the two arms along the rows, which sum motion away from each pixel."""
     height, columns = motion.shape
     padded = cv2.copyMakeBorder(motion, width, width, length, length, cv2.BORDER_CONSTANT)
     table = cv2.integral(padded)
@@ -106,12 +108,13 @@ def _arms(motion: Plane, length: int, width: int, threshold: float) -> Plane:
 
 
 def _membrane(voltage: float, current: float) -> tuple[float, int]:
-    """Return the giant fibre's voltage in mV after one frame, and how often it spiked.
+    """Return the giant fibre's voltage in mV after one frame, and its number of spikes.
 
-    ``dv/dt = (-v - 60 + 10 I) / 0.3``, by 20 Runge-Kutta steps of fourth order over 0.01 s. A
-    spike, above -50 mV, sets the voltage to -70 mV; it never falls below -80 mV.
+    ``dv/dt = (-v - 60 + 10 I) / 0.3`` is solved by 20 Runge-Kutta steps of fourth order over
+    0.01 s. A voltage above -50 mV is a spike, which sets it to -70 mV. It is at least -80 mV.
     """
-    # The equation is linear: a step of fourth order multiplies the distance to its fixed point.
+    # The equation is linear, so that each step multiplies the distance to its fixed point by a
+    # constant factor.
     ratio = _MEMBRANE_STEP_S / _MEMBRANE_TAU_S
     kept = 1 - ratio + ratio**2 / 2 - ratio**3 / 6 + ratio**4 / 24
     goal = _REST_MV + 10 * current
@@ -127,8 +130,9 @@ def _membrane(voltage: float, current: float) -> tuple[float, int]:
 class EmdLplc2Gf(ChangeDetector):
     """Reichardt motion detectors, LPLC2 units with four arms, and a spiking giant fibre.
 
-    All constants count frames, as the authors wrote them for 100 frames/s. Taller frames are
-    reduced to the authors' 150 rows. The authors' alarm is the first spike.
+    All constants count frames; the authors chose them for 100 frames/s. Frames of more than 150
+    rows are reduced to 150 rows, the height of the authors' frames. The first spike is the
+    authors' alarm.
 
     Source: Zhao J. et al. 2023 (iScience) and the authors' published code; ``docs/detectors.md``.
     """
@@ -138,7 +142,7 @@ class EmdLplc2Gf(ChangeDetector):
     colour = "#63477F"
     meaning = "EMD array, LPLC2 units with four arms, spiking giant fibre (Zhao et al. 2023)"
     unit = "giant fibre input"
-    response_column = "", "input of the giant fibre, where it is above 0"
+    response_column = "", "input of the giant fibre, at least 0"
     year = 2023
     reference = "Zhao J. et al. 2023, iScience"
     answers_to = (
@@ -180,7 +184,7 @@ class EmdLplc2Gf(ChangeDetector):
         return self._fibre(units, cv2.norm(right, cv2.NORM_L1) + cv2.norm(down, cv2.NORM_L1))
 
     def _motion(self, change: Plane) -> Plane:
-        """Return the motion of both signals to the right and downwards."""
+        """Return the motion to the right and downwards, the sum of the ON and the OFF signal's."""
         filtered, now = self._filtered, self._now
         filtered += change
         filtered *= _HIGH_PASS

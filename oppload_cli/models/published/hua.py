@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _LOW_PASS_MS = 30.0
 _EXPONENTS = 0.9, 0.5  # of T4 (ON) and T5 (OFF)
 _RIGHT, _LEFT, _DOWN, _UP = range(4)
-_FIRST_FRAME = 2  # the authors' code skips the difference of the first two frames
+_FIRST_FRAME = 2  # the authors' code skips the difference between the first two frames
 _SMALLEST = np.float32(1e-22)
 _LEAST = np.float32(1e-30)
 
@@ -32,7 +32,7 @@ _LEAST = np.float32(1e-30)
 
 
 def _gaussian_line(radius: int, sigma: float) -> Map:
-    """Return a row of a Gaussian kernel, of sum 1."""
+    """Return a one-dimensional Gaussian kernel with sum 1."""
     line = np.exp(-(np.arange(-radius, radius + 1) ** 2) / (2 * sigma**2))
     return np.asarray(line / line.sum(), np.float32)
 
@@ -48,10 +48,10 @@ def _radial_bias(shape: tuple[int, int]) -> Map:
 
 
 class _Pathway:
-    """T4 (of ON signals) or T5 (of OFF signals): motion in four directions, raised to a power.
+    """T4 (from ON signals) or T5 (from OFF signals): motion in four directions, to a power.
 
-    `share` is that of the input in each low-passed value. All arrays are made once: to allocate
-    them takes more time than to compute them.
+    `share` is the weight of the input in each low-passed value. All arrays are allocated only once,
+    because an allocation takes more time than the computation.
     """
 
     def __init__(self, shape: tuple[int, int], exponent: float, share: float) -> None:
@@ -65,7 +65,7 @@ class _Pathway:
         self._motion = np.zeros((4, *shape), np.float32)
 
     def step(self, change: Map) -> list[Map]:
-        """Return its motion to the right, left, down and up; the next frame overwrites it.
+        """Return the motion to the right, left, down and up; the next frame overwrites it.
 
         `change` is the band-passed change of luminance, towards ON or OFF.
         """
@@ -80,8 +80,8 @@ class _Pathway:
         rise = self._rise(s)
         self._low_pass(self._across[:, :-1], s[:, :-1], s[:, 1:], d[:, :-1], d[:, 1:])
         self._low_pass(self._down[:-1], s[:-1], s[1:], d[:-1], d[1:])
-        # T changes its sign if a pixel and its neighbour are exchanged; beyond the frame the edge
-        # is repeated, so that T is 0 there.
+        # If a pixel and its neighbour are exchanged T changes its sign. Outside the frame the
+        # nearest pixel is repeated, so that T is 0 at the edge.
         bias, motion = self._bias, self._motion
         np.multiply(bias, self._across, out=motion[_RIGHT])
         np.multiply(bias[:, 1:], self._across[:, :-1], out=motion[_LEFT][:, 1:])
@@ -96,9 +96,9 @@ class _Pathway:
         return list(motion)
 
     def _rise(self, s: Map) -> Map:
-        """Return by how much the contrast of S with its 8 neighbours rose since the frame before.
+        """Return how much the contrast of S with its 8 neighbours rose since the frame before.
 
-        The mean of the neighbours is ``(9 A3 * S - S) / 8``, so that the contrast is
+        The mean of the neighbours is ``(9 A3 * S - S) / 8``. So the contrast is
         ``9/8 |S - A3 * S|``.
         """
         before, now = self._contrast, self._other
@@ -108,7 +108,7 @@ class _Pathway:
         return np.asarray(cv2.addWeighted(now, 9 / 8, before, -9 / 8, 0, dst=self._room))
 
     def _low_pass(self, t: Map, s_here: Map, s_there: Map, d_here: Map, d_there: Map) -> None:
-        """Low-pass T in place, its input the correlated signals of a pixel and a neighbour."""
+        """Low-pass T in place; its input correlates the signals of a pixel and of a neighbour."""
         new = self._motion[0][: t.shape[0], : t.shape[1]]
         np.subtract(d_here, d_there, out=new)
         np.multiply(new, s_here, out=new)
@@ -121,12 +121,12 @@ class _Pathway:
 
 
 def _to_power(values: Map, exponent: float) -> None:
-    """Raise the values above 0 to a power in place; the others become next to nothing."""
+    """Raise the values above 0 to a power, in place; the others become close to 0."""
     np.maximum(values, _LEAST, out=values)
     if exponent == 0.5:
         np.sqrt(values, out=values)
         return
-    # By logarithms, which NumPy computes for several values at once.
+    # Logarithms are fast: NumPy computes several of them at once.
     np.log(values, out=values)
     np.multiply(values, np.float32(exponent), out=values)
     np.exp(values, out=values)
@@ -135,8 +135,8 @@ def _to_power(values: Map, exponent: float) -> None:
 def _flush(values: Map) -> None:
     """Set values below 1e-9 of a grey level to 0, in place.
 
-    Values that decay from frame to frame would otherwise fall to numbers so small that a
-    processor needs many times as long for each.
+    Otherwise values that decay from frame to frame would become so small that the processor is
+    many times slower with them.
     """
     cv2.threshold(values, 1e-9, 0, cv2.THRESH_TOZERO, dst=values)
 
@@ -147,11 +147,11 @@ def _blurred(values: Map, line: Map, out: Map | None = None) -> Map:
 
 
 class _Motion:
-    """The network up to its last layer, which both variants share: net motion along both axes.
+    """The model up to its last layer, which both variants share: net motion along both axes.
 
-    `sums`, shape (2, 2, 2, 2), holds by axis (across, down), half of the frame (upper, lower) and
-    half (left, right) the sums of the motion to the right or downwards through the Gaussian error
-    linear unit, and of the motion the other way through it.
+    `sums`, shape (2, 2, 2, 2), has the indices axis (across, down), row (upper, lower) and column
+    (left, right) of the quadrant, and direction: 0 for motion to the right or downwards, 1 for the
+    opposite. Each value sums this motion after the Gaussian error linear unit (GELU).
     """
 
     def __init__(self, shape: tuple[int, int], low_pass_ms: float, interval_ms: float) -> None:
@@ -193,8 +193,8 @@ class _Motion:
     def _sums(self, x: Map) -> Any:
         """Return the sums of GELU(x) and GELU(-x) over the quadrants, shape (2, 2, 2).
 
-        The Gaussian error linear unit in its form by the tangent is ``x / 2 + b`` with
-        ``b = x / 2 tanh(0.7978846 (x + 0.044715 x^3))``, and that of -x is ``b - x / 2``.
+        In its approximation by tanh, ``GELU(x) = x / 2 + b`` with
+        ``b = x / 2 tanh(0.7978846 (x + 0.044715 x^3))``, and ``GELU(-x) = b - x / 2``.
         """
         bent = np.multiply(x, x, out=self._bent)
         bent *= np.float32(0.7978846 * 0.044715)
@@ -217,33 +217,33 @@ class _Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class HuaFixedParams(Parameters):
-    """Parameters of the network after Hua et al."""
+    """Parameters of the model after Hua et al."""
 
     low_pass_ms: float = parameter(_LOW_PASS_MS, "time constant of the delay", unit="ms", low=0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class HuaLiteralParams(HuaFixedParams):
-    """Parameters of the network after Hua et al., as its authors coded it."""
+    """Parameters of the model after Hua et al., as its authors coded it."""
 
 
 @dataclass(frozen=True)
 class HuaResponse(Response):
-    """The answer of the network to one frame, with its inner values."""
+    """The answer of the model to one frame, with its inner values."""
 
-    q_right_down: float = inner(0.0, "", "quadrant right down")
-    q_left_down: float = inner(0.0, "", "quadrant left down")
-    q_left_up: float = inner(0.0, "", "quadrant left up")
-    q_right_up: float = inner(0.0, "", "quadrant right up")
+    q_right_down: float = inner(0.0, "", "outward motion in the lower right quadrant")
+    q_left_down: float = inner(0.0, "", "outward motion in the lower left quadrant")
+    q_left_up: float = inner(0.0, "", "outward motion in the upper left quadrant")
+    q_right_up: float = inner(0.0, "", "outward motion in the upper right quadrant")
     product: float = inner(0.0, "", "product of the four quadrants, each at least 0")
 
 
 class HuaFixed(Detector):
-    """Motion out of the middle of the frame in all four quadrants at once.
+    """Motion away from the middle of the frame in all four quadrants at once.
 
-    Nine functions of the authors' code were never published: the assumptions that stand for
-    them are listed in ``docs/detectors.md``. This variant corrects the sign of the vertical
-    difference, and does not add up the sums of all frames.
+    The authors did not publish nine functions of their code; ``docs/detectors.md`` lists the
+    assumptions that replace them. This variant corrects the sign of the vertical difference, and
+    does not add the sums of earlier frames.
 
     Source: after Hua et al. 2022 and the published part of the authors' code.
     """
@@ -267,7 +267,7 @@ class HuaFixed(Detector):
 
     params: HuaFixedParams
 
-    way_below: ClassVar[int] = 0  # of vertical motion, rewarded below the middle: downwards
+    way_below: ClassVar[int] = 0  # vertical motion that counts below the middle: 0, downwards
 
     def __init__(
         self, shape: tuple[int, int], params: Parameters | None = None, **others: Any
@@ -307,7 +307,7 @@ class HuaFixed(Detector):
 
 
 class HuaLiteral(HuaFixed):
-    """The network as its authors coded it: vertical motion rewarded inward, sums never reset."""
+    """The model as its authors coded it: inward vertical motion counts, sums are never reset."""
 
     name = "hua_literal"
     label = "Hua et al. (literal)"

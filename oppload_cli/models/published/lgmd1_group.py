@@ -1,6 +1,6 @@
 """LGMD1 with persistence and grouping (Yue and Rind 2006), and pLGMD, its random version (2023).
 
-The label of the first one is "LGMD1".
+The label of `lgmd1_group` is "LGMD1".
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ if TYPE_CHECKING:
 
     Mask = NDArray[np.bool_]
 
-# p1 and p2. With the first pair Q is an integral; with the published 1 / (1 + e^i) it decays.
+# p1 and p2. With the values of "literal" Q is an integral; with the published ones, 1 / (1 + e^i),
+# Q decays.
 _PERSISTENCE = {"literal": (0.5, 0.5), "paper": (1 / (1 + np.e), 1 / (1 + np.e**2))}
 _MEANING = (
-    "weights of earlier Q: 'literal', as coded, keeps them; 'paper', 1 / (1 + e^i), lets them decay"
+    "weights of earlier Q: 'literal', as coded, keeps Q for ever; 'paper', 1 / (1 + e^i): Q decays"
 )
 
 _TAPS = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
 _INHIBITION, _DECAY, _THRESHOLD = 0.3, 0.15, 15.0  # of pLGMD
-_RESOLUTION = 1 << 16  # of a probability
+_RESOLUTION = 1 << 16  # probabilities are multiples of 1 / 2^16
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +48,13 @@ class Lgmd1GroupParams(Parameters):
 
     persistence: str = parameter("literal", _MEANING, choices=tuple(_PERSISTENCE))
     inhibition: float = parameter(0.3, "weight of inhibition", low=0, high=100)
-    grouping: float = parameter(4.0, "divisor of the largest Ce in w, C_w", above=0, high=1000)
-    decay: float = parameter(0.15, "share of G that is compared, C_de", above=0, high=1)
+    grouping: float = parameter(4.0, "w is the largest Ce over this, C_w", above=0, high=1000)
+    decay: float = parameter(0.15, "factor of G before its threshold, C_de", above=0, high=1)
     threshold: float = parameter(
-        15.0, "share of G that counts, T_de", unit="grey levels", above=0, high=1e6
+        15.0, "least decay times G where G counts, T_de", unit="grey levels", above=0, high=1e6
     )
     layer_threshold: float = parameter(
-        0.0, "absolute values below it are 0 in every layer", unit="grey levels", low=0, high=255
+        0.0, "absolute values below this are 0 in each layer", unit="grey levels", low=0, high=255
     )
 
 
@@ -68,7 +69,7 @@ class Lgmd1GroupPaperParams(Lgmd1GroupParams):
 class Lgmd1GroupResponse(Response):
     """The answer of lgmd1_group, with its inner values."""
 
-    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G over the number of pixels")
+    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G, divided by the number of pixels")
     sum_abs_g: float = inner(0.0, "grey levels", "K, the sum of G")
     omega: float = inner(0.0, "grey levels", "w, the scale of grouping")
     sum_abs_s: float = inner(0.0, "grey levels", "sum of the absolute S")
@@ -76,9 +77,9 @@ class Lgmd1GroupResponse(Response):
 
 
 class _Persistent(ChangeDetector):
-    """A detector that sees ``Q(t) = P(t) + p1 Q(t-1) + p2 Q(t-2)``, without the change of frame 1.
+    """A detector that works on ``Q(t) = P(t) + p1 Q(t-1) + p2 Q(t-2)``.
 
-    A subclass answers to Q (`answer_to`).
+    The change from frame 0 to frame 1 is left out. A subclass answers to Q (`answer_to`).
     """
 
     warm_up = 0
@@ -113,9 +114,9 @@ class Lgmd1Group(_Persistent):
     """The LGMD1 with persistence and grouping.
 
     ``S = Q(t) - 0.3 K3(0, 1/4, 1/8) * Q(t-1)``, and ``G = S Ce / w`` where ``0.15 G >= 15``. Signs
-    do not count: dark and bright objects give the same. As coded, p1 = p2 = 0.5: Q integrates, and
-    an edge that has passed stays for ever. The code has no rule for spikes; Fu's papers take k from
-    0.78 or 0.8 during 4 to 5 frames.
+    do not count: dark and bright objects give the same response. In the authors' code p1 = p2 =
+    0.5. Q is then an integral, in which an edge that has passed stays for ever. The code has no
+    rule for spikes; in Fu's papers k must be at least 0.78 or 0.8 for 4 to 5 frames.
 
     Source: fuqinbing's LGMD.m, after Yue and Rind 2006; ``docs/detectors.md``.
     """
@@ -125,7 +126,7 @@ class Lgmd1Group(_Persistent):
     colour = "#332288"
     meaning = "LGMD1 with persistence and grouping"
     unit = "grey levels"
-    response_column = "grey levels", "K, the sum of G, over the number of pixels"
+    response_column = "grey levels", "K, the sum of G, divided by the number of pixels"
     answers = Lgmd1GroupResponse
     parameters = Lgmd1GroupParams
     alarm_floors: ClassVar = {"default": 200.0}
@@ -146,7 +147,7 @@ class Lgmd1Group(_Persistent):
         i = self._thresholded(spread(self._thresholded(before), k3(0, 1 / 4, 1 / 8), ZERO))
         s = self._thresholded(q) - self.params.inhibition * i
         g, w = grouped(s, self.params.grouping, 0.01, ZERO)
-        # 0.15 G is compared, not G: its rounding decides about ties.
+        # 0.15 G is compared, not G with 15 / 0.15: the rounding of 0.15 G decides ties.
         k = float(g[self.params.decay * g >= self.params.threshold].sum())
         norms = [float(cv2.norm(each, cv2.NORM_L1)) for each in (s, q)]
         mean = k / self.pixels
@@ -181,7 +182,7 @@ class PlgmdParams(Parameters):
     seed: int = parameter(1, "seed of the random numbers", low=0, high=2**31 - 1)
     runs: int = parameter(
         1,
-        "number of runs, each with random numbers of its own; the response is their mean",
+        "number of runs, each with other random numbers; the response is the mean of the runs",
         low=1,
         high=100,
     )
@@ -191,7 +192,7 @@ class PlgmdParams(Parameters):
 class PlgmdResponse(Response):
     """The answer of plgmd, with its inner values."""
 
-    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G over the number of pixels, first run")
+    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G per pixel of the frame, first run")
     sum_abs_g: float = inner(0.0, "grey levels", "sum of G of the first run")
     k_mean: float = inner(0.0, "0 to 1", "mean of k over the runs")
     k_sd: float = inner(0.0, "0 to 1", "standard deviation of k over the runs")
@@ -202,10 +203,10 @@ class PlgmdResponse(Response):
 class Plgmd(_Persistent):
     """The LGMD1 with grouping in which each synapse transmits with probability p in each frame.
 
-    Independent masks lie on Q and on each of the 8 taps of the inhibition, on E and on I again,
-    and on G; nothing is divided by p. The masks on Q and E are one mask of probability p^2.
-    With p = 1 it is `lgmd1_group`; below 1, single precision is enough. The authors find p = 0.55
-    best and show means of 20 runs.
+    Independent random masks multiply Q, each of the 8 taps of the inhibition, then E and I, and
+    last G; nothing is divided by p. The masks of Q and E are computed as one mask of probability
+    p^2. With p = 1 the detector equals `lgmd1_group`. Below 1 it computes in single precision. The
+    authors find p = 0.55 best and show means of 20 runs.
 
     Source: fuqinbing's pLGMD.m, 2023; ``docs/detectors.md``.
     """
@@ -215,7 +216,7 @@ class Plgmd(_Persistent):
     colour = "#00B08E"
     meaning = "LGMD1 with grouping and random synapses"
     unit = "grey levels"
-    response_column = "grey levels", "mean sum of G over the number of pixels"
+    response_column = "grey levels", "mean sum of G, divided by the number of pixels"
     answers = PlgmdResponse
     parameters = PlgmdParams
     alarm_floors: ClassVar = {"default": 20.0}
@@ -228,7 +229,7 @@ class Plgmd(_Persistent):
     params: PlgmdParams
 
     def forget(self) -> None:
-        """Forget all changes, and begin the random numbers again."""
+        """Forget all changes, and restart the random numbers."""
         super().forget()
         self._random = np.random.SFC64(self.params.seed)
 
@@ -268,9 +269,9 @@ class Plgmd(_Persistent):
         return out
 
     def _masks(self) -> Mask:
-        """Return 11 independent masks: of Q and E in one, of I, of G, and of the 8 taps.
+        """Return 11 independent masks: one for Q and E, one for I, one for G, one for each tap.
 
-        The first is set with probability p^2 at each pixel, the others with p.
+        A pixel is set with probability p^2 in the first mask, and with p in the others.
         """
         p, count = self.params.p, 3 + len(_TAPS)
         words = -(-2 * count * self.pixels // 8)

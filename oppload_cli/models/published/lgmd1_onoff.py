@@ -24,26 +24,26 @@ from oppload_cli.schema import Parameters, parameter
 if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
-_TAUS = 30.0, 60.0, 90.0  # ms: nearest neighbours, diagonals, feed-forward inhibition
+_TAUS = 30.0, 60.0, 90.0  # ms: of nearest neighbours, diagonals, feed-forward inhibition
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lgmd1OnoffParams(Parameters):
     """Parameters of lgmd1_onoff."""
 
-    on_inhibition: float = parameter(0.5, "weight of the spread signal in ON", low=0, high=100)
-    off_inhibition: float = parameter(1.0, "weight of the direct signal in OFF", low=0, high=100)
+    on_inhibition: float = parameter(0.5, "inhibition of ON by the spread ON", low=0, high=100)
+    off_inhibition: float = parameter(1.0, "inhibition in OFF by the direct OFF", low=0, high=100)
     threshold: float = parameter(
-        30.0, "excitation that counts, T_s", unit="grey levels", above=0, high=1e6
+        30.0, "S below this threshold counts as 0, T_s", unit="grey levels", above=0, high=1e6
     )
     gate: float = parameter(
         10.0,
-        "low-passed mean change from which on the detector is silent, T_ffi",
+        "the response is 0 while the low-passed mean change is at least this, T_ffi",
         unit="grey levels",
         low=0,
     )
-    spike: float = parameter(0.78, "adapted potential of one spike, T_sp", low=0, high=1)
-    enough: int = parameter(5, "spikes without a pause that are a collision", low=1)
+    spike: float = parameter(0.78, "least adapted potential of a spike, T_sp", low=0, high=1)
+    enough: int = parameter(5, "spikes in consecutive frames that make a collision", low=1)
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,20 @@ class Lgmd1OnoffResponse(Response):
     sfa: float = inner(0.5, "0.5 to 1", "the sigmoid after spike-frequency adaptation")
     ffi: float = inner(0.0, "grey levels", "feed-forward inhibition: low-passed mean change")
     spike: int = inner(0, "", "spikes of the frame")
-    nsp: int = inner(0, "", "spikes without a pause")
+    nsp: int = inner(0, "", "number of spikes in consecutive frames")
     collision: int = 0
 
 
 class Lgmd1Onoff(ChangeDetector):
     """The LGMD1 with two pathways of Fu et al. 2018, in the default build of their open source.
 
-    ``S = (ON - 0.5 ST(ON)) + (ST(OFF) - 1.0 OFF)``, and 0 where this sum is below 30; ST spreads
-    with a delay. In the OFF pathway the direct signal inhibits and the spread one excites. The
-    membrane potential is the sum of ``A3 * S``; its sigmoid adapts and gives spikes.
+    ``S = (ON - 0.5 ST(ON)) + (ST(OFF) - 1.0 OFF)``, and 0 where this sum is below 30. ST spreads a
+    signal with a delay. In the OFF pathway the direct signal inhibits and the spread signal
+    excites. The membrane potential is the sum of ``A3 * S``; its sigmoid adapts and gives spikes.
 
-    ON and OFF are kept in two slots, one for even and one for odd frames. A frame that the
-    feed-forward inhibition silences does not write its slot, so that "the frame before" is then
-    two or more frames older.
+    ON and OFF are kept in two slots, one for even and one for odd frames. If the feed-forward
+    inhibition silences a frame, the frame's slot keeps its former content. A later frame then uses
+    values that are two or more frames older than those of the frame before.
 
     Source: Fu et al. 2018; ``docs/detectors.md``.
     """
@@ -78,7 +78,7 @@ class Lgmd1Onoff(ChangeDetector):
     colour = "#A13AAE"
     meaning = "LGMD1, ON and OFF pathways with spike-frequency adaptation"
     unit = "grey levels"
-    response_column = "grey levels", "membrane potential over the number of pixels"
+    response_column = "grey levels", "membrane potential, divided by the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike without a pause on"),)
     answers = Lgmd1OnoffResponse
     parameters = Lgmd1OnoffParams

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.published.parts import Plane
 
 _VARIANTS = "literal", "paper"
-_MEANING = "'literal' as coded: brightening only; 'paper': of absolute changes"
+_MEANING = "'literal', as coded: only brightening counts; 'paper': absolute changes count"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,16 +32,16 @@ class Lgmd1SingleParams(Parameters):
     variant: str = parameter("literal", _MEANING, choices=_VARIANTS)
     inhibition: float = parameter(0.6, "weight of inhibition, W_i", low=0, high=100)
     threshold: float = parameter(
-        30.0, "excitation that counts, T_s", unit="grey levels", above=0, high=1e6
+        30.0, "s below this threshold counts as 0, T_s", unit="grey levels", above=0, high=1e6
     )
     gate: float = parameter(
         10.0,
-        "mean change of the frame before from which on the detector is silent, T_ffi",
+        "the response is 0 if the mean change of the frame before is at least this, T_ffi",
         unit="grey levels",
         low=0,
     )
-    spike: float = parameter(0.78, "potential that is a spike, T_sp", low=0, high=1)
-    enough: int = parameter(5, "spikes in a row that are a collision", unit="frames", low=1)
+    spike: float = parameter(0.78, "least potential of a frame with a spike, T_sp", low=0, high=1)
+    enough: int = parameter(5, "spikes in a row that make a collision", unit="frames", low=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,14 +66,15 @@ class Lgmd1SingleResponse(Response):
 
 
 class Lgmd1Single(ChangeDetector):
-    """The LGMD1 of Yue and Rind 2006, as Fu's open source has it.
+    """The LGMD1 of Yue and Rind 2006, as in Fu's open source.
 
-    ``s = E - 0.6 I`` with ``E = P(t)`` and ``I = K3(0, 1/4, 1/8) * P(t-1)``, where both have
-    one sign and s is at least 30; the membrane potential is the sum of s. A mean change of 10
-    grey levels in the frame before (feed-forward inhibition) silences it, as just before contact.
+    ``s = E - 0.6 I`` with ``E = P(t)`` and ``I = K3(0, 1/4, 1/8) * P(t-1)`` where E and I have the
+    same sign and s is at least 30; elsewhere s is 0. The membrane potential is the sum of s. If the
+    mean change of the frame before is at least 10 grey levels (feed-forward inhibition), the
+    response is 0. This happens just before contact.
 
-    Where the image darkens E and I are negative, and so is s: as coded it sees brightening only.
-    The variant ``paper`` takes absolute values.
+    Where the frame darkens, E and I are negative, and s is too. So the authors' code responds to
+    brightening only. The variant ``paper`` takes absolute values.
 
     Source: Yue and Rind 2006; ``docs/detectors.md``.
     """
@@ -83,7 +84,7 @@ class Lgmd1Single(ChangeDetector):
     colour = "#882255"
     meaning = "LGMD1, one pathway: excitation minus lateral inhibition, gated by the mean change"
     unit = "grey levels"
-    response_column = "grey levels", "membrane potential over the number of pixels"
+    response_column = "grey levels", "membrane potential, divided by the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike in a row on"),)
     answers = Lgmd1SingleResponse
     parameters = Lgmd1SingleParams
@@ -113,7 +114,7 @@ class Lgmd1Single(ChangeDetector):
         mp = 0.0 if ffi >= self.params.gate else self._potential(e, before)
         smp = sigmoid(mp / self.pixels)
         spike = int(smp >= self.params.spike)
-        self._nsp = (self._nsp + 1) % 256 if spike else 0  # the authors count in a byte
+        self._nsp = (self._nsp + 1) % 256 if spike else 0  # the authors count with a byte
         self._collision |= int(self._nsp >= self.params.enough)
         return Lgmd1SingleResponse(
             mp / self.pixels, None, mp, smp, ffi, spike, self._nsp, self._collision

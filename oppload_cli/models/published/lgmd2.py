@@ -35,14 +35,14 @@ class Lgmd2Params(Parameters):
     on_bias: float = parameter(1.0, "least weight of inhibition in ON, w_on", low=0, high=100)
     off_bias: float = parameter(0.5, "least weight of inhibition in OFF, w_off", low=0, high=100)
     mediation: float = parameter(
-        8.0, "mean change at which the weights are 1, T_pm", unit="grey levels", above=0, high=255
+        8.0, "mean change at which the weights reach 1, T_pm", unit="grey levels", above=0, high=255
     )
-    decay: float = parameter(0.5, "share of G that is compared, C_de", above=0, high=1)
+    decay: float = parameter(0.5, "factor of G before its threshold, C_de", above=0, high=1)
     threshold: float = parameter(
-        15.0, "share of G that counts, T_de", unit="grey levels", above=0, high=1e6
+        15.0, "least decay times G where G counts, T_de", unit="grey levels", above=0, high=1e6
     )
-    spike: float = parameter(0.78, "adapted potential of one spike, T_sp", low=0, high=1)
-    enough: int = parameter(8, "spikes without a pause that are a collision", low=1)
+    spike: float = parameter(0.78, "least adapted potential of a spike, T_sp", low=0, high=1)
+    enough: int = parameter(8, "spikes in consecutive frames that make a collision", low=1)
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,17 @@ class Lgmd2Response(Response):
     w_on: float = inner(1.0, "", "weight of inhibition in ON")
     w_off: float = inner(0.5, "", "weight of inhibition in OFF")
     spike: int = inner(0, "", "spikes of the frame")
-    nsp: int = inner(0, "", "spikes without a pause")
+    nsp: int = inner(0, "", "number of spikes in consecutive frames")
     collision: int = 0
 
 
 class Lgmd2(ChangeDetector):
     """The LGMD2 of Fu et al. 2019, as in their open source.
 
-    ``So = max(ON - w_on ST_on(ON), 0)`` and ``Sf = max(OFF - w_off ST_off(OFF), 0)`` join to
+    ``So = max(ON - w_on ST_on(ON), 0)`` and ``Sf = max(OFF - w_off ST_off(OFF), 0)`` give
     ``S = So + Sf + So Sf``, which is grouped. The inhibition of ON is strong and fast, so that
-    brightening edges are suppressed: a bright object that approaches, or a dark one that
-    recedes, leaves the potential at 0.5.
+    brightening edges are suppressed. If a bright object approaches, or a dark object recedes, the
+    potential stays at 0.5.
 
     Source: Fu et al. 2019; ``docs/detectors.md``.
     """
@@ -76,7 +76,7 @@ class Lgmd2(ChangeDetector):
     colour = "#098D45"
     meaning = "LGMD2: ON and OFF pathways biased towards darkening, grouping, adaptation"
     unit = "grey levels"
-    response_column = "grey levels", "membrane potential over the number of pixels"
+    response_column = "grey levels", "membrane potential, divided by the number of pixels"
     columns = (Column("collision", "0 or 1", "1 where 8 spikes without a pause have come"),)
     answers = Lgmd2Response
     parameters = Lgmd2Params

@@ -30,11 +30,15 @@ class LgmdContrastParams(Parameters):
     """Parameters of lgmd_contrast."""
 
     baseline: float = parameter(
-        3.0, "change at which compression is halved", unit="grey levels", above=0, high=255
+        3.0,
+        "constant in the divisor of each change",
+        unit="grey levels",
+        above=0,
+        high=255,
     )
     inhibition: float = parameter(0.4, "weight of inhibition", low=0, high=100)
-    decay: float = parameter(0.5, "share of G that is compared", above=0, high=1)
-    threshold: float = parameter(0.7, "share of G that counts", above=0, high=1e6)
+    decay: float = parameter(0.5, "factor of G before its threshold", above=0, high=1)
+    threshold: float = parameter(0.7, "least decay times G where G counts", above=0, high=1e6)
 
 
 @dataclass(frozen=True)
@@ -50,13 +54,13 @@ class LgmdContrastResponse(Response):
 
 
 class LgmdContrast(ChangeDetector):
-    """The LGMD of Fu and Li 2022: changes are normalised by those around them.
+    """The LGMD of Fu and Li 2022: each change is normalised by the changes around it.
 
-    ``M = tanh(x / (g * x + 3))`` of brightening and of darkening, with g a Gaussian of 9 x 9 px
-    and sigma 5; ``S = max(M - 0.4 I - C, 0)`` with I the M of the frame before, spread, and
-    ``C = |K3(1, -1/8, -1/8) * M|`` the contrast of M; ``S_on + S_off + S_on S_off`` is grouped.
-    Its response hardly depends on contrast; a flash of the complete frame gives the largest one.
-    No rule for spikes was published.
+    ``M = tanh(x / (g * x + 3))``, where x is the brightening or the darkening and g a Gaussian of 9
+    x 9 px with sigma 5. ``S = max(M - 0.4 I - C, 0)``, where I is the spread M of the frame before,
+    and ``C = |K3(1, -1/8, -1/8) * M|`` the contrast of M. ``S_on + S_off + S_on S_off`` is grouped.
+    The response hardly depends on contrast; a flash of the complete frame gives the largest
+    response. No rule for spikes was published.
 
     Source: Fu and Li 2022; ``docs/detectors.md``.
     """
@@ -65,7 +69,7 @@ class LgmdContrast(ChangeDetector):
     label = "LGMD (contrast)"
     colour = "#989A2B"
     meaning = "LGMD with contrast normalisation: nearly the same response at all contrasts"
-    response_column = "", "sum of G over the number of pixels"
+    response_column = "", "sum of G, divided by the number of pixels"
     answers = LgmdContrastResponse
     parameters = LgmdContrastParams
     alarm_floors: ClassVar = {"default": 0.27}

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 # Constants of the best agent that the authors' genetic algorithm found.
 _LEAST_BIAS, _FIELD_SPREAD = 0.6190473, 0.5307723
 _GATE = 12.0  # grey levels
-_LAST_FRAMES = 10  # over which the rate of spikes is counted
+_LAST_FRAMES = 10  # number of frames over which the rate of spikes is counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,10 +46,10 @@ class LgmdPlusParams(Parameters):
     on_gain: float = parameter(2.0, "weight of ON", low=0, high=100)
     off_gain: float = parameter(1.0, "weight of OFF", low=0, high=100)
     threshold: float = parameter(
-        18.0, "half of the G that counts", unit="grey levels", above=0, high=1e6
+        18.0, "G counts where half of it is at least this", unit="grey levels", above=0, high=1e6
     )
-    spike: float = parameter(0.68, "adapted potential of one spike", low=0, high=1)
-    rate: float = parameter(56.0, "rate of spikes that is a collision", unit="Hz", above=0)
+    spike: float = parameter(0.68, "least adapted potential of a spike", low=0, high=1)
+    rate: float = parameter(56.0, "rate of spikes that makes a collision", unit="Hz", above=0)
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,10 @@ class LgmdPlusResponse(Response):
 class LgmdPlus(ChangeDetector):
     """The LGMD+ of Fu et al. 2020, with the constants of their best evolved agent.
 
-    Each product of the smoothing of P is cut to an integer: changes under 5 grey levels vanish, and
-    much noise with them. Inhibition grows with the mean change and away from the centre of the
-    view. G is low-passed, with a time constant that falls as the mean change grows.
+    P is smoothed, and each product of the smoothing is cut to an integer. So changes below 5 grey
+    levels vanish, and much noise with them. Inhibition grows with the mean change and with the
+    distance from the centre of the frame. G is low-passed; the time constant falls as the mean
+    change grows.
 
     Source: Fu et al. 2020; ``docs/detectors.md``.
     """
@@ -82,10 +83,8 @@ class LgmdPlus(ChangeDetector):
     colour = "#D56D7F"
     meaning = "LGMD+: noise gate, local weights, bias that follows the mean change"
     unit = "grey levels"
-    response_column = "grey levels", "membrane potential over the number of pixels"
-    columns = (
-        Column("collision", "0 or 1", "1 from the first frame on in which spikes come at 56 Hz"),
-    )
+    response_column = "grey levels", "membrane potential, divided by the number of pixels"
+    columns = (Column("collision", "0 or 1", "1 once the rate of spikes has reached 56 Hz"),)
     answers = LgmdPlusResponse
     parameters = LgmdPlusParams
     alarm_floors: ClassVar = {"default": 2.1}
@@ -151,7 +150,7 @@ class LgmdPlus(ChangeDetector):
 
 
 def _local_weights(shape: tuple[int, int]) -> Plane:
-    """Return V, the weight of inhibition: least in the middle of the view, at most 1.
+    """Return V, the weight of inhibition: least in the middle of the frame, at most 1.
 
     ``V = max(1 - g, 0.1)`` with ``g = exp(-4.5 (y'^2 + x'^2)) / (2 pi s (h/w) s)``, where y'
     and x' run from -1 to 1 over the frame.

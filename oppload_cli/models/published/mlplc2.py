@@ -23,35 +23,38 @@ if TYPE_CHECKING:
 
     Places = NDArray[np.intp]  # numbers of pixels, in the order of rows
 
-# Gaussians: the size of each, the part of it that is used, its sigma.
+# Gaussians: the number of taps of each, how many of them are used, and sigma.
 _EXCITATION, _INHIBITION, _COMPRESSION = (7, 3, 10.0), (11, 5, 20.0), (5, 5, 20.0)
 _INHIBITION_WEIGHT, _HALF_COMPRESSED, _NEARLY = 1.2, 0.2, 1 - 1e-15
 _GAIN, _EXPONENTS = 10.0, (0.9, 0.5)  # of T4 (ON) and T5 (OFF)
 _LEAST_MOTION, _LOST_MOTION = 2.0, 1e-20
-_KEPT_ABOVE, _COLLISION = 10_000.0, 1000.0  # of the latest outputs of a field; of its output
-_BAND = 5  # px at the frame's edge without motion
+# A field is kept if the sum of its latest outputs is at least the first; an output of at least the
+# second is a collision.
+_KEPT_ABOVE, _COLLISION = 10_000.0, 1000.0
+_BAND = 5  # px: width of the band at the frame's edge in which no motion is computed
 _DELAYS_MS = 80.0, 70.0, 60.0, 50.0, 40.0  # at distances of 1 to 5 px
-_NULL_WEIGHT, _MOTION_MS = 1.5, 30.0  # of motion the other way; low-pass of motion
-_NEIGHBOURS = (0, 1), (0, -1), (1, 0), (-1, 0)  # to the right, left, below, above: rows, columns
+_NULL_WEIGHT, _MOTION_MS = 1.5, 30.0  # weight of opposite motion; time constant of motion
+_NEIGHBOURS = (0, 1), (0, -1), (1, 0), (-1, 0)  # (rows, columns) to the right, left, below, above
 _HALF_FIELD, _SUMMED_FRAMES = 75, 5  # px, frames
-_FAINTEST_MOTION = 1e-12  # of which a power is taken
+_FAINTEST_MOTION = 1e-12  # less motion counts as 0
 
 
 # ---- Fields cut at the edge, correlators of neighbours, and fields of attention --------------
 
 
 def _corner_line(size: int, used: int, sigma: float) -> Plane:
-    """Return the first taps of a Gaussian of sum 1; the authors centre the square of these taps."""
+    """Return the first taps of a Gaussian with sum 1; the authors use them as a centred kernel."""
     line = np.exp(-((np.arange(size) - size // 2) ** 2) / (2 * sigma**2))
     return np.asarray(line[:used] / line.sum(), np.float64)
 
 
 def _cut(p: Plane, line: Plane) -> Plane:
-    """Return P convolved with the square of a line, as the authors' loop computes it.
+    """Return P convolved with a square kernel, as the authors' loop computes it.
 
-    The loop sets its running sum to 0 after every tap that lies in the outer band, in the order of
-    rows. So a pixel whose last tap lies there gets 0. Near the upper edge only the rows below
-    the band count, and near the left edge only the part of the last row beyond it.
+    The kernel is the outer product of `line` with itself. The loop goes through the taps row by
+    row, and sets the sum to 0 after each tap that lies in the band at the frame's edge. So a pixel
+    whose last tap lies in the band gets 0. Near the upper edge only the rows below the band count,
+    and near the left edge only that part of the last row that lies to the right of the band.
     """
     reach = len(line) // 2
     inner, last_row = p.copy(), np.zeros((len(line), len(line)))
@@ -68,9 +71,9 @@ def _correlate(
 ) -> None:
     """Add the low-passed correlation of some pixels with their neighbours in four directions.
 
-    `motion`, shape (4, pixels), is changed at the pixels `here`, which are outside the band at the
-    edge. The signals are compressed: that of this frame, and that of the one before. The width of
-    the frame is in px.
+    `motion`, shape (4, pixels), is changed at the pixels `here`, which lie outside the band at the
+    edge. `signals` are the compressed signals of this frame and of the frame before. `width` is the
+    width of the frame in px.
     """
     share = low_pass_share(interval_ms, _MOTION_MS)
     now, before = signals
@@ -88,20 +91,20 @@ def _correlate(
 
 
 def _powered(motion: Plane, exponent: float) -> Plane:
-    """Return a power of the motion, 0 where it has all but decayed."""
+    """Return a power of the motion, 0 where almost no motion remains."""
     if exponent == 0.5:
         return np.sqrt(motion)
     return np.where(motion > _FAINTEST_MOTION, np.maximum(motion, _FAINTEST_MOTION) ** exponent, 0)
 
 
 def _within(offsets: Places) -> NDArray[np.bool_]:
-    """Tell which offsets from the middle of a field, along one axis, lie in it."""
+    """Return which offsets from the middle of a field lie in the field, along one axis."""
     return (offsets >= -_HALF_FIELD) & (offsets < _HALF_FIELD)
 
 
 @dataclass
 class _Attention:
-    """A field of attention: its number, place and first frame, and its latest sums."""
+    """A field of attention: its number, place and first frame, and its latest outputs."""
 
     number: int
     y: int
@@ -114,7 +117,7 @@ class _Attention:
     def take(self, y: Places, x: Places, net: Plane) -> None:
         """Sum the outward part of the motion in each quadrant.
 
-        `net`, shape (2, n), is the motion of the pixels at y, x to the right and downwards.
+        `net`, shape (2, n), is the motion to the right and downwards of the pixels at y, x.
         """
         dy, dx = y - self.y, x - self.x
         inside = _within(dy) & _within(dx)
@@ -139,7 +142,7 @@ class _Attention:
 class Mlplc2Params(Parameters):
     """Parameters of mLPLC2."""
 
-    compression_threshold: float = parameter(0.75, "compressed signal that counts", low=0, high=1)
+    compression_threshold: float = parameter(0.75, "threshold of compressed signals", low=0, high=1)
 
 
 @dataclass(frozen=True)
@@ -166,7 +169,7 @@ class Mlplc2Response(Response):
 
 
 class Mlplc2(ChangeDetector):
-    """LPLC2 units in square fields of attention, 150 px wide, that open where motion is largest.
+    """LPLC2 units in square fields of attention, 150 px wide, which open where motion is largest.
 
     Source: Liu and Fu 2025 and the authors' published code; ``docs/detectors.md``.
     """
@@ -195,7 +198,7 @@ class Mlplc2(ChangeDetector):
         self._interval_ms = 1000 / (self.frame_rate or parts.USUAL_RATE)
         line = _corner_line(*_COMPRESSION)
         self._reach = reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
-        # Compression passes the threshold where the signal is above this.
+        # A compressed signal is above the threshold if the signal is above this limit.
         least = np.arctanh(min(self.params.compression_threshold, _NEARLY))
         with np.errstate(divide="ignore"):
             limit = _HALF_COMPRESSED * least / np.maximum(1 - least * reach, 0)
@@ -215,11 +218,12 @@ class Mlplc2(ChangeDetector):
     def answer(self, p: Plane) -> Mlplc2Response:
         """Answer to the change of a frame."""
         self._frames += 1
-        # The current and the former change swap their roles at every frame.
+        # The present change goes to each slot in turn: at every second frame it inhibits, and the
+        # former change excites.
         self._slots[self._frames % 2] = p
         self._drive(*self._slots)
         self._compress()
-        # Most pixels do not move: only the others are computed.
+        # Most pixels show no motion; motion is computed only for the others.
         for active, earlier in zip(self._active, self._earlier, strict=True):
             self._moves[active] = self._moves[earlier] = True
         moving = np.flatnonzero(self._moves & self._inner)
@@ -234,11 +238,11 @@ class Mlplc2(ChangeDetector):
         return self._attend(moving, _GAIN * (t4 + t5))
 
     def _drive(self, inhibiting: Plane, exciting: Plane) -> None:
-        """Let excitation and inhibition drive the ON and the OFF signal, which decay."""
+        """Let the ON and the OFF signal decay, and add excitation minus inhibition to them."""
         excitation = _cut(exciting, _corner_line(*_EXCITATION))
         s = excitation - _INHIBITION_WEIGHT * _cut(inhibiting, _corner_line(*_INHIBITION))
         bright = excitation >= 0
-        # ON where both are above 0, OFF where both are below.
+        # ON where excitation and the difference are above 0, OFF where both are below 0.
         s *= (s > 0) == bright
         self._signal *= parts.DECAY
         on, off = self._signal.reshape(2, *self.shape)
@@ -246,7 +250,7 @@ class Mlplc2(ChangeDetector):
         off -= np.minimum(s, 0, out=excitation)
 
     def _compress(self) -> None:
-        """Compress the signals, each by those around it; signals below the threshold become 0."""
+        """Compress each signal; compressed signals up to the threshold become 0."""
         self._now, self._former = self._former, self._now
         oldest, self._earlier = self._earlier, self._active
         self._active = [np.flatnonzero(each > self._limit) for each in self._signal]
@@ -258,13 +262,13 @@ class Mlplc2(ChangeDetector):
             compressed[at] = np.tanh(own / (_HALF_COMPRESSED + own * self._reach[at]))
 
     def _pairs(self) -> Iterator[Places]:
-        """Yield the pixels that correlate: those with a signal now or in the frame before."""
+        """Yield the pixels with an ON, then an OFF signal, in this frame or the frame before."""
         for active, earlier in zip(self._active, self._earlier, strict=True):
             either = np.union1d(active, earlier)
             yield either[self._inner[either]]
 
     def _attend(self, at: Places, motion: Plane) -> Mlplc2Response:
-        """Answer to the motion of some pixels in four directions, shape (4, n)."""
+        """Return the answer to the motion of some pixels in four directions, shape (4, n)."""
         right, left, down, up = motion
         y, x = np.divmod(at, self.shape[1])
         magnitude = np.hypot(right + left, down + up)
@@ -292,13 +296,13 @@ class Mlplc2(ChangeDetector):
 
     def _open(self, y: Places, x: Places, magnitude: Plane) -> None:
         """Open a field at the largest motion that the authors' scan finds outside other fields."""
-        # The place of the largest motion up to a pixel decides whether the pixel counts.
+        # The scan looks only at pixels with more motion than all pixels before them.
         records = np.flatnonzero(np.diff(np.maximum.accumulate(magnitude), prepend=0.0) > 0)
         y, x = y[records], x[records]
         beyond = np.ones(len(records), bool)
         for each in self._fields:
             beyond &= ~(_within(y - each.y) & _within(x - each.x))
         if beyond.any():
-            last = np.flatnonzero(beyond)[-1]  # records grow
+            last = np.flatnonzero(beyond)[-1]  # the last of these pixels has the largest motion
             self._opened += 1
             self._fields.append(_Attention(self._opened, int(y[last]), int(x[last]), self._frames))

@@ -1,7 +1,7 @@
 """The functions that the models of Fu and colleagues share.
 
-These models see grey levels 0 to 255 and their signed change, and count time in frames that last an
-integer number of milliseconds. Source: ``docs/detectors.md``.
+These models use grey levels from 0 to 255 and their signed change. They count time in frames, whose
+duration is an integer number of milliseconds. Source: ``docs/detectors.md``.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ if TYPE_CHECKING:
     Plane = NDArray[np.floating[Any]]  # one value per pixel
 
 EDGE, ZERO, MIRROR = cv2.BORDER_REPLICATE, cv2.BORDER_CONSTANT, cv2.BORDER_REFLECT_101
-_MOST_EXACT = 2**24  # up to here single precision holds every integer
-USUAL_RATE = 30.0  # frames per second, where the rate is not known
+_MOST_EXACT = 2**24  # single precision represents every integer up to this one
+USUAL_RATE = 30.0  # frames per second, used if the rate is not known
 DECAY = 0.1  # share of ON and OFF that remains in the next frame
 
 
 class ChangeDetector(Detector):
     """A detector that works on the signed change of grey levels between two frames.
 
-    A subclass answers to the change (`answer`) and forgets it (`forget`).
+    A subclass answers to the change (`answer`) and forgets all changes (`forget`).
 
     Attributes
     ----------
     precision : type
-        Of the maps, as in the authors' programs: single in C#, double in MATLAB.
+        Precision of the maps, as in the authors' programs: single in C#, double in MATLAB.
     ti : int
-        Milliseconds per frame, cut to an integer of at least 1 as the authors' programs do:
-        33 at 30 frames per second. Frames that come late count as one frame.
+        Milliseconds per frame, cut to an integer of at least 1 as in the authors' programs: 33 at
+        30 frames per second. Each frame counts with this duration, also if it comes late.
     """
 
     evaluated = False
@@ -77,7 +77,7 @@ class ChangeDetector(Detector):
 
     @abstractmethod
     def answer(self, p: Plane) -> Response | None:
-        """Answer to ``P(t) = L8(t) - L8(t-1)``, -255 to 255; the answer may change it."""
+        """Answer to ``P(t) = L8(t) - L8(t-1)``, -255 to 255; this method may overwrite `p`."""
 
     @abstractmethod
     def forget(self) -> None:
@@ -88,7 +88,7 @@ def mean_change(p: Plane) -> float:
     """Return the mean of the absolute change over the frame, in grey levels."""
     total = float(cv2.norm(p, cv2.NORM_L1))
     if total >= _MOST_EXACT:
-        # The authors add up in single precision, which loses digits from here on.
+        # The authors sum in single precision, which is not exact above this value.
         total = float(np.cumsum(np.abs(p), dtype=np.float32)[-1])
     return total / p.size
 
@@ -110,8 +110,8 @@ def averaged(values: Plane, border: int = EDGE) -> Plane:
 
 
 def at_least(values: Plane, least: float) -> Plane:
-    """Return a map in which values below a threshold, itself above 0, are 0."""
-    # OpenCV keeps values above the threshold, not those that equal it.
+    """Return a map in which values below the threshold `least` (above 0) are replaced by 0."""
+    # OpenCV keeps values above its threshold only, so its threshold must be just below `least`.
     below = float(np.nextafter(values.dtype.type(least), values.dtype.type(-np.inf)))
     return np.asarray(cv2.threshold(values, below, 0, cv2.THRESH_TOZERO)[1])
 
@@ -127,12 +127,12 @@ def sigmoid(value: float) -> float:
 
 
 def low_pass_share(ti: float, tau: float) -> float:
-    """Return ``ti / (ti + tau)``, the share of the latest value in a low-pass."""
+    """Return ``ti / (ti + tau)``, the weight of the latest value in a low-pass."""
     return ti / (ti + tau)
 
 
 def low_passed(now: float, before: float, ti: float, tau: float) -> float:
-    """Return a low-passed value, given the one of the frame before."""
+    """Return a low-passed value, given the low-passed value of the frame before."""
     share = low_pass_share(ti, tau)
     return share * now + (1 - share) * before
 
@@ -140,9 +140,9 @@ def low_passed(now: float, before: float, ti: float, tau: float) -> float:
 class DelayedSpread:
     """``ST``: a K3 kernel whose centre, nearest and diagonal taps are low-passed differently.
 
-    The low-pass of Fu's models, ``l x(t) + (1 - l) x(t-1)``, has the previous *input*, so that
-    both frames can be convolved with a kernel of their own. Weights and time constants are those of
-    the centre, the nearest neighbours and the diagonals; all times are in ms.
+    The low-pass of Fu's models, ``l x(t) + (1 - l) x(t-1)``, uses the *input* of the frame before,
+    not the former result. So each of the two frames can be convolved with one kernel. `weights` and
+    `taus` are those of the centre, the nearest neighbours and the diagonals; all times are in ms.
     """
 
     def __init__(
@@ -159,10 +159,10 @@ class DelayedSpread:
 
 
 def split(p: Plane, on_before: Plane, off_before: Plane) -> tuple[Plane, Plane]:
-    """Return ON and OFF: brightening and darkening, with a tenth of those of the frame before.
+    """Return ON and OFF: brightening and darkening, plus a tenth of ON and OFF one frame before.
 
-    ``ON(t) = max(P, 0) + 0.1 ON(t-1)`` and ``OFF(t) = max(-P, 0) + 0.1 OFF(t-1)``; the authors
-    count P from 0.1 as ON, which is the same for integer grey levels.
+    ``ON(t) = max(P, 0) + 0.1 ON(t-1)`` and ``OFF(t) = max(-P, 0) + 0.1 OFF(t-1)``. In the authors'
+    code P counts as ON if it is at least 0.1, which is the same for integer grey levels.
     """
     on = positive(p)
     off = on - p
@@ -173,7 +173,7 @@ def split(p: Plane, on_before: Plane, off_before: Plane) -> tuple[Plane, Plane]:
 
 
 def total(values: Plane) -> float:
-    """Return the sum of a map; OpenCV's depends on the place of the map in memory."""
+    """Return the sum of a map, without OpenCV, whose sum depends on the map's place in memory."""
     return float(values.sum(dtype=np.float64))
 
 
@@ -188,7 +188,7 @@ def grouped(s: Plane, coefficient: float, offset: float, border: int) -> tuple[P
 
 
 class Adaptation:
-    """Spike-frequency adaptation: it passes a rising potential and forgets a steady one.
+    """Spike-frequency adaptation: the result follows rises of the potential, and decays without.
 
     `tau`, the time constant, and `ti`, the time per frame, are in ms.
     """

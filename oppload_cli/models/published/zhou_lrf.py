@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
     from oppload_cli.models.published.parts import Plane
 
-_FIELD = 12  # elements across the field of a unit, 60 degrees
+_FIELD = 12  # side of a unit's receptive field in elements: 60 degrees
 _WEIGHTS_FILE = "zhou_lrf.csv"
 _UNIT_BIAS, HIT_BIAS = -0.966204, -1.944388  # b_e and b of the same training
-_DELAY_KEPT = np.exp(-1 / 3)  # share of the delayed signal that it keeps from frame to frame
-_AT_REST = sigmoid(HIT_BIAS)  # probability of a hit where nothing moves
-_BLOCK_STEP = _FIELD // 2  # elements between the units whose sum gives the probability of a hit
+_DELAY_KEPT = np.exp(-1 / 3)  # weight of the former value in the delayed signal
+_AT_REST = sigmoid(HIT_BIAS)  # probability of a hit if nothing moves
+_BLOCK_STEP = _FIELD // 2  # distance in elements of the units that give the probability of a hit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,10 +53,10 @@ class ZhouLrfParams(Parameters):
 class ZhouLrfResponse(Response):
     """The answer of the trained receptive field to one frame, with its inner values."""
 
-    r_max: float = inner(0.0, "", "largest unit")
-    x: int = inner(0, "px", "middle of the largest unit's field at the working size")
-    y: int = inner(0, "px", "middle of the largest unit's field at the working size")
-    r_sum: float = inner(0.0, "", "sum of all units")
+    r_max: float = inner(0.0, "", "largest response of a unit")
+    x: int = inner(0, "px", "column of the centre of the winning unit's field, working size")
+    y: int = inner(0, "px", "row of the centre of the winning unit's field, working size")
+    r_sum: float = inner(0.0, "", "sum of the responses of all units")
     p_hit: float = inner(_AT_REST, "", "probability of a hit, 0 to 1")
     motion_abs: float = inner(0.0, "", "sum of the absolute horizontal and vertical motion")
 
@@ -74,7 +74,7 @@ def _weights() -> Plane:
 
 
 def _blur_kernel(element: int) -> Plane:
-    """Return the Gaussian about a pixel corner, sigma half an element, cut at two elements."""
+    """Return a Gaussian centred on a pixel corner: sigma half an element, radius two elements."""
     offsets = np.arange(-2 * element, 2 * element) + 0.5
     square = offsets[:, None] ** 2 + offsets**2
     kernel = np.exp(-square / (2 * (element / 2) ** 2))
@@ -83,19 +83,19 @@ def _blur_kernel(element: int) -> Plane:
 
 
 class _Blur:
-    """The blur at the corners of half elements: the only places at which it is needed."""
+    """A Gaussian blur, computed only where it is needed: at the corners of half elements."""
 
     def __init__(self, element: int) -> None:
         self._step, self._reach = element // 2, 2 * element
-        # Bands of the kernel, half an element high: for each row of a band a matrix.
+        # The kernel is cut into bands, half an element high; each row of a band becomes a matrix.
         self._bands = (
             _blur_kernel(element).reshape(-1, self._step, 2 * self._reach).transpose(1, 2, 0)
         )
 
     def __call__(self, image: Plane, rows: int, columns: int) -> Plane:
-        """Return the blurred image, shape (2 rows + 1, 2 columns + 1) for rows of elements.
+        """Return the blurred image, shape (2 rows + 1, 2 columns + 1).
 
-        Beyond the image the nearest pixel is repeated.
+        `rows` and `columns` count elements. Outside the image the nearest pixel is repeated.
         """
         padded = cv2.copyMakeBorder(image, *(self._reach,) * 4, borderType=EDGE)
         wide = np.lib.stride_tricks.sliding_window_view(padded, 2 * self._reach, axis=1)
@@ -115,8 +115,8 @@ class _Blur:
 class ZhouLrf(Detector):
     """Units over 12 x 12 motion detectors, with weights trained to tell hits from misses.
 
-    Frames are taken at 30 per second, as in the training; the constants count frames. The
-    weights were retrained after the paper, as its authors did not publish theirs.
+    The constants count frames, and assume 30 frames per second as in the training. The weights were
+    trained again as the paper describes, because the authors did not publish their weights.
 
     Source: Zhou et al. 2022 (eLife); ``docs/detectors.md``.
     """
@@ -125,7 +125,7 @@ class ZhouLrf(Detector):
     label = "Zhou LRF"
     colour = "#036A28"
     meaning = "LPLC2 units with a trained linear receptive field (after Zhou et al. 2022)"
-    response_column = "", "largest unit"
+    response_column = "", "largest response of a unit"
     year = 2022
     reference = "after Zhou et al. 2022, eLife; weights retrained"
     answers_to = "motion outward from a unit's middle, by contrast; not misses, retreats, rotation"
@@ -148,7 +148,7 @@ class ZhouLrf(Detector):
         self.need_size(shape, (_FIELD * self._element,) * 2)
         self._blur = _Blur(self._element)
         right = _weights()
-        # Four directions by turns of 90 degrees; anchored at the block's top left element.
+        # Weights for the four directions: those for motion to the right, turned by 90 degrees.
         self._weights = [np.rot90(right, turn) for turn in (0, 2, 1, 3)]
         self.reset()
 
@@ -161,7 +161,7 @@ class ZhouLrf(Detector):
         samples = self._samples(1 - grey_levels(luma, self.shape) / 255)
         before = self._delayed
         if before is None:
-            self._delayed = samples  # as if it had been shown for long
+            self._delayed = samples  # as if the first frame had been shown for a long time
             return None
         self._delayed = [
             _DELAY_KEPT * old + (1 - _DELAY_KEPT) * new
