@@ -1,1 +1,1 @@
-"""From responses to alarms and places."""
+"""Alarms and places of looming objects, computed from responses."""

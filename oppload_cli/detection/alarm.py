@@ -1,4 +1,4 @@
-"""A causal alarm: it answers to a response far above the recent ones, or to a near contact."""
+"""The alarm: on if a response is far above recent responses, or if contact is near."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
 
 
-_LATEST_STEPS = 15  # between frames, whose median is the usual step
-_FIRST_STEP_S = 0.1  # the usual step before there is one
-_GAP = 2.0  # usual steps; after a longer one the frames do not follow each other
+_LATEST_STEPS = 15  # the usual step is the median of so many latest steps between frames
+_FIRST_STEP_S = 0.1  # the usual step before any step is known
+_GAP = 2.0  # a step of more than so many usual steps is a gap: frames are missing
 
 
 class _Steps:
-    """Tells gaps, where frames are missing, by the times of the frames."""
+    """Finds gaps, at which frames are missing, from the times of the frames."""
 
     def __init__(self) -> None:
         self._before_s: float | None = None
         self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
 
     def gap_s(self, time_s: float) -> float:
-        """Return the time from the frame before to this one if frames are missing, else 0."""
+        """Return the time since the frame before if frames are missing in between, else 0."""
         before_s, self._before_s = self._before_s, time_s
         if before_s is None:
             return 0.0
@@ -42,25 +42,25 @@ class _Steps:
 class Alarm:
     """The alarm of one detector over one video.
 
-    It uses only frames that have passed, so that it is the same on a robot and on a file. A
-    frame counts when its evidence (:meth:`AlarmParams.evidence`) is above the threshold: `factor`
-    times the median response of the background, and at least the detector's floor. The background
-    is `background_s` seconds long and ends `guard_s` before the frame.
+    The alarm uses past frames only, so that a robot and a video file give the same alarms. A frame
+    counts if its evidence (:meth:`AlarmParams.evidence`) is above the threshold. The threshold is
+    `factor` times the median response of the background, and at least the detector's floor. The
+    background is `background_s` seconds long and ends `guard_s` before the frame.
 
     Parameters
     ----------
     name : str
-        The detector whose responses these are.
+        Name of the detector.
     params : AlarmParams, optional
-        As from :func:`~oppload_cli.detection.parameters.alarm_params`.
+        Parameters, as returned by :func:`~oppload_cli.detection.parameters.alarm_params`.
 
     Attributes
     ----------
     threshold : float
-        The evidence above which the latest frame sets the alarm off; above `release` times
-        this it keeps the alarm on. Infinite where `params` has no alarm.
+        The threshold at the latest frame. Evidence above it starts an alarm; evidence above
+        `release` times the threshold keeps the alarm on. Infinite if `params` has alarms off.
     evidence : float
-        That of the latest frame.
+        The evidence of the latest frame.
 
     Raises
     ------
@@ -101,16 +101,16 @@ class Alarm:
         time_s : float
             The frame's presentation time in seconds.
         contact_s : float, optional
-            Time to contact in seconds of the object with the largest response, above 0; None
-            where it is not known.
+            Time to contact in seconds of the object with the largest response, above 0; None if
+            not known.
         blind : bool
             Whether the frame does not count (see :class:`Cuts`).
 
         Returns
         -------
         bool
-            Whether the alarm is on. It is off in a frame that comes after its end, also where no
-            frame came in between: another alarm starts in a later frame.
+            Whether the alarm is on. In the first frame after the end of an alarm it is off, even if
+            this frame has enough evidence: the next alarm starts in a later frame.
         """
         is_gap = self._steps.gap_s(time_s) > 0
         ended = self._on and time_s > self._until_s and (is_gap or not self._counted)
@@ -129,10 +129,10 @@ class Alarm:
         return self._on
 
     def _long_enough(self, above: bool, time_s: float) -> bool:
-        """Tell whether evidence was above the threshold for long enough, since its first frame."""
+        """Return whether evidence has been above the threshold for long enough."""
         before_s = time_s if self._before_s is None else self._before_s
         oldest = time_s - self.params.window_s
-        if self.params.enough_s:  # at least two frames must count, at the lowest rates too
+        if self.params.enough_s:  # keep the frame before, also if frames come rarely
             oldest = min(oldest, before_s)
         while self._above and self._above[0][0] < oldest:
             self._above.popleft()
@@ -146,26 +146,26 @@ class Alarm:
 
 
 class Cuts:
-    """Tells hard cuts, flashes, steps of luminance, motion out of rest and gaps from looming.
+    """Finds blind frames: those after a cut, flash, luminance step, end of a rest, or gap.
 
-    The first three change most of the frame at once, far more than any of the frames
-    before; an object that approaches takes many frames to fill the picture. Where the scene
-    was at rest there is no inhibition yet: motion that begins, in any direction, excites all
-    pathways for as long as the detectors look back. After a gap in time, longer than an alarm is
-    held, the detectors compare with another scene, as at the start of a video.
+    A cut, a flash or a luminance step changes most of the frame at once, far more than the frames
+    before; an approaching object takes many frames to fill the frame. After a rest there is no
+    inhibition yet: motion in any direction then excites all pathways for as long as the detectors
+    look back. After a gap longer than `hold_s` and `blind_s` the detectors compare frames of
+    different scenes, as at the start of a video.
 
     Parameters
     ----------
     params : AlarmParams, optional
-        Its `cut_ratio`, `cut_share`, `rest`, `blind_s` and `hold_s`.
+        The parameters `cut_ratio`, `cut_share`, `rest`, `blind_s` and `hold_s` are used.
 
     Source: ``docs/alarms.md``.
     """
 
-    MEMORY_S = 0.18  # how far back the changes reach that a luminance change is compared with
-    # Of these the latest are kept, whatever their age. Noise does not grow with the time between
-    # frames, so the change per interval is small after lost frames. The next, ordinary change would
-    # then look like a cut.
+    MEMORY_S = 0.18  # a luminance change is compared with the changes of this latest time
+    # At least this number of latest changes is kept, whatever their age. Noise does not grow with
+    # the time between frames, so that the change per interval is small after lost frames. The next,
+    # ordinary change would look like a cut beside that one alone.
     LEAST_KEPT = 3
 
     def __init__(self, params: AlarmParams | None = None) -> None:
@@ -189,8 +189,8 @@ class Cuts:
         Returns
         -------
         str
-            Why the frame is blind, as it shows such a change or a recent frame did: ``start`` of
-            the video, ``cut`` (or a flash, or a step), ``rest`` that ended, or ``gap``. Empty for
+            Why the frame is blind, because of this or a recent frame: ``start`` of the video,
+            ``cut`` (or a flash, or a luminance step), ``rest`` (which ended), or ``gap``. Empty for
             a frame that counts.
         """
         while len(self._changes) > self.LEAST_KEPT and self._changes[0][0] < time_s - self.MEMORY_S:
@@ -208,7 +208,7 @@ class Cuts:
             return ""
         if before <= self._params.rest:
             return "rest" if self._changes else "start"
-        # In a cut most pixels change about as much as the mean; near an approaching object few
+        # In a cut most pixels change by about the mean change. If an object approaches, few pixels
         # change much.
         changed = np.count_nonzero(photoreceptors > change / 4)
         return "cut" if changed >= self._params.cut_share * photoreceptors.size else ""

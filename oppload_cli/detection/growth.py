@@ -23,32 +23,32 @@ if TYPE_CHECKING:
     Region = tuple[float, float, float, float]
 
 
-_WINDOW = 2.0  # sizes: how far around an object its own motion is looked for
-_LEAST_WINDOW = 3  # cells: less holds no more than one blurred point
-_WINDOWS = 4  # that follow the size; it settles in two or three
-SIDE = 24  # samples across a region
-_ROUNDS = 3  # of the registration
-_LEAST_SEEN = 0.15  # share of the region that both frames must show
-_MOST_GROWTH = 4.0  # between the two frames, and the inverse of the least
-_FURTHEST = 1.0  # half sizes that the middle may have moved
-_NOISE = 1 / 255  # of a sample: one grey level of 8 bits
+_WINDOW = 2.0  # half side of the window in which an object's motion is measured, in half sizes
+_LEAST_WINDOW = 3  # least half side in cells; a smaller window shows one blurred point only
+_WINDOWS = 4  # most windows that are tried; the size settles in two or three
+SIDE = 24  # number of samples across a region
+_ROUNDS = 3  # rounds of the least squares fit
+_LEAST_SEEN = 0.15  # share of the region's samples that both frames must show
+_MOST_GROWTH = 4.0  # largest growth, and largest shrinking, between the two frames
+_FURTHEST = 1.0  # largest displacement of the middle, in half sizes
+_NOISE = 1 / 255  # noise of a sample: one grey level of 8 bits
 _ALIKE = 9  # errors of 3 x 3 neighbouring samples are correlated: one in 9 is independent
-_MOST_SAMPLES = 256  # in case of very many frames per second
-_TOO_FAR = 2.5  # contact times so many standard deviations off the mean are dropped, once
-_PRIOR = _NOISE**2 * np.eye(3)  # keeps a, b or k small where the picture does not determine it
-_BEYOND = -1e3  # samples beyond the frame; luminance is at least 0
+_MOST_SAMPLES = 256  # largest number of growths kept, for very high frame rates
+_TOO_FAR = 2.5  # contact times further from the mean, in standard deviations, are dropped once
+_PRIOR = _NOISE**2 * np.eye(3)  # keeps a, b or k small if the frame does not determine it
+_BEYOND = -1e3  # value of samples outside the frame; luminance is at least 0
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
 
 
 class Extent(NamedTuple):
-    """Half sizes of an object in working pixels, seen from its focus.
+    """Half sizes of an object in working pixels, measured from its focus of expansion.
 
     Attributes
     ----------
     x, y : float
         Half width and half height.
     opponency : float
-        Outward minus inward products within its window.
+        Sum of outward minus inward products in the window around the object.
     """
 
     x: float
@@ -57,12 +57,10 @@ class Extent(NamedTuple):
 
 
 class Products:
-    """The opponent products about any one unit of the latest frame, over all of the frame.
+    """The opponent products around any unit of the latest frame, up to the edges of the frame.
 
-    ``O(u) = S_phi(c + u) S_(phi+180)(c - u)``, summed over both axes, as in
-    ``docs/model.md``, section 5, but not cut off by the receptive field.
-
-    `maps` must have pooled pathways.
+    They are ``O(u) = S_phi(c + u) S_(phi+180)(c - u)``, summed over both axes, as in section 5 of
+    ``docs/model.md``, but not limited to the receptive field. `maps` must have pooled pathways.
     """
 
     def __init__(self, maps: UnitMaps) -> None:
@@ -79,24 +77,24 @@ class Products:
         self._cell_y, self._cell_x = _spacing(maps.centres_y), _spacing(maps.centres_x)
 
     def extent(self, row: int, column: int, x: float, y: float) -> Extent | None:
-        """Measure an object about a unit.
+        """Measure an object around a unit.
 
-        A ring of radius r that widens gives ``E[u_x^2] = r^2 / 2`` over its
-        products, and the pooling by sigma adds ``sigma^2 / 2``: the product of two
-        Gaussians is one of sigma / sqrt(2). So an ellipse's half width is
-        ``sqrt(2 E[u_x^2] - sigma^2)``.
+        For an expanding ring of radius r the mean of u_x^2, weighted by the products, is
+        ``E[u_x^2] = r^2 / 2``. Pooling with sigma adds ``sigma^2 / 2``, since the product of two
+        Gaussians of width sigma is a Gaussian of width sigma / sqrt(2). So an ellipse's half width
+        is ``sqrt(2 E[u_x^2] - sigma^2)``.
 
         Parameters
         ----------
         row, column : int
             The unit.
         x, y : float
-            Half sizes to begin with, in working pixels.
+            First guess of the half sizes, in working pixels.
 
         Returns
         -------
         Extent or None
-            None where nothing moves outward on both sides.
+            None if nothing moves outward on both sides.
         """
         found = None
         for _ in range(_WINDOWS):
@@ -112,9 +110,9 @@ class Products:
         return found
 
     def better_unit(self, row: int, column: int, extent: Extent) -> tuple[int, int]:
-        """Return the unit with the most outward motion about it, among a unit and its 8 neighbours.
+        """Return the unit with most outward motion around it: the given unit or a neighbour.
 
-        The window of `extent` serves all nine.
+        The window follows from `extent`, and is the same for all nine units.
         """
         rows, columns = self._maps.responses.shape
         best, found = -math.inf, (row, column)
@@ -126,7 +124,7 @@ class Products:
         return found
 
     def _reach(self, row: int, column: int, x: float, y: float) -> tuple[int, int]:
-        """Return the window in cells to each side: it ends where the frame does."""
+        """Return the half sides of the window in cells; it does not reach beyond the frame."""
         rows, columns = self._maps.responses.shape
         wanted_y = max(_LEAST_WINDOW, math.ceil(_WINDOW * y / self._cell_y))
         wanted_x = max(_LEAST_WINDOW, math.ceil(_WINDOW * x / self._cell_x))
@@ -137,7 +135,7 @@ class Products:
     def _moments(
         self, row: int, column: int, reach_y: int, reach_x: int
     ) -> tuple[float, float, float] | None:
-        """Return E[u_x^2] and E[u_y^2] over the outward products, and outward minus inward."""
+        """Return E[u_x^2], E[u_y^2] (weighted by outward products) and outward minus inward."""
         here = np.s_[row - reach_y : row + reach_y + 1, column - reach_x : column + reach_x + 1]
         middle_y, middle_x = self._middle
         span_y = slice(middle_y - reach_y, middle_y + reach_y + 1)
@@ -157,14 +155,14 @@ class Products:
         return float(along_x) / total, float(along_y) / total, difference
 
     def _half(self, square: float) -> float:
-        """Return the half size of an ellipse: at least half of the blur, and half a pixel."""
+        """Return the half size of an ellipse: at least half of the blur and half a pixel."""
         least = max(1.0, self._maps.spread) / 2
         return math.sqrt(max(2 * square - self._maps.spread**2, least**2))
 
 
 @cache
 def _signs(rows: int, columns: int, phi: int) -> Map:
-    """Return 1 at the offsets u with u . u_phi > 0, -1 where it is below 0."""
+    """Return 1 at offsets u with u . u_phi > 0, -1 at those with u . u_phi < 0, else 0."""
     across, up = math.cos(math.radians(phi)), math.sin(math.radians(phi))
     y, x = np.mgrid[-rows : rows + 1, -columns : columns + 1]
     return np.asarray(np.sign(np.round(x * across - y * up, 6)), np.float32)
@@ -180,7 +178,7 @@ class Growth(NamedTuple):
     Attributes
     ----------
     shrinkage : float
-        Earlier over later size, less 1: below 0 for an object that grew.
+        Earlier size divided by later size, minus 1: below 0 for an object that grew.
     error : float
         Standard error of the shrinkage.
     """
@@ -190,7 +188,7 @@ class Growth(NamedTuple):
 
 
 class Picture:
-    """A frame, and on demand the same frame at a half of its size, a quarter and so on.
+    """A frame, and on demand the same frame at 1/2, 1/4 ... of its size.
 
     Parameters
     ----------
@@ -202,7 +200,7 @@ class Picture:
         self._levels = [luma.copy()]
 
     def samples(self, region: Region, level: int) -> Map:
-        """Sample a region evenly.
+        """Return evenly spaced samples of a region.
 
         Parameters
         ----------
@@ -214,14 +212,14 @@ class Picture:
         Returns
         -------
         ndarray of float32, shape (SIDE, SIDE)
-            Below 0 beyond the frame.
+            Luminance; samples outside the frame are below 0.
         """
         while level >= len(self._levels):
             self._levels.append(smaller(self._levels[-1], 2))
         x, y, half_x, half_y = region
         scale = 0.5**level
         step_x, step_y = 2 * half_x / SIDE * scale, 2 * half_y / SIDE * scale
-        # Pixel i covers [i, i + 1), and OpenCV counts from the centre of pixel 0.
+        # Here pixel i covers [i, i + 1); OpenCV's coordinates start at the centre of pixel 0.
         first_x = (x - half_x) * scale + step_x / 2 - 0.5
         first_y = (y - half_y) * scale + step_y / 2 - 0.5
         samples = cv2.warpAffine(
@@ -238,32 +236,33 @@ class Picture:
 def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) -> Growth | None:
     """Measure how much the content of a region has grown since an earlier frame.
 
-    A point p of the region, counted from its middle, lies at ``p + (a, b) + k p`` in the earlier
-    frame: (a, b) is the displacement and k the shrinkage on the way back. Least squares over the
-    region's ellipse give a, b and k; each round moves the earlier picture by them.
+    Let p be a point of the region, measured from the region's middle. In the earlier frame the same
+    point of the object is at ``p + (a, b) + k p``: (a, b) is the displacement, and k the shrinkage
+    from the later to the earlier frame. Least squares over the region's ellipse give a, b and k;
+    each round applies them to the region of the earlier frame.
 
     Parameters
     ----------
     now, before : Picture
         The later and the earlier frame.
     region : tuple of float
-        Centre (x, y) and half sizes in the later one, in its pixels.
+        Centre (x, y) and half sizes in the later frame, in its pixels.
     start : float
-        The shrinkage to begin with, above -1.
+        First guess of the shrinkage, above -1.
 
     Returns
     -------
     Growth or None
-        None where the earlier frame does not show the content of the region.
+        None if the content of the region is not found in the earlier frame.
 
     Source: ``docs/places.md``, "Time to contact".
     """
     x, y, half_x, half_y = region
-    # The level with as many pixels as samples, or up to twice as many.
+    # At this level the region has about SIDE to 2 SIDE pixels across.
     level = max(0, math.floor(math.log2(2 * math.sqrt(half_x * half_y) / SIDE)))
     here = now.samples(region, level)
     seen, steps = _steps(here)
-    exact = steps.astype(np.float64)  # one straight edge does not determine a, b and k
+    exact = steps.astype(np.float64)  # the matrix is nearly singular for a single straight edge
     _, inverse = cv2.invert(exact @ exact.T + _PRIOR)
     flat = here.ravel()
     scale, a, b = 1 + start, 0.0, 0.0
@@ -287,20 +286,20 @@ def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) ->
 
 
 def _steps(here: Map) -> tuple[NDArray[np.bool_], Map]:
-    """Return which samples count, and how each changes with a, b and k."""
+    """Return which samples count, and the derivatives of each sample with respect to a, b and k."""
     across, down, within = _grid()
     seen = within & (cv2.erode(here, _NEIGHBOURS) >= 0)
     steps = np.zeros((3, SIDE, SIDE), np.float32)
     steps[0, :, 1:-1] = here[:, 2:] - here[:, :-2]
     steps[1, 1:-1] = here[2:] - here[:-2]
-    steps *= seen * np.float32(SIDE / 4)  # per half size, over two samples
+    steps *= seen * np.float32(SIDE / 4)  # differences over two samples, made per half size
     steps[2] = steps[0] * across + steps[1] * down
     return seen.ravel(), steps.reshape(3, -1)
 
 
 @cache
 def _grid() -> tuple[Map, Map, NDArray[np.bool_]]:
-    """Return how far each sample is from the middle in half sizes, and which are inside."""
+    """Return the offset (x, y) of each sample in half sizes, and which samples are inside."""
     along = (2 * np.arange(SIDE) + 1 - SIDE) / SIDE
     across, down = np.meshgrid(along.astype(np.float32), along.astype(np.float32))
     inside = np.zeros((SIDE, SIDE), bool)
@@ -311,14 +310,14 @@ def _grid() -> tuple[Map, Map, NDArray[np.bool_]]:
 class Contact:
     """The growth of one object, and its time to contact.
 
-    In a camera's picture the size of an object that approaches at constant speed is
-    ``s = A / (T - t)``. So two of its sizes give the time of contact T, and the mean of several
-    such times, weighted by their standard errors, gives it better.
+    If an object approaches at constant speed, its size in the frame is ``s = A / (T - t)``. So two
+    sizes give the time of contact T. The mean of several such times, weighted by their standard
+    errors, is a better estimate.
 
     Parameters
     ----------
     params : PlaceParams
-        Gives the conditions under which the estimate is determined.
+        Gives the conditions that an estimate must meet.
 
     Source: ``docs/places.md``, "Time to contact".
     """
@@ -328,17 +327,17 @@ class Contact:
         self._samples: deque[tuple[float, float, float, float]] = deque(maxlen=_MOST_SAMPLES)
 
     def add(self, time_s: float, passed_s: float, growth: Growth) -> None:
-        """Take the growth up to a time.
+        """Take a measured growth.
 
         Parameters
         ----------
         time_s : float
-            Seconds.
+            Time of the later of the two frames, in seconds.
         passed_s : float
-            How long it grew until then, in seconds, above 0.
+            Time between the two frames in seconds, above 0.
         growth : Growth
-            If it is within its standard error of none, nothing approaches, and earlier growths are
-            forgotten. If its error is above the share `largest_error` of it, it does not count.
+            If it is at most its standard error, nothing approaches, and earlier growths are
+            forgotten. If its error is above the share `largest_error` of it, it is left out.
         """
         shrinkage, error = growth
         if shrinkage + error >= 0:
@@ -349,7 +348,7 @@ class Contact:
             self._samples.append((time_s, contact_s, contact_error, passed_s))
 
     def expected(self, time_s: float, before_s: float) -> float:
-        """Return the shrinkage between two times by the latest growth; 0 without one."""
+        """Return the shrinkage between two times that the latest growth predicts, else 0."""
         if not self._samples:
             return 0.0
         contact_s = self._samples[-1][1]
@@ -358,10 +357,10 @@ class Contact:
     def remaining(self, time_s: float) -> tuple[float, float] | None:
         """Return the time to contact and its error.
 
-        Both are in seconds, above 0. None unless it is determined: enough frames over a long
-        enough time, enough growth, and a standard error of the mean below `largest_error` of it.
-        The error is that of a time from a single growth: the growths of an object err alike, so
-        that their mean is hardly better.
+        Both are in seconds, above 0. The result is None unless there are enough frames over a long
+        enough time, enough growth, and a standard error of the mean below the share `largest_error`
+        of the time. The returned error is that of a single growth: all growths of an object have
+        similar errors, so that their mean is hardly better.
         """
         while self._samples and self._samples[0][0] < time_s - self._params.memory_s:
             self._samples.popleft()
@@ -378,14 +377,14 @@ class Contact:
             contact, error, _ = _mean(contacts, errors)
         left = contact - time_s
         grown = (contact - times[0]) / left if left > 0 else 0.0
-        # Growths over times that overlap tell less than as many that do not.
+        # Growths over overlapping times are not independent, so that the error is larger.
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
         sure = grown >= self._params.least_growth and error < self._params.largest_error * left
         return (left, float(np.mean(errors**-2)) ** -0.5) if sure else None
 
 
 def _mean(values: Floats, errors: Floats) -> tuple[float, float, Floats]:
-    """Return the weighted mean, its standard error by the scatter, and how far each is off it."""
+    """Return the weighted mean, its standard error, and each deviation in standard errors."""
     weights = errors**-2
     mean = float(weights @ values / weights.sum())
     away = (values - mean) / errors

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 
 def _seconds(default: float, meaning: str) -> Any:
-    """Declare a parameter that is a time of up to a minute."""
+    """Declare a parameter in seconds, 0 to 60."""
     return parameter(default, meaning, unit="s", low=0, high=60)
 
 
 @dataclass(frozen=True, kw_only=True)
 class AlarmParams(Parameters):
-    """Parameters of the alarm; each detector has its own alarm with these.
+    """Parameters of the alarms; each detector has its own alarm with these parameters.
 
-    :func:`alarm_params` adds the floor of every detector, as ``NAME_floor``.
+    :func:`alarm_params` adds the floor of each detector as ``NAME_floor``.
 
     Examples
     --------
@@ -42,7 +42,8 @@ class AlarmParams(Parameters):
     on: bool = parameter(True, "whether there are alarms at all")
     factor: float = parameter(
         8.0,
-        "an alarm needs a response of this many times the median of the background",
+        "the alarm's threshold is this many times the median response of the background, but at "
+        "least the floor",
         low=0,
         high=1e6,
     )
@@ -53,38 +54,36 @@ class AlarmParams(Parameters):
         low=0.1,
         high=3600,
     )
-    guard_s: float = _seconds(
-        0.2, "time before the latest frame that does not yet count as background"
-    )
+    guard_s: float = _seconds(0.2, "time before the latest frame that the background leaves out")
     enough_s: float = _seconds(
         0.0,
-        "time that the response must be above the threshold until the alarm starts; 0: one frame",
+        "the alarm starts once evidence was above the threshold for this time; 0: at one frame",
     )
     window_s: float = _seconds(
-        0.0, "time within which the response must be above the threshold for enough_s"
+        0.0, "latest time within which evidence must be above the threshold for enough_s"
     )
     release: float = parameter(
         0.5,
-        "an alarm continues while the response is above this share of the threshold",
+        "an alarm continues while evidence is above this share of the threshold",
         low=0,
         high=1,
     )
     contact_s: float = _seconds(
-        1.0, "time to contact below which a smaller response is enough for an alarm; 0: it never is"
+        1.0, "if the time to contact is below this, a smaller response is enough; 0: it never is"
     )
     contact_share: float = parameter(
-        0.1, "share of the threshold that is enough below contact_s", low=1e-3, high=1
+        0.1, "below contact_s, evidence is the response divided by this", low=1e-3, high=1
     )
     hold_s: float = _seconds(
-        0.5, "time for which an alarm continues after its last frame above that share"
+        0.5, "time for which an alarm continues after its last frame with enough evidence"
     )
     refractory_s: float = _seconds(
-        0.5, "time after the end of an alarm in which no other one starts"
+        0.5, "time after the end of an alarm in which no other alarm starts"
     )
     cut_ratio: float = parameter(
         4.0,
-        "a frame is a cut if its luminance change is above this many times the largest one of the "
-        "0.18 s before; 0: no frame is",
+        "a frame is a cut if its luminance change is above this many times the largest change of "
+        "the 0.18 s before; 0: there are no cuts",
         low=0,
         high=1e6,
     )
@@ -119,13 +118,13 @@ class AlarmParams(Parameters):
         response : float
             The detector's response, at least 0.
         contact_s : float or None
-            Time to contact in seconds of the object with the largest response; None or NaN
-            where it is not known.
+            Time to contact in seconds of the object with the largest response; None or NaN if it
+            is not known.
 
         Returns
         -------
         float
-            The response; within `contact_s` of contact, the response over `contact_share`.
+            The response; if contact is nearer than `contact_s`, the response / `contact_share`.
 
         Source: ``docs/alarms.md``.
 
@@ -140,12 +139,12 @@ class AlarmParams(Parameters):
         return response / self.contact_share if near else response
 
     def __reduce__(self) -> tuple[object, ...]:
-        # The class with the floors is made at run time: another process makes it again.
+        # The class with the floors is made at run time, so that another process must make its own.
         names = tuple(name.removesuffix("_floor") for name in self.names() if "_floor" in name)
         return _restored, (names, self.as_dict())
 
 
-# Presets whose responses need another alarm than those of preset default.
+# Presets under which alarms have other parameters than under preset default.
 _TWO_OF_THREE = {"factor": 30.0, "enough_s": 0.03, "window_s": 0.09, "contact_s": 0.0}
 _ALARMS: dict[str, dict[str, float]] = {
     "reference": _TWO_OF_THREE,
@@ -162,7 +161,7 @@ def alarm_params(preset: str = DEFAULT_PRESET, **values: float) -> AlarmParams:
     preset : str
         Name of the preset.
     **values : float
-        Parameters that differ from it, such as ``factor=10`` or ``opplod_floor=0.01``.
+        Parameters that differ from the preset, such as ``factor=10`` or ``opplod_floor=0.01``.
 
     Raises
     ------
@@ -188,7 +187,7 @@ def alarm_params_with(names: Sequence[str], preset: str, **values: float) -> Ala
     return _restored(tuple(names), given)
 
 
-@cache  # by the classes, not by names: a notebook may define a detector again
+@cache  # by classes, not by names: a notebook may define a detector again under the same name
 def _alarm_class(kinds: tuple[type[Detector], ...]) -> type[AlarmParams]:
     """Return the class of the alarms' parameters with a floor for each detector."""
     floors = [
@@ -214,7 +213,7 @@ def _restored(names: tuple[str, ...], values: dict[str, float]) -> AlarmParams:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceParams(Parameters):
-    """When units form an object, when it is the same one, and when its contact is determined.
+    """Parameters of looming objects: their search, their identity and their time to contact.
 
     Source: ``docs/places.md``.
 
@@ -235,19 +234,16 @@ class PlaceParams(Parameters):
         high=1,
     )
     most: int = parameter(5, "most objects in a frame", unit="objects", low=1, high=100)
-    gap_s: float = _seconds(0.2, "time for which an object that is not seen keeps its number")
+    gap_s: float = _seconds(0.2, "time for which an object keeps its number without being seen")
     memory_s: float = parameter(
         0.4, "time over which the growth of an object is measured", unit="s", low=0.01, high=60
     )
     least_frames: int = parameter(
-        4, "number of frames that a time to contact needs", unit="frames", low=3, high=1000
+        4, "least number of frames for a time to contact", unit="frames", low=3, high=1000
     )
-    least_s: float = _seconds(0.09, "time that these frames span at least")
+    least_s: float = _seconds(0.09, "least time that the frames for a time to contact span")
     least_growth: float = parameter(
-        1.15,
-        "least growth of the size over these frames that a time to contact needs",
-        low=1,
-        high=100,
+        1.15, "least growth of the size over the frames for a time to contact", low=1, high=100
     )
     largest_error: float = parameter(
         0.2, "largest standard error of a time to contact, as a share of it", low=0.001, high=10

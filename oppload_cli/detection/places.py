@@ -33,21 +33,21 @@ class Detection(NamedTuple):
     Attributes
     ----------
     identity : int
-        The same object has the same number in all its frames; from 1.
+        Number of the object, the same in all its frames; numbers start at 1.
     box : Box
-        Where it is, in source pixels, within the frame.
+        The object's box in source pixels, cut to the frame.
     centre_x, centre_y : float
-        Focus of its expansion in source pixels.
+        The object's focus of expansion in source pixels.
     response : float
         The detector's response there, at least 0.
     alarm : bool
-        Whether the alarm is on, and because of this object.
+        Whether the alarm is on because of this object.
     time_to_contact_s : float or None
-        Estimate in seconds, above 0; None where it is not determined.
+        Estimate in seconds, above 0; None if it is not determined.
     time_to_contact_error_s : float or None
-        Error of the estimate, in seconds, from the residuals of the growths (``docs/places.md``).
+        Error of the estimate in seconds, from the residuals of the growths (``docs/places.md``).
     view : View or None
-        The same in degrees; None where the field of view is not known.
+        Box, focus and growth in degrees; None if the field of view is not known.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Detection(NamedTuple):
         return self._replace(view=optics.view(self.box, centre, self.time_to_contact_s))
 
     def after(self, passed_s: float) -> Detection:
-        """Return the same object so many seconds later, without a new measurement."""
+        """Return the same object `passed_s` seconds later, without a new measurement."""
         left = self.time_to_contact_s and self.time_to_contact_s - passed_s
         if left is None or left <= 0:
             return self._replace(time_to_contact_s=None, time_to_contact_error_s=None)
@@ -82,14 +82,14 @@ class Detection(NamedTuple):
 
 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
-_NEAR = 0.25  # a focus within this share of a field of an object's focus belongs to the object
-_AROUND = 1.15  # the box is up to 10 % too small, and the outline carries most of the growth
-_YOUNGEST = 1 - NEARLY_ONE  # of an interval: between nearer frames there is too little growth
-_GROWTH = 1.25  # from one frame to the next, shortly before contact
+_NEAR = 0.25  # a peak nearer to an object's focus, in receptive fields, belongs to the object
+_AROUND = 1.15  # enlarges the box, which is up to 10 % too small: the outline shows most growth
+_YOUNGEST = 1 - NEARLY_ONE  # least age of the compared frame in intervals: else growth is too small
+_GROWTH = 1.25  # growth from one frame to the next shortly before contact
 
 
 class _Peak(NamedTuple):
-    """A unit that answers more than those around it."""
+    """A unit with a larger response than the units around it."""
 
     row: int
     column: int
@@ -97,10 +97,10 @@ class _Peak(NamedTuple):
 
 
 def _peaks(maps: UnitMaps, params: PlaceParams) -> list[_Peak]:
-    """Find the units that answer more than every other one in their receptive field.
+    """Find the units with the largest response in their receptive field.
 
-    The largest response comes first: it is that of the winning unit of the frame, if it is above
-    the floor. No peak lies in the receptive field of an earlier one.
+    The peaks are sorted by response, so that the winning unit of the frame comes first, if it
+    reaches the floor. No peak lies in the receptive field of an earlier peak.
     """
     responses = maps.responses
     least = max(params.floor, params.share * float(responses.max()))
@@ -131,7 +131,7 @@ def _shares_field(maps: UnitMaps, row: int, column: int, peak: _Peak) -> bool:
 
 
 def _top(values: Map, centres: Floats, index: int) -> float:
-    """Return where the parabola through the logarithm of a peak and its neighbours is highest."""
+    """Return the top of the parabola through the logarithms of a peak and its two neighbours."""
     here = float(centres[index])
     if not 0 < index < len(centres) - 1 or not (values[index - 1 : index + 2] > 0).all():
         return here
@@ -150,19 +150,19 @@ class Track:
     Attributes
     ----------
     identity : int
-        From 1.
+        Number of the object, from 1.
     row, column : int
-        The unit at its focus.
+        The unit at the focus of expansion.
     x, y : float
         Focus of expansion.
     extent : Extent
         Half sizes.
     response : float
-        Of the latest frame that showed it.
+        Response in the latest frame that showed the object.
     seen_s : float
         Time of that frame in seconds.
     time_to_contact_s, time_to_contact_error_s : float or None
-        As estimated in that frame, and its error.
+        Estimate in that frame, and its error.
     """
 
     identity: int
@@ -178,7 +178,7 @@ class Track:
     time_to_contact_error_s: float | None = None
 
     def holds(self, x: float, y: float, near: float) -> float | None:
-        """Return the distance of a point from the focus, 0 to 1; None for a point outside."""
+        """Return a point's distance from the focus, 0 to 1; None for a point outside the object."""
         reach_x, reach_y = (max(near, _GROWTH * half) for half in (self.extent.x, self.extent.y))
         away = max(abs(x - self.x) / reach_x, abs(y - self.y) / reach_y)
         return away if away <= 1 else None
@@ -187,14 +187,14 @@ class Track:
 class Places:
     """The looming objects of one video, from one frame to the next.
 
-    It uses only frames that have passed, and keeps those of the latest interval.
+    The class uses past frames only, and keeps the frames of the latest interval.
 
     Parameters
     ----------
     params : PlaceParams, optional
         Parameters of the search.
     interval_s : float
-        Time in seconds over which the units see motion; 0: from frame to frame.
+        Time in seconds between the frames that are compared; 0: from frame to frame.
     """
 
     _maps: UnitMaps
@@ -223,8 +223,8 @@ class Places:
         Returns
         -------
         list of Track
-            Those that it shows, the largest response first; the first one holds the
-            frame's winning unit.
+            The objects of this frame, the largest response first. The frame's winning unit belongs
+            to the first object.
         """
         self._maps = maps
         if maps.pathways:
@@ -248,14 +248,14 @@ class Places:
         return shown
 
     def _look(self, luma: Map, time_s: float) -> None:
-        """Keep a frame, and the latest one that is an interval older."""
+        """Keep this frame, and the youngest frame that is at least an interval older."""
         old_s = time_s - _YOUNGEST * self._interval_s
         while len(self._pictures) > 1 and self._pictures[1][0] <= old_s:
             self._pictures.popleft()
         self._pictures.append((time_s, Picture(luma)))
 
     def _owner(self, peak: _Peak) -> Track | None:
-        """Return the object that a peak belongs to."""
+        """Return the object to which a peak belongs."""
         x, y = self._maps.centres_x[peak.column], self._maps.centres_y[peak.row]
         near = _NEAR * self._maps.field
         held = [(track.holds(x, y, near), track) for track in self._tracks]
@@ -283,13 +283,13 @@ class Places:
         return self._products.extent(row, column, x, y)
 
     def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
-        """Take an object on to the latest frame."""
+        """Update an object to the latest frame."""
         row, column = peak.row, peak.column
         x, y = _focus(self._maps, row, column)
         extent = self._measured(row, column, track.extent.x, track.extent.y)
         if self._products and max(abs(row - track.row), abs(column - track.column)) > 1:
-            # The peak is an edge of an object larger than the field, or a new focus: the unit with
-            # more outward motion about it counts.
+            # The peak may be an edge of an object that is larger than the receptive field, or a new
+            # focus. The unit with more outward motion around it is taken.
             place = self._products.better_unit(track.row, track.column, track.extent)
             held = self._products.extent(*place, track.extent.x, track.extent.y)
             if held and (extent is None or held.opponency > extent.opponency):
@@ -325,7 +325,7 @@ class Detections:
     working : WorkingSize
         Size of the working frames, and its scale.
     params : PlaceParams, optional
-        When units form an object.
+        Parameters of the search.
     interval_s : float
         As for :class:`Places`.
     """
@@ -338,17 +338,16 @@ class Detections:
         self._cause: int | None = None
 
     def step(self, maps: UnitMaps, luma: Map, time_s: float) -> tuple[Detection, ...]:
-        """Find the objects of the latest frame, as :meth:`Places.step`; they have no alarm yet."""
+        """Find the objects of the latest frame, as :meth:`Places.step` does; without alarms."""
         return tuple(self._detection(track) for track in self._places.step(maps, luma, time_s))
 
     def with_alarm(
         self, found: Sequence[Detection], *, alarm: bool, threshold: float
     ) -> tuple[Detection, ...]:
-        """Say of each object whether the detector's alarm is on because of it.
+        """Set for each object whether the detector's alarm is on because of this object.
 
-        The alarm is that of the objects with a response above the threshold of the frame, and of
-        the one that had the largest response when it went on; the first of `found` has the
-        largest.
+        These are the objects with a response above the frame's threshold, and the object that had
+        the largest response when the alarm went on. `found` is sorted: largest response first.
         """
         if not alarm:
             self._cause = None
@@ -362,7 +361,7 @@ class Detections:
         )
 
     def of_box(self, answer: Response) -> tuple[Detection, ...]:
-        """Return the only object of a detector without units: the place of its response.
+        """Return the only object of a detector without units: the box of its answer.
 
         The box of `answer` is in working pixels.
         """
@@ -387,7 +386,7 @@ class Detections:
     def _in_source(
         self, x: float, y: float, half_width: float, half_height: float
     ) -> tuple[Box, tuple[float, float]]:
-        """Return a box cut to the frame, and its centre before that, in source pixels."""
+        """Return a box cut to the frame, and its centre before the cut, in source pixels."""
         scale_x, scale_y = self._working.scale_x, self._working.scale_y
         left, top = max(0.0, x - half_width), max(0.0, y - half_height)
         right = min(float(self._working.width), x + half_width)

@@ -1,1 +1,1 @@
-"""Motion vectors of a video, and how much of the motion is radially opponent."""
+"""Motion vectors of a video, and their radial motion opponency (RMO)."""

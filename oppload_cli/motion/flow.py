@@ -1,4 +1,4 @@
-"""Motion vectors of a video by dense inverse search optical flow, on a grid."""
+"""Motion vectors of a video on a grid, from optical flow (dense inverse search)."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
     Points = NDArray[np.float64]  # shape (..., 2): x, y
 
 
-# Shortest side in px of a reduced frame that is searched: inverse search refuses sides below
-# 8 to 12 px, and its patches of 8 px mean nothing there.
+# Least side in px of a reduced frame for which flow is computed. OpenCV's inverse search refuses
+# sides below 8 to 12 px, and its patches of 8 px have no meaning in such small frames.
 _SHORTEST_SIDE = 16
-# Room around the part that moved, in samples of the reduced frame.
+# Margin around the part of the frame that changed, in samples of the reduced frame.
 _MARGIN = 2
 
 
 class MotionVectors(NamedTuple):
-    """Motion vectors of one frame, in px of the working frame, y down.
+    """Motion vectors of one frame, in px of the working frame; y grows downwards.
 
     Attributes
     ----------
     starts : ndarray of float, shape (n, 2)
-        Where each vector starts (x, y): the centre of its grid cell.
+        Start (x, y) of each vector: the centre of its grid cell.
     vectors : ndarray of float, shape (n, 2)
         Motion since the frame before (x, y), px/frame.
     """
@@ -46,15 +46,15 @@ class Cells(NamedTuple):
     rows: int
     columns: int
     reduction: int  # pixels per sample of the reduced part
-    left: int  # where the part begins, in pixels
+    left: int  # left top corner of the part, in pixels
     top: int
 
 
 @with_twin
 def reduce(frame: Grey, reduction: int) -> Grey:
-    """Return the means of squares of 1, 2 or 4 pixels a side, rounded as OpenCV does it.
+    """Return the means of squares of 1 x 1, 2 x 2 or 4 x 4 pixels, rounded as OpenCV rounds them.
 
-    They fill the frame; there may be a gap between its rows.
+    The sides of the frame must be multiples of the squares' side. Its rows need not be contiguous.
     """
     rows, columns = (side // reduction for side in frame.shape)
     return np.asarray(cv2.resize(frame, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
@@ -63,21 +63,22 @@ def reduce(frame: Grey, reduction: int) -> Grey:
 def sampled(
     before: Grey, now: Grey, flow: NDArray[np.float32], cells: Cells, params: RmoParams
 ) -> MotionVectors:
-    """Average flow over cells, and keep the vectors of those that move and change enough.
+    """Average the flow over each cell, and keep the vectors of cells that move and change enough.
 
     Parameters
     ----------
     before, now : ndarray of uint8, shape (h, w)
         Reduced frames.
     flow : ndarray of float32, shape (h, w, 2)
-        From the one to the other (x, y), in their pixels.
+        Flow (x, y) from `before` to `now`, in their pixels.
     cells : Cells
         The grid.
     params : RmoParams
         Gives minimum speed and change.
     """
     sides = now.shape[0] / cells.rows, now.shape[1] / cells.columns  # of a cell, in samples
-    # OpenCV rounds in other ways where both sides are integers, and below one sample.
+    # The compiled loops round as OpenCV does, except for sides below one sample, and if both sides
+    # are integers. In these cases OpenCV computes the means.
     alike = min(sides) >= 1 and not all(side.is_integer() for side in sides)
     chosen = sample if alike else sample.__wrapped__  # type: ignore[attr-defined]
     return MotionVectors(
@@ -89,9 +90,9 @@ def sampled(
 def sample(
     before: Grey, now: Grey, flow: NDArray[np.float32], cells: Cells, least: tuple[float, float]
 ) -> tuple[Points, Points]:
-    """Return starts and vectors of the cells that move and change enough.
+    """Return the starts and vectors of the cells that move and change enough.
 
-    Arguments as for `sampled`; `least` holds the minimum speed and the minimum change.
+    The arguments are those of `sampled`; `least` holds the minimum speed and the minimum change.
     """
     height, width = (side * cells.reduction for side in now.shape)
     x = (np.arange(cells.columns) + 0.5) * width / cells.columns - 0.5 + cells.left
@@ -115,7 +116,7 @@ class DenseFlow:
     Parameters
     ----------
     params : RmoParams, optional
-        Grid, minimum speed and tolerances; the default ones if omitted.
+        Grid, minimum speed and tolerances; the defaults if left out.
 
     Notes
     -----
@@ -128,16 +129,16 @@ class DenseFlow:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all frames: the next one is the first."""
+        """Forget all frames: the next frame is frame 0."""
         self._shape: tuple[int, int] | None = None
-        # The latest two frames, in grey levels, and the same reduced.
+        # The latest two frames in grey levels, and the same two frames reduced.
         self._frames: list[Grey] = []
         self._reduced: list[Grey] = []
 
     def step(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> RmoMetrics | None:
         """Take the next frame and measure its radial motion opponency.
 
-        None for the first frame; zeros for a frame too small for flow.
+        The result is None for the first frame, and zeros for frames that are too small for flow.
 
         Parameters
         ----------
@@ -147,7 +148,7 @@ class DenseFlow:
         Raises
         ------
         FrameError
-            If `luma` is not such an image, or not of the shape of the frame before.
+            If `luma` is not such an array, or differs in shape from the frame before.
         """
         motion = self.motion(luma)
         if motion is None:
@@ -155,10 +156,10 @@ class DenseFlow:
         return metrics_of(motion.starts, motion.vectors, self.params)
 
     def motion(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> MotionVectors | None:
-        """Take the next frame and return its motion vectors, without measuring them.
+        """Take the next frame and return its motion vectors, without computing RMO.
 
-        The vectors are of at least the minimum speed and change; None for the first frame. A frame
-        is given either to this method or to :meth:`step`, which refuses the same.
+        The result is None for the first frame. It has only vectors with at least the minimum speed
+        and change. Give each frame either to this method or to :meth:`step`; the errors are equal.
         """
         _check(luma, self._shape)
         if self._shape is None:
@@ -179,7 +180,8 @@ class DenseFlow:
         self._reduction = reduction
         self._spacing = self.params.grid or max(4, round(min(height, width) / 17))
         self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-        # The frames are reduced already; denser patches cost twice as much and gain nothing.
+        # OpenCV need not reduce the frames further. Denser patches take twice the time and bring
+        # nothing.
         self._search.setFinestScale(0)
         self._search.setPatchStride(6)
 
@@ -187,7 +189,7 @@ class DenseFlow:
         if min(self._reduced[1].shape) < _SHORTEST_SIDE:
             return _nothing()
         change = cv2.absdiff(*self._reduced)
-        # A cell whose mean change is large enough has at least one sample that changes as much.
+        # If the mean change of a cell is large enough, so is the change of at least one sample.
         _, moved = cv2.threshold(change, 255.0 * self.params.minimum_change, 255, cv2.THRESH_BINARY)
         left, top, width, height = cv2.boundingRect(moved)
         if not width:
@@ -200,7 +202,7 @@ class DenseFlow:
         return self._vectors(reduced, reduction, (window[1].start, window[0].start))
 
     def _window(self, left: int, top: int, width: int, height: int) -> tuple[slice, slice]:
-        """Return the part of the frame that moved, with room for a patch on each side."""
+        """Return the part of the frame that changed, with a margin on each side."""
         sides = []
         for first, extent, side in (
             (top, height, self._reduced[1].shape[0]),
@@ -212,7 +214,7 @@ class DenseFlow:
         return sides[0], sides[1]
 
     def _reduction_in(self, window: tuple[slice, slice]) -> int:
-        """Return the least reduction at which a part costs at most half of the complete frame."""
+        """Return the least reduction at which a part takes at most half a frame's time."""
         height, width = (side.stop - side.start for side in window)
         most = self._reduced[1].size // 2
         reduction = 1
@@ -223,11 +225,11 @@ class DenseFlow:
     def _vectors(
         self, reduced: list[Grey], reduction: int, corner: tuple[int, int]
     ) -> MotionVectors:
-        """Search the flow between two reduced images and sample it on the grid."""
+        """Compute the flow between two reduced frames and sample it on the grid."""
         before, now = reduced
         spacing = self._spacing / self._reduction  # in samples
         rows, columns = (max(1, round(side / spacing)) for side in now.shape)
-        # Inverse search tries the initial flow at every scale: zeros keep still parts at rest.
+        # The search tries the initial flow at every scale: with zeros, parts at rest stay at rest.
         flow = np.zeros((*now.shape, 2), np.float32)
         self._search.calc(before, now, flow)
         return sampled(before, now, flow, Cells(rows, columns, reduction, *corner), self.params)

@@ -1,8 +1,8 @@
 """Radial opponent motion (ROM) pairs and radial motion opponency (RMO).
 
-This module holds the metric alone: it takes arrays of motion vectors and returns numbers. Vectors
-may come from anywhere and be in any unit. x grows right and y grows down, as in images; only angles
-between vectors matter, so that the direction of y changes no result.
+This module contains only the metric: it takes arrays of motion vectors and returns numbers. The
+vectors may come from any program and be in any unit. x grows to the right and y downwards, as in
+images. Only angles between vectors matter, so that the direction of y does not change results.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class RmoParams(Parameters):
-    """The bounds of motion, of opposite and of outward vectors (``docs/rmo.md``).
+    """Parameters of motion vectors and of radial motion opponency (``docs/rmo.md``).
 
-    The first four concern the vectors taken from a video, the others the metric.
+    The first four are used where vectors are taken from a video; the others belong to the metric.
 
     Examples
     --------
@@ -42,43 +42,44 @@ class RmoParams(Parameters):
 
     grid: int | None = parameter(
         None,
-        "distance between motion vectors; default 1/17 of the working height",
+        "distance between motion vectors; auto: 1/17 of the working height",
         unit="px",
         low=4,
     )
     reduction: int = parameter(
-        4, "the flow is computed on frames reduced by this factor", choices=(1, 2, 4)
+        4, "factor by which frames are reduced before the flow is computed", choices=(1, 2, 4)
     )
     minimum_speed: float = parameter(
         0.2, "slower motion vectors are dropped", unit="px/frame", low=0.0
     )
     minimum_change: float = parameter(
         0.004,
-        "a vector is dropped where its cell changes less on average: there the flow is guessed "
-        "from its neighbours",
+        "vectors of cells with a smaller mean change are dropped: their flow is only a guess from "
+        "neighbouring cells",
         unit="luminance",
         low=0.0,
         high=1.0,
     )
     opposite_tolerance: float = parameter(
         30.0,
-        "largest departure of two vectors from antiparallel (theta_T)",
+        "two vectors are opposite if the angle between one and the negative of the other is below "
+        "this (theta_T)",
         unit="deg",
         low=0,
         high=90,
     )
     outward_tolerance: float = parameter(
         45.0,
-        "largest angle between a pair's common line and the line through its starts (theta_R); "
-        "90 is the paper's literal reading",
+        "a pair is outward if the angle between its common line and the line through its starts is "
+        "below this (theta_R); the paper's text means 90",
         unit="deg",
         low=0,
         high=90,
     )
     sides: int = parameter(
         2,
-        "sides of the centre over which the symmetric length is counted; "
-        "1 is the paper's literal integral",
+        "number of sides of the centre on which the symmetric length is counted; the paper's "
+        "integral has 1",
         choices=(1, 2),
     )
 
@@ -92,16 +93,16 @@ class RmoMetrics(NamedTuple):
     Attributes
     ----------
     flow_vectors : int
-        Motion vectors that are not zero.
+        Number of motion vectors that are not zero.
     rom_pairs : int
-        Opposite outward pairs.
+        Number of ROM pairs: opposite vectors that point outward.
     rom_share : float
-        ROM pairs over all pairs of vectors, 0 to 1.
+        Share of ROM pairs among all pairs of vectors, 0 to 1.
     rmo_mean, rmo_max : float
         Mean and largest RMO of the ROM pairs, 0 to 1; 0 without a ROM pair.
     rmo_index : float
-        RMO of the outward less that of the inward pairs, over that of all opposite
-        pairs: 1 for pure expansion, -1 for contraction; 0 without an opposite pair.
+        Sum of RMO over outward pairs minus that over inward pairs, divided by the sum over all
+        opposite pairs: 1 for pure expansion, -1 for contraction; 0 without an opposite pair.
 
     Examples
     --------
@@ -122,19 +123,19 @@ class RmoMetrics(NamedTuple):
 
 
 def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
-    """Return the radial motion opponency of pairs of opposite vectors; 0 where one of them is zero.
+    """Return the radial motion opponency of pairs of opposite vectors; 0 if one of them is zero.
 
-    ``sides * min(|v1|, |v2|) / (|v1| + |v2|)``: the closed form of the paper's projection and
-    integral (equations "degree of RMO" and "length of symmetric part"; see ``docs/rmo.md``). That
-    the two are opposite is not checked here.
+    It is ``sides * min(|v1|, |v2|) / (|v1| + |v2|)``, the closed form of the paper's projection and
+    integral (equations "degree of RMO" and "length of symmetric part"; see ``docs/rmo.md``). The
+    function does not check that the vectors are opposite.
 
     Parameters
     ----------
     v1, v2 : array_like, shape (..., 2)
         Motion vectors (x, y), in any one unit.
     sides : int
-        2 counts the symmetric length on both sides of the centre (0 to 1), 1 on one side, as the
-        paper's integral literally does (0 to 0.5).
+        2 counts the symmetric length on both sides of the centre (the result is 0 to 1). 1 counts
+        it on one side, as the paper's integral does (0 to 0.5).
 
     Raises
     ------
@@ -179,15 +180,15 @@ def rom_pairs(
 ) -> tuple[Rows, Rows]:
     """Return the ROM pairs: opposite vectors that point away from each other.
 
-    With u the line that the two share, a pair is outward if the angle between
-    ``start1 - start2`` and u is below `params.outward_tolerance`.
+    The common line of a pair has the direction u, that of ``v1/|v1| - v2/|v2|``. The pair is
+    outward if the angle between ``start1 - start2`` and u is below `params.outward_tolerance`.
 
     Parameters
     ----------
     starts, vectors : array_like, shape (n, 2)
-        Where each motion vector starts, and the vector (x, y).
+        Start (x, y) of each motion vector, and the vector (x, y).
     params : RmoParams, optional
-        Tolerances; the default ones if omitted.
+        Tolerances; the defaults if left out.
 
     Returns
     -------
@@ -197,7 +198,7 @@ def rom_pairs(
     Raises
     ------
     ParameterError
-        If the two arrays are not of one shape (n, 2) with finite numbers.
+        If the two arrays do not have the same shape (n, 2), or hold numbers that are not finite.
     """
     params = params or DEFAULT_RMO
     moving = _Moving(starts, vectors)
@@ -209,23 +210,23 @@ def rom_pairs(
 def rmo_metrics(
     starts: ArrayLike, vectors: ArrayLike, params: RmoParams | None = None
 ) -> RmoMetrics:
-    """Measure the radial motion opponency of a set of motion vectors; zeros where there is no pair.
+    """Measure the radial motion opponency of a set of motion vectors; zeros if there is no pair.
 
-    Every pair is looked at. The definition is in ``docs/rmo.md``; units, shifts and rotations of
-    the plane do not matter.
+    All pairs are examined. ``docs/rmo.md`` has the definition. Units, shifts and rotations of the
+    plane do not change the result.
 
     Parameters
     ----------
     starts, vectors : array_like, shape (n, 2)
-        Where each motion vector starts, and the vector (x, y). Zero vectors are left out; no
+        Start (x, y) of each motion vector, and the vector (x, y). Zero vectors are left out; no
         minimum speed is applied.
     params : RmoParams, optional
-        Tolerances and sides; the default ones if omitted.
+        Tolerances and sides; the defaults if left out.
 
     Raises
     ------
     ParameterError
-        If the two arrays are not of one shape (n, 2) with finite numbers.
+        If the two arrays do not have the same shape (n, 2), or hold numbers that are not finite.
     """
     motion, origin = _matching(starts, vectors)
     return metrics_of(origin, motion, params or DEFAULT_RMO)
@@ -234,7 +235,7 @@ def rmo_metrics(
 def metrics_of(
     starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
 ) -> RmoMetrics:
-    """Measure as :func:`rmo_metrics` does, without checking the arrays of float64, shape (n, 2)."""
+    """Do the same as :func:`rmo_metrics`, without checks: float64 arrays of shape (n, 2)."""
     count, opposite, outward, inward, largest, pairs = rmo_sums(
         starts, vectors, params.opposite_tolerance, params.outward_tolerance, params.sides
     )
@@ -257,22 +258,22 @@ def rmo_sums(
     Parameters
     ----------
     starts, vectors : ndarray of float64, shape (n, 2)
-        Finite.
+        Starts and vectors (x, y), finite.
     opposite_tolerance, outward_tolerance : float
         theta_T and theta_R in degrees.
     sides : int
-        Of the centre over which the symmetric length is counted, 1 or 2.
+        Number of sides of the centre on which the symmetric length is counted, 1 or 2.
 
     Returns
     -------
     vectors : int
-        Vectors that are not zero.
+        Number of vectors that are not zero.
     opposite, outward, inward : float
-        RMO of the opposite pairs, and of those that are outward and inward, summed.
+        Sums of RMO over all opposite pairs, over the outward and over the inward ones.
     largest : float
         The largest RMO of an outward pair; 0 without one.
     pairs : int
-        Outward pairs: the ROM pairs.
+        Number of outward pairs: the ROM pairs.
     """
     moving = _Moving(starts, vectors)
     pairs = 0
@@ -280,8 +281,8 @@ def rmo_sums(
     for first, second in moving.opposite(opposite_tolerance):
         outward, inward = moving.radial(first, second, outward_tolerance)
         values = _opponency(moving.speeds[first], moving.speeds[second], sides)
-        # Products rather than selections: the sum of all and of the outward ones are then
-        # the same additions, and the index of a pure expansion is exactly 1.
+        # Pairs that are not outward are set to 0 instead of left out. So both sums do the same
+        # additions, and the index of a pure expansion is exactly 1.
         kept = values * outward
         pairs += int(outward.sum())
         outward_sum += float(kept.sum())
@@ -291,14 +292,14 @@ def rmo_sums(
     return moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, pairs
 
 
-# Pairs handled at once: bounds the memory, and keeps the temporary arrays in the cache.
+# About how many pairs are handled at once: few, so that their arrays stay in the cache.
 _BLOCK = 4096
 
 
 class _Moving:
     """The vectors that are not zero, sorted by direction.
 
-    So the opposites of a vector stand in one run, and no other pair is ever formed.
+    All vectors opposite to one vector are then neighbours, so that only opposite pairs are formed.
     """
 
     def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
@@ -310,7 +311,7 @@ class _Moving:
         self.rows = rows[order]
         self.angles = angles[order]
         self.speeds = speeds[self.rows]
-        # As complex numbers x + iy: one gather per pair for both.
+        # As complex numbers x + iy, so that one index operation takes both coordinates.
         self.units = _complex(motion[self.rows]) / self.speeds
         self.starts = _complex(origin[self.rows])
 
@@ -339,7 +340,7 @@ class _Moving:
         distance = self.starts[first] - self.starts[second]
         along = line.real * distance.real + line.imag * distance.imag
         across = np.abs(line.real * distance.imag - line.imag * distance.real)
-        # Compares the angle between the two with the tolerance, without computing it.
+        # This compares the angle between `line` and `distance` with the tolerance.
         along *= math.tan(math.radians(tolerance))
         return along > across, -along > across
 
@@ -351,7 +352,7 @@ class _Moving:
 
 
 def _matching(starts: ArrayLike, vectors: ArrayLike) -> tuple[Points, Points]:
-    """Return vectors and their starts, of one shape (n, 2) and finite."""
+    """Return vectors and their starts as finite arrays of the same shape (n, 2)."""
     motion, origin = _points("vectors", vectors), _points("starts", starts)
     if motion.ndim != 2 or origin.shape != motion.shape:
         raise ParameterError(
@@ -362,7 +363,7 @@ def _matching(starts: ArrayLike, vectors: ArrayLike) -> tuple[Points, Points]:
 
 
 def _points(name: str, values: ArrayLike) -> Points:
-    """Return points of the plane, shape (..., 2), that are finite."""
+    """Return points (x, y) as a finite array of shape (..., 2)."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 2:
         raise ParameterError(f"{name} is of shape {array.shape}; its last axis must be (x, y)")

@@ -1,1 +1,1 @@
-"""One input from frames to result files."""
+"""The path of one input from its frames to its result files."""

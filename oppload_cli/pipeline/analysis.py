@@ -1,4 +1,4 @@
-"""Every frame of a video through every detector and its alarm, in one pass or one by one."""
+"""Runs detectors and their alarms on frames: on all frames of a video, or one by one."""
 
 from __future__ import annotations
 
@@ -56,34 +56,33 @@ if TYPE_CHECKING:
     from oppload_cli.pipeline.sources import Source
 
 
-_FEW_FRAMES = 10  # after which times of another unit are reported
-_LONGEST_STEP_S = 1.0  # nobody asks for approaches at a lower rate
+_FEW_FRAMES = 10  # number of frames after which a wrong unit of the times is reported
+_LONGEST_STEP_S = 1.0  # a larger usual step suggests that times are not in seconds
 _REPEATS = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
 _TIME = "oppload_cli.models.timebase.TimeParams(interval='frame')"
 
 
 class Analysis:
-    """The detectors on frames that you hand over one by one, as of a robot's camera.
+    """Detectors that take frames from your program one by one, for example from a robot's camera.
 
-    It gives what :func:`analyse` gives for a video of the same frames: responses, alarms, and
-    looming objects with their boxes and times to contact. It cannot be copied or pickled.
+    The results are those of :func:`analyse` for a video of the same frames: responses, alarms, and
+    looming objects with boxes and times to contact. An `Analysis` cannot be copied or pickled.
 
     Parameters
     ----------
     shape : tuple of int
         Height and width of the frames in pixels.
     params : sequence of Parameters, optional
-        As for :func:`analyse`, and so are `preset`, `height`, `alarm`, `places`, `repeats` and
-        `time`.
+        As for :func:`analyse`, like `preset`, `height`, `alarm`, `places`, `repeats` and `time`.
     rate : float or Fraction, optional
-        Frames per second, where it is known. The detectors go by the time of each frame; the
-        rate serves those that count frames.
+        Frames per second, if known. Most detectors use the time of each frame; those that count
+        frames use the rate.
     rmo : RmoParams or bool, optional
-        Parameters of radial motion opponency, or whether to measure it; it costs about as much
+        Parameters of radial motion opponency, or whether to measure it. It takes about as much time
         as the detectors.
     fov : float, optional
-        Field of view across the width of the frame in degrees, 0 to 180, both excluded: gives
-        the looming objects in degrees too.
+        Field of view across the width of the frame in degrees, between 0 and 180 (both excluded).
+        With it, looming objects are also described in degrees.
 
     Raises
     ------
@@ -139,21 +138,21 @@ class Analysis:
         ----------
         frame : ndarray, shape (height, width) or (height, width, 3)
             Luma, or red, green and blue: uint8 or uint16 over their full range, or float from
-            0 (black) to 1 (white). It is not kept.
+            0 (black) to 1 (white). The array is not kept.
         time_s : float
-            When it was taken, in seconds from any zero.
+            Time in seconds at which the frame was taken; zero is any moment.
 
         Returns
         -------
         FrameRecord
-            Its `time_s` counts from the first frame; boxes are in pixels of the frame.
+            `time_s` in it counts from the first frame; boxes are in pixels of the frame.
 
         Raises
         ------
         FrameError
             If the frame has another shape, or its time is not finite.
         SourceError
-            If it has another type, or floating values outside 0 to 1.
+            If the array has another type, or floating values outside 0 to 1.
         """
         values, count = np.asarray(frame), self._detectors.count
         if values.shape not in {self._shape, (*self._shape, 3)}:
@@ -161,7 +160,7 @@ class Analysis:
                 f"frame {count}: a frame must be of shape {self._shape}, with or without "
                 f"an axis of 3 colours, not of shape {values.shape}"
             )
-        given: object = time_s  # a user's may be None
+        given: object = time_s  # a caller may give None, whatever the type says
         if not isinstance(given, Real) or not math.isfinite(time_s):
             raise FrameError(
                 f"frame {count}: its time must be a finite number of seconds, not {time_s}"
@@ -177,11 +176,11 @@ class Analysis:
 
     @property
     def remarks(self) -> list[str]:
-        """What is wrong with the frames so far, a sentence each, as in the sidecar.
+        """Sentences on what is wrong with the frames so far, as in the sidecar.
 
-        Times that go back, a frame rate that is too low or contradicts `rate`, times that seem to
-        be in another unit than seconds, repeated pictures, a camera that stands still, and frames
-        that are too small.
+        They report times that go back, a frame rate that is too low or contradicts `rate`, times
+        that seem to be in another unit than seconds, repeats, pictures that do not change, and
+        frames that are too small.
 
         Examples
         --------
@@ -201,7 +200,7 @@ class Analysis:
         return [*times.remarks(), *doubt, *pictures, *self._working.remarks()]
 
     def _doubt_of_unit(self) -> list[str]:
-        """Return a sentence on times that seem to be in another unit, if they do."""
+        """Return a sentence if the times seem to be in another unit than seconds."""
         rate = self._preparation.times.rate
         if rate is None or rate * _LONGEST_STEP_S > 1:
             return []
@@ -211,7 +210,7 @@ class Analysis:
         ]
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
-        """Refuse to be copied or pickled: filters of C libraries have no copy."""
+        """Raise a TypeError: objects of C libraries cannot be copied or pickled."""
         raise TypeError(
             "an Analysis cannot be copied or pickled; make another one with the same arguments, "
             "in another process as well, and hand it the frames there"
@@ -219,7 +218,7 @@ class Analysis:
 
 
 def _checked_shape(shape: object) -> tuple[int, int]:
-    """Return height and width, also of a list or of NumPy's integers."""
+    """Return height and width as integers; `shape` may be a list or hold NumPy integers."""
     sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
     if len(sides) != 2 or not all(is_integer(side, 1) for side in sides):
         raise ParameterError(
@@ -260,28 +259,28 @@ def analyse(
     Parameters
     ----------
     source : str, Path, FrameSource, Protocol or array
-        As :func:`oppload_cli.open_source` takes it; an open video is iterated, not closed.
+        As for :func:`oppload_cli.open_source`; an open video is not closed.
     params : sequence of Parameters, optional
-        One set for each detector, such as ``[OpplodParams(), DlgmdParams()]``; OppLoD and
-        D-LGMD of the preset if left out.
+        One set for each detector, such as ``[OpplodParams(), DlgmdParams()]``. If left out, OppLoD
+        and D-LGMD run with the parameters of the preset.
     preset : str, optional
-        Name of the preset, which gives the alarm and the working height too; else the one that
-        `params` belong to, or else ``default``.
+        Name of the preset, which also gives the alarm and the working height. If left out, it is
+        the preset that has exactly these `params`, or else ``default``.
     rate, times, height
-        As of :func:`oppload_cli.open_source`.
+        As for :func:`oppload_cli.open_source`.
     alarm : AlarmParams, optional
-        Parameters of every detector's alarm; else those of the preset.
+        Parameters of all alarms; if left out, those of the preset.
     places : PlaceParams or bool, optional
-        Parameters of the looming objects, or whether to look for them; without them the alarm
-        knows no time to contact.
+        Parameters of the looming objects, or whether to look for them. If not, the alarms have no
+        time to contact.
     rmo : RmoParams or bool, optional
         Parameters of radial motion opponency, or whether to measure it.
     repeats : RepeatParams or Repeats, optional
-        How repeats are taken; a `Repeats` can be asked for the cadence afterwards.
+        How to handle repeats. A `Repeats` object can tell the cadence afterwards.
     time : TimeParams, optional
-        The time base; else that of the preset.
+        The time base; if left out, that of the preset.
     optics : Optics, optional
-        Gives the looming objects in degrees too.
+        If given, looming objects are also described in degrees.
 
     Yields
     ------
@@ -310,7 +309,7 @@ def analyse(
     with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
         preparation = _Preparation(chosen, video.facts.frame_rate)
         detectors = _Detectors(video.working, video.facts.frame_rate, chosen, optics)
-        # The flow runs in a thread of its own: it costs about as much as the detectors.
+        # The preparation with the flow runs in another thread: it takes as long as the detectors.
         frames = (preparation.step(frame) for frame in video)
         prepared = Prefetch(frames, frames_ahead(video.facts, video.working))
         try:
@@ -321,7 +320,7 @@ def analyse(
 
 
 def _preset_of(params: Sequence[Parameters]) -> str:
-    """Return the preset that has these parameters; the default one where none has them."""
+    """Return the preset that has these parameters; the default preset if none has them."""
     for preset in PRESETS:
         if all(parameters_of(detector_of(each).name, preset) == each for each in params):
             return preset
@@ -329,7 +328,7 @@ def _preset_of(params: Sequence[Parameters]) -> str:
 
 
 class _Chosen(NamedTuple):
-    """The parameters of one pass: those that the caller gave, and else those of the preset."""
+    """The parameters of one pass: those that the caller gave, the others from the preset."""
 
     preset: str
     params: Sequence[Parameters]
@@ -378,7 +377,7 @@ def _resolved(
 
 
 class _Prepared(NamedTuple):
-    """A frame at the time that counts, the picture that it repeats, and its motion."""
+    """A frame with its corrected time, whether it is a repeat, and its RMO."""
 
     frame: Frame
     repeat: Repeat
@@ -386,7 +385,7 @@ class _Prepared(NamedTuple):
 
 
 class _Preparation:
-    """All that is done to a frame before the detectors: its time, repeats, and motion."""
+    """The work on a frame before the detectors: its time, repeats and RMO."""
 
     def __init__(self, chosen: _Chosen, rate: Fraction | None) -> None:
         self.times, self.repeats = FrameTimes(rate), chosen.repeats
@@ -394,7 +393,7 @@ class _Preparation:
 
     def step(self, frame: Frame) -> _Prepared:
         """Take the next frame."""
-        # An open video has put its times right; those of a caller's own frames may be wrong.
+        # The times of an open video are corrected already; times from a caller may be wrong.
         time_s = self.times.step(frame.time_s)
         if time_s != frame.time_s:
             frame = replace(frame, time_s=time_s)
@@ -413,15 +412,15 @@ class _Detectors:
     ) -> None:
         places, time = chosen.places, chosen.time
         stated = float(rate) if rate else None
-        self.count = 0  # frames so far
+        self.count = 0  # number of frames so far
         self._working, self._optics = working, optics
         self._bank = DetectorBank(working.shape, chosen.params, stated, time)
         self._per_second = time.per_second
         self._first_s = 0.0
         self._cuts = Cuts(chosen.alarm)
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
-        self._latest: FrameRecord | None = None  # of a frame that the detectors saw
-        self._passed_s: list[float] = []  # times of the frames since then
+        self._latest: FrameRecord | None = None  # the record of the latest frame for the detectors
+        self._passed_s: list[float] = []  # times of later frames, which the detectors did not get
         self._places = {
             name: Detections(working, places, 1 / time.per_second if time.per_second else 0)
             for name, each in self._bank.detectors.items()
@@ -445,7 +444,7 @@ class _Detectors:
             name: () if repeat.kind else self._found(name, answers[name], prepared)
             for name in self._places
         }
-        # Of the object with the largest response.
+        # Each time to contact is that of the object with the largest response.
         contacts = {name: each[0].time_to_contact_s for name, each in found.items() if each}
         alarms = {
             name: answer is not None
@@ -487,14 +486,14 @@ class _Detectors:
             self._passed_s.append(time_s)
         else:
             if repeat.still_begins:
-                # No repeats after all: the detectors are now shown the frames that they missed.
+                # The left out frames were no repeats after all: the detectors get them now.
                 for passed_s in self._passed_s:
                     bank.step(luma, passed_s)
             self._passed_s.clear()
             answers = bank.step(luma, time_s + repeat.shift_s)
         if not repeat.kind:
             return answers
-        # Where nothing changed every detector answers 0, whatever came before.
+        # If nothing changed every detector answers 0, whatever came before.
         before = self.count - 1
         lasted = (time_s - self._first_s) * self._per_second if self._per_second else before
         return bank.at_rest(lasted + NEARLY_ONE)
@@ -508,8 +507,8 @@ class _Detectors:
         if units is None:
             found = places.of_box(answer)
         else:
-            # Growth is measured between the times of pictures; time to contact counts from the
-            # frame.
+            # Growth is measured between the times at which pictures were taken. The time to contact
+            # counts from the presentation time of the frame.
             shift_s, frame = prepared.repeat.shift_s, prepared.frame
             shown = places.step(units, frame.luma, frame.time_s + shift_s)
             found = tuple(each.after(-shift_s) for each in shown) if shift_s else shown
@@ -517,7 +516,7 @@ class _Detectors:
 
 
 def _held(record: FrameRecord, prepared: _Prepared) -> FrameRecord:
-    """Return the record of a frame that repeats the picture of an earlier record."""
+    """Return the record of a repeat, given the record of the picture that it repeats."""
     passed_s = prepared.frame.time_s - record.time_s
     return replace(
         record,

@@ -1,4 +1,4 @@
-"""One input from its first frame to its result files."""
+"""Runs the analysis of one input and writes its result files."""
 
 from __future__ import annotations
 
@@ -49,22 +49,23 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
 
 
-_CONTRADICTION = 0.01  # of the field of view in the ground truth
+_CONTRADICTION = 0.01  # --fov may differ from the ground truth by this share without a remark
 
 
 def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None = None) -> Outcome:
-    """Analyse one input and write its results; a watcher is told of each frame.
+    """Analyse one input and write its results.
 
-    An `opening` of the same input, at the same height and span, is closed at the end.
+    `watcher` is called for each frame. `opening` is an opening of the same input at the same height
+    and span; it is closed at the end.
 
     Raises
     ------
     SourceError
-        If nothing can be read; nothing is written then.
+        If nothing can be read; then nothing is written.
     OutputError
         If a result exists, or cannot be written.
     Interrupted
-        If the user stops it; the rows so far stay as ``NAME.part``.
+        If the user stops the run; the rows so far stay as ``NAME.part``.
     """
     kept = exists_already(task)
     if kept is not None:
@@ -101,23 +102,23 @@ def collected(
     keep: Callable[[FrameRecord], object],
     stimulus: dict[str, Any] | None = None,
 ) -> tuple[list[str], dict[str, Any]]:
-    """Analyse an open source, which is not closed, and write no file.
+    """Analyse an open source without writing files; the source is not closed.
 
     Parameters
     ----------
     source, settings
         The frames, and how to analyse them.
     keep : callable
-        Takes the record of each frame.
+        Called with the record of each frame.
     stimulus : dict, optional
         The ground truth of the source, for the sidecar.
 
     Returns
     -------
     columns : list of str
-        Of the table that ``oppload run`` would write.
+        Columns of the table that ``oppload run`` would write.
     sidecar : dict
-        The content of its sidecar.
+        Content of the sidecar that it would write.
     """
     started = time.perf_counter()
     _set_threads(source.working, 0)
@@ -127,14 +128,14 @@ def collected(
 
 
 def _set_threads(working: WorkingSize, threads: int) -> None:
-    # On small frames OpenCV's threads wait for each other longer than they work.
+    # On small frames OpenCV's threads would wait longer for each other than they work.
     cv2.setNumThreads((threads or cores()) if is_large(working.shape) else 1)
 
 
 def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None:
-    """Write the files as frames come, and give them their names in the end.
+    """Write the files while frames come, and give them their final names at the end.
 
-    A live input has its end where the user stops it: its files are finished then too.
+    A live input ends when the user stops the run; its files are finished then too.
     """
 
     def finish() -> None:
@@ -145,7 +146,7 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
         finish()
     except BaseException as error:
         if _is_bug(error):
-            writing.discard()  # no message names its rows, and they would block the next run
+            writing.discard()  # part files would block the next run, and no message names them
             raise
         if run.frames == 0:
             writing.discard()
@@ -163,14 +164,14 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
 
 
 def _rows_kept(which: str, table: Path) -> str:
-    """Return how many rows a table keeps, in words; nothing where it has gone with its folder."""
+    """Return a text on how many rows a table has; empty if the table no longer exists."""
     with suppress(OSError):
         return f"{which} {rows_in(table)} rows are in {table}"
     return ""
 
 
 def _is_bug(error: BaseException) -> bool:
-    """Tell whether an error is neither the user's, nor the system's, nor an interruption."""
+    """Return whether an error is a bug: not a user's or the system's error, nor an interruption."""
     if isinstance(error, DetectorError):  # a bug of the user's own detector
         return True
     known = isinstance(error, OpploadError | OSError) or shortage(error)
@@ -178,7 +179,7 @@ def _is_bug(error: BaseException) -> bool:
 
 
 def _explained(error: BaseException, path: Path, kept: str) -> BaseException | None:
-    """Return an error that also says which rows are kept; None where no message is printed."""
+    """Return an error whose message also says which rows are kept; None if it needs no message."""
     if isinstance(error, KeyboardInterrupt):
         return Interrupted(kept)
     kept = kept and f"; {kept}"
@@ -191,14 +192,14 @@ def _explained(error: BaseException, path: Path, kept: str) -> BaseException | N
 
 
 def _write_stream(run: _Run, stream: IO[str] | None) -> None:
-    if stream is None:  # as Python has it after "oppload ... >&-"
+    if stream is None:  # Python's value of a closed standard output: "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
     try:
         table = Table(stream, run.columns)
         run.analyse(run.video, lambda record: table.write(record.values()))
         stream.flush()
     except BrokenPipeError:
-        raise  # the reader has gone, which is no error
+        raise  # the program that reads the pipe has ended, which is no error
     except OSError as error:
         raise OutputError(
             f"standard output: cannot be written ({reason_of(error)}); free it"
@@ -240,7 +241,7 @@ class _Run:
         return [column.name for column in columns]
 
     def analyse(self, frames: FrameSource, write: Callable[[FrameRecord], object]) -> None:
-        """Analyse every frame, and hand on its record."""
+        """Analyse every frame, and call `write` with its record."""
         settings = self._settings
         records = analyse(
             frames,
@@ -267,7 +268,7 @@ class _Run:
             )
 
     def _length(self) -> str:
-        """Return how long the input is, in words, as far as it is known."""
+        """Return a text on the length of the input, as far as it is known."""
         facts, decoded = self.video.facts, self.video.decode.decoded
         count = max(decoded, facts.frames_declared or 0)
         seconds = f"{float(count / facts.frame_rate):.2f} s, " if facts.frame_rate else ""
@@ -288,7 +289,7 @@ class _Run:
 
     @property
     def _rate(self) -> float | None:
-        """Frames per second: those that the times give count, as for the models."""
+        """Frames per second, from the times of the frames if possible, as for the models."""
         declared = self.video.facts.frame_rate
         return self.video.times.rate or (float(declared) if declared else None)
 
@@ -337,7 +338,7 @@ class _Run:
         return tuple(remarks)
 
     def _never_answered(self, silent: Sequence[str]) -> str:
-        """Return a remark on detectors that had no answer to any frame."""
+        """Return a remark on detectors that did not answer to any frame."""
         labels = [detector_named(name).label for name in silent]
         longest = max(detector_named(name).warm_up for name in silent)
         interval = self._settings.time.interval
@@ -349,7 +350,7 @@ class _Run:
         )
 
     def _field_of_view(self, groups: Mapping[str, Parameters]) -> dict[str, Any] | None:
-        """Return the field of view, and the sizes of the detectors in degrees."""
+        """Return the field of view, and the detectors' sizes in pixels converted to degrees."""
         if self._optics is None:
             return None
         scale = self.video.working.scale_y
@@ -362,7 +363,7 @@ class _Run:
         return {**self._optics.as_dict(), "sizes_deg": sizes}
 
     def sidecar(self, wall_s: float) -> dict[str, Any]:
-        """Return the content of the sidecar: the keys of ``docs/formats.md``, ready for JSON."""
+        """Return the content of the sidecar, with the keys of ``docs/formats.md``, for JSON."""
         task, settings = self._task, self._settings
         facts, decode, working = self.video.facts, self.video.decode, self.video.working
         rate = float(facts.frame_rate) if facts.frame_rate else None
@@ -418,10 +419,10 @@ class _Run:
 def _optics(
     fov: float | None, facts: InputFacts, stimulus: Mapping[str, Any] | None
 ) -> Optics | None:
-    """Return the optics of an input, from the user or from its ground truth.
+    """Return the optics of an input, from the user's field of view or from its ground truth.
 
-    No container states the field of view: focal lengths in the data of pictures hold for the
-    uncropped sensor, which a video seldom uses.
+    No file format states the field of view of a video. Focal lengths in image files are those of
+    the uncropped sensor, and videos seldom use the complete sensor.
     """
     if fov is not None:
         return Optics.of_fov(facts.width, facts.height, fov)
@@ -436,12 +437,12 @@ def _of_display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics
 
 
 def _ground_truth(video: Path, facts: InputFacts) -> dict[str, Any] | None:
-    """Return the main facts of the ground truth beside a stimulus's video, if it exists.
+    """Return the main facts of the ground truth beside the video of a stimulus, if it exists.
 
-    For a ground truth that cannot be used, or is of another video, return an ``error``.
+    If the ground truth cannot be used, or belongs to another video, the result has an ``error``.
     """
     path = video.with_name(video.stem + GROUND_TRUTH)
-    if not os.path.lexists(path):  # False also for a name that is too long to look up
+    if not os.path.lexists(path):  # also False, without an error, if the name is too long
         return None
     try:
         truth = read_truth(path, facts.width, facts.height, facts.frames_declared)

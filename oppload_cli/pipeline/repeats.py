@@ -1,4 +1,4 @@
-"""Repeats: pictures that a converter put into a file more than once."""
+"""Repeats: frames that show the picture before again, as video converters insert them."""
 
 from __future__ import annotations
 
@@ -19,45 +19,45 @@ if TYPE_CHECKING:
 
 KEEP, EXACT, NEAR = "keep", "exact", "near"
 
-_SOME_ROWS = 16  # every so many rows are compared first
-_CELLS = 15  # across the shorter side of the frame; a change is averaged over each
-_PICTURES = 3  # the median change of the latest ones is the usual change
-_FRAMES = 6  # changes remembered; before a cadence the second largest is that of a new picture
-_ENOUGH, _PROOF_S = 2, 2.0  # drops and rises within so many seconds that make a cadence
-_BACK = 0.4  # share of the usual change to which the change rises after a repeat
-_LENIENT = 2.0  # in a cadence one of its two changes may be so many times larger
-_SPAN = 20  # pictures over which their mean interval is taken
-_PULL = 0.1  # share by which an even time moves towards the frame before its picture is shown
-_WORTH_TELLING = 0.05  # share of repeats among all frames
-_STILL_S = 1.0  # so long no camera gives the same picture to the last bit
+_SOME_ROWS = 16  # frames are first compared at every 16th row
+_CELLS = 15  # cells across the shorter side of the frame; changes are averaged over each cell
+_PICTURES = 3  # the usual change is the median change of so many latest pictures
+_FRAMES = 6  # changes remembered; before a cadence the second largest counts as a new picture's
+_ENOUGH, _PROOF_S = 2, 2.0  # so many drops with a rise, within so many seconds, are a cadence
+_BACK = 0.4  # after a repeat the change rises to at least this share of the usual change
+_LENIENT = 2.0  # in a cadence one of the two changes of a repeat may be so many times larger
+_SPAN = 20  # number of pictures whose mean interval is taken
+_PULL = 0.1  # share by which an estimated time moves into the frame before its picture is shown
+_WORTH_TELLING = 0.05  # least share of repeats among all frames for a remark
+_STILL_S = 1.0  # a camera never gives exactly the same picture for so long
 
 
 @dataclass(frozen=True, kw_only=True)
 class RepeatParams(Parameters):
-    """How repeats of a picture are taken (``docs/model.md``, "Repeats")."""
+    """How repeats of a picture are handled (``docs/model.md``, "Repeats")."""
 
     handling: str = parameter(
         NEAR,
-        "repeats that the detectors do not see: 'exact' ones only, 'near' ones too, or none "
+        "which repeats the detectors do not get: 'exact' repeats only, 'near' repeats too, or none "
         "('keep')",
         choices=(EXACT, NEAR, KEEP),
     )
     longest_s: float = parameter(
         0.18,
-        "longest time for which one picture is repeated; a longer one is a scene at rest",
+        "longest time for which one picture is repeated; if it lasts longer the scene is at rest",
         unit="s",
         low=0,
         high=10,
     )
     share: float = parameter(
         0.25,
-        "a near repeat changes less than this share of the usual change",
+        "the change of a near repeat is below this share of the usual change",
         low=0,
         high=0.5,
     )
     least: float = parameter(
         0.008,
-        "repeats are recognised only where the usual change of some cell is above this",
+        "near repeats are recognised only if the usual change of some cell is at least this",
         unit="luminance",
         low=0,
         high=1,
@@ -67,30 +67,30 @@ class RepeatParams(Parameters):
 class Repeat(NamedTuple):
     """The relation of a frame to the picture before it."""
 
-    kind: str = ""  # exact, near, or empty where it is not known to be a repeat
-    passed_over: bool = False  # the detectors do not see it
-    held: bool = False  # it belongs to a cadence: the answer to its picture still holds
-    still_begins: bool = False  # the frames passed over before were no repeats but a still scene
-    # From the presentation time to when the picture was taken, in seconds: not 0 in a cadence,
-    # where pictures were taken at even intervals.
+    kind: str = ""  # exact, near, or empty if it is not known to be a repeat
+    passed_over: bool = False  # whether the detectors do not get the frame
+    held: bool = False  # it belongs to a cadence, so that the answer to its picture still holds
+    still_begins: bool = False  # the frames passed over before were no repeats: the scene rests
+    # Time at which the picture was taken minus the presentation time, in seconds. It is not 0 in a
+    # cadence, where pictures were taken at even intervals.
     shift_s: float = 0.0
 
 
 class _Change(NamedTuple):
-    """Mean P of a frame against the picture shown before it: over the frame, and largest of a cell.
+    """Change of a frame since the picture before it: the mean P, and the largest P of a cell.
 
-    A re-encoded picture changes little in every cell. Where a scene slows
-    down, or an encoder spares bits, some cells still change as before.
+    A re-encoded picture changes little in every cell. If a scene slows down, or an encoder saves
+    bits, some cells still change as before.
     """
 
     mean: float
     largest: float
 
     def below(self, share: float, other: _Change, *, lenient: bool) -> bool:
-        """Tell whether both changes are less than a share of the others.
+        """Return whether both values are below a share of those of another change.
 
-        In a cadence (`lenient`) an encoder may have re-encoded much of a repeat, or one cell
-        of it: then their geometric mean counts.
+        In a cadence (`lenient`) an encoder may have changed much of a repeat, or one cell of it.
+        Then one value may be larger, and the geometric mean of both must be below the share.
         """
         each = share * _LENIENT if lenient else share
         mean, largest = each * other.mean, each * other.largest
@@ -102,53 +102,53 @@ _NONE = _Change(0.0, 0.0)
 
 
 class Repeats:
-    """Distinguishes pictures that a converter repeated from scenes that slow down or stand still.
+    """Distinguishes repeats by a video converter from scenes that slow down or stand still.
 
-    Content of 10 frames/s in a file of 30 frames/s repeats each picture twice: the detectors would
-    see it stand still, and then jump. Exact repeats are recognised at once. A near repeat, which
-    the encoder has re-encoded, is a drop of the change far below that of the latest pictures; it is
-    recognised only in a cadence: when such drops have ended `_ENOUGH` times with an equally steep
-    rise. Where the scene comes to rest in a cadence, the detectors see it at the rate of the
-    pictures, and after `longest_s` every frame. All of this uses past frames only, so that the
-    first near repeats of a video are not recognised.
+    If content of 10 pictures/s is in a file of 30 frames/s, each picture is repeated twice: the
+    scene would seem to stand still and then to jump. Exact repeats are recognised at once. A near
+    repeat was re-encoded; its change drops far below the change of the latest pictures. Near
+    repeats are recognised only in a cadence: after `_ENOUGH` such drops have ended with an equally
+    steep rise. If the scene comes to rest in a cadence, the detectors get frames at the rate of the
+    pictures, and after `longest_s` every frame. Only past frames are used, so that the first near
+    repeats of a video are not recognised.
 
     Attributes
     ----------
     exact, near : int
-        How many frames were recognised as repeats.
+        Number of frames recognised as exact and as near repeats.
     """
 
     def __init__(self, params: RepeatParams) -> None:
         self._params = params
-        self._shown: Luma | None = None  # the latest frame that the detectors saw
+        self._shown: Luma | None = None  # the latest frame that the detectors got
         self._usual: deque[_Change] = deque(maxlen=_FRAMES)
-        # The frames in a row that may be repeats: how many, the largest change of them, and
-        # when the picture was shown that they may repeat.
+        # A run is a row of frames that may be repeats. Its length, the largest change in it, and
+        # the time at which the picture was shown that they may repeat:
         self._run, self._worst, self._since_s = 0, _NONE, 0.0
         self._proofs: deque[tuple[float, int]] = deque()  # times and lengths of proved runs
         self._before_s = 0.0
-        self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # of pictures of a cadence
-        self._picture_s = self._even_s = 0.0  # when the latest one was shown, and was taken
-        self._told_s = 0.0  # when the latest frame that the detectors saw was taken
+        self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # durations of pictures of a cadence
+        self._picture_s = self._even_s = 0.0  # times: the latest picture was shown, was taken
+        self._told_s = 0.0  # time at which the latest frame for the detectors was taken
         self._passed_over = False
         self.exact = self.near = 0
         self._frames = 0
-        self._new_s = 0.0  # when a picture last differed from the one before
-        self._pictures = self._repeats = 0  # while there is a cadence
+        self._new_s = 0.0  # time of the latest frame that was not an exact repeat
+        self._pictures = self._repeats = 0  # numbers, counted in cadences only
 
     def pictures_per_s(self, frame_rate: float | None) -> float | None:
-        """Return how many new pictures a second of moving scenes shows, where a cadence is found.
+        """Return the number of new pictures per second in the parts of the video with a cadence.
 
         Parameters
         ----------
         frame_rate : float or None
-            Frames per second by the times of the frames, where they are known.
+            Frames per second according to the times of the frames, if known.
 
         Returns
         -------
         float or None
-            Above 0; the mean over those parts of the video that have a cadence. None if fewer
-            than `_WORTH_TELLING` of all frames are repeats in a cadence.
+            Mean over the parts with a cadence, above 0. None if less than the share
+            `_WORTH_TELLING` of all frames are repeats in a cadence.
         """
         few = self._repeats < _WORTH_TELLING * self._frames or not self._repeats
         if few or not frame_rate:
@@ -157,14 +157,14 @@ class Repeats:
 
     @property
     def still_s(self) -> float:
-        """For how long all pictures have been the same, in seconds; 0 below a second."""
+        """Time in seconds for which the picture has not changed; 0 if less than a second."""
         lasted_s = self._before_s - self._new_s
         return lasted_s if lasted_s >= _STILL_S else 0.0
 
     def remarks(self, frame_rate: float | None) -> list[str]:
-        """Return a remark, a sentence, on pictures that are all the same, or repeat in a cadence.
+        """Return a sentence if all pictures are the same, or if they repeat in a cadence.
 
-        The frame rate is that of :meth:`pictures_per_s`.
+        `frame_rate` is as for :meth:`pictures_per_s`.
         """
         if self.still_s and self.exact == self._frames - 1:
             return ["all pictures are the same, and nothing can cause an alarm; check the input"]
@@ -189,7 +189,8 @@ class Repeats:
         self.near += repeat.kind == NEAR
         if not repeat.passed_over:
             self._shown = luma
-            # A frame at rest is no picture, and outside a cadence a drop may be a repeat.
+            # Only new pictures get a time. A frame at rest is not new; outside a cadence, neither
+            # is a frame whose change drops, as it may be a repeat.
             if not repeat.kind and (self._is_cadence or not self._run):
                 self._even_s = self._evenly(time_s)
                 repeat = repeat._replace(shift_s=self._even_s - time_s)
@@ -201,16 +202,16 @@ class Repeats:
         return repeat
 
     def _evenly(self, time_s: float) -> float:
-        """Return when a picture was taken.
+        """Return the time at which a picture was taken.
 
-        A file of 30 frames/s shows each of 12 pictures/s for two or three frames: they begin
-        unevenly, but were taken at even intervals, each less than a frame before it is shown.
-        Where one converter followed another it may be up to a frame more on either side.
+        A file of 30 frames/s with 12 pictures/s shows each picture for two or three frames. So the
+        pictures begin at uneven times. They were taken at even intervals, each less than a frame
+        before it is shown. After two conversions it may be up to a frame earlier or later.
         """
         lasted_s = time_s - self._picture_s
         if not self._proofs:
             self._lasted_s.clear()
-        # Before the cadence only the picture of a proved run is known to be complete.
+        # Before the cadence, only for a picture of a proved run is it known how long it lasted.
         known = self._is_cadence or (bool(self._proofs) and self._proofs[-1][0] == time_s)
         if not known or not 0 < lasted_s <= self._params.longest_s:
             return time_s
@@ -253,7 +254,7 @@ class Repeats:
 
     @property
     def _longest(self) -> int:
-        """The most repeats in a row in this cadence: the frame after them is a new picture.
+        """The largest number of repeats in a row in this cadence; the next frame is a new picture.
 
         Pictures at even intervals are repeated equally often, or once more.
         """
@@ -277,9 +278,9 @@ class Repeats:
         return _Change(*usual)
 
     def _end_run(self, change: _Change | None, time_s: float) -> None:
-        """Take a new picture; the run before it is proved if the change rises as it dropped."""
+        """Take a new picture; if the change rises as it dropped, the run before it is proved."""
         proved = self._run > 0 and self._before_s - self._since_s <= self._params.longest_s
-        if change is not None:  # exact repeats prove themselves
+        if change is not None:  # exact repeats need no proof
             usual = self._usual_change()
             proved &= change.largest > _BACK * usual.largest
             proved &= self._worst.below(self._params.share, change, lenient=True)
@@ -292,7 +293,7 @@ class Repeats:
         self._run = 0
 
     def _at_rest(self, *, exact: bool) -> Repeat:
-        """Take a frame of a run that is too long for repeats."""
+        """Take a frame of a run that is too long for repeats: the scene is at rest."""
         if exact:
             return Repeat(EXACT, still_begins=self._passed_over)
         self._usual.clear()
@@ -301,12 +302,12 @@ class Repeats:
 
 
 def _equal(one: Luma, other: Luma) -> bool:
-    """Compare frames; a few rows tell most of them apart."""
+    """Return whether two frames are equal; a few rows show most differences soon."""
     return np.array_equal(one[::_SOME_ROWS], other[::_SOME_ROWS]) and np.array_equal(one, other)
 
 
 def _change(one: Luma, other: Luma) -> _Change:
-    """Average the change over cells as large as fit; OpenCV is fast where they are equal."""
+    """Average the change over cells of equal size, with which OpenCV is fast."""
     height, width = one.shape
     side = max(1, min(height, width) // _CELLS)
     rows, columns = height // side, width // side

@@ -1,6 +1,6 @@
-"""The settings of a run, and the origin of each.
+"""The settings of a run, and the origin of each setting.
 
-Later origins win: the preset, then the TOML file, then the command line.
+The TOML file overrides the preset, and the command line overrides both.
 """
 
 from __future__ import annotations
@@ -48,32 +48,32 @@ if TYPE_CHECKING:
 
 
 _COMMAND_LINE = "command line"
-_USUAL, ALL = "usual", "all"  # columns of a table; `ALL` also stands for all models
+_USUAL, ALL = "usual", "all"  # values of the setting `columns`; `ALL` also stands for all models
 _TOP_LEVEL = ("preset", "models", "height", "fov", "measure_rmo", "columns")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that decides how an input is analysed."""
+    """All settings that determine how an input is analysed."""
 
     preset: str
     models: tuple[str, ...]  # the detectors to run, in order
     height: int | None  # working height in pixels; None keeps the native size
     measure_rmo: bool
-    # Parameter sets by name: those of the detectors to run, and maybe of others, then ``alarm``,
-    # ``places``, ``rmo``, ``repeats`` and ``time``.
+    # Parameter sets by name: at least those of the detectors to run, then ``alarm``, ``places``,
+    # ``rmo``, ``repeats`` and ``time``.
     groups: dict[str, Parameters]
-    # Where each setting came from, by its dotted name: ``preset default``, a file's path, or
+    # Origin of each setting, by its dotted name: ``preset default``, the path of a file, or
     # ``command line``.
     origins: dict[str, str] = field(default_factory=dict)
     columns: str = _USUAL  # or ``all``, with the inner values of the detectors
-    fov: float | None = None  # degrees across the width of the frame; None where it is not known
-    # Sizes that were given in degrees, by their dotted name; `seen_through` turns them into pixels.
+    fov: float | None = None  # degrees across the width of the frame; None if it is not known
+    # Sizes that were given in degrees, by dotted name; `seen_through` converts them to pixels.
     angles: dict[str, float] = field(default_factory=dict)
 
     @property
     def alarm(self) -> AlarmParams:
-        """The parameters of the alarms."""
+        """Parameters of the alarms."""
         return cast("AlarmParams", self.groups["alarm"])
 
     @property
@@ -83,7 +83,7 @@ class Settings:
 
     @property
     def rmo(self) -> RmoParams | None:
-        """The parameters of radial motion opponency; None if it is not measured."""
+        """Parameters of radial motion opponency; None if it is not measured."""
         return cast("RmoParams", self.groups["rmo"]) if self.measure_rmo else None
 
     @property
@@ -99,8 +99,8 @@ class Settings:
     def model_params(self) -> list[Parameters]:
         """Return the parameter sets of the detectors to run, in order.
 
-        Raises ParameterError if a size is given in degrees and :meth:`seen_through` has not turned
-        it into pixels.
+        Raises ParameterError if a size is in degrees and :meth:`seen_through` has not converted it
+        to pixels.
         """
         for name, degrees in self.angles.items():
             raise ParameterError(
@@ -110,10 +110,10 @@ class Settings:
         return [self.groups[name] for name in self.models]
 
     def seen_through(self, optics: Optics | None, working: WorkingSize) -> Settings:
-        """Return the same settings with sizes in degrees turned into pixels of the `working` size.
+        """Return the same settings with sizes in degrees converted to pixels of the `working` size.
 
-        An angle is that of a length in the middle of the frame. Without optics the settings stay as
-        they are. Raises ParameterError if a size in pixels is out of range.
+        A size in degrees is the angle of a length in the middle of the frame. Without optics the
+        settings do not change. Raises ParameterError if a size in pixels is out of range.
         """
         if optics is None:
             return self
@@ -139,13 +139,13 @@ class Settings:
     def resolved(self, height: int) -> dict[str, Parameters]:
         """Return all parameter sets with the values that depend on the working height filled in.
 
-        For a frame that is higher than wide, the height is its width.
+        `height` is the shorter side of the frame.
         """
         return {name: group.resolved(height) for name, group in self.groups.items()}
 
 
 def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
-    """Return the meaning and the class of every parameter set, by its name in settings."""
+    """Return the meaning and the class of each parameter set, by its name in settings."""
     return {
         **{name: (each.meaning, each.parameters) for name, each in detectors().items()},
         "alarm": ("the alarm of each model", type(alarm_params())),
@@ -154,7 +154,7 @@ def parameter_sets() -> dict[str, tuple[str, type[Parameters]]]:
             PlaceParams,
         ),
         "rmo": ("radial motion opponency of motion vectors", RmoParams),
-        "repeats": ("pictures that a file repeats", RepeatParams),
+        "repeats": ("repeats: frames that show the picture before again", RepeatParams),
         "time": ("the time base of the models", TimeParams),
     }
 
@@ -177,14 +177,14 @@ def resolve(
     Parameters
     ----------
     preset : str, optional
-        Name of the preset; else the file's, else `usual`.
+        Name of the preset; if left out that of the file, or else `usual`.
     config : Path, optional
         A TOML file with ``preset``, ``models``, ``height``, ``fov``, ``measure_rmo``, ``columns``
         and a table per parameter set.
     models : sequence of str
-        Detectors to run, several of them also with commas between them, or ``all``; none
-        means OppLoD and D-LGMD. A preset after a name, as in ``opplod:reference``, is that of the
-        run.
+        Names of detectors to run, or ``all``; one text may have several names with commas between
+        them. If empty, OppLoD and D-LGMD run. A preset after a name, as in ``opplod:reference``, is
+        the preset of the run.
     height : str, optional
         Working height in pixels, or ``native``.
     fov : str, optional
@@ -192,18 +192,18 @@ def resolve(
     repeats : str, optional
         ``near``, ``exact`` or ``keep``, in place of the parameter ``repeats.handling``.
     measure_rmo : bool, optional
-        Whether radial motion opponency is measured; else the file's, else yes.
+        Whether radial motion opponency is measured; if left out as in the file, or else yes.
     assignments : sequence of str
         ``set.parameter=value``, such as `EXAMPLE_SETTING`; a size may be given as ``60deg``.
     usual : str
-        The preset where none is chosen.
+        The preset if neither `preset` nor the file names one.
     columns : str, optional
-        ``usual`` or ``all``; else the file's, else ``usual``.
+        ``usual`` or ``all``; if left out as in the file, or else ``usual``.
 
     Raises
     ------
     ParameterError
-        If a name is unknown or a value out of range; the message says where.
+        If a name is unknown or a value out of range; the message names the place.
     """
     content = _read(config) if config else {}
     source = str(config) if config else ""
@@ -241,7 +241,7 @@ def resolve(
 def _concerned(
     models: Sequence[str], content: Mapping[str, Any], assignments: Sequence[str]
 ) -> Sequence[str]:
-    """Return the detectors whose parameters are needed: all, if a setting may belong to any."""
+    """Return the detectors whose parameters are needed: all, if any may have a setting."""
     usual = {*models, "places", "rmo", "repeats", "time"}
     few = not content and all(each.partition(".")[0].strip() in usual for each in assignments)
     return [name for name in known_names() if name in models] if few else known_names()

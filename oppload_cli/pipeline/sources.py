@@ -1,4 +1,4 @@
-"""Frames that are no video file: stimuli and arrays; and one way to open any source."""
+"""Sources that are no video files, namely stimuli and arrays, and a function to open any source."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ _HIGHEST_RATE = 100_000  # frames/s
 
 
 class ArrayLuminance:
-    """Brings pictures that are arrays to luminance at the working size.
+    """Converts pictures that are arrays to luminance at the working size.
 
-    They are of shape (height, width), or with a last axis of red, green and blue: uint8 or uint16
-    over their full range, or float from 0 (black) to 1 (white).
+    The arrays have the shape (height, width), or a third axis of red, green and blue. They are
+    uint8 or uint16 over their full range, or float from 0 (black) to 1 (white).
     """
 
     def __init__(self, working: WorkingSize) -> None:
@@ -55,10 +55,10 @@ class ArrayLuminance:
         self._colours: NDArray[np.uint16] | None = None
 
     def __call__(self, values: Frames, name: str) -> NDArray[np.float32]:
-        """Return the luminance of a picture, 0 to 1, in memory of its own.
+        """Return the luminance of a picture, 0 to 1, as a new array.
 
-        Raises SourceError, with the name of the picture, if it has another type, or a floating
-        value outside 0 to 1.
+        Raises SourceError, with the picture's name, if the picture has another type, or floating
+        values outside 0 to 1.
         """
         _check_type(values)
         floating = values.dtype.kind == "f"
@@ -79,14 +79,14 @@ class ArrayLuminance:
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
     def _in_16_bits(self, colours: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """Return colours in 16 bits: grey of 8 would be rounded twice, before it is resized too."""
+        """Return colours in 16 bits: with 8 bits, grey would be rounded before it is resized."""
         if self._colours is None or self._colours.shape != colours.shape:
             self._colours = np.empty(colours.shape, np.uint16)
         return np.multiply(colours, np.uint16(257), out=self._colours, dtype=np.uint16)
 
 
 class _Shown(ABC):
-    """Pictures that are drawn or in memory, as frames at the working size, like an open video."""
+    """Base of sources whose pictures are drawn or in memory; to callers like an open video."""
 
     def __init__(self, facts: InputFacts, height: int | None) -> None:
         self.facts, self.decode = facts, DecodeFacts()
@@ -106,7 +106,7 @@ class _Shown(ABC):
 
 
 class StimulusVideo(_Shown):
-    """The frames of a stimulus at the working size, as an open video would give them.
+    """The frames of a stimulus at the working size, like those of an open video.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class StimulusVideo(_Shown):
     height : int or None
         Working height in pixels; None keeps the native size.
     showings : int
-        How often it is shown, one showing directly after the other.
+        How often the stimulus is shown, each time directly after the time before.
     """
 
     def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:
@@ -131,7 +131,7 @@ class StimulusVideo(_Shown):
 
 
 class _ArrayVideo(_Shown):
-    """The frames of an array at the working size, as an open video would give them.
+    """The frames of an array at the working size, like those of an open video.
 
     Parameters are those of :func:`open_source`. Raises SourceError if the array does not hold
     frames, and ParameterError if the rate or the times are missing or wrong.
@@ -171,13 +171,13 @@ class _ArrayVideo(_Shown):
 
 
 def checked_rate(rate: float | Fraction | None) -> Fraction | None:
-    """Return frames per second as a fraction; None where they are not known.
+    """Return frames per second as a fraction; None if they are not known.
 
-    Raises ParameterError if the rate is no number above 0 and at most 100000.
+    Raises ParameterError unless the rate is a number above 0 and at most 100000.
     """
     if rate is None:
         return None
-    given: object = rate  # a user's may be a string
+    given: object = rate  # a caller may give a string, whatever the type says
     if not isinstance(given, Real) or not 0 < rate <= _HIGHEST_RATE:
         raise ParameterError(
             f"rate must be a number above 0 and at most {_HIGHEST_RATE} frames/s, not {rate!r}"
@@ -218,7 +218,7 @@ def _check_frames(frames: Frames) -> None:
 
 
 def _check_type(frames: Frames) -> None:
-    """Refuse an array whose type does not tell which number is white."""
+    """Raise a SourceError for a type whose value of white is not known."""
     if frames.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)} and frames.dtype.kind != "f":
         raise SourceError(
             f"array: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"
@@ -234,36 +234,37 @@ def open_source(
     height: int | str | None = None,
     preset: str = DEFAULT_PRESET,
 ) -> Iterator[DecodedSource]:
-    """Open anything that holds frames, to iterate over it once.
+    """Open any source of frames, to iterate over it once.
 
     Parameters
     ----------
     source : str, Path, FrameSource, Protocol or array
         A video file, a folder or pattern of images, ``camera:0`` or a stream; the name of a
-        stimulus of the catalogue; an open video, which is not closed; a stimulus; or an array
-        of shape (frames, height, width), or with a last axis of red, green and blue: uint8 or
-        uint16 over their full range, or float from 0 (black) to 1 (white).
+        stimulus of the catalogue; an open video, which is not closed; a stimulus; or an array. An
+        array has the shape (frames, height, width), or a fourth axis of red, green and blue, and is
+        uint8 or uint16 over its full range, or float from 0 (black) to 1 (white).
     rate : float or Fraction, optional
-        Frames per second of an array, or of images (else 30); others have their own.
+        Frames per second of an array, or of images (30 if left out). Other sources have a rate.
     times : sequence of float, optional
         The presentation time of each frame of an array in seconds, instead of a rate.
     height : int or str, optional
-        Working height in pixels, or ``native``; else the preset's. An open video keeps its own.
+        Working height in pixels, or ``native``; if left out, that of the preset. An open video
+        keeps its own.
     preset : str
         Gives the working height.
 
     Yields
     ------
     DecodedSource
-        With `facts`, and the `working` size of its frames.
+        The open source, with `facts` and the `working` size of its frames.
 
     Raises
     ------
     SourceError
-        If nothing can be read from it.
+        If nothing can be read from the source.
     ParameterError
-        If the height, the preset or the rate is wrong, an array has neither rate nor times, or
-        something else than an array is given times.
+        If the height, the preset or the rate is wrong, if an array has neither rate nor times, or
+        if times are given for another source than an array.
 
     Examples
     --------
@@ -294,7 +295,7 @@ def open_source(
         yield source  # type: ignore[misc]
     elif is_array:
         yield _ArrayVideo(source, rate, times, size)  # type: ignore[arg-type]
-    elif isinstance(source, stimulus.Protocol):  # the last kind: this loads the stimuli
+    elif isinstance(source, stimulus.Protocol):  # checked last, as it imports the stimuli
         yield StimulusVideo(source, size)
     else:
         raise SourceError(
@@ -304,7 +305,7 @@ def open_source(
 
 
 def _is_stimulus(name: str) -> bool:
-    """Tell whether a name is one of the catalogue, and of no file."""
+    """Return whether a name is in the catalogue of stimuli, and is not a file."""
     if not name or is_there(name):
         return False
     known = (entry.name for entry in stimulus.entries())

@@ -1,4 +1,4 @@
-"""A task: one input, its settings and result files, its outcome, and whether it is done already."""
+"""A task: one input with its settings and result files; and its outcome."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _REMEDY = "choose --if-exists overwrite, or another --output"
 
 
 class IfExists(StrEnum):
-    """The ways to deal with a result that exists already."""
+    """What to do if a result exists already."""
 
     ERROR = "error"
     SKIP = "skip"
@@ -56,7 +56,7 @@ class IfExists(StrEnum):
 class Outputs:
     """The result files of one input; a file that is None is not written."""
 
-    csv: Path  # the sign of a finished result: it gets its name last
+    csv: Path  # it gets its final name last: if it exists the result is finished
     sidecar: Path
     detections: Path | None = None
     annotated: Path | None = None
@@ -65,9 +65,9 @@ class Outputs:
     def of(
         cls, folder: Path, stem: str, models: Sequence[str], *, annotate: bool = False
     ) -> Outputs:
-        """Return all files of a run whose names begin with `stem`.
+        """Return the result files of a run; their names begin with `stem`.
 
-        There are detections only where one of the detectors, `models`, has places.
+        There is a file of detections only if one of the detectors in `models` has places.
         """
         return cls(
             folder / f"{stem}{TABLE}",
@@ -85,12 +85,13 @@ class Outputs:
         return Outputs(**{name: path and path.absolute() for name, path in vars(self).items()})
 
     def kept(self, if_exists: IfExists) -> bool:
-        """Tell whether all files exist and are kept; a killed run may leave some of them.
+        """Return whether the result is kept: all files exist, and existing results are skipped.
 
-        Raises OutputError if a file exists and `if_exists` is ``ERROR``.
+        A killed run may leave only some of the files. Raises OutputError if a file exists and
+        `if_exists` is ``ERROR``.
         """
         results = self.paths()
-        # False for a name that may not be looked up; writing the file gives the reason.
+        # `lexists` is False, without an error, if it has no access; writing gives the reason then.
         existing = [path for path in results if os.path.lexists(path)]
         if if_exists is IfExists.ERROR:
             existing += [part_of(path) for path in results if os.path.lexists(part_of(path))]
@@ -102,10 +103,11 @@ class Outputs:
         return if_exists is IfExists.SKIP and len(existing) == len(results)
 
     def begin(self, if_exists: IfExists) -> PartFile | None:
-        """Begin the result by its table: the run that holds the table writes all files.
+        """Create the part file of the table; the run that has it may write all files.
 
-        Return the table; None if another run writes the result, or has just written it, and that
-        is kept. Raise OutputError if it cannot be written, or another run is writing it.
+        Returns the part file. With ``skip`` it returns None if another run is writing the result,
+        or has just written it. Raises OutputError if the file cannot be written, or if another run
+        is writing it.
         """
         try:
             table = PartFile(self.csv, new=if_exists is IfExists.ERROR)
@@ -130,9 +132,9 @@ class Task:
     image_rate: Fraction | None = None  # frames/s of images; None assumes 30
     if_exists: IfExists = IfExists.ERROR
     command: Sequence[str] = ()  # the command line, for the sidecar
-    threads: int = 0  # of the decoder, and of detectors on large frames; 0 lets them choose
-    boxes: str = "alarm"  # objects with a box in an annotated video: alarm, all or none
-    stem: str = ""  # the beginning of the names of its results
+    threads: int = 0  # for the decoder, and for detectors on large frames; 0: their own choice
+    boxes: str = "alarm"  # objects whose boxes the annotated video shows: alarm, all or none
+    stem: str = ""  # the beginning of the names of the result files
 
 
 @dataclass(frozen=True)
@@ -145,8 +147,8 @@ class Outcome:
     wall_s: float = 0.0  # seconds from opening to the last row
     notes: tuple[str, ...] = ()  # faults of the input, a line each
     remarks: tuple[str, ...] = ()  # unusual properties that are no faults, a line each
-    summaries: dict[str, ModelSummary] = field(default_factory=dict)  # none if it existed already
-    verdicts: tuple[Verdict, ...] = ()  # one for each detector, also of a result that existed
+    summaries: dict[str, ModelSummary] = field(default_factory=dict)  # empty if skipped
+    verdicts: tuple[Verdict, ...] = ()  # one for each detector, also if skipped
 
     @property
     def alarmed(self) -> bool:
@@ -158,10 +160,10 @@ class Watcher(Protocol):
     """An observer of the progress of a task."""
 
     def opened(self, video: Video) -> None:
-        """Take note that the input is open."""
+        """Be told that the input is open."""
 
     def frame(self, record: FrameRecord) -> None:
-        """Take note that the record of a frame is written."""
+        """Be told that the record of a frame is written."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -172,10 +174,10 @@ class Interrupted(KeyboardInterrupt):
 
 
 def exists_already(task: Task) -> Outcome | None:
-    """Return the outcome of a result that exists and is kept; None where there is none.
+    """Return the outcome of a result that exists and is kept; None if there is no such result.
 
-    Raises OutputError if a result exists and the task does not say what to do with it, or if the
-    task skips it but it is of another input or of other settings.
+    Raises OutputError if a result exists and the task neither skips nor overwrites it, or if the
+    task skips it, but the result belongs to another input or has other settings.
     """
     if task.outputs is None or not task.outputs.kept(task.if_exists):
         return None
@@ -189,7 +191,7 @@ def exists_already(task: Task) -> Outcome | None:
             rows = fault_of_rows(table, content)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise OutputError(f"{path}: is damaged; {_REMEDY}") from error
-    if difference:  # results that differ must not lie beside each other as if they were alike
+    if difference:  # results of one folder must not have different settings without notice
         raise OutputError(f"{path}: is a result {difference}; {_REMEDY}")
     if rows:
         raise OutputError(f"{table}: {rows}; {_REMEDY}")
@@ -203,7 +205,7 @@ def exists_already(task: Task) -> Outcome | None:
 
 
 def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
-    """Yield how a result differs from the one that a task would make, in words."""
+    """Yield texts on how a result differs from the result that the task would make."""
     settings, facts = task.settings, content["input"]
     own = os.path.basename(task.name), _bytes_of(task.name)  # noqa: PTH119 - addresses too
     made = os.path.basename(facts["name"]), facts.get("bytes")  # noqa: PTH119
@@ -223,7 +225,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     if _plain(asdict(task.span)) != content["span"]:
         yield "of another part of the input: see --start, --end and --duration"
     others = list(_other_parameters(settings, content))
-    if others and settings.preset != content["preset"]:  # which says more than a parameter
+    if others and settings.preset != content["preset"]:  # the preset says more than a parameter
         yield f"of preset {content['preset']}, not {settings.preset}"
     yield from others
 
@@ -250,12 +252,12 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
 
 
 def _fov(degrees: float | None) -> str:
-    """Return a field of view in words, without the rounding of sines and tangents."""
+    """Return a field of view as a text, rounded, since it went through sines and tangents."""
     return "no --fov" if degrees is None else f"--fov {round(degrees, 9):.12g}"
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as it comes back from JSON."""
+    """Return a value as it is after it was written to JSON and read again."""
     return json.loads(json.dumps(value, default=str))
 
 
@@ -278,18 +280,18 @@ class Writing:
     outputs : Outputs
         The files.
     table : PartFile
-        From :meth:`Outputs.begin`.
+        The part file of the table, from :meth:`Outputs.begin`.
     video : Video
-        The input; opened with ``colour=True`` if an annotated video is written.
+        The input; it must be opened with ``colour=True`` if an annotated video is written.
     columns, models : sequence of str
-        The columns of the table, and the detectors whose responses it holds.
+        The columns of the table, and the names of the detectors.
     boxes : str
-        Objects with a box in an annotated video.
+        Objects whose boxes the annotated video shows.
 
     Attributes
     ----------
     part : Path
-        The table's name until `commit`.
+        The path of the table until `commit`.
     frames : FrameSource
         The frames for the detectors.
 
@@ -337,7 +339,7 @@ class Writing:
             each.write(record)
 
     def commit(self, content: Callable[[], dict[str, Any]]) -> None:
-        """Give the files their names, the table last; `content` returns that of the sidecar."""
+        """Give the files their final names, the table last; `content` gives the sidecar's data."""
         if self._video is not None:
             self._video.finish()
         with output_errors(self._outputs.csv):
