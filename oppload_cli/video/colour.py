@@ -1,4 +1,4 @@
-"""The picture of a frame in colour, as it is displayed."""
+"""Colour pictures of frames, as they are displayed."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     Bgr = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
 
 
-LONGEST_SIDE = 1920  # px; larger pictures are made smaller
+LONGEST_SIDE = 1920  # px; larger pictures are reduced
 _EXACTLY = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.BITEXACT
 _UNSPECIFIED = 2  # AVCOL_SPC_UNSPECIFIED
-_STANDARD_LINES = 576  # larger pictures that state no colour space use BT.709
+_STANDARD_LINES = 576  # pictures with more lines that state no colour space use BT.709
 
 
 def colour_size(facts: InputFacts, longest: int = LONGEST_SIDE) -> tuple[int, int]:
-    """Return width and height of an input's pictures in colour: no side exceeds `longest` px."""
+    """Return width and height of an input's colour pictures: no side is above `longest` px."""
     scale = min(1.0, longest / max(facts.width, facts.height))
     return max(1, round(facts.width * scale)), max(1, round(facts.height * scale))
 
@@ -38,18 +38,18 @@ def as_yuv420p(
     size: tuple[int | None, int | None] = (None, None),
     colour_space: int | None = None,
 ) -> av.VideoFrame:
-    """Return a picture as H.264 takes it: yuv420p, BT.709, limited range.
+    """Return a picture in the format that the H.264 encoder takes: yuv420p, BT.709, limited range.
 
     Parameters
     ----------
     frame : av.VideoFrame
-        Of any pixel format.
+        A picture of any pixel format.
     converter : VideoReformatter
-        Keeps its tables for the next picture of this size.
+        Keeps its tables for the next picture of the same size.
     size : tuple of int or None
         Width and height; those of the frame if left out.
     colour_space : int or None
-        Of the frame; else the one that it states.
+        Colour space of the frame; if left out, the one that the frame states.
     """
     return converter.reformat(
         frame, *size, "yuv420p", colour_space, Colorspace.ITU709,
@@ -58,12 +58,12 @@ def as_yuv420p(
 
 
 class Colour:
-    """Makes the pictures of one input, all of one size.
+    """Makes the colour pictures of one input, all of the same size.
 
     Parameters
     ----------
     facts : InputFacts
-        Give the displayed size, and how the pictures are mirrored and turned.
+        The displayed size, and how the pictures are mirrored and turned.
     size : tuple of int, optional
         Width and height of the pictures; those of :func:`colour_size` if left out.
     """
@@ -77,15 +77,15 @@ class Colour:
     def __call__(self, picture: Picture) -> Bgr:
         """Return the displayed picture: uint8, shape (height, width, 3), blue, green and red.
 
-        It is grey where the source is grey, or a damaged colour space cannot be converted.
+        It is grey if the source is grey, or if a damaged colour space cannot be converted.
         """
         return as_displayed(self._converted(picture), self._facts)
 
     def planes(self, picture: Picture) -> av.VideoFrame:
-        """Return a picture as H.264 takes it: yuv420p, BT.709, limited range.
+        """Return a picture in the format that the H.264 encoder takes.
 
-        A picture that is displayed as it is coded is scaled in its own planes, at a quarter of
-        the cost.
+        A picture that is displayed as it is coded, without a turn, is scaled in its own planes,
+        which takes a quarter of the time.
         """
         original, facts = picture.original, self._facts
         if isinstance(original, av.VideoFrame) and not (facts.mirrored or facts.rotation):
@@ -112,7 +112,7 @@ class Colour:
         return np.asarray(converted.to_ndarray(), np.uint8)
 
     def _assumed(self, frame: av.VideoFrame) -> int | None:
-        """Return the colour space of a picture that states none; None for its own."""
+        """Return the colour space to assume for a picture; None: use the one that it states."""
         large = min(frame.width, frame.height) > _STANDARD_LINES
         return Colorspace.ITU709 if large and frame.colorspace == _UNSPECIFIED else None
 

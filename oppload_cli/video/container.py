@@ -44,58 +44,58 @@ if TYPE_CHECKING:
     from av.video.stream import VideoStream
     from numpy.typing import NDArray
 
-    Decoded = tuple[VideoFrame, NDArray[Any], int]  # with its luma and the bits of a sample
+    Decoded = tuple[VideoFrame, NDArray[Any], int]  # a frame, its luma, the bits of a sample
 
 
 Value = TypeVar("Value")
-_NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, of pictures alone
+_NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, which has no times
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
-_SAMPLED_ENTRIES = 1000  # of an index
+_SAMPLED_ENTRIES = 1000  # number of entries of an index that are examined
 _MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
-# With frame threads VP8 predicts from failed frames without an error; with threads for slices
-# MPEG-2 conceals damage without one.
+# These decoders hide damage: with frame threads VP8 predicts from failed frames without an error,
+# and with slice threads MPEG-2 conceals damage without an error.
 _SILENT_CODECS = {"vp8", "mpeg1video", "mpeg2video"}
-# Threads that share a frame of these give the same pixels whatever their number. Threads that
-# decode a frame each do not, once a frame before has been lost.
+# With slice threads, which share a frame, these codecs give the same pixels for any number of
+# threads. With frame threads they do not, once an earlier frame has been lost.
 _INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
-# One thread decodes these as fast as the detectors follow.
+# For these codecs, up to this size, one thread decodes as fast as the detectors work.
 _QUICK_CODECS, _QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
 _FEW_CORES = 2
 _LONGEST_ERROR = 80  # characters
-# Their packets carry decode times alone, from which FFmpeg guesses presentation times: of H.264
-# with B-frames, or with gaps, wrong ones. But the decoder gives a frame out with the decode time of
-# the packet that it needed last, and these times are in order and as far apart as the frames.
+# Packets of these containers have decode times only. FFmpeg guesses presentation times from them,
+# and guesses wrong for H.264 with B-frames or gaps. The decoder's own frames carry the decode time
+# of the packet that it needed last. These times are in order, with the distances of the frames.
 _DECODE_TIMES = {"avi", "mxf"}
-_HELD_BACK = 4  # frames: as far as video codecs reorder them in practice
-# Decoders that log errors of intact files, with the beginnings of those that mean damage: H.264
-# does so of streams of cameras (it marks the frames that it conceals), MJPEG of data of cameras
-# beside the picture.
+_HELD_BACK = 4  # frames; video codecs reorder no further in practice
+# Decoders that log errors for intact files too, with the beginnings of those errors that mean
+# damage. H.264 logs errors for streams of cameras, but marks the frames that it conceals. MJPEG
+# logs errors for data that cameras add to the picture.
 _TALKATIVE = {"h264": (), "mjpeg": ("overread", "error", "sos", "mjpeg_decode")}
 
-if av.logging.get_level() is None:  # so that errors of decoders are counted, and none is printed
-    av.logging.set_level(av.logging.PANIC)
-    # Threads of a decoder that is never closed must not wait for an interpreter that ends.
+if av.logging.get_level() is None:  # with a level, PyAV counts the decoders' errors
+    av.logging.set_level(av.logging.PANIC)  # this level prints none of them
+    # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
 _COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
-# These list other files: only the file that the user named is ever opened.
+# These formats list other files; oppload opens only the file that the user named.
 _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 
 
 class ContainerSource:
-    """A video file, or a stream's address such as ``rtsp://host/stream``, as a source of pictures.
+    """A source of pictures from a video file, or from a stream such as ``rtsp://host/stream``.
 
-    Raises SourceError if it cannot be opened, holds no video, declares too many pixels, or no frame
-    can be decoded. With 0 `threads`, the codec, the size and the cores decide.
+    Raises SourceError if the input cannot be opened, has no video, declares too many pixels, or if
+    no frame can be decoded. If `threads` is 0, their number follows from codec, size and cores.
     """
 
     def __init__(self, name: str, threads: int = 0) -> None:
         self.name = name
         self.decode = DecodeFacts()
         self.stopping = False
-        self._read_to = 0  # the byte after the last packet
-        self._errors = 0  # that decoders have logged in this process
+        self._read_to = 0  # position of the byte after the last packet
+        self._errors = 0  # number of errors that decoders have logged in this process
         self._remote = "://" in name
-        # A stream or a pipe cannot be read again.
+        # A stream or a pipe can be read only once.
         self._once = self._remote or not is_file(name)
         self._careful = self._once
         self._threads = threads
@@ -150,8 +150,8 @@ class ContainerSource:
 
     def close(self) -> None:
         """Close the container; may be called twice."""
-        # The threads of the decoder come to rest while Python's lock is free: they need it to
-        # log an error, and giving back a decoder waits for them while it holds the lock.
+        # Let the decoder's threads end while Python's lock is free. They need the lock to log an
+        # error, and freeing a decoder waits for them while it holds the lock.
         if hasattr(self, "_stream"):
             self._stream.codec_context.flush_buffers()
         if hasattr(self, "_container"):
@@ -170,22 +170,22 @@ class ContainerSource:
         end = _declared_end(self._container, self._stream)
         if end is None or self._first.pts is None:
             return 0
-        # Durations are rounded, some writers count the last frame's and some do not, and
-        # how long the last frame of a variable rate lasts cannot be known.
+        # This tolerates that durations are rounded, that only some programs count the duration of
+        # the last frame, and that this duration is unknown at a variable rate.
         lost = end - self._first.time - self._latest_time
         if lost <= 1.5 * max(1 / rate, self._longest_gap):
             return 0
-        # A declared rate may be far too high, as that of a Matroska file without one.
+        # The rate may be far too high, for example for a Matroska file that states none.
         measured = (self.decode.decoded - 1) / (self._latest_time or math.inf)
         return max(1, round(lost * (min(rate, measured) or rate) - 1))
 
     def _opened(self) -> InputContainer:
         if not self._remote:
             self._check_file()
-        most_pixels = _decoder_limit()  # a wrong setting is no fault of the file
+        most_pixels = _decoder_limit()  # outside `try`: a wrong setting is no fault of the file
         try:
             return av.open(
-                # The prefix keeps a name such as "a:b.mp4" from being taken for an address.
+                # Without the prefix FFmpeg would take a name such as "a:b.mp4" for an address.
                 self.name if self._remote else f"file:{self.name}",
                 timeout=(_OPEN_TIMEOUT_S, READ_TIMEOUT_S) if self._remote else None,
                 metadata_errors="replace",
@@ -224,15 +224,15 @@ class ContainerSource:
     def _prepare(self) -> None:
         codec = self._stream.codec_context
         codec.thread_type = "SLICE" if self._careful else "AUTO"
-        # The pixels that conceal damage depend on the number of threads.
+        # Several threads conceal damage by other pixels than one thread does.
         shared = self._remote or self._codec in _INDEPENDENT_SLICES
         single = self._careful and not shared
         codec.thread_count = 1 if single else self._threads or self._decoder_threads()
         one_under_way = {"max_frame_delay": "1"} if self._careful else {}  # of dav1d
-        # PNG and HEVC check the sums in the stream only on request.
+        # PNG and HEVC decoders check checksums only with the option `err_detect`.
         codec.options = {"max_pixels": _decoder_limit(), "err_detect": "crccheck", **one_under_way}
-        # Concealed frames are wanted, and counted as corrupt: the video would become
-        # shorter without them.
+        # Frames with concealed damage are kept, and counted as corrupt: without them the video
+        # would be shorter.
         codec.flags |= Flags.output_corrupt
         try:
             codec.open(strict=False)
@@ -242,24 +242,24 @@ class ContainerSource:
             pass  # decoding raises it again, and it is counted there
 
     def _decoder_threads(self) -> int:
-        """Return how many threads decode; 0 lets the decoder choose."""
+        """Return the number of decoder threads; 0 lets the decoder choose."""
         codec = self._stream.codec_context
         quick = self._codec in _QUICK_CODECS and codec.width * codec.height <= _QUICK_PIXELS
-        # On two cores, which flow and detectors keep busy, decoder threads that wait for
-        # each other cost an eighth of a run. Where one thread is too slow, four do better
-        # than the three that the decoder would choose.
+        # On two cores flow and detectors already use both. Decoder threads that wait for each
+        # other then cost an eighth of a run. If one thread is too slow, four are faster than the
+        # three that the decoder would choose.
         if quick and cores() <= _FEW_CORES:
             return 1
         return 4 if cores() == _FEW_CORES else 0
 
     def _steadily(self) -> Iterator[Decoded]:
-        """Yield the frames so that damage has the same effect at every run.
+        """Yield the frames so that damage has the same effect in every run.
 
-        Several threads decode fastest. But they report an error late, lose the frames
-        under way at the end, and conceal damage by pixels that depend on how far each
-        thread has come. So at the first sign of damage the file is decoded again by one
-        thread, and the frames that have been yielded are skipped. A few frames are held
-        back: one that refers to a damaged frame may come before it.
+        Several threads are fastest. But they report an error late, lose frames at the end, and
+        conceal damage by pixels that depend on how far each thread has come. So at the first sign
+        of damage one thread decodes the file again from its start, and the frames that have been
+        yielded already are skipped. A few frames are always held back, because a frame that
+        depends on a damaged frame may come before that frame.
         """
         count = 0
         if not self._careful:
@@ -281,14 +281,14 @@ class ContainerSource:
                 return
             try:
                 self._start_again()
-            except SourceError:  # it has vanished, or is another file by now
+            except SourceError:  # the file no longer exists, or was replaced
                 self.decode.failed("it could not be opened again to be decoded by one thread")
                 yield from held
                 return
         for place, decoded in enumerate(self._decoded()):
             if place >= count:
                 yield decoded
-            else:  # several threads may have passed it on before the damage was known
+            else:  # this damaged frame was yielded before the damage was known
                 self.decode.corrupt += decoded[0].is_corrupt
 
     def _start_again(self) -> None:
@@ -311,7 +311,8 @@ class ContainerSource:
                     "an MP4 with its index at its end cannot be read from a pipe: give the file "
                     "itself, or pipe Matroska"
                 )
-            # A decoder that refuses a picture for its size says so, and often forgets the size.
+            # A decoder that refuses a picture because of its size says "invalid argument", and
+            # often no longer knows the size.
             elif "invalid argument" in reasons or not self._stream.codec_context.width:
                 reasons += (
                     f", or its pictures have more than {max_pixels()} pixels: see {MAX_PIXELS}"
@@ -326,7 +327,7 @@ class ContainerSource:
         for packet in self._packets():
             if packet is not None and packet.is_corrupt:
                 self.decode.failed("a packet is cut or damaged")
-            if self._careful:  # now one thread logs: the errors from here on are the decoder's
+            if self._careful:  # only the decoder's thread logs from here on: count its errors
                 self._errors = av.logging.get_last_error()[0]
             frames = self._attempt(partial(self._stream.decode, packet))
             complaint = self._complaint()
@@ -338,7 +339,7 @@ class ContainerSource:
                     yield frame, *luma
 
     def _attempt(self, decode: Callable[[], Value]) -> Value | None:
-        """Return the result of a step of decoding; None, counted as a failure, if it fails."""
+        """Return the result of a decoding step; if it fails, count a failure and return None."""
         try:
             return decode()
         except (av.error.FFmpegError, ValueError) as error:
@@ -346,22 +347,23 @@ class ContainerSource:
             return None
 
     def _complaint(self) -> str | None:
-        """Return the error, if any, that has been logged since the last call.
+        """Return the error, if any, that was logged since the last call.
 
-        Some decoders conceal damage, and neither raise an error nor mark the frame. The log
-        is that of the process: of several videos at a time one may answer for another.
+        Some decoders conceal damage without raising an error or marking the frame. The log belongs
+        to the process: with several videos at a time, an error may be counted for the wrong video.
         """
         before, (self._errors, last) = self._errors, av.logging.get_last_error()
         if self._errors == before or last is None:
             return None
-        # Threads may give out a frame of H.264 before they mark it: it is decoded again.
+        # With several threads an H.264 frame may come before it is marked as damaged. Then every
+        # logged error counts, and the file is decoded again.
         talkative = self._codec in _TALKATIVE and (self._careful or self._codec != "h264")
         if talkative and not last[2].startswith(_TALKATIVE[self._codec]):
             return None
         return f"the decoder reports an error ({reason_of(ValueError(last[2]))[:_LONGEST_ERROR]})"
 
     def _packets(self) -> Iterator[Packet[Any] | None]:
-        """Yield the packets, and None where the decoder is to give the frames that it holds."""
+        """Yield the packets; None tells the decoder to give out the frames that it still holds."""
         packets = self._container.demux(self._stream)
         next_dts: int | None = None
         errors = 0
@@ -386,17 +388,17 @@ class ContainerSource:
                     self._read_to = max(self._read_to, packet.pos + packet.size)
                 reordered = self._stream.codec_context.has_b_frames
                 if packet.size and reordered and self._container.format.name in _DECODE_TIMES:
-                    # FFmpeg leaves some out then, and gives others twice.
+                    # FFmpeg leaves some decode times out here, and gives others twice.
                     known = [dts for dts in (packet.dts, next_dts) if dts is not None]
                     packet.dts = max(known, default=None)
                     next_dts = None if packet.dts is None else packet.dts + 1
                 yield packet
 
     def _is_end_without_length(self, error: Exception) -> bool:
-        """Tell whether an error is the end of an HTTP answer whose length the server did not state.
+        """Return whether an error is the end of an HTTP response without a stated length.
 
-        FFmpeg takes the orderly close of such a connection for an error of the device. Whether all
-        frames have come then, only the container can say, see `_missing`.
+        FFmpeg reports the orderly end of such a connection as a device error. `_missing` then
+        finds out from the container whether all frames have come.
         """
         is_http = self.name.lower().startswith(("http://", "https://"))
         orderly = getattr(error, "errno", None) == errno.EIO
@@ -404,7 +406,7 @@ class ContainerSource:
 
     @staticmethod
     def _interruption(error: Exception) -> str:
-        if isinstance(error, av.error.ExitError):  # of the time limit
+        if isinstance(error, av.error.ExitError):  # the time limit was reached
             return f"the stream broke off (nothing came for {READ_TIMEOUT_S:g} s)"
         return f"the stream broke off ({reason_of(error)})"
 
@@ -412,15 +414,15 @@ class ContainerSource:
         """Return the presentation time minus that of the first frame, in seconds."""
         now, first = self._clock(frame), self._clock(self._first)
         if now is not None and first is not None and self._stream.time_base:
-            base = self._stream.time_base  # a fraction: its terms give the nearest float too
+            base = self._stream.time_base  # a fraction; this order of operations rounds once
             return (now - first) * base.numerator / base.denominator
         rate = self.facts.frame_rate
         step = 1 / rate if rate else Fraction(1)
-        # Where only some frames carry a time, the others follow the one before.
+        # If only some frames have a time, each other frame comes one step after the frame before.
         return float(index * step) if first is None else self._last_time + float(step)
 
     def _clock(self, frame: VideoFrame) -> int | None:
-        """Return the time of a frame in ticks of the file; None where it has none."""
+        """Return the time of a frame in ticks of the file; None if it has no time."""
         return frame.dts if self._container.format.name in _DECODE_TIMES else frame.pts
 
     def _facts(self) -> InputFacts:
@@ -447,7 +449,7 @@ class ContainerSource:
 
 
 def _videos(container: InputContainer) -> list[VideoStream]:
-    """Return the video streams but for cover pictures, which a container holds as such."""
+    """Return the video streams except cover pictures, which are stored as video streams too."""
     return [
         stream
         for stream in container.streams.video
@@ -456,8 +458,8 @@ def _videos(container: InputContainer) -> list[VideoStream]:
 
 
 def _orientation(frame: VideoFrame) -> tuple[bool, int]:
-    """Return whether a frame is to be mirrored, and its turn after that in degrees."""
-    # The turn is that of the first axis alone, which points the other way in a mirrored frame.
+    """Return whether a frame must be mirrored, and its turn after that in degrees."""
+    # PyAV's rotation is that of the first axis, which has the opposite direction if mirrored.
     matrix: Any = frame.side_data.get("DISPLAYMATRIX")
     terms = np.zeros(9) if matrix is None else np.frombuffer(matrix, np.int32).astype(float)
     mirrored = bool(terms[0] * terms[4] < terms[1] * terms[3])
@@ -468,7 +470,7 @@ def _orientation(frame: VideoFrame) -> tuple[bool, int]:
 def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:
     """Return the luma of a frame and its bits; raise ValueError if the frame is too large.
 
-    The decoder's own limit is higher, and a later frame may be larger than the first.
+    The decoder's own limit is higher, and a later frame may be larger than the first frame.
     """
     if too_large(frame.width, frame.height, _stored_bits(frame.format)):
         raise ValueError(
@@ -479,13 +481,13 @@ def _checked_luma(frame: VideoFrame) -> tuple[NDArray[Any], int]:
 
 
 def _stored_bits(pixel_format: VideoFormat | None) -> int:
-    """Return the bits of memory that a decoder needs for a pixel; the usual ones if unknown."""
+    """Return the bits of memory that a decoder needs per pixel; the usual number if unknown."""
     return pixel_format.padded_bits_per_pixel if pixel_format else USUAL_BITS
 
 
 def _rate(stream: VideoStream) -> Fraction | None:
     rates = [stream.average_rate, stream.guessed_rate, stream.base_rate]
-    if stream.container.format.flags & _NO_TIMES:  # FFmpeg takes 25 then; the encoder may tell
+    if stream.container.format.flags & _NO_TIMES:  # FFmpeg assumes 25; the codec may know better
         rates.insert(0, stream.codec_context.framerate)
     ticks = _ticks_per_frame(stream)
     if ticks > 1 and stream.time_base:
@@ -497,10 +499,10 @@ def _rate(stream: VideoStream) -> Fraction | None:
 
 
 def _ticks_per_frame(stream: VideoStream) -> int:
-    """Return the usual distance of two frames in ticks of an AVI file; 1 for other files.
+    """Return the usual number of ticks between two frames of an AVI file; 1 for other files.
 
-    AVI counts ticks where it seems to count frames. They are frames in most files; but a tool that
-    copies a video from another container may keep its fine ticks, and leave out most of them.
+    AVI files count in ticks. In most files each tick is a frame. But a tool that copies a video
+    from another container may keep that container's fine ticks, most of which have no frame.
     """
     if stream.container.format.name != "avi":
         return 1
@@ -511,19 +513,17 @@ def _ticks_per_frame(stream: VideoStream) -> int:
 def _decoder_limit() -> str:
     """Return the value of FFmpeg's option ``max_pixels``.
 
-    Decoders round sizes up and add margins before they compare, so the limit is higher
-    than :func:`max_pixels`; it is the last defence, where a stream is larger than its
-    container declares.
+    It is higher than :func:`max_pixels`, because decoders round sizes up and add margins before
+    they compare. This limit is needed if a stream is larger than its container declares.
     """
     return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))
 
 
 def _declared_frames(container: InputContainer, stream: VideoStream) -> int | None:
-    """Return how many frames a container declares; None without a credible number.
+    """Return the number of frames that a container declares; None without a credible number.
 
-    The container's own count includes the samples that an edit list hides and the empty ones by
-    which AVI fills gaps, which are never shown. The index distinguishes them. IVF
-    counts ticks.
+    The container's own count includes samples that are never shown: those that an edit list hides,
+    and the empty samples with which AVI fills gaps. The index distinguishes them. IVF counts ticks.
     """
     kind = container.format.name
     entries = stream.index_entries
@@ -536,7 +536,7 @@ def _declared_frames(container: InputContainer, stream: VideoStream) -> int | No
 
 def _declared_by_avi(stream: VideoStream) -> int | None:
     entries, ticks = stream.index_entries, _ticks_per_frame(stream)
-    # The index of a truncated file is gone, or made from the frames read so far.
+    # The index of a truncated file is missing, or FFmpeg made it from the frames read so far.
     if len(entries) and entries[-1].timestamp + 2 * ticks >= stream.frames:
         return len(entries)
     if stream.frames >= _AVI_TO_A_PIPE:
@@ -547,10 +547,10 @@ def _declared_by_avi(stream: VideoStream) -> int | None:
 def _declared_end(container: InputContainer, stream: VideoStream) -> float | None:
     """Return the declared end of a stream in seconds, on the clock of its frames.
 
-    None where the container declares none, or only that of a sound.
+    None if the container declares no end, or may have only that of the sound.
     """
     if not container.format.name.startswith(("matroska", "ivf")):
-        return None  # elsewhere it is guessed from the rest of the file
+        return None  # for other containers FFmpeg only guesses the end
     tag = _DURATION.match(stream.metadata.get("DURATION", ""))
     if tag:
         hours, minutes, seconds = tag.groups()
@@ -563,5 +563,5 @@ def _declared_end(container: InputContainer, stream: VideoStream) -> float | Non
 
 
 _DURATION = re.compile(r"([0-9]{1,9}):([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]+)?)(?![0-9])")
-# Counts of writers that could not go back to the head of the file.
+# Counts in the head of files whose writer could not go back to the head, as it wrote to a pipe.
 _AVI_TO_A_PIPE, _IVF_TO_A_PIPE = 1 << 30, 0xFFFFFFFF

@@ -1,4 +1,4 @@
-"""The records that pass from an input to the detectors, the facts of an input, and its sizes."""
+"""Frames, pictures and facts of an input, and its sizes: what inputs give to the detectors."""
 
 from __future__ import annotations
 
@@ -21,30 +21,31 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-USUAL_RATE = Fraction(30)  # frames/s, assumed where an input states none
-_LEAST_RATE = 9.0  # frames/s; below it few responses mean anything (docs/time.md)
-_MOST_STEPS = 1 << 10  # between frames, from which the rate follows
-_USUAL, _ROUNDING_S = 0.5, 1.001e-3  # share of the median; seconds
-_LATEST_STEPS = 15  # whose median is the usual step
-_CONTRADICTION = 0.1  # of the declared rate
+USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
+_LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
+_MOST_STEPS = 1 << 10  # the rate follows from so many first steps between frames
+# A step is usual if it differs from the median by at most this share of the median, or this time.
+_USUAL, _ROUNDING_S = 0.5, 1.001e-3
+_LATEST_STEPS = 15  # the usual step is the median of so many latest steps
+_CONTRADICTION = 0.1  # a larger relative difference from the declared rate gives a remark
 _LEAST_LASTING_S = 1.0  # a longer shift stays: the clock was set to another time
-_TAKEN_BACK = 0.1  # of a shift, as a share of the step between two frames
+_TAKEN_BACK = 0.1  # a shift falls by at most this share of each step between two frames
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame as the detectors see it.
+    """One frame as the detectors get it.
 
     Attributes
     ----------
     index : int
-        0-based decode ordinal in the complete input.
+        Number of the frame in the complete input, from 0, in the order of decoding.
     time_s : float
         Presentation time minus that of frame 0, in seconds.
     luma : ndarray of float32, shape (height, width)
         Luminance, 0 to 1, at the working size.
     colour : ndarray of uint8, shape (rows, columns, 3), or None
-        The picture as displayed, blue, green and red, where it was asked for.
+        The picture as displayed, in blue, green and red; None unless it was asked for.
 
     Examples
     --------
@@ -70,14 +71,14 @@ class FrameSource(Protocol):
 
     @property
     def working(self) -> WorkingSize:
-        """Size of the frames, and of their pixels in the source."""
+        """Size of the frames, and of their pixels in source pixels."""
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames in order, once."""
 
 
 class DecodedSource(FrameSource, Protocol):
-    """A source of frames that says how decoding went, once its frames were taken."""
+    """A source of frames that reports on the decoding, once all frames were taken."""
 
     times: FrameTimes
 
@@ -90,13 +91,13 @@ class DecodedSource(FrameSource, Protocol):
 class Picture:
     """One decoded frame before it is brought to the working size."""
 
-    index: int  # as in `Frame`, and so is the time
-    time_s: float
+    index: int  # as in `Frame`
+    time_s: float  # as in `Frame`
     # The luma as coded, not rotated, shape (rows, columns); often a view of the decoder's memory.
     plane: NDArray[np.uint8] | NDArray[np.uint16]
-    bits: int = 8  # that a sample uses, 8 to 16
-    full_range: bool = True  # samples use all of their range, else 16 to 235 (of 8 bits)
-    # The same picture in colour; an array is blue, green and red, shape (rows, columns, 3).
+    bits: int = 8  # bits that a sample uses, 8 to 16
+    full_range: bool = True  # False: luma runs from 16 to 235 (for 8 bits)
+    # The same picture in colour; an array holds blue, green and red, shape (rows, columns, 3).
     original: VideoFrame | NDArray[np.uint8] | None = None
 
 
@@ -107,7 +108,7 @@ class InputFacts:
     Attributes
     ----------
     name : str
-        As the user wrote it.
+        Name of the input as the user wrote it.
     kind : str
         ``container``, ``images``, ``camera``, ``stream``, ``stimulus`` or ``array``.
     width, height : int
@@ -115,17 +116,17 @@ class InputFacts:
     frame_rate : Fraction or None
         Frames per second.
     rate_assumed : bool
-        Whether the frame rate is an assumption, as that of images without a stated one.
+        Whether the frame rate is assumed, as for images if the user states no rate.
     video_streams : int
-        How many videos a container holds; the first is read. Cover pictures are none.
+        Number of videos in a container, without cover pictures; the first video is read.
     frames_declared : int or None
-        As the container says; None where it does not.
+        Number of frames that the container declares; None if it declares none.
     mirrored : bool
-        Whether left and right were exchanged, before the picture was turned.
+        Whether left and right are exchanged before the picture is turned.
     rotation : int
-        Counter-clockwise turn in degrees that was applied: 0, 90, 180 or 270.
+        Counter-clockwise turn of the picture in degrees: 0, 90, 180 or 270.
     codec, pixel_format, colour_range : str
-        As decoded.
+        Codec, pixel format and colour range of the decoded pictures.
     pixel_aspect : Fraction or None
         Width over height of a pixel; recorded, not corrected.
     bytes : int or None
@@ -150,7 +151,7 @@ class InputFacts:
 
     @property
     def live(self) -> bool:
-        """Whether its frames come as they are taken, and end when the user says so."""
+        """Whether it is a camera or a stream, which may go on until the user stops it."""
         return self.kind in {"camera", "stream"}
 
     def as_dict(self) -> dict[str, Any]:
@@ -169,19 +170,19 @@ class DecodeFacts:
     Attributes
     ----------
     decoded : int
-        Frames that came out.
+        Number of decoded frames.
     failures : int
-        Packets that the decoder refused.
+        Number of failures, such as packets that the decoder refused.
     corrupt : int
-        Frames that the decoder itself marked as damaged.
+        Number of frames that the decoder marked as damaged.
     missing : int
-        Frames declared that never came, where this can be told.
+        Number of declared frames that never came, as far as it is known.
     messages : list of str
-        The first few reasons.
+        The reasons of the first few faults.
     threads : int
-        Threads of the decoder.
+        Number of decoder threads.
     own_process : bool
-        Whether a process of its own decoded.
+        Whether a separate process decoded.
     """
 
     decoded: int = 0
@@ -194,16 +195,16 @@ class DecodeFacts:
 
     @property
     def complete(self) -> bool:
-        """Whether every frame that was declared and asked for came out undamaged."""
+        """Whether all frames that were declared and asked for were decoded undamaged."""
         return self.failures == self.corrupt == self.missing == 0
 
     def failed(self, reason: object) -> None:
-        """Count a failure, and keep its reason if it is one of the first."""
+        """Count a failure, and keep its reason as `note` does."""
         self.failures += 1
         self.note(str(reason))
 
     def note(self, message: str) -> None:
-        """Keep a message of one line if it is one of the first."""
+        """Keep a message of one line, unless five or the same message are kept already."""
         if len(self.messages) < 5 and message not in self.messages:
             self.messages.append(message)
 
@@ -211,15 +212,16 @@ class DecodeFacts:
 class FrameTimes:
     """The presentation times of the frames of one input, in the order of the frames.
 
-    A time that does not lie after that of the frame before is replaced: the frame comes one usual
-    step later, which is the median of the latest steps. Where the clock goes on from such a time,
-    as after a camera's clock was set back, or after one time far ahead, the later times are
-    shifted to go on from there. A shift of less than a second is then taken back little by little.
+    If a frame's time is not later than that of the frame before, the frame is put one usual step
+    after the frame before. The usual step is the median of the latest steps. The clock may go on
+    from such an earlier time, for example if a camera's clock was set back, or after a single time
+    far ahead. Then all later times are shifted by the same amount. A shift of less than a second is
+    taken back in small steps.
 
     Parameters
     ----------
     rate : float or Fraction, optional
-        Frames per second as the input declares them.
+        Frames per second that the input declares.
 
     Source: ``docs/time.md``.
     """
@@ -239,8 +241,8 @@ class FrameTimes:
     def step(self, time_s: float) -> float:
         """Take the time of the next frame in seconds, as the input gives it.
 
-        Return the time that counts, always after that of the frame before; `time_s` itself where
-        the times are right.
+        Returns the corrected time, which is always later than that of the frame before. It is
+        `time_s` itself if all times are right.
         """
         before_s, now_s = self._now_s, time_s + self._shift_s
         if self._first_s is None:
@@ -259,7 +261,7 @@ class FrameTimes:
             self._first_wrong = self._first_wrong if self._wrong else self._frames
             self._wrong += 1
             now_s = before_s + (median(self._latest) if self._latest else self._declared_step_s)
-            if time_s > self._given_s:  # the clock goes on
+            if time_s > self._given_s:  # the clock goes on from the earlier time
                 self._shift_s = now_s - time_s
         self._now_s, self._given_s = now_s, time_s
         self._frames += 1
@@ -267,7 +269,7 @@ class FrameTimes:
 
     @property
     def wrong(self) -> int:
-        """How many times have been replaced so far."""
+        """Number of times that have been replaced so far."""
         return self._wrong
 
     @property
@@ -277,10 +279,10 @@ class FrameTimes:
 
     @property
     def rate(self) -> float | None:
-        """Frames per second by the usual steps of the first 1024 frames; None for one frame.
+        """Frames per second, from the usual steps among the first 1024; None for one frame.
 
-        It is their mean, as files round times. Steps are usual within half of the median, or
-        within what rounding to milliseconds adds; gaps are not.
+        It follows from the mean of these steps, as files round times. A step is usual if it differs
+        from the median by at most half of the median, or by at most the rounding to milliseconds.
         """
         if not self._steps:
             return None
@@ -327,31 +329,31 @@ def _in_digits(rate: float) -> str:
 
 
 class PictureSource(Protocol):
-    """An input of any kind, as :class:`oppload_cli.video.source.Video` uses it."""
+    """A source of pictures of any kind, as :class:`oppload_cli.video.source.Video` uses it."""
 
     facts: InputFacts
     decode: DecodeFacts
-    stopping: bool  # set by another thread: end as soon as possible
+    stopping: bool  # another thread sets it: then the pictures end as soon as possible
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the pictures in order, once; errors that end the input are raised."""
+        """Yield the pictures in order, once; an error that ends the input is raised."""
 
     def finish(self) -> None:
         """Compare the decoded frames with the declared ones, after the last picture."""
 
     def close(self) -> None:
-        """Give back files, decoders and devices; may be called twice."""
+        """Close files, decoders and devices; may be called twice."""
 
 
 _LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that wait for the next thread
-_WAITING_BYTES = 1 << 23  # of luminance that waits, above the least
+_WAITING_BYTES = 1 << 23  # most luminance that waits, unless the least number needs more
 
 
 def frames_ahead(facts: InputFacts, working: WorkingSize, *, colour: bool = False) -> int:
     """Return how many frames may wait between two threads.
 
-    A long queue evens out that frames differ in cost; but it takes memory, most of all where the
-    frames carry their picture in colour, and each frame of a live input that waits is late.
+    A long queue helps because some frames take longer than others. But it takes memory, most of all
+    with colour pictures, and it delays the frames of a live input.
     """
     if facts.live or colour:
         return _LEAST_AHEAD
@@ -359,20 +361,20 @@ def frames_ahead(facts: InputFacts, working: WorkingSize, *, colour: bool = Fals
     return max(_LEAST_AHEAD, min(_MOST_AHEAD, fit))
 
 
-# The detectors need about 100 bytes for each. Pixels that are made by enlarging a small
-# input show nothing more: its few bytes are no reason to take that much memory.
-_LEAST_SIDE = 13  # px; OppLoD and D-LGMD do not respond to a disk on fewer
+_LEAST_SIDE = 13  # px; in smaller frames OppLoD and D-LGMD do not respond to a disk
+# Most pixels of a working frame, and of one that is enlarged. The detectors need about 100 bytes
+# per pixel, and an enlarged frame shows no more detail: it is not worth much memory.
 _MOST_WORKING_PIXELS, _MOST_ENLARGED = 1 << 25, 1 << 22
-_USUAL_ENLARGING = 2.5  # as preset paper, at 600 px, enlarges a video of 240 px
+_USUAL_ENLARGING = 2.5  # preset paper, at 600 px, enlarges a video of 240 px by this factor
 
 
 class WorkingSize(NamedTuple):
-    """The size at which the detectors see an input.
+    """The size of the frames that the detectors get.
 
     Attributes
     ----------
     width, height : int
-        In working pixels.
+        Size of the frames.
     scale_x, scale_y : float
         Source pixels per working pixel.
     """
@@ -386,9 +388,10 @@ class WorkingSize(NamedTuple):
     def of(cls, facts: InputFacts, height: int | None) -> WorkingSize:
         """Return the working size of an input.
 
-        The working height, in pixels, is the width of a picture that is higher than wide, so that a
-        camera turned by 90 degrees gives the same answers; None keeps the native size. Raises
-        ParameterError if it is no integer of at least 1, or the frame would be too large.
+        `height` is the working height in pixels; None keeps the native size. If the picture is
+        higher than wide, `height` is its width, so that a camera turned by 90 degrees gives the
+        same answers. Raises ParameterError if `height` is not an integer of at least 1, or if the
+        frame would be too large.
         """
         if height is not None and not is_integer(height, 1):
             raise ParameterError(
@@ -416,7 +419,7 @@ class WorkingSize(NamedTuple):
         return self.height, self.width
 
     def remarks(self) -> list[str]:
-        """Return a remark, a sentence, on frames that are too small, or are much enlarged."""
+        """Return a sentence if frames are too small, or are enlarged much."""
         size, larger = f"{self.width} x {self.height} px", 1 / min(self.scale_x, self.scale_y)
         if min(self.width, self.height) < _LEAST_SIDE:
             return [
@@ -431,23 +434,23 @@ class WorkingSize(NamedTuple):
         ]
 
     def coded(self, rotation: int) -> tuple[int, int]:
-        """Return width and height before a turn by so many degrees."""
+        """Return width and height before the picture is turned by `rotation` degrees."""
         sideways = rotation in (90, 270)
         return (self.height, self.width) if sideways else (self.width, self.height)
 
 
 def is_integer(value: Any, least: int) -> bool:
-    """Tell whether a value is an integer, also one of NumPy, of at least `least`."""
+    """Return whether a value is an integer (also of NumPy) of at least `least`."""
     return isinstance(value, Integral) and int(value) >= least
 
 
 MAX_PIXELS = "OPPLOAD_MAX_PIXELS"  # an environment variable
 DEFAULT_MAX_PIXELS = 1 << 26  # 8192 x 8192; a decoder keeps up to about 20 pictures
-USUAL_BITS = 12  # of a pixel of most videos; of more bits, fewer pixels are allowed
+USUAL_BITS = 12  # per pixel in most videos; if a pixel has more bits, fewer pixels are allowed
 
 
 def max_pixels() -> int:
-    """Return how many pixels a picture may have: ``OPPLOAD_MAX_PIXELS``, or 2^26.
+    """Return the largest number of pixels of a picture: ``OPPLOAD_MAX_PIXELS``, or else 2^26.
 
     Raises ParameterError if the variable is not an integer from 1 to 2^31 - 1.
     """
@@ -460,18 +463,19 @@ def max_pixels() -> int:
 
 
 def too_large(width: int, height: int, bits: int = USUAL_BITS) -> bool:
-    """Tell whether a picture exceeds :func:`max_pixels`, or the memory of so many usual pixels.
+    """Return whether a picture has too many pixels, or needs the memory of too many usual pixels.
 
-    `bits` is the memory that a pixel takes: 12 in 8-bit video with a quarter of the colour.
+    `bits` is the memory per pixel: 12 in video of 8 bits with a quarter of the colour samples. The
+    limit is :func:`max_pixels`.
     """
     return width * height * max(bits, USUAL_BITS) > max_pixels() * USUAL_BITS
 
 
 def check_pixels(name: str, width: int, height: int, bits: int = USUAL_BITS) -> None:
-    """Refuse a picture that is :func:`too_large`, before memory is taken for it.
+    """Raise SourceError, with the file's `name`, for a picture that is :func:`too_large`.
 
-    A file of a few bytes may declare a picture that fills the memory. Raises SourceError, with the
-    `name` of the file.
+    The check comes before memory is allocated: a file of a few bytes may declare a picture that
+    fills the memory.
     """
     if too_large(width, height, bits):
         deep = f" of {bits} bits" if bits > USUAL_BITS else ""

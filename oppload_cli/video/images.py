@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
 
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
-# Bytes that an image file may have: for each of its pixels, and in addition to them.
+# Most bytes of an image file: so many per pixel, and so many in addition.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
-_GAP = 1.5  # usual steps from a number to the next one, where one is missing between
-_DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # modes of Pillow: 16 bits, 8 are kept
+_GAP = 1.5  # least step between two numbers, in usual steps, at which images are missing
+_DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # modes of Pillow with 16 bits; 8 are kept
 
 
 class ImageSource:
@@ -52,12 +52,12 @@ class ImageSource:
     name : str
         A folder, or a pattern such as ``frames_%04d.png``.
     frame_rate : Fraction or None
-        Frames per second: images carry no times. None assumes 30.
+        Frames per second, as images have no times. None assumes 30.
 
     Raises
     ------
     SourceError
-        If no image exists, or none can be read.
+        If there is no image, or no image can be read.
     """
 
     def __init__(self, name: str, frame_rate: Fraction | None) -> None:
@@ -80,7 +80,7 @@ class ImageSource:
         )
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the images that can be read; the others keep their times and count as failures."""
+        """Yield the images that can be read; the others leave gaps and count as failures."""
         size = (self.facts.height, self.facts.width)
         gap = _gap(self._paths)
         if gap:
@@ -98,7 +98,7 @@ class ImageSource:
             yield Picture(index, float(index / self._rate), _grey(colour), original=colour)
 
     def finish(self) -> None:
-        """Do nothing: every missing image has been counted as a failure."""
+        """Do nothing: each image that could not be read has been counted already."""
 
     def close(self) -> None:
         """Do nothing: no file stays open."""
@@ -107,7 +107,7 @@ class ImageSource:
         for path in self._paths:
             colour = self._image(path)
             if colour is not None:
-                self.decode = DecodeFacts()  # the images are read, and counted, once more
+                self.decode = DecodeFacts()  # `pictures` reads and counts these images again
                 return colour
         raise SourceError(
             f"{self._paths[0]}: none of these images can be read ({self.decode.messages[0]}); "
@@ -115,7 +115,7 @@ class ImageSource:
         )
 
     def _image(self, path: Path) -> Colour | None:
-        """Return an image, or None, counted as a failure, if it cannot be read."""
+        """Return an image; if it cannot be read, count a failure and return None."""
         try:
             with _opened(path) as image:
                 alone = image.format == "JPEG" or not getattr(image, "is_animated", False)
@@ -152,7 +152,7 @@ def _image_paths(name: str) -> list[Path]:
             for path in folder.iterdir()
             if path.suffix.lower() in IMAGE_SUFFIXES
             and accepted.fullmatch(path.name)
-            # Some systems put a hidden file beside each image, which has its suffix.
+            # Some systems put a hidden file with the same suffix beside each image.
             and (hidden or not path.name.startswith("."))
         ]
     except (FileNotFoundError, NotADirectoryError) as error:
@@ -165,13 +165,13 @@ def _image_paths(name: str) -> list[Path]:
 
 
 def _gap(paths: Sequence[Path]) -> str:
-    """Return a sentence on numbers that are left out of a sequence; empty where none is."""
+    """Return a sentence if numbers are missing in a sequence of images, else an empty text."""
     parts = [re.fullmatch(r"(.*?)([0-9]+)", path.stem, re.DOTALL) for path in paths]
     named = [(part[1], int(part[2])) for part in parts if part]
     if len(paths) < 3 or len(named) < len(paths) or len({before for before, _ in named}) > 1:
         return ""
     steps = [after - before for (_, before), (_, after) in pairwise(named)]
-    # 1, 2 where every second frame was kept, or about the frame's duration of a clock
+    # The usual step may be 1; 2 if every second frame was kept; or a duration if names hold times.
     usual = statistics.median_low([step for step in steps if step] or [1])
     wide = [at for at, step in enumerate(steps) if step >= _GAP * usual]
     if not wide:
@@ -185,8 +185,7 @@ def _gap(paths: Sequence[Path]) -> str:
 
 def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Return a key that sorts ``f2`` before ``f10``."""
-    parts = re.split(r"([0-9]+)", path.name)
-    # Every second part is a number.
+    parts = re.split(r"([0-9]+)", path.name)  # every second part is a number
     order = [(int(part), "") if odd % 2 else (-1, part) for odd, part in enumerate(parts)]
     return order, path.name
 
@@ -197,14 +196,14 @@ def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32
     Returns
     -------
     luminance : ndarray of float32, shape (h, w)
-        0 to 1, by the Rec. 601 weights.
+        0 to 1, with the weights of Rec. 601.
     opacity : ndarray of float32, shape (h, w), or None
         0 to 1; None for an image without transparency.
 
     Raises
     ------
     SourceError
-        If it is no image, is damaged, or is too large.
+        If the file is not an image, or is damaged or too large.
     """
     with _opened(Path(name)) as image:
         colour, opacity = _colour(image), _opacity(image)
@@ -213,7 +212,7 @@ def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32
 
 
 def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
-    """Return the transparency of an image that has been turned upright; None without any."""
+    """Return the opacity of an image that was already turned upright; None if it has none."""
     if not ("A" in image.getbands() or "transparency" in image.info):
         return None
     return np.asarray(image.convert("RGBA").getchannel("A"), np.uint8)
@@ -221,12 +220,12 @@ def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
-    """Open an image; raise SourceError if it is none, is damaged, or is too large.
+    """Open an image; raise SourceError if the file is not an image, or is damaged or too large.
 
-    The library that decodes is the one that tells the size, and it reads no more of the
-    file than it needs: neither a small file nor a large one can fill the memory.
+    Pillow gives the size before it decodes, and reads only as much of the file as it needs. So
+    neither a small file with a large image nor a large file can fill the memory.
     """
-    most_pixels = max_pixels()  # a wrong setting is no fault of the file
+    most_pixels = max_pixels()  # outside `try`: a wrong setting is no fault of the file
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -254,7 +253,7 @@ def _check_bytes(path: Path, size: int, pixels: int) -> None:
 
 @contextmanager
 def _pillow_alone() -> Iterator[None]:
-    """Lift Pillow's own limit, which is lower than ours can be set, and keep its warnings in."""
+    """Lift Pillow's own limit of pixels, which may be below oppload's, and hide its warnings."""
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with warnings.catch_warnings():
@@ -265,12 +264,12 @@ def _pillow_alone() -> Iterator[None]:
 
 
 def _colour(image: Image.Image) -> Colour:
-    """Decode an image; transparency is left out, of 16 bits 8 are kept."""
+    """Decode an image without its transparency; images of 16 bits are reduced to 8."""
     if image.mode == "F" or (image.mode == "I" and image.format == "TIFF"):
         raise SourceError("its samples have 32 bits; convert it to 8 or 16")
     deep = image.mode in _DEEP_GREY
     image.load()
-    with suppress(Exception):  # damage here does not concern the pixels
+    with suppress(Exception):  # damaged EXIF data do not affect the pixels
         ImageOps.exif_transpose(image, in_place=True)
     if deep:
         grey = np.asarray(np.asarray(image).astype(np.uint16) >> 8, np.uint8)
@@ -282,14 +281,14 @@ def _colour(image: Image.Image) -> Colour:
 def _bytes(path: Path) -> int:
     try:
         return path.stat().st_size
-    except OSError:  # it has vanished, or is a link to nothing: reading it gives the error
+    except OSError:  # the file no longer exists, or is a broken link: reading gives the error
         return 0
 
 
 class CameraSource:
-    """A camera of this computer, ``camera:0``, until it is closed or fails.
+    """A camera of this computer, such as ``camera:0``; it gives pictures until closed.
 
-    Raises SourceError if the name has no number, or the camera gives no picture.
+    Raises SourceError if the name has no number, or if the camera gives no picture.
     """
 
     def __init__(self, name: str) -> None:
@@ -319,7 +318,7 @@ class CameraSource:
         self._first = first
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield pictures as they come; the time is that of their arrival."""
+        """Yield pictures as they come; their times are those of their arrival."""
         start = time.monotonic()
         colour: Colour | None = self._first
         while colour is not None and not self.stopping:
@@ -330,7 +329,7 @@ class CameraSource:
             colour = self._picture()
 
     def finish(self) -> None:
-        """Count a failure: a camera that stops by itself has failed."""
+        """Count a failure, as the camera stopped by itself."""
         self.decode.failed("the camera stopped")
 
     def close(self) -> None:
@@ -343,5 +342,5 @@ class CameraSource:
 
 
 def _grey(colour: Colour) -> NDArray[np.uint8]:
-    """Return the luma by the Rec. 601 weights."""
+    """Return the luma, with the weights of Rec. 601."""
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

@@ -1,4 +1,4 @@
-"""From names on the command line to single inputs, their parts and the stems of their results.
+"""Inputs that names on the command line stand for, and the names of their results.
 
 The part of an input that is analysed follows from ``--start``, ``--end`` and ``--duration``.
 """
@@ -33,23 +33,23 @@ _VIDEO_SUFFIXES = {
 }
 IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
 
-NUMBER = re.compile(r"%0?([0-9]{0,3})d")  # in a pattern of images
-# Ends of the names of results: in a folder these are no inputs.
+NUMBER = re.compile(r"%0?([0-9]{0,3})d")  # the number in a pattern of image names
+# Files in a folder whose names end so are results, not inputs.
 ANNOTATED, REPORTED = ".annotated.mp4", ".report.mp4"
 GROUND_TRUTH = ".stimulus.json"  # end of the name of the file beside a stimulus's video
 _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
 _CLOCK = re.compile(r"(?:([0-9]{1,9}):)?([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]{1,99})?)")
-_LONGEST_STEM = 200  # bytes; a name may have 255 in all
-_SHOWN = 3  # names in a sentence
+_LONGEST_STEM = 200  # bytes; a complete file name may have 255
+_SHOWN = 3  # most names in a sentence
 
 
 class _Found(NamedTuple):
-    """A single input, or a name that stands for none."""
+    """A single input, or a name that stands for no input."""
 
     name: str
     error: SourceError | None = None  # why the name stands for no input
-    # Folder of its results, within that of all results: the place of the input under the folder or
-    # the pattern that the user named.
+    # Folder for its results within the folder of all results. It is the folder of the input below
+    # the folder, or the pattern, that the user named.
     folder: str = ""
 
 
@@ -62,9 +62,9 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
         A file, a folder, a pattern of the shell (``clips/*.mp4``, with ``**`` for
         folders of any depth), a pattern of images, ``camera:0``, or an address.
     recursive : bool
-        Whether folders are searched to any depth, for videos and for folders of
-        numbered images, but for hidden folders and links to folders. A folder that
-        cannot be read does not hide the others.
+        Whether to search folders to any depth for videos and for folders of numbered images.
+        Hidden folders and links to folders are left out. If a folder cannot be read, the others
+        are still searched.
     """
     if not name:
         yield _no_input("", "'': an empty name is no input; give a file or a folder")
@@ -94,7 +94,7 @@ def _no_input(name: str, message: str) -> _Found:
 
 
 def _may_wait(name: str) -> bool:
-    """Tell whether a name is that of neither a file nor a folder: reading it may never end."""
+    """Return whether a name is a pipe or a device, whose reading may never end."""
     try:
         kind = Path(name).stat().st_mode
     except OSError:
@@ -105,11 +105,11 @@ def _may_wait(name: str) -> bool:
 def _matches(name: str) -> list[str]:
     if not glob.has_magic(name) or "://" in name or os.path.lexists(name):
         return [name]
-    return sorted(glob.glob(name, recursive=True))  # noqa: PTH207 - absolute ones too
+    return sorted(glob.glob(name, recursive=True))  # noqa: PTH207 - absolute patterns too
 
 
 def _under(pattern: str, match: str) -> str:
-    """Return the folder of a match under the part of the pattern that has no wildcard."""
+    """Return the folder of a match below that part of the pattern that has no wildcard."""
     parts = Path(pattern).parts
     fixed = next((at for at, part in enumerate(parts) if glob.has_magic(part)), len(parts) - 1)
     folders = Path(match).parts[fixed:-1]
@@ -117,14 +117,14 @@ def _under(pattern: str, match: str) -> str:
 
 
 def _below(root: str) -> Iterator[_Found]:
-    """Yield the inputs in a folder and in the folders below."""
+    """Yield the inputs in a folder and in all folders below it."""
     refused: list[OSError] = []
     empty = True
     for folder, within, files in os.walk(root, onerror=refused.append):
         within[:] = sorted(each for each in within if not each.startswith("."))
         names, numbered = _inputs_of(files)
         paths = [os.path.join(folder, each) for each in names]  # noqa: PTH118
-        videos = list(filter(is_file, paths))  # a pipe would make the batch wait
+        videos = list(filter(is_file, paths))  # without pipes, for which the batch would wait
         if videos:
             place = os.path.relpath(folder, root)
             yield from (_Found(each, folder=place) for each in videos)
@@ -140,10 +140,10 @@ def _below(root: str) -> Iterator[_Found]:
 
 
 def left_out(name: str) -> Iterator[str]:
-    """Yield a sentence on each kind of things in a folder that `found_inputs` passes over.
+    """Yield sentences on inputs in a folder that `found_inputs` leaves out.
 
-    These are folders that hold inputs, which a search to any depth finds, and images beside
-    videos but for figures, whose names begin with that of a video.
+    These are folders with inputs, which only a recursive search finds, and images beside videos.
+    Images whose names begin with the name of a video are taken for its figures.
     """
     try:
         entries = sorted(each for each in Path(name).iterdir() if not each.name.startswith("."))
@@ -165,32 +165,32 @@ def left_out(name: str) -> Iterator[str]:
 
 
 def _listed(names: list[str], kind: str) -> str:
-    """Return how many things there are, the first few names, and the verb."""
+    """Return the number of things, the first few names, and "is" or "are"."""
     count = len(names)
     shown = ", ".join(names[:_SHOWN]) + ", ..." * (count > _SHOWN)
     return f"{count} {kind}{'s' * (count > 1)} ({shown}) {'are' if count > 1 else 'is'}"
 
 
 def _inputs_of(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return the videos and the images of a sequence among the names of files."""
+    """Return the videos, and the images of a numbered sequence, among the names of files."""
     visible = sorted(each for each in names if not each.startswith("."))
-    # A single image among other files, such as a plot, is no sequence.
+    # A single image, such as a figure, is no sequence.
     numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
     return [each for each in visible if is_video(each)], numbered if len(numbered) > 1 else []
 
 
 def is_video(name: str) -> bool:
-    """Tell by its name whether a file is a video, and not one that oppload has annotated."""
+    """Return whether a file is a video by its name, and not a result of oppload."""
     return _suffix(name) in _VIDEO_SUFFIXES and not name.endswith((ANNOTATED, REPORTED))
 
 
 def is_camera(name: str) -> bool:
-    """Tell whether a name is that of a camera; a file of such a name is written ./camera:0."""
+    """Return whether a name means a camera; a file with such a name is written ./camera:0."""
     return name.startswith("camera:")
 
 
 def is_image_file(name: str) -> bool:
-    """Tell whether a name is that of a single image; any text is allowed."""
+    """Return whether a text is the name of a single image file."""
     return _suffix(name) in IMAGE_SUFFIXES and is_file(name)
 
 
@@ -199,15 +199,15 @@ def _suffix(name: str) -> str:
 
 
 def _single_inputs(name: str) -> list[str]:
-    """Return the videos of a folder, in the order of their names; else the name alone.
+    """Return the videos of a folder, sorted by name; for any other name, the name itself.
 
-    Raises SourceError if a folder holds neither videos nor images, or cannot be listed.
+    Raises SourceError if a folder has neither videos nor images, or cannot be listed.
     """
     path = Path(name)
     try:
         if not path.is_dir():
             return [name]
-        # Some systems put a hidden file beside each video, which has its suffix.
+        # Some systems put a hidden file with the same suffix beside each video.
         files = sorted(e for e in path.iterdir() if not e.name.startswith(".") and e.is_file())
     except OSError as error:
         raise cannot_read(name, error) from error
@@ -220,10 +220,9 @@ def _single_inputs(name: str) -> list[str]:
 def result_stem(name: str, folder: str = "") -> str:
     """Return the beginning of the names of an input's results.
 
-    It depends on nothing but the input and how the user named it (`folder`, as in
-    :class:`_Found`), so that it stays the same whatever other inputs join. Folders in it are
-    separated by ``/``. A hash of the path is added to a name that is too long, or no plain file
-    name on every system.
+    It depends only on the input and on how the user named it (`folder`, as in :class:`_Found`), so
+    that it does not change if other inputs are added. Folders in it are separated by ``/``. If the
+    name is too long, or is not a valid file name on every system, a hash of the path is added.
     """
     stem = _stem(name)
     if len(os.fsencode(stem)) > _LONGEST_STEM or fault_of_stem(stem):
@@ -233,14 +232,17 @@ def result_stem(name: str, folder: str = "") -> str:
 
 
 def other_stems(name: str, stem: str) -> tuple[str, str]:
-    """Return stems for an input whose own `stem` is another input's; the second is unique."""
+    """Return two other stems for an input whose `stem` another input has too.
+
+    The second one is unique.
+    """
     suffix = "" if "://" in name or is_folder(name) else PurePath(name).suffix
     folder, _, last = stem.rpartition("/")
     return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
 
 
 def each_once(names: Iterable[str]) -> list[str]:
-    """Return single inputs without those that are named twice, also in two spellings.
+    """Return single inputs without duplicates, even if one is named in two spellings.
 
     A link and its target are two inputs if their names differ.
     """
@@ -252,7 +254,8 @@ def _with_hash(stem: str, name: str) -> str:
     plain = re.sub(r"[\x00-\x1f\x7f-\x9f/\\]|(?<=^[A-Za-z]):", "-", stem)
     short = os.fsencode(plain)[:_LONGEST_STEM].decode("utf-8", "ignore")
     hashed = f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
-    return f"input-{hashed}" if fault_of_stem(hashed) else hashed  # CON.1-12345678 is a device
+    # On Windows even CON.1-12345678 is the name of a device.
+    return f"input-{hashed}" if fault_of_stem(hashed) else hashed
 
 
 def _bytes(name: str) -> bytes:
@@ -277,13 +280,13 @@ def _is_time(value: Any) -> bool:
 
 @dataclass(frozen=True)
 class Position:
-    """A position in an input: a frame ordinal or a presentation time, never both.
+    """A position in an input: the number of a frame, or a presentation time.
 
     Raises
     ------
     ParameterError
-        If both or neither are given, the frame is no integer, or the time is no finite number, or
-        one of them is below 0.
+        If both or neither are given, or if the frame is not an integer of at least 0, or the time
+        is not a finite number of at least 0.
 
     Examples
     --------
@@ -309,13 +312,13 @@ class Position:
             )
 
     def reached(self, frame: int, seconds: float) -> bool:
-        """Tell whether a frame, given by its ordinal and time, lies at or after this position."""
+        """Return whether a frame, given by its number and time, is at or after this position."""
         if self.frame is not None:
             return frame >= self.frame
         return self.seconds is not None and seconds >= self.seconds - 1e-9
 
     def after(self, frame: int, seconds: float) -> Position:
-        """Return the position that lies this far after a frame."""
+        """Return the position that comes this many frames or seconds after a given frame."""
         if self.frame is not None:
             return Position(frame=frame + self.frame)
         return Position(seconds=seconds + (self.seconds or 0.0))
@@ -323,7 +326,7 @@ class Position:
 
 @dataclass(frozen=True)
 class Span:
-    """The part of an input from `start` to before `end`, or for `duration`.
+    """The part of an input that begins at `start` and ends before `end`, or after `duration`.
 
     Raises
     ------
@@ -354,13 +357,13 @@ class Span:
     def within(self, source: PictureSource) -> Iterator[Picture]:
         """Yield the pictures in this part; those before it are decoded and dropped.
 
-        Positions are compared with the times that count, of :class:`FrameTimes`. Pictures after a
-        start get them too, so that they agree with those of the complete input.
+        Positions are compared with the corrected times of :class:`FrameTimes`. If there is a start,
+        the pictures also get these times, so that they agree with those of the complete input.
 
         Parameters
         ----------
         source : PictureSource
-            Its `finish` is called if this part reaches its end.
+            The source; its `finish` is called if this part reaches the end of the input.
         """
         times = FrameTimes(source.facts.frame_rate)
         started, end = self.start is None, self.end
@@ -376,7 +379,7 @@ class Span:
                     continue
                 started = True
             elif times.wrong > wrong_before:
-                time_s = right_s  # not later, so that the caller replaces and counts it too
+                time_s = right_s  # not later than before, so that the caller corrects it and counts
             if end is None and self.duration is not None:
                 end = self.duration.after(*position)
             if end is not None and end.reached(*position):
@@ -387,7 +390,7 @@ class Span:
 
 
 def parse_position(text: str) -> Position:
-    """Read a position: bare numbers are seconds, ``f300`` a frame, ``00:01:02.5`` a clock.
+    """Return the position that a text means: seconds, a frame such as ``f300``, or ``00:01:02.5``.
 
     Raises
     ------

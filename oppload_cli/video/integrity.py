@@ -1,7 +1,7 @@
-"""Faults of a file that its container shows: an end that is missing, a checksum that is wrong.
+"""Faults of a file that its container shows, such as a missing end or a wrong checksum.
 
-Demuxers pass over both in silence. Each check reads the structure of one kind of container,
-and the bytes only where a checksum covers them.
+FFmpeg's demuxers do not report them. Each check here reads the structure of one kind of container.
+It reads the content only if a checksum covers it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CUT = "the file ends too early"
 WRONG = "a checksum of the file is wrong"
 BROKEN = "the structure of the file is damaged"
 _PIECE = 1 << 20  # bytes that are read at a time
-MOST_PARTS = 2_000_000  # that are looked at: some seconds. Hours of video have fewer.
+MOST_PARTS = 2_000_000  # most parts that are read, in some seconds; hours of video have fewer
 
 
 @dataclass
@@ -35,15 +35,15 @@ class _Reading:
 
     file: IO[bytes]
     size: int  # bytes
-    read_to: int  # the byte after the last packet of the video; 0 where the demuxer does not say
-    stream: int  # identifier of the video in the container: the PID of a transport stream
+    read_to: int  # position of the byte after the last video packet; 0 if it is not known
+    stream: int  # identifier of the video in the container, such as a transport stream's PID
     _parts: int = 0
 
     def at(self, position: int, count: int) -> bytes:
-        """Return that many bytes, or fewer at the end of the file.
+        """Return `count` bytes, or fewer at the end of the file.
 
-        Raises OSError for more than `MOST_PARTS` parts: the file may have been made to be read for
-        ever.
+        Raises OSError after `MOST_PARTS` calls: someone may have made the file so that the check
+        never ends.
         """
         self._parts += 1
         if self._parts > MOST_PARTS:
@@ -53,16 +53,15 @@ class _Reading:
 
 
 def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) -> str | None:
-    """Return the first fault that the container of a file shows, as a sentence.
+    """Return the first fault that the container of a file shows, as a sentence, or None.
 
-    The answer is None also where the container, given by the name of its demuxer, has neither an
-    end that can be told nor checksums. The byte `read_to` and the `stream` are those of
-    :class:`_Reading`.
+    `container` is the name of FFmpeg's demuxer. The result is always None for containers in which
+    neither the end nor checksums can be checked. See :class:`_Reading` for `read_to` and `stream`.
     """
     check = _CHECKS.get(container)
     if check is None:
         return None
-    # A file that has vanished, or is too short for the check, is not called faulty.
+    # A file that no longer exists, or is too short for the check, counts as without fault.
     with suppress(OSError, struct.error, IndexError), Path(path).open("rb") as file:
         size = file.seek(0, os.SEEK_END)
         return check(_Reading(file, size, read_to, stream))
@@ -70,15 +69,15 @@ def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) ->
 
 
 _EBML, _SEGMENT = 0x1A45DFA3, 0x18538067
-_CHECKSUM = b"\xbf\x84"  # of EBML: the first element of one that has a checksum
+_CHECKSUM = b"\xbf\x84"  # an EBML element with a checksum begins with these bytes
 
 
 def _matroska(reading: _Reading) -> str | None:
-    """Walk over the elements of the segment; an element of unknown length is entered."""
+    """Go through the elements of the segment, and into elements of unknown length."""
     position = 0
     while position < reading.size:
         head = reading.at(position, 12)
-        if not head[0]:  # an identifier has at most four bytes; zeros fill the end
+        if not head[0]:  # no identifier begins with 0; a file may end with zeros
             return BROKEN if any(reading.at(position, _PIECE)) else None
         name_length = 9 - head[0].bit_length()
         if name_length > 4 or len(head) < name_length + 1 or not head[name_length]:
@@ -112,7 +111,7 @@ def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
 
 
 def _boxes(reading: _Reading) -> str | None:
-    """Walk over the boxes of MP4 and MOV; the data of a fragment follow its index."""
+    """Go through the boxes of MP4 and MOV; after a fragment's index its data must follow."""
     position, kind = 0, b""
     while position + 8 <= reading.size:
         head = reading.at(position, 16)
@@ -120,13 +119,13 @@ def _boxes(reading: _Reading) -> str | None:
         if length == 1:
             length = int.from_bytes(head[8:16])
         if length == 0 or not kind.isalnum():
-            return None  # to the end of the file, or no box
+            return None  # the box reaches to the end of the file, or it is no box
         position += max(length, 8)
     return CUT if position > reading.size or kind == b"moof" else None
 
 
 def _gif(reading: _Reading) -> str | None:
-    """Walk over the blocks to the mark of the end."""
+    """Go through the blocks up to the mark of the end."""
     head = reading.at(0, 13)
     position = 13 + _colours(head[10])
     while block := reading.at(position, 10):
@@ -146,12 +145,12 @@ def _gif(reading: _Reading) -> str | None:
 
 
 def _colours(flags: int) -> int:
-    """Return the size of a table of colours."""
+    """Return the size in bytes of a colour table."""
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
 
 def _after_the_parts(reading: _Reading, position: int) -> int:
-    """Return the position after the parts of a block, each of which begins with its length."""
+    """Return the position after the parts of a block; each part begins with its length."""
     while length := reading.at(position, 1):
         position += 1 + length[0]
         if not length[0]:
@@ -160,7 +159,7 @@ def _after_the_parts(reading: _Reading, position: int) -> int:
 
 
 def _flv(reading: _Reading) -> str | None:
-    """Look for the last tag: its size follows it."""
+    """Check the last tag, whose size must be repeated at the end of the file."""
     (tag,) = struct.unpack(">I", reading.at(reading.size - 4, 4))
     if not 11 <= tag <= reading.size - 4:
         return CUT
@@ -180,11 +179,11 @@ def _end(reading: _Reading) -> bytes:
 
 
 def _y4m(reading: _Reading) -> str | None:
-    """Expect nothing after the last frame: the demuxer leaves out one that is cut."""
+    """Check that nothing follows the last frame; the demuxer leaves out a frame that is cut."""
     return CUT if 0 < reading.read_to < reading.size else None
 
 
-_IVF_HEAD = 12  # bytes before each frame, which the demuxer does not count
+_IVF_HEAD = 12  # bytes of the head of each frame, which are not part of a packet
 
 
 def _ivf(reading: _Reading) -> str | None:
@@ -192,7 +191,7 @@ def _ivf(reading: _Reading) -> str | None:
 
 
 def _nut(reading: _Reading) -> str | None:
-    """Expect the index, or nothing, after the last packet."""
+    """Check that the index, or nothing, follows the last packet."""
     rest = reading.at(reading.read_to, 8)
     return None if not rest or not reading.read_to or rest.startswith(b"N") else CUT
 
@@ -201,7 +200,7 @@ _LAST_PAGE = 4
 
 
 def _ogg(reading: _Reading) -> str | None:
-    """Walk over the pages: the last one of a stream says so."""
+    """Go through the pages; the last page of a stream must have the flag of the end."""
     position, flags = 0, 0
     while head := reading.at(position, 27):
         if not head.startswith(b"OggS"):
@@ -212,15 +211,15 @@ def _ogg(reading: _Reading) -> str | None:
     return None if position == reading.size and flags & _LAST_PAGE else CUT
 
 
-_DELIMITER = 2  # the kind of the unit before each picture
+_DELIMITER = 2  # type of the unit (OBU) before each picture
 
 
 def _av1(reading: _Reading) -> str | None:
-    """Walk over the units of AV1, each of which has a length."""
+    """Go through the units (OBUs) of AV1, each of which has a length."""
     position = kind = 0
     while head := reading.at(position, 10):
         if head[0] & 0x83 not in {0x02}:
-            return None  # of the kind without lengths, or with reserved bits
+            return None  # units without lengths, or with reserved bits, cannot be checked
         start = 2 if head[0] & 4 else 1
         length = shift = 0
         for byte in head[start:]:
@@ -237,7 +236,7 @@ def _av1(reading: _Reading) -> str | None:
 
 
 def _mxf(reading: _Reading) -> str | None:
-    """Look for the last partition, whose place the first one tells."""
+    """Check that the last partition, whose position the first one states, is in the file."""
     head = reading.at(0, 64)
     length = 1 if head[16] < 128 else 1 + (head[16] & 127)
     (last,) = struct.unpack_from(">Q", head, 16 + length + 24)
@@ -248,7 +247,7 @@ _ASF_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 
 
 def _asf(reading: _Reading) -> str | None:
-    """Compare with the size that the head declares; a broadcast declares none."""
+    """Compare the size of the file with the size in its head; a broadcast states none."""
     head = reading.at(0, _PIECE)
     place = head.find(_ASF_PROPERTIES)
     if place < 0:
@@ -257,16 +256,17 @@ def _asf(reading: _Reading) -> str | None:
     return CUT if declared > reading.size else None
 
 
-_TS_PACKETS = {188: 0, 204: 0, 192: 4}  # plain, with error correction, with time codes: the mark
+# Position of the mark in packets by their size: plain, with error correction, with time codes.
+_TS_PACKETS = {188: 0, 204: 0, 192: 4}
 _TS_MARK, _TS_BYTES, _PIECE_PACKETS = 0x47, 188, 8192
 _ADAPTED, _PAYLOAD, _BEGINS, _FAULTY = 0x20, 0x10, 0x40, 0x80  # flags of a packet
-# Flags of its adaptation field: a jump of the count that is meant, and a key frame. Parts of a
-# broadcast that were put together begin with one.
+# Flags of its adaptation field: an intended jump of the packet count, and a key frame. If parts of
+# broadcasts are joined, each part begins with a key frame, at which the count may jump.
 _NEW_COUNT = 0xC0
 
 
 def _transport_stream(reading: _Reading) -> str | None:
-    """Look at the packets: the mark of each, and the heads and the count of the video's."""
+    """Check the mark of each packet, and the heads and the count of the video's packets."""
     layout = _layout(reading)
     if layout is None:
         return None
@@ -291,7 +291,7 @@ def _transport_stream(reading: _Reading) -> str | None:
 
 
 def _without_prefix(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool:
-    """Tell whether a picture begins without the three bytes with which it has to."""
+    """Return whether a picture lacks the three bytes with which each picture must begin."""
     first = np.where(head[:, 3] & _ADAPTED, 5 + head[:, 4], 4)
     begins = np.flatnonzero(((head[:, 1] & _BEGINS) != 0) & (first <= _TS_BYTES - 3))
     prefix = packets[begins[:, None], first[begins, None] + np.arange(3)]
@@ -299,7 +299,7 @@ def _without_prefix(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool
 
 
 def _packets_missing(head: NDArray[np.int64], last: int | None) -> bool:
-    """Tell whether the count of packets jumps; one may be sent twice."""
+    """Return whether the packet count jumps; a packet may be sent twice."""
     count = head[:, 3] & 15
     steps = np.diff(count, prepend=count[0] - 1 if last is None else last) % 16
     meant = ((head[:, 3] & _ADAPTED) != 0) & (head[:, 4] > 0) & ((head[:, 5] & _NEW_COUNT) != 0)
@@ -307,7 +307,7 @@ def _packets_missing(head: NDArray[np.int64], last: int | None) -> bool:
 
 
 def _layout(reading: _Reading) -> tuple[int, int, int] | None:
-    """Return where the first packet begins, its mark within it, and the distance to the next."""
+    """Return the start of the first packet, the mark's position in it, and the packet size."""
     head = reading.at(0, 5 * max(_TS_PACKETS))
     for step, mark in _TS_PACKETS.items():
         for start in range(step):
@@ -318,7 +318,7 @@ def _layout(reading: _Reading) -> tuple[int, int, int] | None:
 
 
 def _pieces(reading: _Reading, start: int, mark: int, step: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield packets as rows of bytes, from their marks on."""
+    """Yield packets as rows of bytes that begin with the mark."""
     reading.file.seek(start)
     while piece := reading.file.read(step * _PIECE_PACKETS):
         rows = np.frombuffer(piece, np.uint8, len(piece) // step * step).reshape(-1, step)

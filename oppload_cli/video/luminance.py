@@ -1,4 +1,4 @@
-"""From a plane of luma to luminance at the working size."""
+"""Converts luma as it is coded to luminance at the working size."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTA
 
 
 class Luminance:
-    """Brings pictures to luminance at the working size.
+    """Converts pictures to luminance at the working size.
 
-    The plane is resized as it is coded (area averaging), then mirrored and turned as `facts` say,
-    then its range is expanded, so that most work is done on few pixels of 8 bits.
+    The luma plane is resized first, as it is coded (area averaging). Then it is mirrored and turned
+    as `facts` say, and last converted to luminance. So most work is done on few pixels of 8 bits.
     """
 
     def __init__(self, size: WorkingSize, facts: InputFacts | None = None) -> None:
@@ -33,7 +33,7 @@ class Luminance:
     def __call__(self, picture: Picture) -> NDArray[np.float32]:
         """Return the luminance of a picture of any size: float32, shape (height, width).
 
-        It is 0 to 1: ``(Y - 16) / 219`` of a limited range, ``Y / 255`` of a full one.
+        It is 0 to 1: ``(Y - 16) / 219`` for a limited range, ``Y / 255`` for a full range.
         """
         plane = self._resized(picture.plane)
         if self._facts:
@@ -47,7 +47,7 @@ class Luminance:
         if plane.shape[::-1] == self._coded:
             return plane
         if self._resizing is None:
-            from oppload_cli.video.planes import Resizing  # PyAV, which few runs need here
+            from oppload_cli.video.planes import Resizing  # imports PyAV, rarely needed here
 
             self._resizing = Resizing(*self._coded)
         return self._resizing(plane)
@@ -56,7 +56,7 @@ class Luminance:
 def as_displayed(picture: NDArray[Any], facts: InputFacts) -> NDArray[Any]:
     """Mirror and turn a coded picture, grey or in colour, so that it is as displayed.
 
-    Where nothing is to be done, the picture itself is returned.
+    A picture that need not be changed is returned itself, not a copy.
     """
     if facts.mirrored:
         picture = np.asarray(cv2.flip(picture, 1))
@@ -73,13 +73,13 @@ def luminance_table(bits: int, full_range: bool) -> NDArray[np.float32]:
     bits : int
         Bits of a sample, 8 to 16.
     full_range : bool
-        Whether codes run from 0 to ``2^bits - 1``, or black is 16 and white 235
-        (of 8 bits; scaled for more). Codes outside are clipped.
+        True: codes run from 0 to ``2^bits - 1``. False: black is 16 and white 235 (for 8 bits;
+        scaled for more), and codes outside are clipped.
 
     Returns
     -------
     ndarray of float32, shape (256,) or (65536,)
-        0 to 1.
+        Luminance, 0 to 1.
     """
     codes = np.arange(256 if bits == 8 else 65536, dtype=np.float64)
     if full_range:

@@ -1,11 +1,12 @@
-"""Opening and decoding a video beside the process that loads and runs the detectors.
+"""Opens and decodes a video in a process of its own, beside the process of the detectors.
 
-Python runs one thread of a process at a time. With a process of its own for the decoder
-neither waits for the other, both load their libraries at once, and a decoder that crashes
-ends the video, not the run. The pictures pass through shared memory at the working size.
-Where no process can be forked, and for inputs other than files, a thread does the same.
+Python runs only one thread of a process at a time. With two processes, decoder and detectors do not
+wait for each other, and load their libraries at the same time. If the decoder crashes, the video
+ends, but not the run. The pictures pass through shared memory at the working size. If no process
+can be forked, or the input is not a file, a thread decodes instead.
 
-The process is forked before NumPy is loaded, so this module imports no large library at its top.
+The process is forked before NumPy is loaded, so that this module imports no large library at its
+top.
 """
 
 from __future__ import annotations
@@ -43,22 +44,23 @@ if TYPE_CHECKING:
 
 _CRASHES = {"SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV"}
 _WIDEST_SAMPLE = 2  # bytes
-# While the other process loads the detectors the decoder runs far ahead.
+# Slots are places for pictures. Many are useful: while the other process loads the detectors, the
+# decoder runs far ahead.
 MOST_SLOTS, _LEAST_SLOTS = 64, 3
-_SHARED_BYTES = 1 << 24  # more only for the fewest slots
-_PARTS = 8  # of the slots, each given back at once
+_SHARED_BYTES = 1 << 24  # most shared memory, unless the least number of slots needs more
+_PARTS = 8  # slots are given back in so many parts, each at once
 
 
 class Opening:
-    """An input that is being opened and decoded while its caller does something else.
+    """An input that is opened and decoded while the caller does other work.
 
     Parameters
     ----------
     name, height, span, image_rate, threads, colour
         As for :func:`oppload_cli.open_video`.
     own_process : bool
-        Whether a process of its own may decode, whatever the `threads`: a video file, without
-        colour, on Linux with two cores or more. Else a thread does.
+        Whether a separate process may decode; it ignores `threads`. It decodes only video files,
+        without colour, on Linux with two cores or more. In all other cases a thread decodes.
     """
 
     def __init__(
@@ -75,23 +77,23 @@ class Opening:
         self.height, self._span, self._colour = height, span, colour
         self._video: Video | None = None
         self._process: _DecodingProcess | None = None
-        # Pictures in colour are too large to be passed on.
+        # Pictures in colour are too large for the shared memory.
         if own_process and not colour and is_video_file(name) and cores() > 1 and _can_fork():
-            # Not every C library has such memory, and a limit of files, processes or sizes
-            # may refuse it.
+            # Not every C library offers shared memory, and limits of files, processes or sizes may
+            # forbid it.
             with suppress(OSError, AttributeError):
                 self._process = _DecodingProcess(_Order(name, height, span))
         if self._process is None:
 
             def source() -> PictureSource:
-                from oppload_cli.video.source import source_of  # once a decoder is forked
+                from oppload_cli.video.source import source_of  # imports NumPy: not before a fork
 
                 return source_of(name, image_rate, threads)
 
             self._call = Call(source)
 
     def result(self) -> Video:
-        """Wait until the input is open; return it, or raise an error of `open_video`."""
+        """Wait until the input is open, and return it; raises the errors of `open_video`."""
         from oppload_cli.video.source import Video
 
         if self._process is not None:
@@ -110,16 +112,17 @@ class Opening:
 
 
 def is_video_file(name: str) -> bool:
-    """Tell whether a name is that of a single file, and no image; any text is allowed."""
+    """Return whether a text is the name of a single file that is not an image."""
     return is_file(name) and not is_camera(name) and not is_image_file(name)
 
 
 def _can_fork() -> bool:
-    """Tell whether this process can be forked: a copy of a process with threads may hang.
+    """Return whether this process can be forked safely.
 
-    Only Linux counts the threads of libraries too. Where a standard stream is closed, a
-    pipe would get its number, and with it the messages of libraries. A limit of the size of
-    files holds for the shared memory too.
+    A copy of a process with several threads may hang, and only Linux tells the number of threads
+    including those of libraries. If a standard stream is closed, a pipe would get its number, and
+    libraries would write their messages into the pipe. A limit of the size of files also limits the
+    shared memory.
     """
     if sys.platform != "linux" or None in (sys.stdin, sys.stdout, sys.stderr):
         return False
@@ -132,7 +135,7 @@ def _can_fork() -> bool:
 
 
 class _Order(NamedTuple):
-    """The part of a file to decode, and how."""
+    """The file to decode, its part, and the working height."""
 
     name: str
     height: int | None  # None keeps the native size
@@ -140,7 +143,7 @@ class _Order(NamedTuple):
 
 
 class _Shared(NamedTuple):
-    """A picture whose samples are in the shared memory."""
+    """The facts of a picture whose samples are in the shared memory."""
 
     number: int
     time_s: float
@@ -151,9 +154,9 @@ class _Shared(NamedTuple):
 
 
 class _DecodingProcess:
-    """A process that decodes one video file, as a source of pictures at the working size.
+    """A source of pictures at the working size, which a separate process decodes from a file.
 
-    Raises OSError if the system gives no process or memory.
+    Raises OSError if the system refuses a process or memory.
     """
 
     def __init__(self, order: _Order) -> None:
@@ -169,17 +172,16 @@ class _DecodingProcess:
             undone.callback(os.close, self._memory)
             self._connection, theirs = context.Pipe()
             undone.callback(self._connection.close)
-            with theirs:  # closed here, so that the end of the process closes the pipe
+            with theirs:  # closed in this process, so that the pipe closes when the other one ends
                 arguments = (theirs, self._connection, self._memory, order)
                 self._process = context.Process(target=_decode, args=arguments, daemon=True)
                 self._process.start()
             undone.pop_all()
 
     def opened(self) -> _DecodingProcess:
-        """Wait until the file is open and return this source, whose facts are known now.
+        """Wait until the file is open, and return this source; its facts are known from then on.
 
-        Raises the errors of opening it, and KeyboardInterrupt if a signal has asked the program to
-        stop.
+        Raises the errors of opening the file, and KeyboardInterrupt after a signal to stop.
         """
         try:
             while not self._connection.poll(POLL_S):
@@ -199,10 +201,10 @@ class _DecodingProcess:
         return self
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the pictures; the plane of each is a view that is valid until the next.
+        """Yield the pictures; the plane of each is a view that is valid until the next picture.
 
-        Raises SourceError if the process is ended from outside. A crash of the decoder ends the
-        pictures, and counts as a failure.
+        Raises SourceError if another program ended the process. If the decoder crashes, the
+        pictures end, and a failure is counted.
         """
         import numpy as np
 
@@ -218,7 +220,7 @@ class _DecodingProcess:
             self.decode = shared
         except EOFError:
             how = self._ending()
-            stop_if_asked()  # SIGTERM may go to all processes of a group
+            stop_if_asked()  # SIGTERM may have gone to all processes of a group
             if how not in _CRASHES:
                 raise SourceError(
                     f"{self._order.name}: its decoder was ended ({how}) after frame {decoded - 1}; "
@@ -234,7 +236,7 @@ class _DecodingProcess:
         """End the process and give back the memory; may be called twice."""
         self._process.kill()
         self._process.join()
-        with self._reading:  # a thread that waits for a message gets the end of the file now
+        with self._reading:  # a thread that waits for a message is told of the end first
             self._connection.close()
         if self._memory >= 0:
             os.close(self._memory)
@@ -254,10 +256,10 @@ class _DecodingProcess:
         return message
 
     def _give_back(self) -> None:
-        """Tell the process that the latest pictures, as many as `at_once`, are out of use."""
-        with self._reading:  # closed meanwhile, its number might be that of another file
+        """Tell the process that the latest `at_once` pictures are no longer used."""
+        with self._reading:  # else another thread could close the connection meanwhile
             if not self._connection.closed:
-                with suppress(OSError):  # the process has died: the next message says so
+                with suppress(OSError):  # the process has ended; the next `_received` reports it
                     self._connection.send_bytes(b"used")
 
     def _ending(self) -> str:
@@ -266,33 +268,34 @@ class _DecodingProcess:
 
 
 class _Slots:
-    """Places for pictures in memory that two processes share, used in turn."""
+    """Places for pictures in the memory that both processes share; they are used in turn."""
 
     def __init__(self, memory: int, working: WorkingSize) -> None:
         page = mmap.ALLOCATIONGRANULARITY
         self._size = -(-_WIDEST_SAMPLE * working.width * working.height // page) * page
         self.count = max(_LEAST_SLOTS, min(MOST_SLOTS, _SHARED_BYTES // self._size))
-        # Given back one by one they would cost a twentieth of a run.
+        # To give slots back one by one would take a twentieth of a run's time.
         self.at_once = max(1, self.count // _PARTS)
         os.ftruncate(memory, self.count * self._size)
         self._memory = memoryview(mmap.mmap(memory, self.count * self._size))
 
     def of(self, ordinal: int) -> memoryview:
-        """Return the place of a picture; the picture that had it before must be out of use."""
+        """Return the place of a picture; the former picture there must no longer be used."""
         first = ordinal % self.count * self._size
         return self._memory[first : first + self._size]
 
 
 def _decode(theirs: Connection, ours: Connection, memory: int, order: _Order) -> None:
-    """Decode and send everything, or an error: runs in the process."""
-    ours.close()  # so that the end of the other process closes the pipe
-    signals.ignore("SIGINT", "SIGHUP")  # these go to all of a terminal; the other process decides
+    """Decode and send all pictures, or an error; this function runs in the separate process."""
+    ours.close()  # so that the pipe closes when the other process ends
+    # A terminal sends these signals to all its processes; the other process decides what to do.
+    signals.ignore("SIGINT", "SIGHUP")
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
         _send_pictures(theirs, memory, order)
     except BaseException as error:
         story = "".join(traceback.format_exception(error))
-        if not isinstance(error, OpploadError):  # some errors cannot be sent
+        if not isinstance(error, OpploadError):  # some other errors cannot be pickled
             error = RuntimeError(f"{type(error).__name__}: {error}")
         error.add_note(story)
         with suppress(OSError):  # the other process has ended

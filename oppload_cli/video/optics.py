@@ -1,4 +1,4 @@
-"""From source pixels to degrees of the field of view, and back."""
+"""Converts between source pixels and degrees of the field of view."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _PINHOLE, _FLAT = "pinhole", "flat"
-FOV = "--fov"  # origin of a field of view that the user knows
+FOV = "--fov"  # origin of a field of view that the user states
 _WIDEST_DEG = 180.0
 
 
 class View(NamedTuple):
-    """Where an object is seen, how large, and how fast it grows.
+    """The direction of an object, its angular size, and the growth of this size.
 
     Attributes
     ----------
     azimuth_deg, elevation_deg : float
-        Direction of its focus of expansion: to the right of the middle of the frame, and above
-        the horizontal plane through it; -90 to 90.
+        Direction of the focus of expansion: to the right of the middle of the frame, and above
+        the horizontal plane through the middle; -90 to 90.
     angular_width_deg, angular_height_deg : float
-        Angles that its box spans.
+        Angles that the box spans.
     angular_size_deg : float
-        The larger one of the two.
+        The larger of these two angles.
     angular_speed_deg_s : float or None
-        How fast this size grows, from the time to contact; None where that is not known.
+        Growth of this size per second, computed from the time to contact; None if that is unknown.
     """
 
     azimuth_deg: float
@@ -44,20 +44,20 @@ class View(NamedTuple):
 class Optics:
     """The map from source pixels to directions.
 
-    Pinhole: a point at the angle e from the middle of the frame is ``f tan(e)`` from it, where
-    ``f`` is the focal length in pixels. Flat: pixels per degree are constant, as on the
-    displays of stimuli with ``projection = "flat"``.
+    Pinhole: a point at the angle e from the middle of the frame is ``f tan(e)`` pixels away from
+    the middle, where ``f`` is the focal length in pixels. Flat: the number of pixels per degree is
+    constant, as on the displays of stimuli with ``projection = "flat"``.
 
     Attributes
     ----------
     width, height : int
-        Of the displayed frame in source pixels.
+        Size of the displayed frame in source pixels.
     per_radian : float
         Pixels per radian in the middle of the frame: the focal length of a pinhole camera.
     projection : str
         ``pinhole`` or ``flat``.
     origin : str
-        Where the field of view comes from: ``--fov``, or ``stimulus``.
+        Origin of the field of view: ``--fov``, or ``stimulus``.
     """
 
     width: int
@@ -68,7 +68,7 @@ class Optics:
 
     @classmethod
     def of_fov(cls, width: int, height: int, fov_deg: float) -> Optics:
-        """Return the pinhole camera with this field of view across the width of the frame."""
+        """Return the pinhole camera with a given field of view across the width of the frame."""
         return cls(width, height, width / 2 / math.tan(math.radians(fov_deg) / 2))
 
     @classmethod
@@ -78,14 +78,14 @@ class Optics:
         Parameters
         ----------
         display : mapping
-            ``width``, ``pixels_per_degree`` and ``projection`` of its ground truth.
+            ``width``, ``pixels_per_degree`` and ``projection`` from its ground truth.
         width, height : int
-            Of the video, in pixels.
+            Size of the video in pixels.
 
         Raises
         ------
         KeyError, TypeError, ValueError, ZeroDivisionError
-            If the display lacks something, or its scale is no finite number above 0.
+            If the display lacks an entry, or its scale is not a finite number above 0.
         """
         scale = float(display["pixels_per_degree"]) * width / float(display["width"])
         if not 0 < scale < math.inf:
@@ -94,12 +94,12 @@ class Optics:
         return cls(width, height, math.degrees(scale), projection, "stimulus")
 
     def degrees(self, pixels: float) -> float:
-        """Return the angle that a length spans, half of it on each side of the middle."""
+        """Return the angle that a length in pixels spans if it is centred in the frame."""
         half = pixels / 2 / self.per_radian
         return 2 * math.degrees(half if self.projection == _FLAT else math.atan(half))
 
     def pixels(self, degrees: float) -> float:
-        """Return the length that spans an angle below 180 degrees; the inverse of `degrees`."""
+        """Return the length in pixels that spans an angle below 180 degrees; inverts `degrees`."""
         half = math.radians(degrees / 2)
         return 2 * self.per_radian * (half if self.projection == _FLAT else math.tan(half))
 
@@ -127,10 +127,10 @@ class Optics:
         centre: tuple[float, float],
         time_to_contact_s: float | None,
     ) -> View:
-        """Return how an object is seen.
+        """Return an object's direction and angular size, and the growth of this size.
 
-        An object that approaches at constant speed has ``tan(size / 2) = (l/v) / t`` at the
-        time t before contact, so that its size grows by ``sin(size) / t``.
+        If an object approaches at constant speed, ``tan(size / 2) = (l/v) / t`` at the time t
+        before contact. So its angular size grows by ``sin(size) / t``.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class Optics:
         centre : tuple of float
             The object's focus of expansion, (x, y) in source pixels.
         time_to_contact_s : float or None
-            Seconds, above 0.
+            Time to contact in seconds, above 0.
         """
         left, top, width, height = box
         x, y = left + width / 2, top + height / 2
@@ -163,9 +163,9 @@ class Optics:
 
 
 def parse_fov(value: str | float) -> float:
-    """Read a field of view: degrees across the width of the frame.
+    """Return a field of view in degrees across the width of the frame.
 
-    Raises ParameterError if it is no number above 0 and below 180.
+    Raises ParameterError unless `value` is a number above 0 and below 180.
     """
     try:
         degrees = math.nan if isinstance(value, bool) else float(value)

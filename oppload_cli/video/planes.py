@@ -1,6 +1,6 @@
-"""From a decoded frame to its luma at the working size, before it is turned.
+"""Takes the luma of decoded frames and resizes it, before the frames are turned.
 
-The process that decodes needs PyAV and not OpenCV, but for rare frames.
+The decoding process needs PyAV here. OpenCV is imported only for rare kinds of frames.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     Plane = NDArray[Any]  # of uint8 or uint16
 
 
-_WELL_ABOVE = 1.5  # for at least this factor swscale's averages are as good as OpenCV's
+_WELL_ABOVE = 1.5  # from this reduction on, swscale's averages are as good as OpenCV's
 _AREA_EXACTLY = Interpolation.AREA | Interpolation.ACCURATE_RND | Interpolation.BITEXACT
 
 
 class Resizing:
-    """Brings planes to the working size by area averaging, before they are turned.
+    """Resizes planes to the working size by area averaging, before they are turned.
 
-    Width and height are those of :meth:`WorkingSize.coded`.
+    `width` and `height` are those of :meth:`WorkingSize.coded`.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -35,8 +35,8 @@ class Resizing:
     def __call__(self, plane: Plane) -> Plane:
         """Return a plane of uint8 or uint16 at the working size, before it is turned.
 
-        A plane of this size is returned itself, another one as a view that is valid until the next
-        call.
+        A plane that has this size already is returned itself. Otherwise the result may be a view
+        that is valid until the next call.
         """
         rows, columns = plane.shape
         width, height = self._coded
@@ -51,7 +51,7 @@ class Resizing:
         return np.asarray(cv2.resize(plane, self._coded, interpolation=method), plane.dtype)
 
     def _averaged(self, plane: Plane) -> Plane:
-        """Average areas by swscale: within 0.7 of a code of the exact mean, 7 times as fast."""
+        """Average areas by swscale: at most 0.7 of a code from the exact mean, 7 times as fast."""
         kind = "gray" if plane.dtype == np.uint8 else "gray16le"
         frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(plane), kind)
         small = self._scaler.reformat(
@@ -63,7 +63,7 @@ class Resizing:
         return view
 
 
-# Grey without a stated range is limited if a video codec coded it, else full.
+# Grey frames without a stated range have a limited range with these video codecs, else a full one.
 _LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
 _WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
 _PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
@@ -71,20 +71,21 @@ _PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
 
 
 def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
-    """Return the luma of a decoded frame, without a copy where it has a plane of its own.
+    """Return the luma of a decoded frame, without a copy if the frame has a luma plane.
 
     Returns
     -------
     plane : ndarray of uint8 or uint16, shape (height, width)
-        The Y plane; a frame without one (RGB, palettes) is converted to grey by the
-        Rec. 601 weights.
+        The Y plane. Frames without a Y plane (RGB, palettes) are converted to grey with the
+        weights of Rec. 601.
     bits : int
         Bits that a sample uses.
 
     Raises
     ------
     ValueError, av.error.FFmpegError
-        If it cannot be converted, as where damage gives an impossible colour space.
+        If the frame cannot be converted, for example because damage gave it an impossible colour
+        space.
     """
     name = frame.format.name
     if name in _PACKED_RGB:
@@ -93,15 +94,15 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
         frame, name = frame.reformat(format="yuv422p"), "yuv422p"
     if not name.startswith(_WITH_LUMA_PLANE) or name.startswith("grayf"):
         return _grey(frame.to_ndarray(format="bgr24"), "BGR"), 8
-    # P010 and similar formats hold their bits at the top of 16.
+    # P010 and similar formats have their bits at the top of 16.
     bits = 16 if name.startswith("p") else frame.format.components[0].bits
     return _view(frame, bits, big_endian=name.endswith("be")), bits
 
 
 def is_full_range(frame: VideoFrame, codec: str) -> bool:
-    """Tell whether a frame's luma uses its full range.
+    """Return whether a frame's luma uses its full range.
 
-    The name of the decoder, `codec`, decides for grey frames that state no range.
+    If a grey frame states no range, it depends on `codec`, the name of the decoder.
     """
     name = frame.format.name
     if name.startswith("yuvj") or not name.startswith(_WITH_LUMA_PLANE):

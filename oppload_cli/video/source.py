@@ -1,4 +1,4 @@
-"""One way into every kind of input: :func:`open_video`."""
+"""Opens inputs of all kinds, with :func:`open_video`."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _DEFAULT_HEIGHT = 240
 
 
 class Video:
-    """An open input: an iterable, once, of :class:`Frame` at the working size.
+    """An open input. Iterating over it, once, gives each :class:`Frame` at the working size.
 
-    A context manager; closing joins the decode thread.
+    It is a context manager; closing it ends the decoding thread.
 
     Parameters
     ----------
@@ -38,14 +38,14 @@ class Video:
     span : Span
         The part of the input to yield.
     colour : bool
-        Whether the frames carry their picture in colour.
+        Whether the frames also have their picture in colour.
     ahead : bool
-        Whether a thread asks for pictures ahead of the caller.
+        Whether a thread decodes pictures before the caller asks for them.
 
     Attributes
     ----------
     times : FrameTimes
-        Of the frames so far.
+        The times of the frames so far.
 
     Examples
     --------
@@ -110,7 +110,7 @@ class Video:
         return self.begin()
 
     def begin(self) -> Iterator[Frame]:
-        """Begin to decode ahead of the caller; return the only iterator of frames."""
+        """Begin to decode, and return the iterator over the frames; there is only one."""
         if self._iterator is None:
             self._iterator = self._frames()
             if self._ahead:
@@ -119,7 +119,7 @@ class Video:
         return self._iterator
 
     def close(self) -> None:
-        """Stop decoding, join its thread and close the input; may be called twice."""
+        """Stop decoding, wait for its thread to end and close the input; may be called twice."""
         stop(self._source, self._prefetch)
 
     def _frames(self) -> Iterator[Frame]:
@@ -143,26 +143,26 @@ def open_video(
     Parameters
     ----------
     name : str or Path
-        A video file, a folder or pattern of images (``frames_%04d.png``),
-        ``camera:0`` (a file of this name is ``./camera:0``), or a stream's address.
+        A video file, a folder or pattern of images (``frames_%04d.png``), ``camera:0`` (a file of
+        this name is written ``./camera:0``), or the address of a stream.
     height : int or None
-        Working height in pixels, at least 1; the width follows. None keeps the
-        native size.
+        Working height in pixels, at least 1; the width is in proportion. None keeps the native
+        size.
     span : Span, optional
         The part of the input to read.
     image_rate : Fraction, optional
-        Frames per second of images, which carry no times; 30 are assumed if it is left out.
+        Frames per second of images, which have no times; 30 if left out.
     threads : int
-        Decoder threads; 0 chooses by the codec, the size and the cores.
+        Number of decoder threads; 0: it follows from the codec, the size and the cores.
     colour : bool
-        Whether the frames carry their picture in colour too.
+        Whether the frames also have their picture in colour.
 
     Raises
     ------
     SourceError
-        If nothing can be read from it.
+        If nothing can be read from the input.
     ParameterError
-        If the height is no integer of at least 1, or the working size is too large.
+        If the height is not an integer of at least 1, or the working size is too large.
 
     Examples
     --------
@@ -172,25 +172,25 @@ def open_video(
     ...
     oppload_cli.errors.SourceError: missing.mp4: ...
     """
-    # In a thread: a call that blocks in a library would not answer Ctrl-C.
+    # It runs in a thread, because Ctrl-C has no effect while a library call blocks.
     source = Call(lambda: source_of(str(name), image_rate, threads)).result()
     return Video(source, height, span or Span(), colour=colour)
 
 
 def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
-    """Stop decoding, join the thread that decodes ahead, and close the source; may be called twice.
+    """Stop decoding, wait for the decoding thread to end, and close the source.
 
-    The thread that takes the pictures of the source is `ahead`, if there is one.
+    `ahead` is the thread that takes the pictures, if there is one. May be called twice.
     """
     source.stopping = True
-    # A source that a thread still uses, as it waits for a device or a network, stays open.
+    # If the thread does not end, because it waits for a device or a network, the source stays open.
     if ahead is None or ahead.close():
         source.close()
 
 
 def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:
-    """Return the source of an input's pictures; arguments and errors as of :func:`open_video`."""
-    # Each kind of input loads its own libraries: Pillow and OpenCV, or PyAV.
+    """Return the source of an input's pictures; arguments and errors as for :func:`open_video`."""
+    # Only the libraries for this kind of input are imported: Pillow and OpenCV, or PyAV.
     camera, path = is_camera(name), Path(name)
     pattern = NUMBER.search(path.name) and not is_there(name)
     if camera or pattern or is_folder(name):

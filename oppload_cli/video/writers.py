@@ -1,6 +1,6 @@
-"""Writers of videos: H.264 in colour as browsers play it, and grey videos of several formats.
+"""Writers of videos: H.264 in colour for browsers, and grey videos in several formats.
 
-The same frames give the same bytes.
+The same frames always give the same bytes.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ if TYPE_CHECKING:
     Grey = NDArray[np.uint8]
 
 
-# By itself x264 chooses algorithms by the processor, some of which only approximate.
+# Without this option x264 chooses algorithms for the processor, and some are only approximate.
 ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
-# FFmpeg then writes no dates and no random identifiers.
+# With this option FFmpeg writes no dates and no random identifiers.
 _EXACT = {"fflags": "+bitexact"}
 
 
 class _Sink:
-    """A file that keeps an error to itself until `check`; it stays open.
+    """A file whose errors are raised only by `check`; it is not closed here.
 
-    The encoder's library calls it from C, where an exception cannot pass: a full disk
-    would be printed as a stack of tracebacks.
+    The encoder's library calls it from C, through which no exception can pass: without this class
+    a full disk would print many tracebacks.
     """
 
     def __init__(self, file: FileIO) -> None:
-        # The library reads the file back by this name; "a:b" alone would be an address.
+        # The library reads the file back by this name; it would take "a:b" for an address.
         self.name = f"file:{file.name}"
         self._file = file
         self._problem: OSError | None = None
@@ -88,7 +88,7 @@ class _Sink:
 
 
 class _Coding(NamedTuple):
-    """A coding of videos: names of FFmpeg, and options of the container and of the encoder."""
+    """A coding of videos: FFmpeg's names, and options for the container and the encoder."""
 
     container: str
     codec: str
@@ -99,9 +99,10 @@ class _Coding(NamedTuple):
 
 
 class _Encoder:
-    """Encodes the frames of one video into a file, which it neither commits nor discards.
+    """Encodes the frames of one video into a part file; the caller commits or discards the file.
 
-    Every frame has the `size` (width, height); presentation times count in `tick` seconds.
+    All frames have the same `size` (width, height). Presentation times are in units of `tick`
+    seconds.
     """
 
     def __init__(
@@ -128,12 +129,12 @@ class _Encoder:
         (stream.width, stream.height), stream.pix_fmt = size, coding.pixels
         stream.time_base = context.time_base = tick
         context.thread_count, context.bit_rate = coding.threads, 0
-        # H.264 as players expect it has a limited range: (Y - 16) / 219 is the luminance.
+        # Players expect H.264 with a limited range, in which (Y - 16) / 219 is the luminance.
         limited = coding.pixels == "yuv420p"
         context.color_range = ColorRange.MPEG if limited else ColorRange.JPEG
 
     def encode(self, frame: av.VideoFrame, ticks: int) -> None:
-        """Write the next frame, which is shown after so many ticks."""
+        """Write the next frame, whose presentation time is `ticks`."""
         frame.pts, frame.time_base = ticks, self._tick
         with self._errors():
             self._container.mux(self._stream.encode(frame))
@@ -149,13 +150,13 @@ class _Encoder:
     def abandon(self) -> None:
         """Stop writing; the file cannot be played."""
         self._sink.abandon()
-        # The sink raises its error once more, and the library passes it on.
+        # Closing may raise the error of the disk once more.
         with suppress(OSError, av.error.FFmpegError):
             self._container.close()
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        """Raise the error of the disk, or else that of the library, as an OSError."""
+        """Raise an error of the disk, if any, or else an error of the library as an OSError."""
         try:
             yield
         except av.error.FFmpegError as error:
@@ -166,22 +167,22 @@ class _Encoder:
 
 # ---- In colour -----------------------------------------------------------------------------
 
-_TICKS_HZ = 90_000  # holds the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
+_TICKS_HZ = 90_000  # exact for the frame times of 24, 25, 30, 50, 60 and 1000 frames/s
 _MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
 _CLOCK_BACK_S, _CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
-# Two threads on every machine: another number gives other bytes.
+# Two threads on every machine, because another number of threads gives other bytes.
 _THREADS = 2
-# No frame is predicted from a later one: then decoding order is that of the times.
+# "bf: 0": no frame is predicted from a later frame, so that decoding order is the order of times.
 _CODEC = {"preset": "superfast", "crf": "22", "bf": "0", **ON_ANY_PROCESSOR}
 # The index comes first, so that the video plays while it loads.
 _INDEX_FIRST = {**_EXACT, "movflags": "+faststart"}
 
 
 def _ticks_hz(rate: Fraction | None) -> int:
-    """Return the ticks per second of the frame times of a source.
+    """Return the number of ticks per second for the frame times of a source.
 
-    It is a multiple of 90000 that holds the times of its frame rate exactly, if one up
-    to 10^6 exists, else 90000.
+    It is a multiple of 90000 with which the times of the frame rate are exact, if there is one up
+    to 10^6; otherwise 90000.
     """
     exact = math.lcm(_TICKS_HZ, rate.numerator) if rate else _TICKS_HZ
     return exact if exact <= _MOST_TICKS_HZ else _TICKS_HZ
@@ -195,11 +196,11 @@ class Recording(_Encoder):
     part : PartFile
         The file.
     width, height : int
-        Of every frame, in pixels; both even.
+        Size of all frames in pixels; both must be even.
     rate : Fraction or None
         Frames per second of the source, if known.
     codec : mapping of str to str
-        Options of the encoder; without ``bf: 0`` frames would not be in the order of the file.
+        Options of the encoder. ``bf: 0`` is needed to keep the frames in the order of their times.
 
     Raises
     ------
@@ -237,9 +238,10 @@ class Recording(_Encoder):
             Blue, green and red; or a frame in the file's own format, from
             :meth:`oppload_cli.video.colour.Colour.planes`.
         time_s : float
-            Presentation time of the frame in seconds; the first frame's becomes 0. A time that is
-            not later than the one before is put directly after that one; where the clock jumps
-            (back by a second, or on by a quarter of an hour) the frame comes one frame later.
+            Presentation time of the frame in seconds; the first frame's time becomes 0. If a time
+            is not later than the time before, the frame is put one tick after the frame before. If
+            the clock jumps (back by a second, or on by a quarter of an hour), the frame is put one
+            frame's duration after the frame before.
         """
         frame = picture
         if not isinstance(frame, av.VideoFrame):
@@ -263,7 +265,7 @@ class _Format:
 
     suffix: str  # empty for a folder
     even: bool = False  # whether width and height must be even
-    fastest_hz: float | None = None  # the highest frame rate
+    fastest_hz: float | None = None  # highest frame rate that the format allows
 
 
 FORMATS = {
@@ -296,27 +298,27 @@ def open_writer(
     count: int,
     new: bool = False,
 ) -> Iterator[Callable[[Grey], object]]:
-    """Write a grey video, which gets its name when all frames are written, or nothing.
+    """Write a grey video; it gets its name when all frames are written, or is removed.
 
     Parameters
     ----------
     path : Path
         The video: a file, or for ``png`` a folder.
     form : str
-        A key of :data:`FORMATS`, which can hold such frames.
+        A key of :data:`FORMATS`; its limits must allow these frames.
     width, height : int
-        Of every frame, in pixels.
+        Size of all frames in pixels.
     frame_rate : Fraction
         Frames per second.
     count : int
         Number of frames that will be written.
     new : bool
-        Whether a file or folder of this name is an error.
+        Whether it is an error if a file or folder of this name exists.
 
     Yields
     ------
     callable
-        Writes the next frame, uint8 of shape (height, width): luminance times 255.
+        Function that writes the next frame, uint8 of shape (height, width): luminance times 255.
 
     Raises
     ------
@@ -341,9 +343,9 @@ def open_writer(
 def _archive(
     file: PartFile, shape: tuple[int, int, int], frame_rate: Fraction
 ) -> Iterator[Callable[[Grey], object]]:
-    """Write ``grey`` (uint8, frames x h x w), ``time_s`` and ``frame_rate`` as one archive.
+    """Write ``grey`` (uint8, frames x h x w), ``time_s`` and ``frame_rate`` into one archive.
 
-    The frames are streamed: the memory never holds the complete clip.
+    Each frame is written at once, so that the complete video is never in memory.
     """
     times_s = np.array([float(index / frame_rate) for index in range(shape[0])])
     ratio = np.array([frame_rate.numerator, frame_rate.denominator])
@@ -367,7 +369,7 @@ def _archive(
 
 
 def _entry(name: str) -> zipfile.ZipInfo:
-    """Return an entry with a fixed date: the same frames give the same bytes."""
+    """Return an entry with a fixed date, so that the same frames give the same bytes."""
     entry = zipfile.ZipInfo(f"{name}.npy")
     entry.compress_type = zipfile.ZIP_DEFLATED
     return entry
