@@ -1,4 +1,4 @@
-"""The entry point from Python: run detectors on any frames, and work with the result."""
+"""The entry point from Python: functions to run detectors and read results, and the result."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Result(tables.BaseResult):
     Attributes
     ----------
     path : Path
-        The table; its name alone where the result was never saved.
+        The path of the table; only a file name if the result was never saved.
     frames : DataFrame
         A row per frame with the columns of ``frames.csv``; empty cells are NaN.
     sidecar : dict
@@ -61,7 +61,7 @@ class Result(tables.BaseResult):
     detections : DataFrame
         A row per looming object and frame, as in ``detections.jsonl``.
     saved : bool
-        Whether it was read from the files at `path`.
+        Whether the result was read from files.
 
     Examples
     --------
@@ -101,7 +101,7 @@ class Result(tables.BaseResult):
         return dict(self.sidecar.get("summary", {}))
 
     def plot(self, **options: Any) -> tuple[Figure, list[Axes]]:
-        """Draw the responses over time; options as of :func:`oppload_cli.plot_curves`.
+        """Draw the responses over time; options as for :func:`oppload_cli.plot_curves`.
 
         Examples
         --------
@@ -119,14 +119,14 @@ class Result(tables.BaseResult):
         Parameters
         ----------
         folder : str or Path
-            Made if it does not exist; a page of the same name is replaced.
+            Folder of the page, made if it does not exist. A page of the same name is replaced.
         video : str or Path, optional
-            The video, or its folder, where it has moved.
+            The video, or its folder, if the video was moved.
 
         Returns
         -------
         Path
-            The page, which opens in any browser; without a video where there is none.
+            The page, for any browser; it has no video if none is found.
 
         Raises
         ------
@@ -149,14 +149,14 @@ class Result(tables.BaseResult):
     def save(
         self, folder: str | Path = ".", stem: str | None = None, *, if_exists: str = "error"
     ) -> Path:
-        """Write the files of ``oppload run``; of a stimulus also its ground truth.
+        """Write the files that ``oppload run`` writes; for a stimulus also its ground truth.
 
         Parameters
         ----------
         folder : str or Path
-            Made if it does not exist.
+            Folder of the files, made if it does not exist.
         stem : str, optional
-            The beginning of their names; else that of the input.
+            The beginning of the names of the files; if left out it follows from the input.
         if_exists : str
             ``error``, ``overwrite``, or ``skip``, which keeps a complete result.
 
@@ -170,7 +170,7 @@ class Result(tables.BaseResult):
         OutputError
             If a file exists already, or cannot be written.
         ParameterError
-            If `if_exists` is another word.
+            If `if_exists` is none of these words.
 
         Examples
         --------
@@ -208,7 +208,7 @@ class Result(tables.BaseResult):
             for row in _plain(self.frames):
                 rows.write(row)
             file.stream.flush()
-            # As in a run: an old table never lies beside new files, and the new one comes last.
+            # As in a run, the old table is removed first, and the new table gets its name last.
             outputs.csv.unlink(missing_ok=True)
             if truth is not None:
                 write_atomic(beside, json.dumps(truth) + "\n")
@@ -238,16 +238,16 @@ def run(
     Parameters
     ----------
     source : str, Path, FrameSource, Protocol or array
-        As :func:`oppload_cli.open_source` takes it.
+        As for :func:`oppload_cli.open_source`.
     preset : str
         ``default`` for videos of cameras, ``reference`` for studies of the model, ``paper`` or
         ``lplc2``.
     models : sequence of str
         Names of detectors; OppLoD and D-LGMD if left out.
     rate, times, height
-        As of :func:`oppload_cli.open_source`.
+        As for :func:`oppload_cli.open_source`.
     fov : float, optional
-        Field of view across the width of the frame in degrees; a stimulus has its own.
+        Field of view across the width of the frame in degrees; a stimulus states its own.
     rmo : bool
         Whether radial motion opponency is measured.
     settings : mapping of str, optional
@@ -256,7 +256,7 @@ def run(
     Returns
     -------
     Result
-        The same as in the files that ``oppload run`` writes for this input.
+        The result, equal to the files that ``oppload run`` writes for this input.
 
     Raises
     ------
@@ -300,7 +300,7 @@ def read_result(path: str | Path) -> Result:
     Parameters
     ----------
     path : str or Path
-        A ``frames.csv``; its sidecar and its detections are beside it, or are missing.
+        A ``frames.csv``. The sidecar and the detections are read too, if they are beside it.
 
     Raises
     ------
@@ -321,14 +321,14 @@ def read_result(path: str | Path) -> Result:
 
 
 def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
-    """Return rows as a table of numbers: None is NaN, and True is 1."""
+    """Return rows as a table of numbers, in which None becomes NaN, and True 1."""
     table = pd.DataFrame.from_records(list(rows), columns=list(columns))
     kinds = {name: int if table[name].dtype == bool else float for name in columns}
     return table.astype({name: kind for name, kind in kinds.items() if name != "frame"})
 
 
 def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    # In degrees too, where the field of view is known.
+    # If the field of view is known, there are also columns in degrees.
     columns = dict.fromkeys([*_DETECTION_COLUMNS, *(rows[0] if rows else ())])
     return pd.DataFrame.from_records(list(rows), columns=list(columns))
 

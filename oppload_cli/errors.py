@@ -1,8 +1,7 @@
-"""The exception tree, and the exit codes that the command line gives for it.
+"""The exceptions of oppload, and the exit codes of the command line for them.
 
-Every error that a user can cause is an :class:`OpploadError`; its message is one
-sentence with the fault, its place, and the remedy. Only ``oppload_cli.cli.main``
-prints it.
+Every error that a user can cause is an :class:`OpploadError`. Its message is one sentence with the
+fault, its place, and the remedy. Only ``oppload_cli.cli.main`` prints it.
 """
 
 from __future__ import annotations
@@ -17,11 +16,11 @@ if TYPE_CHECKING:
 
 _NO_MEMORY = (
     "cannot allocate memory",
-    "failed to map segment",  # of a library that is loaded
+    "failed to map segment",  # when a library is loaded
     "insufficient memory",
     "failed to allocate",
     "out of memory",
-    "bad_alloc",  # of C++
+    "bad_alloc",  # in C++
 )
 
 
@@ -58,7 +57,7 @@ class ParameterError(OpploadError, ValueError):
 
 
 class DetectorError(OpploadError):
-    """A detector that a user has registered fails, or gives no valid response."""
+    """A detector that a user has registered fails, or gives a response that is not valid."""
 
 
 class SourceError(OpploadError):
@@ -72,11 +71,11 @@ class FrameError(OpploadError, ValueError):
 
 
 class ResultError(OpploadError):
-    """A result file cannot be read back, or lacks what the command needs from it."""
+    """A result file cannot be read, or lacks something that the command needs."""
 
 
 class NoResultError(ResultError):
-    """None of many results can be read back."""
+    """None of several results can be read."""
 
     exit_code: ClassVar[ExitCode] = ExitCode.NOTHING_READ
 
@@ -94,36 +93,36 @@ class BusyError(OutputError):
 
 
 class ShortageError(OpploadError):
-    """The machine is short of memory, processes or open files."""
+    """The system has no further memory, processes or open files for oppload."""
 
     exit_code: ClassVar[ExitCode] = ExitCode.NOTHING_READ
 
 
 class StimulusError(OpploadError, ValueError):
-    """A stimulus protocol is not valid, or cannot be rendered as asked."""
+    """A stimulus protocol is not valid, or cannot be rendered with the given settings."""
 
 
 def shortage(error: BaseException | None) -> str:
-    """Return the sentence on an error that says that the machine is short of something.
+    """Return a message if an error means that memory, processes, threads or files ran out.
 
-    Libraries tell of memory and threads that the system refuses in words of their own.
+    Libraries use different words for memory and threads that the system refuses.
 
     Parameters
     ----------
     error : BaseException or None
-        Any error; those that caused it are looked at too.
+        Any error; the errors that caused it are examined too.
 
     Returns
     -------
     str
-        Without its place; empty for every other error.
+        The message, without the place of the fault; empty for every other error.
     """
     seen: list[BaseException] = []
-    # An error that a thread has kept is raised again, and may then be its own cause.
+    # An error that was kept in a thread and raised again may be its own cause.
     while error is not None and error not in seen:
         seen.append(error)
         number = getattr(error, "errno", None)
-        # The whole text of an error of the system holds a path, whose words say nothing.
+        # The full text of a system error includes a path, which may contain any words.
         said = str(getattr(error, "strerror", None) or error).lower()
         known = isinstance(error, MemoryError) or number == errno.ENOMEM
         if known or any(words in said for words in _NO_MEMORY):
@@ -142,7 +141,7 @@ def shortage(error: BaseException | None) -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return the text of an error of the system or of a parser, as a part of a sentence."""
+    """Return the text of a system's or parser's error, as a part of a sentence."""
     said = str(getattr(error, "strerror", None) or error).strip()
     if not said:
         return type(error).__name__
@@ -151,7 +150,7 @@ def reason_of(error: BaseException) -> str:
 
 
 def cannot_read(name: str, error: OSError) -> SourceError:
-    """Return the error to raise where the system refuses to read an input."""
+    """Return the error to raise if the system refuses to read an input."""
     remedy = "check its rights" if isinstance(error, PermissionError) else "check the path"
     return SourceError(f"{name}: cannot be read ({reason_of(error)}); {remedy}")
 
@@ -159,7 +158,7 @@ def cannot_read(name: str, error: OSError) -> SourceError:
 def printable(text: str) -> str:
     r"""Return a text with control characters and undecodable bytes written as ``\\x1b``.
 
-    Names of files go into messages, and may hold line ends and escape sequences.
+    Messages contain names of files, which may have line ends and escape sequences.
     """
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text
@@ -167,20 +166,20 @@ def printable(text: str) -> str:
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """Return a hint that names the known word nearest to a misspelt one.
+    """Return a hint for a misspelt word: the known word that is nearest to it.
 
     Parameters
     ----------
     word : str
-        As the user wrote it.
+        The word that the user wrote.
     known : iterable of str
-        The words that would have been right.
+        The words that are allowed.
 
     Returns
     -------
     str
-        ``"; did you mean 'receptive_field'?"``, the words that end in this one, or all known
-        words where none is near.
+        ``"; did you mean 'receptive_field'?"``, or the words that end in `word`, or all known
+        words if none is near.
     """
     names = sorted(known)
     import difflib  # noqa: PLC0415 - only for a misspelt word

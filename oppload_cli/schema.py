@@ -1,8 +1,8 @@
-"""Frozen tables of declared values, which convert and check every value that they get.
+"""Frozen tables of declared values; a table converts and checks each value that it gets.
 
-One declaration of a value (its type, default, unit, range and meaning) serves the Python
-API, TOML files, ``--set``, ``oppload models``, the JSON Schema of protocols, the pages of
-documentation and the sidecar. Nothing here needs NumPy.
+A value is declared once, with its type, default, unit, range and meaning. This declaration serves
+the Python API, TOML files, ``--set``, ``oppload models``, the JSON Schema of protocols, the
+documentation and the sidecar. This module does not need NumPy.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ def parameter(
     Parameters
     ----------
     default : object
-        The default; :data:`REQUIRED` where the value must be given. None stands for a
-        value that follows from others, such as the working size.
+        The default; :data:`REQUIRED` if the value must be given. None means that the value follows
+        from something else, such as the working size.
     meaning : str
         One line for the user.
     unit : str
         Unit of the value, empty for a pure number.
     low, above, high : float or None
-        Closed lower, open lower and closed upper bound, of each number in the value.
+        Bounds of each number in the value: at least `low`, more than `above`, at most `high`.
     choices : tuple
-        The only values allowed; empty for no such limit.
+        The allowed values; empty if all are allowed.
     kinds : tuple of str
-        The kinds of the table that take this value; empty for all of them.
+        The kinds of the table that take this value; empty for all kinds.
     needed_by : tuple of str
         The kinds of the table that need this value.
 
@@ -93,7 +93,7 @@ class Parameter:
     type : type
         The type of the value, without None.
     optional : bool
-        Whether None is a value.
+        Whether None is allowed.
     """
 
     name: str
@@ -116,7 +116,7 @@ class Parameter:
 
     @property
     def table(self) -> type[Table] | None:
-        """The type, where the value is a table itself."""
+        """The type if the value is itself a table, else None."""
         return self.type if _is_table(self.type) else None
 
 
@@ -125,8 +125,7 @@ class Table:
     """Base of all tables: converts and checks each value when the table is made."""
 
     _error: ClassVar[type[OpploadError]] = StimulusError
-    # messages name the unit of a bound
-    _units: ClassVar[bool] = True
+    _units: ClassVar[bool] = True  # whether messages name the unit of a bound
     _none: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
@@ -159,20 +158,20 @@ class Table:
 
     @classmethod
     def from_table(cls, table: object, where: str) -> Self:
-        """Build from the contents of a TOML file.
+        """Build a table from the contents of a TOML file.
 
         Parameters
         ----------
         table : object
-            Should be a dict, keys as declared.
+            The contents; it should be a dict with declared keys.
         where : str
-            The file and the table, for the messages.
+            Names of the file and of the table, for messages.
 
         Raises
         ------
         OpploadError
-            If a key is unknown (the nearest one is suggested), missing, of the wrong
-            type or out of its range.
+            If a key is unknown (the message suggests the nearest one) or missing, or if a value
+            has a wrong type or is out of its range.
         """
         if not isinstance(table, dict):
             raise cls._error(f"{where} must be a table of keys, not {table!r}")
@@ -194,13 +193,13 @@ class Table:
             raise cls._error(f"{where}: {problem}") from None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the values by name, ready for JSON."""
+        """Return the values by name, for JSON."""
         return {name: _plain(getattr(self, name)) for name in self.names()}
 
     def as_table(self) -> dict[str, Any]:
-        """Return the values by name, defaults included, without those that are None.
+        """Return the values by name, including defaults, without values that are None.
 
-        :meth:`from_table` makes the same table of them.
+        :meth:`from_table` makes the same table from them.
         """
         return {name: value for name, value in self.as_dict().items() if value is not None}
 
@@ -231,7 +230,7 @@ class Table:
             return tuple(cls._converted(each, kinds[0], one) for one in value)
         if kind is Fraction and not isinstance(value, Fraction):
             return cls._fraction(label, value)
-        if not isinstance(value, bool):  # numbers of NumPy are registered with `numbers`
+        if not isinstance(value, bool):  # the classes of `numbers` include NumPy's numbers
             if kind is float and isinstance(value, numbers.Real):
                 return _float(value)
             if kind is int and isinstance(value, numbers.Integral):
@@ -251,7 +250,7 @@ class Table:
         try:
             if isinstance(value, bool):
                 raise TypeError
-            # repr, so that 29.97 is 2997/100 and not the binary number next to it
+            # From `repr`, 29.97 becomes 2997/100, and not the nearest binary number.
             return parsed_fraction(value if isinstance(value, str) else repr(value))
         except (ValueError, TypeError, ZeroDivisionError):
             raise cls._error(
@@ -294,7 +293,7 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters(Table):
-    """Base of the parameter sets of detectors, alarms and the like; every value has a default.
+    """Base of the parameter sets, as of detectors or alarms; every value has a default.
 
     Examples
     --------
@@ -315,12 +314,12 @@ class Parameters(Table):
         Parameters
         ----------
         height : int
-            Working height in pixels; of a frame that is higher than wide, its width.
+            Working height in pixels: the shorter side of the frame.
 
         Returns
         -------
         Self
-            These parameters themselves, if none of them depends on the video.
+            The same object if no parameter depends on the video.
         """
         return self
 
@@ -330,22 +329,21 @@ class Parameters(Table):
         Raises
         ------
         ParameterError
-            If a name is unknown (the nearest one is suggested) or a value is
-            out of range.
+            If a name is unknown (the message suggests the nearest one) or a value is out of range.
         """
         for name in values:
             self._known(name)
         return replace(self, **values)
 
     def parsed(self, name: str, text: str) -> object:
-        """Convert the text of a command line, e.g. ``"200"`` or ``"none"``, to a parameter's type.
+        """Convert a text such as ``"200"`` or ``"none"`` to the type of a parameter.
 
-        The range is checked when the value is set.
+        The range is not checked here, but when the value is set.
 
         Raises
         ------
         ParameterError
-            If the name is unknown or the text is not of the parameter's type.
+            If the name is unknown, or the text cannot be converted.
         """
         each = self._known(name)
         if each.optional and text.lower() in {"none", "auto"}:
@@ -353,7 +351,7 @@ class Parameters(Table):
         if each.type is str:
             return text
         try:
-            # bool("false") is True.
+            # bool("false") would be True.
             return (
                 ["false", "true"].index(text.lower()) == 1 if each.type is bool else each.type(text)
             )
@@ -361,12 +359,12 @@ class Parameters(Table):
             raise self._mistyped(each, each.type, text) from None
 
     def angle(self, name: str, value: object) -> float | None:
-        """Return the degrees of a value such as ``"60deg"``, for a size in pixels.
+        """Return the angle in degrees if a size is given as a text such as ``"60deg"``.
 
         Returns
         -------
         float or None
-            None for a value without that unit, and for parameters that are no size in pixels.
+            None for a value without ``deg``, and for parameters that are not sizes in pixels.
 
         Raises
         ------
@@ -405,13 +403,13 @@ class Parameters(Table):
 
 
 def parsed_fraction(text: str) -> Fraction:
-    """Read a number or a fraction, such as ``29.97`` or ``30000/1001``.
+    """Return the value of a number or fraction, such as ``29.97`` or ``30000/1001``.
 
     Raises
     ------
     ValueError, ZeroDivisionError
-        If it is none, or is written with more than 60 characters or an exponent of more than
-        two digits: an exact fraction of 1e-999999999 would fill the memory.
+        If the text is neither, or has more than 60 characters or an exponent of more than two
+        digits: the exact fraction of 1e-999999999 would fill the memory.
     """
     if len(text) > 60 or re.search(r"[eE][+-]?[0-9_]{3}", text):
         raise ValueError("too long")
@@ -419,7 +417,7 @@ def parsed_fraction(text: str) -> Fraction:
 
 
 def _without_none(hint: Any) -> tuple[Any, bool]:
-    """Split ``float | None`` into the type and whether None is a value."""
+    """Split a hint such as ``float | None`` into the type and whether None is allowed."""
     members = typing.get_args(hint)
     if NoneType not in members:
         return hint, False
@@ -458,7 +456,7 @@ def _numbers(value: object) -> list[float | Fraction]:
 
 
 def _float(number: Any) -> float:
-    """Convert to float; a number beyond its range becomes infinite."""
+    """Convert to float; a number outside the range of float becomes infinite."""
     try:
         return float(number)
     except OverflowError:

@@ -1,1 +1,1 @@
-"""Results: the per-frame table, its sidecar, and reading them back."""
+"""Results: writes and reads tables, sidecars, detections and alarms."""

@@ -1,4 +1,4 @@
-"""The alarms of a run, one by one: in the sidecar, in ``alarms.csv`` and in words."""
+"""The alarms of a run, one by one: for the sidecar, for ``alarms.csv`` and as sentences."""
 
 from __future__ import annotations
 
@@ -31,23 +31,22 @@ _COLUMNS: dict[str, type] = {
 
 @dataclass
 class _AlarmEvent:
-    """One alarm of one detector, from the frame in which it goes on.
+    """One alarm of one detector.
 
     Attributes
     ----------
     start_frame, start_s, end_s
-        The frame in which it goes on, its presentation time, and that of the last frame with the
-        alarm on.
+        The frame in which the alarm goes on, its presentation time, and the presentation time of
+        the last frame with the alarm on.
     peak_over_threshold : float
-        Largest response over its threshold.
+        Largest response divided by the threshold.
     box : list of float or None
-        x, y, width and height in source pixels at the largest response; None where nothing
-        has a place.
+        x, y, width and height in source pixels at the largest response; None without a place.
     time_to_contact_s : float or None
-        From the alarm's start, by the first estimate in it.
+        Time from the start of the alarm to contact, according to the first estimate.
     near_contact : bool or None
-        Whether the response was not above the threshold as it began, but an object had a time to
-        contact; None where that is not known.
+        Whether, in the first frame, the response was not above the threshold, but an object had a
+        time to contact; None if that is not known.
     """
 
     start_frame: int
@@ -65,7 +64,7 @@ class _AlarmEvent:
         if place is not None and place.time_to_contact_s is not None:
             contact_s = record.time_s - self.start_s + place.time_to_contact_s
             self.time_to_contact_s = self.time_to_contact_s or contact_s
-        if self.near_contact is None:  # its first frame
+        if self.near_contact is None:  # the first frame of the alarm
             below = ratio is not None and ratio <= 1
             self.near_contact = below and self.time_to_contact_s is not None
         if ratio is not None and ratio > self.peak_over_threshold:
@@ -81,13 +80,13 @@ class Verdict(NamedTuple):
     model : str
         The detector.
     alarms : tuple of _AlarmEvent
-        In their order.
+        The alarms, in the order of time.
     peak : float or None
-        The largest response over its threshold; None without a response, or where the alarm
-        is off.
+        The largest response divided by its threshold; None without a response, or if alarms are
+        switched off.
     peak_blind : str, bool or None
-        Why the frame of that peak does not count, as `blind` of a record; empty where it counts,
-        and None where that is not known. Sidecars before 1.0 tell only whether it counts.
+        Why the frame of the peak does not count, as `blind` of a record; empty if it counts, and
+        None if that is not known. Sidecars before 1.0 say only whether the frame is blind.
     """
 
     model: str
@@ -97,11 +96,11 @@ class Verdict(NamedTuple):
 
     @property
     def strongest(self) -> float:
-        """The largest response over its threshold, of the alarms if there are some."""
+        """The largest response divided by its threshold; that of an alarm if there are any."""
         return max((each.peak_over_threshold for each in self.alarms), default=self.peak or 0.0)
 
     def __str__(self) -> str:
-        """Return it in words, such as ``no alarm, peak at 0.2 of the threshold``."""
+        """Return the verdict as a text, such as ``no alarm, peak at 0.2 of the threshold``."""
         if not self.alarms:
             return f"no alarm{self._silence}"
         first, count = self.alarms[0], len(self.alarms)
@@ -128,13 +127,13 @@ class Verdict(NamedTuple):
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it ready for JSON."""
+        """Return the verdict for JSON."""
         alarms = [asdict(each) for each in self.alarms]
         return {"alarms": alarms, "peak": self.peak, "peak_blind": self.peak_blind}
 
     @property
     def _silence(self) -> str:
-        """How near the peak came to an alarm, as the end of a sentence."""
+        """The end of a sentence that says how close the peak came to an alarm."""
         peak = self.peak or 0.0
         if peak > 1:
             return f", peak at {times(peak)} times the threshold, {uncounted(self.peak_blind)}"
@@ -150,7 +149,7 @@ _CAUSES = {
 
 
 def uncounted(blind: str | bool | None, *, beside_alarms: bool = False) -> str:
-    """Return why a response above the threshold set off no alarm, as the end of a sentence.
+    """Return the end of a sentence: why a response above the threshold caused no alarm.
 
     Parameters
     ----------
@@ -171,7 +170,7 @@ def uncounted(blind: str | bool | None, *, beside_alarms: bool = False) -> str:
 
 
 class AlarmLog:
-    """Takes the frames of one input, and keeps the alarms of one detector."""
+    """Takes the records of one input, and collects the alarms of one detector."""
 
     def __init__(self, model: str) -> None:
         self._model = model
@@ -194,17 +193,17 @@ class AlarmLog:
 
     @property
     def verdict(self) -> Verdict:
-        """The alarms so far."""
+        """The verdict on the frames so far."""
         return Verdict(self._model, tuple(self._alarms), self._peak, self._peak_blind)
 
 
 def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
-    """Return the verdicts that a sidecar holds.
+    """Return the verdicts in a sidecar.
 
     Raises
     ------
     KeyError, TypeError, AttributeError
-        If it holds none, or one that lacks something.
+        If the sidecar has no verdicts, or a verdict is not complete.
     """
     return tuple(
         Verdict(
@@ -217,11 +216,11 @@ def verdicts_in(sidecar: Mapping[str, Any]) -> tuple[Verdict, ...]:
     )
 
 
-MOST_IN_A_LINE = 3  # detectors; more have a row each
+MOST_IN_A_LINE = 3  # detectors; if there are more, each has a line
 
 
 def in_words(verdicts: Iterable[Verdict]) -> str:
-    """Return the verdicts of all detectors on one input in one line."""
+    """Return the verdicts of all detectors on one input as one line."""
     listed = list(verdicts)
     if len(listed) == 1:
         return str(listed[0])
@@ -229,34 +228,34 @@ def in_words(verdicts: Iterable[Verdict]) -> str:
 
 
 def times(value: float) -> str:
-    """Return a multiple of a threshold in few digits."""
+    """Return a multiple of a threshold as a text with few digits."""
     if 0 < value < 0.01:
         return "<0.01"
     return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"
 
 
 def label_of(model: str) -> str:
-    """Return the label of a detector; its name where it is not registered."""
+    """Return the label of a detector; its name if it is not registered."""
     return detector_named(model).label if model in known_names() else model
 
 
 def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
     """Write ``alarms.csv``: a row per alarm, sorted by input.
 
-    Rows of other inputs that the file holds already stay, so that a second batch into the same
-    folder, such as one that tries failed inputs again, adds to it.
+    Rows of other inputs that are already in the file stay. So a second batch into the same folder,
+    for example with the inputs that failed, adds to the file.
 
     Parameters
     ----------
     path : Path
         The file.
     found : mapping of str to iterable of Verdict
-        By input.
+        The verdicts by input.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     names = set(map(printable, found))
     rows = [row for row in _rows_in(path) if row["video"] not in names]
@@ -274,7 +273,7 @@ def _row(video: str, model: str, alarm: _AlarmEvent) -> dict[str, Any]:
 
 
 def _rows_in(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a file that exists; none if it has other columns."""
+    """Return the rows of an existing file; none if it cannot be read or has other columns."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             reader = csv.DictReader(file)

@@ -1,4 +1,4 @@
-"""Many results in one table: a row per input and detector, or a row per frame."""
+"""Collects many results in one table, with a row per input and detector, or per frame."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _REMEDY = "run its input again"
 
 
 class _Collected(NamedTuple):
-    """How many results were collected, how many could not be, and the rows."""
+    """Numbers of results that were and were not collected, and of rows."""
 
     good: int
     bad: int
@@ -89,15 +89,15 @@ def collect(
     Parameters
     ----------
     folders : sequence of Path
-        Searched to any depth.
+        Folders, searched to any depth.
     output : Path
         The table, CSV or Parquet.
     of_frames : bool
-        Whether it has a row per frame; else a row per input and detector.
+        Whether the table has a row per frame; if not it has a row per input and detector.
     if_exists : str
         ``error`` or ``overwrite``.
     told : callable
-        Called with the error of each result that cannot be collected; the others are collected.
+        Called with the error of each result that cannot be collected. The others are collected.
 
     Raises
     ------
@@ -134,13 +134,13 @@ def collect(
 
 
 def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
-    """Return the columns of the frames of some results, with the type of their values.
+    """Return the columns of the frames of some results, with the types of their values.
 
-    The columns of the detectors that run by default are always among them.
+    They always include the columns of the detectors that run by default.
     """
     used, presets, details, degrees = set(default_names()), set(), False, False
     for path in results:
-        with suppress(ResultError):  # the error comes again when the rows are read
+        with suppress(ResultError):  # reading the rows raises the error again
             content = _sidecar(path)
             models = content.get("models")
             used.update(map(str, models if isinstance(models, list) else ()))
@@ -158,9 +158,9 @@ def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
 
 
 def _found_results(folder: Path) -> Iterator[Path]:
-    """Yield the sidecars in a folder, and the tables that have none, to any depth.
+    """Yield the sidecars in a folder of any depth, and the tables without a sidecar.
 
-    They come in the order of their names, folder by folder.
+    They are sorted by name within each folder.
     """
 
     def refuse(error: OSError) -> None:
@@ -176,7 +176,7 @@ def _found_results(folder: Path) -> Iterator[Path]:
 
 
 def _name_in(folder: Path, path: Path) -> str:
-    """Return the name of a result within a folder, such as ``cam1/a``, as the column has it."""
+    """Return the name of a result within a folder, such as ``cam1/a``, for the column."""
     suffix = TABLE if path.name.endswith(TABLE) else SIDECAR
     return _text(path.relative_to(folder).as_posix().removesuffix(suffix))
 
@@ -190,7 +190,7 @@ def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
     Raises
     ------
     ResultError
-        If a folder holds none, or cannot be read.
+        If a folder has no table, or cannot be read.
     """
     others = [path for path in paths if not _LIST_OF_BATCH.fullmatch(path.name)]
     found: list[tuple[Path, Path]] = []
@@ -203,16 +203,16 @@ def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
 
 
 def _table_of(path: Path) -> Path:
-    """Return the table of a sidecar or table that `_found_results` has yielded."""
+    """Return the table of a result, given a path from `_found_results`."""
     if path.name.endswith(TABLE):
         return path
     return path.with_name(path.name.removesuffix(SIDECAR) + TABLE)
 
 
 def _summary_rows(path: Path, name: str) -> Iterator[Row]:
-    """Yield a row per detector from the sidecar of a result with a name."""
+    """Yield a row per detector from the sidecar of a result; `name` is the result's name."""
     content, table = _sidecar(path), _table_of(path)
-    if is_file(table):  # sidecars alone are enough
+    if is_file(table):  # a summary needs only the sidecar
         _check_rows(table, content)
     try:
         yield from list(_summaries(name, content))
@@ -221,11 +221,11 @@ def _summary_rows(path: Path, name: str) -> Iterator[Row]:
 
 
 def _frame_rows(path: Path, name: str) -> Iterator[Row]:
-    """Yield the frames of the table of a result, with its name."""
+    """Yield the rows of a result's table, with the result's name."""
     content, table = _sidecar(path), _table_of(path)
     facts = content.get("input")
     source = str(facts.get("name", "")) if isinstance(facts, dict) else ""
-    if not is_file(table):  # a pipe would make it wait
+    if not is_file(table):  # reading a pipe might never end
         raise ResultError(f"{table}: there is no such file; {_REMEDY}")
     _check_rows(table, content)
     frames = read_table(table, _REMEDY)
@@ -286,13 +286,13 @@ def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:
         summary = content["summary"][model]
         row = {**about, "model": model, **{column: summary[column] for column in _OF_MODEL}}
         for column, kind in _SUMMARY_COLUMNS.items():
-            # A wrong kind is found here, not in the middle of a file, and so is a byte of a name
-            # that is no text.
+            # A value of a wrong type, or a name with an undecodable byte, is found here, before
+            # any row is written.
             value = typed(row[column], kind)
             row[column] = _text(value) if isinstance(value, str) else row[column]
         yield row
 
 
 def _text(name: str) -> str:
-    r"""Return a name whose undecodable bytes are written as ``\udcff``."""
+    r"""Return a name with its undecodable bytes written as ``\udcff``."""
     return name.encode("utf-8", "backslashreplace").decode()

@@ -1,4 +1,4 @@
-"""Results read back: tables, sidecars, and their thresholds and video."""
+"""Reads results: tables, sidecars and detections; finds their thresholds and videos."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 _SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
-NOTHING = 1e-6  # of an alarm's floor: rounding errors of pathways that cancel are below
+NOTHING = 1e-6  # as a share of the alarm's floor: smaller responses may be rounding errors
 _COUNTS = ("frame", "flow_vectors", "rom_pairs")
 _TEXTS = ("blind",)
-_ALARM = "_alarm"  # end of the name of a column
-_LARGEST = 1e15  # of a number that a curve may have
+_ALARM = "_alarm"  # end of the names of columns with alarms
+_LARGEST = 1e15  # largest number in a curve
 _ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
 _LOAD_IT = "load it, as in 'oppload --load FILE.py plot"
@@ -44,7 +44,7 @@ _LOAD_IT = "load it, as in 'oppload --load FILE.py plot"
 
 @dataclass(frozen=True, eq=False)
 class BaseResult:
-    """The table and the sidecar of one input; :class:`oppload_cli.Result` adds detections.
+    """The table and the sidecar of one input; :class:`oppload_cli.Result` also has detections.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class BaseResult:
     frames : DataFrame
         A row per frame; empty cells are NaN.
     sidecar : dict
-        Empty where no sidecar exists.
+        The content of the sidecar; empty if there is none.
     """
 
     path: Path
@@ -67,23 +67,23 @@ class BaseResult:
 
     @property
     def title(self) -> str:
-        """The input's name from the sidecar, or else the result's."""
+        """The input's name from the sidecar, or else the result's name."""
         name = self.part("input").get("name")
         return Path(name).name if isinstance(name, str) and name else self.stem
 
     @property
     def models(self) -> tuple[str, ...]:
-        """The detectors whose responses it holds."""
+        """The detectors whose responses the table has."""
         return tuple(name for name in known_names() if f"{name}_response" in self.frames.columns)
 
     def part(self, name: str) -> dict[str, Any]:
-        """Return a part of the sidecar, such as ``input``; empty where it has none."""
+        """Return a part of the sidecar, such as ``input``; empty if there is no such part."""
         part = self.sidecar.get(name)
         return part if isinstance(part, dict) else {}
 
     @property
     def shortfall(self) -> str:
-        """A sentence on rows that the run wrote and the table lacks; empty if it has them all."""
+        """A sentence if the table lacks rows that the run wrote, else an empty text."""
         written = self.part("decode").get("analysed")
         if not isinstance(written, int) or self.path.name.endswith(".part"):
             return ""
@@ -101,7 +101,7 @@ class BaseResult:
 
 @dataclass(frozen=True)
 class Tuning:
-    """One tuning table, as read.
+    """One tuning table.
 
     Attributes
     ----------
@@ -110,9 +110,9 @@ class Tuning:
     rows : DataFrame
         A row per condition and detector.
     parameters : tuple of str
-        Columns of swept values, between ``stimulus`` and ``model``.
+        Columns of swept values: those between ``stimulus`` and ``model``.
     sidecar : dict
-        Empty where no sidecar exists.
+        The content of the sidecar; empty if there is none.
 
     Examples
     --------
@@ -128,13 +128,13 @@ class Tuning:
 
     @property
     def models(self) -> tuple[str, ...]:
-        """The detectors that it holds, in the usual order."""
+        """The detectors in the table, in the order of the registry."""
         held = set(self.rows["model"])
         return tuple(name for name in known_names() if name in held)
 
     @property
     def name(self) -> str:
-        """The stimulus without the part that names a member of the sweep."""
+        """The name of the stimulus, without the part for the values of the sweep."""
         first = str(self.rows["stimulus"].iloc[0])
         return str(self.sidecar.get("stimulus", {}).get("name") or first.rpartition("/")[0])
 
@@ -166,25 +166,24 @@ def read_result(
     Parameters
     ----------
     path : Path
-        A ``frames.csv``, or the ``.part`` of an interrupted run, whose last row
-        may be cut.
+        A ``frames.csv``, or the part file of an interrupted run, whose last row may be cut.
     needed : sequence of str
-        Ends of the names of the columns to read, beside ``frame`` and ``time_s``: a table of
-        many hours is large. By default all are read.
+        Ends of the names of the columns to read, in addition to ``frame``, ``time_s`` and the
+        responses: a table of many hours is large. By default all columns are read.
     models : sequence of str, optional
-        The detectors of the result whose responses must not all be empty; by default all are.
+        Detectors whose responses must not all be empty; by default all detectors of the result.
 
     Raises
     ------
     ResultError
-        If it cannot be read, or is not a result of ``oppload run``.
+        If the result cannot be read, or is not a result of ``oppload run``.
     """
     ends = ("frame", "time_s", "_response", *needed)
     frames = read_table(path, _ANOTHER_RESULT, lambda name: name.endswith(ends))
     result = BaseResult(path, frames, _sidecar(_beside(path)))
     result.need(("frame", "time_s"))
     if not result.models:
-        _alarm_params(result)  # says which detector is not known
+        _alarm_params(result)  # its error names a detector that is not known
         result.need((f"{default_names()[0]}_response",))
     known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
     check_frames(path, frames, known.intersection(frames.columns))
@@ -211,18 +210,18 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
     Parameters
     ----------
     table : Path
-        The ``frames.csv``, or the ``.part`` of an interrupted run.
+        The ``frames.csv``, or the part file of an interrupted run.
 
     Returns
     -------
     list of dict or None
-        By the keys of ``docs/formats.md``; None where there is no such file. A last line without
-        its end is cut short, and left out.
+        The detections with the keys of ``docs/formats.md``; None if there is no such file. A last
+        line without its line end was cut, and is left out.
 
     Raises
     ------
     ResultError
-        If it cannot be read, or a line is no detection.
+        If the file cannot be read, or a line is not a detection.
     """
     path = _beside(table, DETECTIONS)
     path = part_of(path) if table.name.endswith(".part") else path
@@ -249,62 +248,62 @@ def _is_detection(found: Any) -> bool:
 def read_table(
     path: Path, advice: str, wanted: Callable[[str], bool] | None = None
 ) -> pd.DataFrame:
-    """Read a table, without a check of its cells; empty ones are NaN.
+    """Read a table without checking its cells; empty cells are NaN.
 
     Parameters
     ----------
     path : Path
         The CSV; its last row may be cut.
     advice : str
-        What the user can do where it is no table.
+        What the user can do if the file is not a table.
     wanted : callable, optional
-        Tells by its name whether a column is read; by default all are.
+        Takes the name of a column, and returns whether to read it; by default all are read.
 
     Raises
     ------
     ResultError
-        If it cannot be read, is no CSV, or holds no row.
+        If the file cannot be read, is not a CSV table, or has no row.
     """
     if is_video(path.name) and path.exists():
         raise ResultError(f"{path}: is a video, not a result; run it first with 'oppload run'")
     with reading(path, ResultError, form="text in UTF-8", repair=advice):
         try:
             with _complete_lines(path) as lines:
-                # Only an empty cell is missing; the word "nan" is a number that went wrong.
+                # Only empty cells count as missing. The word "nan" is an error in a result.
                 table = pd.read_csv(lines, keep_default_na=False, na_values=[""], usecols=wanted)
         except UnicodeDecodeError:
             raise
-        except ValueError as error:  # of every kind that pandas has
+        except ValueError as error:  # all errors of pandas' parser are ValueErrors
             reason = reason_of(error)
-            if "out of memory" in reason:  # the parser of pandas has no error of its own for it
+            if "out of memory" in reason:  # the parser has no other error for this case
                 raise MemoryError(reason) from error
             uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
             if uneven:
                 cells, line, held = uneven.groups()
                 reason = f"line {line} has {held} cells, not {cells}"
             raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
-    if table.empty and len(table.columns):  # without any, one that is needed is named
+    if table.empty and len(table.columns):  # without columns, the caller names a missing one
         raise ResultError(f"{path}: holds no row; run the input again")
     return table
 
 
 def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None:
-    """Check that the cells of a table are such as ``oppload run`` writes.
+    """Check that the cells of a table have values that ``oppload run`` can write.
 
     Parameters
     ----------
     path : Path
         The file, for the message.
     frames : DataFrame
-        As read.
+        The table.
     names : iterable of str
-        The columns to check, beside ``frame`` and ``time_s``.
+        The columns to check, in addition to ``frame`` and ``time_s``.
 
     Raises
     ------
     ResultError
-        If a cell holds no finite number, a count no whole one, or an alarm neither 0 nor 1, or if
-        frame numbers or times do not increase; the line is named.
+        If a cell is not a finite number, a count is not an integer, or an alarm is neither 0 nor 1,
+        or if frame numbers or times do not increase; the message names the line.
     """
     _need(path, frames, ("frame", "time_s"), _ANOTHER_RESULT)
     for name in ("frame", "time_s", *sorted(set(names) - {"frame", "time_s", *_TEXTS})):
@@ -322,19 +321,19 @@ def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None
 
 
 def kind_of_column(name: str) -> type:
-    """Return the type of a column's values: int for counts and alarms, str for words, or float."""
+    """Return the type of a column's values: int (counts and alarms), str (words) or float."""
     return int if name in _COUNTS or name.endswith(_ALARM) else str if name in _TEXTS else float
 
 
 def title_and_input(result: BaseResult | Path) -> tuple[str, str]:
-    """Return a result's title, and its input as the run named it; the stem where neither is known.
+    """Return a result's title, and its input as the run named it; the stem if it is not known.
 
-    It reads the sidecar alone, and raises no error.
+    The function reads only the sidecar, and raises no error.
     """
     if isinstance(result, Path):
         try:
             sidecar = _sidecar(_beside(result))
-        except ResultError:  # reading the result gives the reason
+        except ResultError:  # reading the result later raises it again
             sidecar = {}
         result = BaseResult(result, pd.DataFrame(), sidecar)
     return result.title, str(result.part("input").get("name") or result.stem)
@@ -347,12 +346,12 @@ def stem_of(path: Path) -> str:
 
 
 def _beside(table: Path, suffix: str = SIDECAR) -> Path:
-    """Return another file of the result whose table this is: its sidecar, or its detections."""
+    """Return the path of the sidecar, or of another file, that belongs to a table."""
     return table.with_name(stem_of(table) + suffix)
 
 
 def is_tuning(path: Path) -> bool:
-    """Tell from its header whether a CSV is a tuning table; a file that cannot be read is none."""
+    """Return whether a CSV is a tuning table by its header; False if it cannot be read."""
     try:
         with path.open(encoding="utf-8") as file:
             header = file.readline().strip().split(",")
@@ -372,7 +371,7 @@ def read_tuning(path: str | Path) -> Tuning:
     Raises
     ------
     ResultError
-        If it cannot be read, a column is missing or a cell is not a number.
+        If the table cannot be read, a column is missing or a cell is not a number.
 
     Examples
     --------
@@ -400,24 +399,24 @@ def read_tuning(path: str | Path) -> Tuning:
 
 
 def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.float64]:
-    """Return the numbers of a column, NaN where a cell is empty.
+    """Return the numbers of a column, NaN for empty cells.
 
     Parameters
     ----------
     path : Path
         The file, for the message.
     table : DataFrame
-        As read.
+        The table.
     name : str
         The column.
 
     Raises
     ------
     ResultError
-        If a cell holds anything else than a finite number; its line is named.
+        If a cell is neither empty nor a finite number; the message names its line.
     """
     cells = table[name]
-    if cells.dtype in (object, bool):  # integers of any length, or words that are no number
+    if cells.dtype in (object, bool):  # very long integers, or words
         cells = cells.where(cells.isna(), cells.astype(str))
     values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
     bad = cells.notna().to_numpy() & ~(np.abs(values) <= _LARGEST)
@@ -426,7 +425,7 @@ def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.floa
 
 
 def _refuse(path: Path, table: pd.DataFrame, name: str, bad: NDArray[np.bool_], why: str) -> None:
-    """Raise a ResultError that names the first bad cell of a column and its line, if it has one."""
+    """If a column has bad cells, raise a ResultError that names the first one and its line."""
     if bad.any():
         row = int(bad.argmax())
         raise ResultError(
@@ -466,8 +465,11 @@ class _Beginning(RawIOBase):
 
 @contextmanager
 def _complete_lines(path: Path) -> Iterator[IO[str]]:
-    """Open the complete lines of a file, which may be larger than the memory, or still grow."""
-    if not is_file(path):  # a pipe or a device has no end to look at
+    """Open a file without a last line that is cut.
+
+    The file may be larger than the memory, and may still be growing.
+    """
+    if not is_file(path):  # in a pipe or a device nobody can seek to the end
         yield StringIO(text_of(path, pipes=True))
         return
     with path.open("rb") as file:
@@ -505,15 +507,15 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
     Parameters
     ----------
     result : BaseResult
-        Its sidecar names the input, from the folder in which the run was started. It is
-        looked for there, and beside the result.
+        Its sidecar names the input as a path from the folder in which the run was started. The
+        input is looked for from the current folder, and beside the result.
     moved : Path, optional
-        Where the input is now, or the folder that it is in.
+        The input's present place, or the folder that it is in.
 
     Raises
     ------
     SourceError
-        If it is not there, or cannot be shown again: a camera, a stream, an unknown input.
+        If the input is not found, or cannot be shown again: a camera, a stream, an unknown input.
     """
     facts = result.part("input")
     name, kind = facts.get("name"), facts.get("kind")
@@ -544,19 +546,19 @@ def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
     Parameters
     ----------
     result : BaseResult
-        Holds the detector's responses; its sidecar states the alarm.
+        Has the detector's responses; its sidecar states the parameters of the alarm.
     name : str
-        Of the detector.
+        Name of the detector.
 
     Returns
     -------
     ndarray, shape (n,)
-        As ``docs/alarms.md`` defines it; NaN during warm-up.
+        The threshold as defined in ``docs/alarms.md``; NaN during warm-up.
 
     Raises
     ------
     ResultError
-        If the sidecar states an alarm that does not exist.
+        If the sidecar states parameters of an alarm that do not exist.
     """
     time_s = result.frames["time_s"].to_numpy(float)
     response = result.frames[f"{name}_response"].to_numpy(float)
@@ -569,7 +571,7 @@ def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
 
 
 def check_schema(result: BaseResult) -> None:
-    """Raise a ResultError if the sidecar of a result is that of another version."""
+    """Raise a ResultError if the sidecar of a result has another schema than this version's."""
     schema = result.sidecar.get("schema", SCHEMA)
     if schema != SCHEMA:
         raise ResultError(
@@ -579,7 +581,7 @@ def check_schema(result: BaseResult) -> None:
 
 
 def _alarm_params(result: BaseResult) -> AlarmParams:
-    """Return the parameters of a result's alarms; the default ones without a sidecar."""
+    """Return the parameters of a result's alarms; the defaults without a sidecar."""
     check_schema(result)
     stated = result.part("parameters").get("alarm", {})
     named = result.sidecar.get("models")

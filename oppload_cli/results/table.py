@@ -1,6 +1,6 @@
-"""The files of a run: rows and summary of NAME.frames.csv, NAME.detections.jsonl, the sidecar.
+"""The content of a run's files: NAME.frames.csv, NAME.detections.jsonl and NAME.oppload.json.
 
-The sidecar is NAME.oppload.json; the columns of the table are those of ``models.columns``.
+The last one is the sidecar. The columns of the table are defined in ``models.columns``.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ def columns_for(
     Parameters
     ----------
     models : sequence of str
-        Names of the detectors that were run.
+        Names of the detectors.
     rmo : bool
         Whether radial motion opponency was measured.
     details : bool
-        Whether the inner values of the detectors have columns too (``--columns all``).
+        Whether to include the inner values of the detectors (``--columns all``).
     degrees : bool
         Whether the field of view is known, so that there are columns in degrees.
     presets : collection of str, optional
-        Only columns that stand in the table under one of these; else all.
+        Leave out columns that exist only under other presets.
 
     Returns
     -------
@@ -75,27 +75,26 @@ class FrameRecord:
     frame : int
         Number of the frame in the complete input, in the order of decoding, from 0.
     time_s : float
-        Presentation time minus that of frame 0.
+        Presentation time minus that of frame 0, in seconds.
     luma_change : float or None
         Mean of P; None for the first frame.
     responses : mapping of str to Response or None
-        By detector; None during warm-up. Boxes are in source pixels.
+        The answer of each detector; None during warm-up. Boxes are in source pixels.
     alarms : dict of str to bool
-        By detector; False during warm-up.
+        Whether the alarm of each detector is on; False during warm-up.
     rmo : RmoMetrics or None
         Radial motion opponency; None for the first frame, or if not measured.
     repeat : str
         ``exact`` or ``near`` for a frame that repeats the picture before it, else empty.
     thresholds : dict of str to float
-        By detector, the response above which this frame sets the alarm off.
+        By detector, the threshold of its alarm in this frame.
     detections : tuple of Detection
-        The looming objects that the first detector with places sees, the largest response
-        first.
+        The looming objects that the first detector with places finds, the largest response first.
     objects : dict of str to Detection or None
-        By detector with places, its strongest looming object.
+        For each detector with places, its strongest looming object.
     blind : str
         Why the frame does not count for an alarm: ``start``, ``cut``, ``rest`` or ``gap`` (see
-        ``docs/alarms.md``); empty where it counts.
+        ``docs/alarms.md``); empty if it counts.
     evidence : dict of str to float
         By detector, the number that its alarm compares with the threshold.
 
@@ -124,24 +123,24 @@ class FrameRecord:
 
     @property
     def boxes(self) -> dict[str, Box | None]:
-        """By detector with places, the box of its strongest looming object in source pixels."""
+        """For each detector with places, the box of its strongest object in source pixels."""
         return {name: None if each is None else each.box for name, each in self.objects.items()}
 
     def over_threshold(self, model: str) -> float | None:
-        """Return a detector's response over its threshold; None where there is no threshold."""
+        """Return a detector's response divided by its threshold; None if it has no threshold."""
         response = self.responses.get(model)
         return self._multiple(model, None if response is None else response.response)
 
     def _multiple(self, model: str, value: float | None) -> float | None:
-        """Return a value over a detector's threshold; None where one of them is missing."""
+        """Return a value divided by a detector's threshold; None if one of them is missing."""
         threshold = self.thresholds.get(model, 0.0)
         return None if value is None or not 0 < threshold < math.inf else value / threshold
 
     def values(self) -> dict[str, Cell]:
-        """Return the values by column, the same columns for every frame.
+        """Return the values by column; the columns are the same for every frame.
 
-        A missing value is None: a response during warm-up, a box where nothing looms, RMO
-        where it was not measured, degrees where the field of view is not known.
+        A missing value is None: a response during warm-up, a box if nothing looms, RMO if it was
+        not measured, degrees if the field of view is not known.
         """
         values: dict[str, Cell] = {
             "frame": self.frame,
@@ -185,17 +184,17 @@ class ModelSummary:
     Attributes
     ----------
     frames : int
-        Frames with a response.
+        Number of frames with a response.
     peak : float or None
-        Largest response; None where there was none.
+        Largest response; None if there was no response.
     peak_frame, peak_time_s
-        When it was first reached.
+        Frame and time at which the peak was first reached.
     first_response_frame, first_response_time_s
-        When the response was first above 0.
+        Frame and time at which the response was first above 0.
     first_alarm_frame, first_alarm_time_s
-        When the alarm first went on.
+        Frame and time at which the alarm first went on.
     alarm_frames : int
-        Frames with the alarm on.
+        Number of frames with the alarm on.
     """
 
     frames: int = 0
@@ -209,7 +208,7 @@ class ModelSummary:
     alarm_frames: int = 0
 
     def add(self, record: FrameRecord, model: str) -> None:
-        """Take one frame's record; `model` is the detector that this summary is of."""
+        """Take one frame's record; `model` is the detector that this summary describes."""
         answer = record.responses[model]
         if answer is None:
             return
@@ -235,14 +234,14 @@ TABLE, DETECTIONS, SIDECAR = ".frames.csv", ".detections.jsonl", ".oppload.json"
 
 
 def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str, Any]:
-    """Read the sidecar of a result of this version.
+    """Read a sidecar; it must have the schema of this version.
 
     Parameters
     ----------
     path : Path
         The file.
     kind : type
-        Of the error to raise if it cannot be read, is no JSON, or is of another version.
+        Class of the error if the file cannot be read, is not JSON, or has another schema.
     remedy : str
         What the user can do then, such as ``run its input again``.
     """
@@ -254,9 +253,9 @@ def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str,
 
 
 def fault_of_rows(table: Path, sidecar: Mapping[str, Any]) -> str:
-    """Return in words that a table has other rows than its run wrote; empty where it has them.
+    """Return a text if a table has more or fewer rows than its run wrote, else an empty text.
 
-    A row without its line end is cut, and does not count.
+    A row without its line end was cut, and does not count.
 
     Raises
     ------
@@ -268,34 +267,34 @@ def fault_of_rows(table: Path, sidecar: Mapping[str, Any]) -> str:
 
 
 def write_sidecar(path: Path, content: dict[str, Any]) -> None:
-    """Write the sidecar: all that a reader needs to trust or repeat a result.
+    """Write the sidecar, which has all that is needed to check or repeat a result.
 
     Parameters
     ----------
     path : Path
         Its final name.
     content : dict
-        Ready for JSON; ``schema`` is added if it lacks one.
+        Values for JSON; ``schema`` is added if it is missing.
 
     Raises
     ------
     OutputError
-        If it cannot be written.
+        If the sidecar cannot be written.
     """
     text = json.dumps({"schema": SCHEMA, **content}, indent=2, allow_nan=False)
     write_atomic(path, text + "\n")
 
 
 class DetectionsFile(PartFile):
-    """A part file of one JSON object per line: a looming object in a frame."""
+    """A part file with one line of JSON per detection."""
 
     def write(self, record: FrameRecord) -> None:
-        """Write a line per detection of a frame, at once.
+        """Write a line for each detection of a frame, without delay.
 
         Raises
         ------
         OutputError
-            If it cannot be written.
+            If the file cannot be written.
         """
         if record.detections:
             with output_errors(self.path):
@@ -305,7 +304,7 @@ class DetectionsFile(PartFile):
 
 
 def detection_values(record: FrameRecord, detection: Detection) -> dict[str, Value]:
-    """Return a detection by the keys of ``docs/formats.md``."""
+    """Return the values of a detection, with the keys of ``docs/formats.md``."""
     return {
         "frame": record.frame,
         "time_s": record.time_s,
@@ -322,7 +321,7 @@ def detection_values(record: FrameRecord, detection: Detection) -> dict[str, Val
 
 
 def detection_line(values: Mapping[str, Value]) -> str:
-    """Return a detection as its line; numbers are formatted as in ``frames.csv``."""
+    """Return the line of a detection; numbers have the same format as in ``frames.csv``."""
     return "{" + ", ".join(f'"{name}": {_json(value)}' for name, value in values.items()) + "}\n"
 
 

@@ -1,4 +1,4 @@
-"""The ground truth beside a video or a result: found, read, and checked to be that of the video."""
+"""Finds and reads the ground truth of a video, and checks that it belongs to the video."""
 
 from __future__ import annotations
 
@@ -18,31 +18,32 @@ if TYPE_CHECKING:
     Truth = dict[str, Any]
 
 
-_FACTS = ("name", "looming", "contact_time_s", "display")  # that a sidecar keeps
-_OTHER_SIDES = 0.03  # of the ratio of the sides: scaled videos have even widths and heights
-_OTHER_LENGTH = 0.1  # of the frames: a video may be cut by a few
-_FEW_FRAMES = 5
+_FACTS = ("name", "looming", "contact_time_s", "display")  # the facts that a sidecar keeps
+# Differences that are allowed. Scaled videos have even sides, and so another ratio of the sides.
+# A video may also be cut by a few frames.
+_OTHER_SIDES = 0.03  # as a share of the ratio of the sides
+_OTHER_LENGTH, _FEW_FRAMES = 0.1, 5  # share of the frames; frames
 
 
 def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth:
-    """Read a ground truth that lies beside a video.
+    """Read the ground truth beside a video.
 
-    A video may have been scaled, and cut by a few frames. So its sides have another ratio if that
-    differs by more than 3 %, and its number of frames is another one if it differs by more than a
-    tenth, and by more than 5 frames.
+    A video may have been scaled, and cut by a few frames. So it counts as another video only if the
+    ratio of its sides differs by more than 3 %, or if its number of frames differs by more than a
+    tenth and by more than 5 frames.
 
     Parameters
     ----------
     path : Path
         The file.
     width, height, frames : int or None
-        The sides of the video as it is displayed, and the frames that it declares; from a sidecar,
-        so that anything else than a number above 0 is not compared.
+        Sides of the displayed video, and its declared number of frames. They come from a sidecar:
+        a value that is not a number above 0 is not compared.
 
     Raises
     ------
     StimulusError
-        If that file is not a ground truth, or that of another video.
+        If the file is not a ground truth, or belongs to another video.
     """
     truth = stimulus.read_ground_truth(path)
     fault = _fault(truth, width, height, frames)
@@ -62,18 +63,18 @@ def find_truth(result: BaseResult) -> Truth | None:
     Parameters
     ----------
     result : Result
-        Its sidecar may name a file under ``stimulus.path``, or hold the content under
-        ``stimulus``; else ``{stem}.stimulus.json`` may be beside the result.
+        Its sidecar may have the path of a file under ``stimulus.path``, or the content under
+        ``stimulus``. Otherwise the file ``{stem}.stimulus.json`` may be beside the result.
 
     Returns
     -------
     dict or None
-        None without a ground truth, and where the run left it out, as the sidecar says.
+        None if there is no ground truth, or if the run left it out according to the sidecar.
 
     Raises
     ------
     StimulusError
-        If that file is not a ground truth, or that of another video.
+        If the file is not a ground truth, or belongs to another video.
     """
     stated = result.sidecar.get("stimulus")
     if isinstance(stated, dict):
@@ -92,15 +93,15 @@ def find_truth(result: BaseResult) -> Truth | None:
 
 
 def usable_truth(result: BaseResult) -> Truth | None:
-    """Return the ground truth of a result; None where it has none that can be used."""
+    """Return the ground truth of a result; None if it has no usable one."""
     try:
         return find_truth(result)
-    except StimulusError:  # as `truth_fault` says
+    except StimulusError:  # `truth_fault` gives the reason
         return None
 
 
 def truth_fault(result: BaseResult) -> str:
-    """Return a sentence on a ground truth that cannot be used; empty where there is none."""
+    """Return a sentence if a ground truth exists that cannot be used, else an empty text."""
     error = result.part("stimulus").get("error")
     if isinstance(error, str):
         return f"its ground truth is left out ({error})"
@@ -112,7 +113,7 @@ def truth_fault(result: BaseResult) -> str:
 
 
 def _fault(truth: Truth, width: Any, height: Any, frames: Any) -> str:
-    """Return in words why a ground truth is not that of a video; empty where it may be."""
+    """Return why a ground truth cannot belong to a video; empty if it can."""
     missing = next((key for key in _FACTS if key not in truth), None)
     if missing:
         return f"lacks its {missing}; generate the stimulus again"
