@@ -456,7 +456,6 @@ def _numbers(value: object) -> list[float | Fraction]:
 
 
 def _float(number: Any) -> float:
-    """Convert to float; a number outside the range of float becomes infinite."""
     try:
         return float(number)
     except OverflowError:

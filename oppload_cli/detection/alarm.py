@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import Map
 
 
-_LATEST_STEPS = 15  # the usual step is the median of so many latest steps between frames
+_LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps between frames
 _FIRST_STEP_S = 0.1  # the usual step before any step is known
-_GAP = 2.0  # a step of more than so many usual steps is a gap: frames are missing
+_GAP = 2.0  # a longer step, in usual steps, is a gap: frames are missing
 
 
 class _Steps:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 
 def _seconds(default: float, meaning: str) -> Any:
-    """Declare a parameter in seconds, 0 to 60."""
     return parameter(default, meaning, unit="s", low=0, high=60)
 
 

@@ -255,7 +255,6 @@ class Places:
         self._pictures.append((time_s, Picture(luma)))
 
     def _owner(self, peak: _Peak) -> Track | None:
-        """Return the object to which a peak belongs."""
         x, y = self._maps.centres_x[peak.column], self._maps.centres_y[peak.row]
         near = _NEAR * self._maps.field
         held = [(track.holds(x, y, near), track) for track in self._tracks]
@@ -283,7 +282,6 @@ class Places:
         return self._products.extent(row, column, x, y)
 
     def _follow(self, track: Track, peak: _Peak, time_s: float) -> None:
-        """Update an object to the latest frame."""
         row, column = peak.row, peak.column
         x, y = _focus(self._maps, row, column)
         extent = self._measured(row, column, track.extent.x, track.extent.y)

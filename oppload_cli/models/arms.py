@@ -244,6 +244,5 @@ class ArmsJudgement(CellJudgement):
 
 
 def _over(values: Map, weights: Map) -> Map:
-    """Return the weighted sum of the values of the cells around each unit."""
     summed = cv2.filter2D(values, cv2.CV_32F, weights, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(summed, np.float32)

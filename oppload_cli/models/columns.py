@@ -78,22 +78,14 @@ VIEW = (
 )
 # Columns with `--columns all`: the first of every detector, the others of each with places.
 ALARM_DETAILS = (
-    Column(
-        "over_threshold",
-        "",
-        "response divided by the alarm's threshold; empty where there is no threshold",
-    ),
+    Column("over_threshold", "", "response divided by the alarm's threshold; empty without one"),
     Column(
         "evidence_over_threshold",
         "",
         "evidence divided by the alarm's threshold; near a contact the evidence is larger than the "
         "response. If this is above 1 the frame counts for the alarm, unless it is blind",
     ),
-    Column(
-        "time_to_contact_s",
-        "s",
-        "time until the strongest looming object arrives; empty if not known",
-    ),
+    Column("time_to_contact_s", "s", "time to contact of the strongest looming object, if known"),
     Column(
         "time_to_contact_error_s",
         "s",

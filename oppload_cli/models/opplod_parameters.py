@@ -30,26 +30,18 @@ class _ArmParams(DpcParams):
         True, "True: the arms see motion in its direction, from both axes; False: the four S_phi"
     )
     arm_cone: float = parameter(
-        90.0, "half-width of the cone in which motion excites an arm", unit="deg", low=1, high=180
+        90.0, "half-width of the cone where motion excites an arm", unit="deg", low=1, high=180
     )
     suppression_cone: float = parameter(
-        36.0,
-        "half-width of the cone in which motion suppresses an arm",
-        unit="deg",
-        low=1,
-        high=180,
+        36.0, "half-width of the cone where motion suppresses an arm", unit="deg", low=1, high=180
     )
     suppression_field: float = parameter(
         1.7, "reach of an arm's suppression, divided by that of its excitation", low=0.1, high=10
     )
-    inward: float = parameter(
-        5.0, "weight of suppression by motion towards the unit's middle", low=0, high=1000
-    )
-    lateral: float = parameter(
-        4.0, "weight of suppression by motion across the arm", low=0, high=1000
-    )
+    inward: float = parameter(5.0, "suppression by motion towards the middle", low=0, high=1000)
+    lateral: float = parameter(4.0, "suppression by motion across the arm", low=0, high=1000)
     surround: float = parameter(
-        0.25, "weight of suppression by all motion in the field (normalisation)", low=0, high=1000
+        0.25, "suppression by all motion in the field (normalisation)", low=0, high=1000
     )
     suppression_s: float = parameter(
         0.15, "time constant of suppression; 0: it acts at once", unit="s", low=0, high=60
@@ -124,19 +116,13 @@ class OpplodParams(_ArmParams):
         high=2,
     )
     cell_share: float = parameter(
-        0.05,
-        "side of a cell as a share of the working height, if cell is auto",
-        low=0.001,
-        high=0.5,
+        0.05, "side of a cell over the working height, if cell is auto", low=0.001, high=0.5
     )
     pool_sigma: float = parameter(
         1.0, "sigma of the pooling over cells; 0: no pooling", unit="cells", low=0, high=10
     )
     axes: int = parameter(
-        45,
-        "direction of the first axis of opponency; the second is at a right angle to it",
-        unit="deg",
-        choices=(0, 45),
+        45, "first axis of opponency; the second is at a right angle", unit="deg", choices=(0, 45)
     )
     border: int = parameter(
         6,
@@ -225,9 +211,7 @@ class OpplodParams(_ArmParams):
     periphery: float = parameter(
         1.0, "weight w_p of inward motion, which is subtracted from outward", low=0, high=1000
     )
-    threshold: float = parameter(
-        0.0, "threshold of opponency, T_o: at or below it the response is 0", low=0, high=1e9
-    )
+    threshold: float = parameter(0.0, "threshold of opponency, T_o", low=0, high=1e9)
     gain: float = parameter(1.0, "gain of enhancing, c2", low=0, high=1e9)
     units: str = parameter("every", "grid of units such as 5x5 (columns x rows), or 'every' cell")
 

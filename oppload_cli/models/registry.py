@@ -431,7 +431,6 @@ class DetectorBank:
 
 
 def _answer(detector: Detector, luma: Map) -> Response | None:
-    """Return the answer of a detector to a frame, checked."""
     with _named(type(detector), "its step failed"):
         answer = detector.step(luma)
     if answer is not None and (fault := _fault(detector, answer)):
@@ -468,7 +467,6 @@ def _fault(detector: Detector, answer: object) -> str:
 
 
 def _is_own(detector: type[Detector]) -> bool:
-    """Return whether a detector is part of this package."""
     return detector.__module__.startswith("oppload_cli.")
 
 

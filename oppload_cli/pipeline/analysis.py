@@ -530,7 +530,6 @@ def _held(record: FrameRecord, prepared: _Prepared) -> FrameRecord:
 
 
 def _in_source(answer: Response | None, working: WorkingSize) -> Response | None:
-    """Return an answer with its box in source pixels."""
     if answer is None or answer.box is None:
         return answer
     box, x, y = answer.box, working.scale_x, working.scale_y

@@ -268,7 +268,6 @@ class _Run:
             )
 
     def _length(self) -> str:
-        """Return a text on the length of the input, as far as it is known."""
         facts, decoded = self.video.facts, self.video.decode.decoded
         count = max(decoded, facts.frames_declared or 0)
         seconds = f"{float(count / facts.frame_rate):.2f} s, " if facts.frame_rate else ""
@@ -338,7 +337,6 @@ class _Run:
         return tuple(remarks)
 
     def _never_answered(self, silent: Sequence[str]) -> str:
-        """Return a remark on detectors that did not answer to any frame."""
         labels = [detector_named(name).label for name in silent]
         longest = max(detector_named(name).warm_up for name in silent)
         interval = self._settings.time.interval

@@ -21,11 +21,11 @@ KEEP, EXACT, NEAR = "keep", "exact", "near"
 
 _SOME_ROWS = 16  # frames are first compared at every 16th row
 _CELLS = 15  # cells across the shorter side of the frame; changes are averaged over each cell
-_PICTURES = 3  # the usual change is the median change of so many latest pictures
+_PICTURES = 3  # the usual change is the median change of the latest 3 pictures
 _FRAMES = 6  # changes remembered; before a cadence the second largest counts as a new picture's
-_ENOUGH, _PROOF_S = 2, 2.0  # so many drops with a rise, within so many seconds, are a cadence
+_ENOUGH, _PROOF_S = 2, 2.0  # 2 drops with a rise after them, within 2 s, are a cadence
 _BACK = 0.4  # after a repeat the change rises to at least this share of the usual change
-_LENIENT = 2.0  # in a cadence one of the two changes of a repeat may be so many times larger
+_LENIENT = 2.0  # in a cadence one value of a repeat's change may be twice as large
 _SPAN = 20  # number of pictures whose mean interval is taken
 _PULL = 0.1  # share by which an estimated time moves into the frame before its picture is shown
 _WORTH_TELLING = 0.05  # least share of repeats among all frames for a remark

@@ -176,7 +176,6 @@ def _found_results(folder: Path) -> Iterator[Path]:
 
 
 def _name_in(folder: Path, path: Path) -> str:
-    """Return the name of a result within a folder, such as ``cam1/a``, for the column."""
     suffix = TABLE if path.name.endswith(TABLE) else SIDECAR
     return _text(path.relative_to(folder).as_posix().removesuffix(suffix))
 
@@ -203,7 +202,6 @@ def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
 
 
 def _table_of(path: Path) -> Path:
-    """Return the table of a result, given a path from `_found_results`."""
     if path.name.endswith(TABLE):
         return path
     return path.with_name(path.name.removesuffix(SIDECAR) + TABLE)

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
 _LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
-_MOST_STEPS = 1 << 10  # the rate follows from so many first steps between frames
+_MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps between frames
 # A step is usual if it differs from the median by at most this share of the median, or this time.
 _USUAL, _ROUNDING_S = 0.5, 1.001e-3
-_LATEST_STEPS = 15  # the usual step is the median of so many latest steps
+_LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps
 _CONTRADICTION = 0.1  # a larger relative difference from the declared rate gives a remark
 _LEAST_LASTING_S = 1.0  # a longer shift stays: the clock was set to another time
 _TAKEN_BACK = 0.1  # a shift falls by at most this share of each step between two frames

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 _FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
-# Most bytes of an image file: so many per pixel, and so many in addition.
+# Most bytes of an image file: per pixel, and in addition.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
 _GAP = 1.5  # least step between two numbers, in usual steps, at which images are missing
 _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # modes of Pillow with 16 bits; 8 are kept
@@ -342,5 +342,5 @@ class CameraSource:
 
 
 def _grey(colour: Colour) -> NDArray[np.uint8]:
-    """Return the luma, with the weights of Rec. 601."""
+    """Return the luma by Rec. 601."""
     return np.asarray(cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY), np.uint8)

@@ -117,7 +117,6 @@ def _under(pattern: str, match: str) -> str:
 
 
 def _below(root: str) -> Iterator[_Found]:
-    """Yield the inputs in a folder and in all folders below it."""
     refused: list[OSError] = []
     empty = True
     for folder, within, files in os.walk(root, onerror=refused.append):
@@ -165,7 +164,6 @@ def left_out(name: str) -> Iterator[str]:
 
 
 def _listed(names: list[str], kind: str) -> str:
-    """Return the number of things, the first few names, and "is" or "are"."""
     count = len(names)
     shown = ", ".join(names[:_SHOWN]) + ", ..." * (count > _SHOWN)
     return f"{count} {kind}{'s' * (count > 1)} ({shown}) {'are' if count > 1 else 'is'}"

@@ -145,7 +145,6 @@ def _gif(reading: _Reading) -> str | None:
 
 
 def _colours(flags: int) -> int:
-    """Return the size in bytes of a colour table."""
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
 

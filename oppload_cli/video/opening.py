@@ -48,7 +48,7 @@ _WIDEST_SAMPLE = 2  # bytes
 # decoder runs far ahead.
 MOST_SLOTS, _LEAST_SLOTS = 64, 3
 _SHARED_BYTES = 1 << 24  # most shared memory, unless the least number of slots needs more
-_PARTS = 8  # slots are given back in so many parts, each at once
+_PARTS = 8  # the slots are given back in 8 parts, each part at once
 
 
 class Opening:
@@ -243,7 +243,6 @@ class _DecodingProcess:
             self._memory = -1
 
     def _received(self) -> Any:
-        """Return the next message, or raise it if it is an error."""
         with self._reading:
             if self._connection.closed:
                 raise EOFError

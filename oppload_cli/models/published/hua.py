@@ -32,7 +32,6 @@ _LEAST = np.float32(1e-30)
 
 
 def _gaussian_line(radius: int, sigma: float) -> Map:
-    """Return a one-dimensional Gaussian kernel with sum 1."""
     line = np.exp(-(np.arange(-radius, radius + 1) ** 2) / (2 * sigma**2))
     return np.asarray(line / line.sum(), np.float32)
 
@@ -142,7 +141,6 @@ def _flush(values: Map) -> None:
 
 
 def _blurred(values: Map, line: Map, out: Map | None = None) -> Map:
-    """Return the values blurred by a Gaussian, with the nearest pixel repeated beyond the frame."""
     return np.asarray(cv2.sepFilter2D(values, -1, line, line, dst=out, borderType=EDGE), np.float32)
 
 

@@ -243,7 +243,6 @@ class Plgmd(_Persistent):
         return PlgmdResponse(total / self.pixels, None, *first, k, spreads[0], total, spreads[1])
 
     def _sum_of_g(self, q: Plane, before: Plane) -> float:
-        """Return the sum of G of one run."""
         if self.params.p == 1:
             s = q - _INHIBITION * spread(before, k3(0, 1 / 4, 1 / 8), ZERO)
             g, _ = grouped(s, 4, 0.01, ZERO)

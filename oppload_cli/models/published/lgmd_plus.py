@@ -132,7 +132,6 @@ class LgmdPlus(ChangeDetector):
         return LgmdPlusResponse(mp / self.pixels, None, *values)
 
     def _sums(self, p: Plane, bias: float) -> Plane:
-        """Return S, at least 0."""
         on, off = split(self._smoothed(p), self._on, self._off)
         weights = self._local * bias
         so = positive(on - weights * self._spread(on, self._on))

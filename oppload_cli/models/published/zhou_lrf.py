@@ -62,7 +62,7 @@ class ZhouLrfResponse(Response):
 
 
 def _weights() -> Plane:
-    """Return the weights for motion to the right, shape (12, 12), row 0 on top."""
+    """Return the weights for motion to the right, shape (12, 12), top row first."""
     path = files(__package__) / _WEIGHTS_FILE
     try:
         lines = path.read_text("ascii").splitlines()
