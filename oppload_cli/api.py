@@ -334,7 +334,6 @@ def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table as plain values; None for an empty cell."""
     return cast(
         "list[dict[str, Any]]", table.astype(object).where(table.notna(), None).to_dict("records")
     )

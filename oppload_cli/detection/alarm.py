@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps between frames
 _FIRST_STEP_S = 0.1  # the usual step before any step is known
-_GAP = 2.0  # a longer step, in usual steps, is a gap: frames are missing
+_GAP = 2.0  # a step longer than 2 usual steps is a gap: frames are missing
 
 
 class _Steps:
@@ -129,7 +129,6 @@ class Alarm:
         return self._on
 
     def _long_enough(self, above: bool, time_s: float) -> bool:
-        """Return whether evidence has been above the threshold for long enough."""
         before_s = time_s if self._before_s is None else self._before_s
         oldest = time_s - self.params.window_s
         if self.params.enough_s:  # keep the frame before, also if frames come rarely

@@ -74,7 +74,7 @@ class AlarmParams(Parameters):
         0.1, "below contact_s, evidence is the response divided by this", low=1e-3, high=1
     )
     hold_s: float = _seconds(
-        0.5, "time for which an alarm continues after its last frame with enough evidence"
+        0.5, "time for which an alarm continues after evidence was last above the release share"
     )
     refractory_s: float = _seconds(
         0.5, "time after the end of an alarm in which no other alarm starts"

@@ -51,7 +51,7 @@ class SteadyLight:
     Where a lamp flickers or a camera adapts its exposure, one gain multiplies the luminance of all
     pixels; with a rolling shutter each row has its own gain. The gain between two frames is
     measured as the median, over cells of the frame, of the ratio of their luminance. It is used
-    only if it explains most of the change. Motion of the scene or the camera is no such change.
+    only if it explains most of the change, as it does not if the scene or the camera moves.
 
     Parameters
     ----------

@@ -30,9 +30,11 @@ class DlgmdParams(DpcParams):
     8
     """
 
-    group_size: int = parameter(4, "side of the square that sums S", unit="px", low=1, high=100)
+    group_size: int = parameter(
+        4, "side of the square over which grouping sums S", unit="px", low=1, high=100
+    )
     threshold_factor: float = parameter(
-        1.2, "threshold of grouping / luminance change two intervals ago", low=0, high=1000
+        1.2, "threshold of grouping as a multiple of the earlier change, P(t-2)", low=0, high=1000
     )
     threshold_limit: float = parameter(0.3, "largest threshold of grouping", low=0, high=1000)
     grouped_limit: float = parameter(1.0, "largest value of G at a pixel", low=0, high=1e6)

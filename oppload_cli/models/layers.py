@@ -33,10 +33,9 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import DpcParams, Map
 
 MEMORY = 3  # S is computed from three maps of P: now, one and two intervals ago
-# Two frames can be compared with the current one: the youngest that is at least an interval old,
-# and the next younger frame. The younger one is taken if it is too young by at most a quarter of
-# the interval, and by at most 0.4 of the time by which the older one is too old. These limits were
-# measured at 20 to 144 frames/s.
+# Of the two frames whose ages are nearest to an interval, the younger one is taken if it is too
+# young by at most a quarter of the interval, and by at most 0.4 of the time by which the older one
+# is too old. These limits were measured at 20 to 144 frames/s.
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
 _MOST_KEPT = 16.5  # frames kept per interval; at higher frame rates some are not kept
@@ -70,7 +69,7 @@ class Photoreceptors:
     stride : int
         Length of the interval of these photoreceptors, in reference intervals, at least 1.
     clock : Clock, optional
-        Tells the time of the frames; without it each lasts one reference interval.
+        Tells the time of the frames; without it each frame lasts one reference interval.
 
     Attributes
     ----------
@@ -138,7 +137,7 @@ class Photoreceptors:
     def motion_lasts(self) -> bool:
         """Whether the luminance changed all the time in the three intervals of `maps`.
 
-        False at the start of a video, and for equally long after a rest of the complete scene.
+        False at the start of a video, and for three intervals after the complete scene was at rest.
         """
         oldest = self._series[-1]
         if oldest is None or oldest.before is None:
@@ -335,7 +334,7 @@ class Dpc:
 
 
 class _Layer(Protocol):
-    """A step that several detectors may share; it holds the values of the latest frame."""
+    """A layer that several detectors may share; it has the values of the latest frame."""
 
     @property
     def frames(self) -> int: ...
@@ -380,7 +379,7 @@ class Layers:
     shape : tuple of int
         Height and width of the working frames.
     clock : Clock, optional
-        Tells the time of the frames; without it each lasts one reference interval.
+        Tells the time of the frames; without it each frame lasts one reference interval.
 
     Examples
     --------

@@ -29,8 +29,8 @@ class _SmallerFrames:
     """The DPC layers of smaller frames, which show the direction of faster edges.
 
     Frames that are one interval apart are compared at half their size. If frames come only every n
-    intervals, they are compared over n intervals at 1/(2n) of their size. An edge then moves by
-    equally many pixels between the compared frames (``docs/time.md``).
+    intervals, they are compared over n intervals at 1/(2n) of their size. Between the compared
+    frames an edge then moves by as many pixels as with n = 1 (``docs/time.md``).
     """
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams, clock: Clock) -> None:

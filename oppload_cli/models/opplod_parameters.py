@@ -27,7 +27,7 @@ class _ArmParams(DpcParams):
         high=8192,
     )
     graded: bool = parameter(
-        True, "True: the arms see motion in its direction, from both axes; False: the four S_phi"
+        True, "True: the arms use the direction of motion from both axes; False: the four S_phi"
     )
     arm_cone: float = parameter(
         90.0, "half-width of the cone where motion excites an arm", unit="deg", low=1, high=180
@@ -116,7 +116,7 @@ class OpplodParams(_ArmParams):
         high=2,
     )
     cell_share: float = parameter(
-        0.05, "side of a cell over the working height, if cell is auto", low=0.001, high=0.5
+        0.05, "side of a cell as a share of the height, if cell is auto", low=0.001, high=0.5
     )
     pool_sigma: float = parameter(
         1.0, "sigma of the pooling over cells; 0: no pooling", unit="cells", low=0, high=10
@@ -211,7 +211,9 @@ class OpplodParams(_ArmParams):
     periphery: float = parameter(
         1.0, "weight w_p of inward motion, which is subtracted from outward", low=0, high=1000
     )
-    threshold: float = parameter(0.0, "threshold of opponency, T_o", low=0, high=1e9)
+    threshold: float = parameter(
+        0.0, "threshold of opponency, T_o; at or below it the response is 0", low=0, high=1e9
+    )
     gain: float = parameter(1.0, "gain of enhancing, c2", low=0, high=1e9)
     units: str = parameter("every", "grid of units such as 5x5 (columns x rows), or 'every' cell")
 

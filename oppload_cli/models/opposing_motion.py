@@ -81,7 +81,7 @@ def pooling_weights(
     Returns
     -------
     ndarray of float32, shape (n, length)
-        A Gaussian whose sum is 1 on an endless side.
+        Gaussian weights; the sum of a cell's weights is 1 if its Gaussian lies within the side.
     """
     distance = np.arange(length) + 0.5 - centres[:, None]
     if sigma > 0:
@@ -287,7 +287,7 @@ class CellJudgement:
     def _pooling_weights(
         self, shape: tuple[int, ...], reduction: int = 1, bars: Widths = NO_BARS
     ) -> tuple[Map, Map]:
-        """Return the weights, down and across, that pool maps reduced by a factor, without bars."""
+        """Return the weights, down and across, for maps reduced by a factor; bars have weight 0."""
         maps, params = self.maps, self._params
         sigma = params.pool_sigma * params.cell_px / reduction
         left, right, top, bottom = ((params.border + bar) // reduction for bar in bars)
@@ -517,8 +517,7 @@ class PixelwiseJudgement:
         for phi in self._params.both_axes:
             product = pathways[phi][field] * pathways[phi + 180][field][::-1, ::-1]
             selected = product[product > self._params.threshold].astype(np.float64)
-            # With phi and phi + 180 exchanged the same products come, rotated by 180 degrees:
-            # hence the factor 2.
+            # Exchanging phi and phi + 180 gives the same products, rotated: hence the factor 2.
             s_enhanced += 2 * self._params.gain * float(selected @ selected)
             s_e += 2 * float(selected.sum())
         return s_enhanced, s_e

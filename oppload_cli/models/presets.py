@@ -50,7 +50,7 @@ PRESETS = {
             "paper",
             "for comparison with the paper: its text to the letter, 25 units of 200 x 200 px",
             600,
-            "it responds to inward as to outward motion, so that no threshold tells an approach",
+            "it responds to inward as to outward motion: no threshold tells approach from retreat",
             interval="frame",
         ),
         Preset(

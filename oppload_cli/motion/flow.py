@@ -225,7 +225,6 @@ class DenseFlow:
     def _vectors(
         self, reduced: list[Grey], reduction: int, corner: tuple[int, int]
     ) -> MotionVectors:
-        """Compute the flow between two reduced frames and sample it on the grid."""
         before, now = reduced
         spacing = self._spacing / self._reduction  # in samples
         rows, columns = (max(1, round(side / spacing)) for side in now.shape)

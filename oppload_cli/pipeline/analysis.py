@@ -200,7 +200,6 @@ class Analysis:
         return [*times.remarks(), *doubt, *pictures, *self._working.remarks()]
 
     def _doubt_of_unit(self) -> list[str]:
-        """Return a sentence if the times seem to be in another unit than seconds."""
         rate = self._preparation.times.rate
         if rate is None or rate * _LONGEST_STEP_S > 1:
             return []

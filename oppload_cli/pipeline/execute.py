@@ -348,7 +348,6 @@ class _Run:
         )
 
     def _field_of_view(self, groups: Mapping[str, Parameters]) -> dict[str, Any] | None:
-        """Return the field of view, and the detectors' sizes in pixels converted to degrees."""
         if self._optics is None:
             return None
         scale = self.video.working.scale_y

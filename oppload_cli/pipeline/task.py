@@ -105,9 +105,8 @@ class Outputs:
     def begin(self, if_exists: IfExists) -> PartFile | None:
         """Create the part file of the table; the run that has it may write all files.
 
-        Returns the part file. With ``skip`` it returns None if another run is writing the result,
-        or has just written it. Raises OutputError if the file cannot be written, or if another run
-        is writing it.
+        Returns the part file; with ``skip``, None if another run is writing the result or has just
+        written it. Raises OutputError if the file cannot be written, or another run is writing it.
         """
         try:
             table = PartFile(self.csv, new=if_exists is IfExists.ERROR)

@@ -133,7 +133,6 @@ class Verdict(NamedTuple):
 
     @property
     def _silence(self) -> str:
-        """The end of a sentence that says how close the peak came to an alarm."""
         peak = self.peak or 0.0
         if peak > 1:
             return f", peak at {times(peak)} times the threshold, {uncounted(self.peak_blind)}"

@@ -219,7 +219,6 @@ def _summary_rows(path: Path, name: str) -> Iterator[Row]:
 
 
 def _frame_rows(path: Path, name: str) -> Iterator[Row]:
-    """Yield the rows of a result's table, with the result's name."""
     content, table = _sidecar(path), _table_of(path)
     facts = content.get("input")
     source = str(facts.get("name", "")) if isinstance(facts, dict) else ""

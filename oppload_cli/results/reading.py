@@ -465,10 +465,7 @@ class _Beginning(RawIOBase):
 
 @contextmanager
 def _complete_lines(path: Path) -> Iterator[IO[str]]:
-    """Open a file without a last line that is cut.
-
-    The file may be larger than the memory, and may still be growing.
-    """
+    """Open a file, which may be very large or still grow, without a last line that is cut."""
     if not is_file(path):  # in a pipe or a device nobody can seek to the end
         yield StringIO(text_of(path, pipes=True))
         return
@@ -581,7 +578,6 @@ def check_schema(result: BaseResult) -> None:
 
 
 def _alarm_params(result: BaseResult) -> AlarmParams:
-    """Return the parameters of a result's alarms; the defaults without a sidecar."""
     check_schema(result)
     stated = result.part("parameters").get("alarm", {})
     named = result.sidecar.get("models")

@@ -113,7 +113,6 @@ def truth_fault(result: BaseResult) -> str:
 
 
 def _fault(truth: Truth, width: Any, height: Any, frames: Any) -> str:
-    """Return why a ground truth cannot belong to a video; empty if it can."""
     missing = next((key for key in _FACTS if key not in truth), None)
     if missing:
         return f"lacks its {missing}; generate the stimulus again"

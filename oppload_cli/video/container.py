@@ -214,7 +214,7 @@ class ContainerSource:
         streams = _videos(container)
         if not streams:
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
-        # The stubs promise a codec; a stream of an unknown one has none.
+        # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
         codec: Any = streams[0].codec_context
         if codec is None:
             raise SourceError(f"{self.name}: its codec is unknown here; convert it, e.g. to H.264")
@@ -228,7 +228,8 @@ class ContainerSource:
         shared = self._remote or self._codec in _INDEPENDENT_SLICES
         single = self._careful and not shared
         codec.thread_count = 1 if single else self._threads or self._decoder_threads()
-        one_under_way = {"max_frame_delay": "1"} if self._careful else {}  # of dav1d
+        # An option of dav1d: decode one frame at a time.
+        one_under_way = {"max_frame_delay": "1"} if self._careful else {}
         # PNG and HEVC decoders check checksums only with the option `err_detect`.
         codec.options = {"max_pixels": _decoder_limit(), "err_detect": "crccheck", **one_under_way}
         # Frames with concealed damage are kept, and counted as corrupt: without them the video
@@ -242,7 +243,6 @@ class ContainerSource:
             pass  # decoding raises it again, and it is counted there
 
     def _decoder_threads(self) -> int:
-        """Return the number of decoder threads; 0 lets the decoder choose."""
         codec = self._stream.codec_context
         quick = self._codec in _QUICK_CODECS and codec.width * codec.height <= _QUICK_PIXELS
         # On two cores flow and detectors already use both. Decoder threads that wait for each

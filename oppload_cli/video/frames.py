@@ -463,10 +463,9 @@ def max_pixels() -> int:
 
 
 def too_large(width: int, height: int, bits: int = USUAL_BITS) -> bool:
-    """Return whether a picture has too many pixels, or needs the memory of too many usual pixels.
+    """Return whether a picture needs the memory of more than :func:`max_pixels` usual pixels.
 
-    `bits` is the memory per pixel: 12 in video of 8 bits with a quarter of the colour samples. The
-    limit is :func:`max_pixels`.
+    `bits` is the memory per pixel: 12 in video of 8 bits with a quarter of the colour samples.
     """
     return width * height * max(bits, USUAL_BITS) > max_pixels() * USUAL_BITS
 

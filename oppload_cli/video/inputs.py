@@ -230,10 +230,7 @@ def result_stem(name: str, folder: str = "") -> str:
 
 
 def other_stems(name: str, stem: str) -> tuple[str, str]:
-    """Return two other stems for an input whose `stem` another input has too.
-
-    The second one is unique.
-    """
+    """Return two other stems for an input whose `stem` is taken; the second one is unique."""
     suffix = "" if "://" in name or is_folder(name) else PurePath(name).suffix
     folder, _, last = stem.rpartition("/")
     return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
@@ -349,7 +346,7 @@ class Span:
 
     @property
     def open_ended(self) -> bool:
-        """Whether the input is read to its own end."""
+        """Whether the input is read to its end."""
         return self.end is None and self.duration is None
 
     def within(self, source: PictureSource) -> Iterator[Picture]:

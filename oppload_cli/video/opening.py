@@ -5,8 +5,7 @@ wait for each other, and load their libraries at the same time. If the decoder c
 ends, but not the run. The pictures pass through shared memory at the working size. If no process
 can be forked, or the input is not a file, a thread decodes instead.
 
-The process is forked before NumPy is loaded, so that this module imports no large library at its
-top.
+The process is forked before NumPy is loaded: this module imports no large library at its top.
 """
 
 from __future__ import annotations

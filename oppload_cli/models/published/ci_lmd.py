@@ -43,7 +43,9 @@ class CiLmdParams(Parameters):
 class CiLmdResponse(Response):
     """The answer of ci_lmd, with the value that its authors publish."""
 
-    ci_lmd: float = inner(0.5, "0.5 to 1", "sigmoid of the sum of G divided by 0.9 of the pixels")
+    ci_lmd: float = inner(
+        0.5, "0.5 to 1", "sigmoid of the sum of G, divided by 0.9 times the number of pixels"
+    )
 
 
 class CiLmd(ChangeDetector):

@@ -36,7 +36,7 @@ class EmdLplc2GfParams(Parameters):
         150, "height to which higher frames are reduced", unit="px", low=8, high=10000
     )
     receptive_field: int | None = parameter(
-        None, "side of a unit's field; auto: 2/3 of this height", unit="px", low=4, high=10000
+        None, "side of a field; auto: 2/3 of the reduced height", unit="px", low=4, high=10000
     )
     full_scale: float = parameter(1.0, "number that stands for white, such as 1 or 255", above=0)
     arm_threshold: float = parameter(
@@ -66,9 +66,8 @@ def _add_elementary_motion(signal: Plane, delayed: Plane, motion: Plane, room: P
     """Add the motion to the right and downwards between neighbouring pixels.
 
     This is Reichardt's correlation: the delayed signal of a pixel times the signal of its
-    neighbour, minus the same product for the opposite direction. The function uses the array
-    `room`, one row and one column smaller than the signal, for intermediate results: a new array
-    would take more time than the computation.
+    neighbour, minus the same product for the opposite direction. `room`, one row and one column
+    smaller than the signal, takes intermediate results: a new array would take more time.
     """
     here, late = signal[:-1, :-1], delayed[:-1, :-1]
     neighbours = np.s_[:-1, 1:], np.s_[1:, :-1]
@@ -113,8 +112,7 @@ def _membrane(voltage: float, current: float) -> tuple[float, int]:
     ``dv/dt = (-v - 60 + 10 I) / 0.3`` is solved by 20 Runge-Kutta steps of fourth order over
     0.01 s. A voltage above -50 mV is a spike, which sets it to -70 mV. It is at least -80 mV.
     """
-    # The equation is linear, so that each step multiplies the distance to its fixed point by a
-    # constant factor.
+    # The equation is linear: each step multiplies the distance to its fixed point by one factor.
     ratio = _MEMBRANE_STEP_S / _MEMBRANE_TAU_S
     kept = 1 - ratio + ratio**2 / 2 - ratio**3 / 6 + ratio**4 / 24
     goal = _REST_MV + 10 * current
@@ -130,9 +128,8 @@ def _membrane(voltage: float, current: float) -> tuple[float, int]:
 class EmdLplc2Gf(ChangeDetector):
     """Reichardt motion detectors, LPLC2 units with four arms, and a spiking giant fibre.
 
-    All constants count frames; the authors chose them for 100 frames/s. Frames of more than 150
-    rows are reduced to 150 rows, the height of the authors' frames. The first spike is the
-    authors' alarm.
+    All constants count frames; the authors chose them for 100 frames/s. Higher frames are reduced
+    to the authors' 150 rows. The first spike is the authors' alarm.
 
     Source: Zhao J. et al. 2023 (iScience) and the authors' published code; ``docs/detectors.md``.
     """

@@ -48,10 +48,14 @@ class Lgmd1GroupParams(Parameters):
 
     persistence: str = parameter("literal", _MEANING, choices=tuple(_PERSISTENCE))
     inhibition: float = parameter(0.3, "weight of inhibition", low=0, high=100)
-    grouping: float = parameter(4.0, "w is the largest Ce over this, C_w", above=0, high=1000)
-    decay: float = parameter(0.15, "factor of G before its threshold, C_de", above=0, high=1)
+    grouping: float = parameter(
+        4.0, "divisor C_w: the scale of grouping is the largest Ce / C_w", above=0, high=1000
+    )
+    decay: float = parameter(
+        0.15, "factor C_de: G counts where C_de G is at least the threshold", above=0, high=1
+    )
     threshold: float = parameter(
-        15.0, "least decay times G where G counts, T_de", unit="grey levels", above=0, high=1e6
+        15.0, "threshold of C_de G, T_de", unit="grey levels", above=0, high=1e6
     )
     layer_threshold: float = parameter(
         0.0, "absolute values below this are 0 in each layer", unit="grey levels", low=0, high=255

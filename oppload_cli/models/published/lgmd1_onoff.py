@@ -31,8 +31,8 @@ _TAUS = 30.0, 60.0, 90.0  # ms: of nearest neighbours, diagonals, feed-forward i
 class Lgmd1OnoffParams(Parameters):
     """Parameters of lgmd1_onoff."""
 
-    on_inhibition: float = parameter(0.5, "inhibition of ON by the spread ON", low=0, high=100)
-    off_inhibition: float = parameter(1.0, "inhibition in OFF by the direct OFF", low=0, high=100)
+    on_inhibition: float = parameter(0.5, "weight of spread ON: it inhibits ON", low=0, high=100)
+    off_inhibition: float = parameter(1.0, "weight of direct OFF: it inhibits OFF", low=0, high=100)
     threshold: float = parameter(
         30.0, "S below this threshold counts as 0, T_s", unit="grey levels", above=0, high=1e6
     )

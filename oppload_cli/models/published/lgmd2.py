@@ -35,11 +35,17 @@ class Lgmd2Params(Parameters):
     on_bias: float = parameter(1.0, "least weight of inhibition in ON, w_on", low=0, high=100)
     off_bias: float = parameter(0.5, "least weight of inhibition in OFF, w_off", low=0, high=100)
     mediation: float = parameter(
-        8.0, "mean change at which the weights reach 1, T_pm", unit="grey levels", above=0, high=255
+        8.0,
+        "weights of inhibition are mean change / T_pm, but at least w_on and w_off",
+        unit="grey levels",
+        above=0,
+        high=255,
     )
-    decay: float = parameter(0.5, "factor of G before its threshold, C_de", above=0, high=1)
+    decay: float = parameter(
+        0.5, "factor C_de: G counts where C_de G is at least the threshold", above=0, high=1
+    )
     threshold: float = parameter(
-        15.0, "least decay times G where G counts, T_de", unit="grey levels", above=0, high=1e6
+        15.0, "threshold of C_de G, T_de", unit="grey levels", above=0, high=1e6
     )
     spike: float = parameter(0.78, "least adapted potential of a spike, T_sp", low=0, high=1)
     enough: int = parameter(8, "spikes in consecutive frames that make a collision", low=1)

@@ -37,8 +37,10 @@ class LgmdContrastParams(Parameters):
         high=255,
     )
     inhibition: float = parameter(0.4, "weight of inhibition", low=0, high=100)
-    decay: float = parameter(0.5, "factor of G before its threshold", above=0, high=1)
-    threshold: float = parameter(0.7, "least decay times G where G counts", above=0, high=1e6)
+    decay: float = parameter(
+        0.5, "factor: G counts where decay times G is at least the threshold", above=0, high=1
+    )
+    threshold: float = parameter(0.7, "threshold of decay times G", above=0, high=1e6)
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,6 @@ class LgmdContrast(ChangeDetector):
         return LgmdContrastResponse(response / self.pixels, None, potential, *sums)
 
     def _normalised(self, x: Plane) -> Plane:
-        """Return M, 0 to 1."""
         around = cv2.GaussianBlur(x, (9, 9), 5, borderType=MIRROR)
         m: Plane = x / (np.asarray(around) + self.params.baseline)
         return np.tanh(m, out=m)

@@ -28,8 +28,7 @@ _EXCITATION, _INHIBITION, _COMPRESSION = (7, 3, 10.0), (11, 5, 20.0), (5, 5, 20.
 _INHIBITION_WEIGHT, _HALF_COMPRESSED, _NEARLY = 1.2, 0.2, 1 - 1e-15
 _GAIN, _EXPONENTS = 10.0, (0.9, 0.5)  # of T4 (ON) and T5 (OFF)
 _LEAST_MOTION, _LOST_MOTION = 2.0, 1e-20
-# A field is kept if the sum of its latest outputs is at least the first; an output of at least the
-# second is a collision.
+# Least sum of the latest outputs with which a field is kept; least output that is a collision.
 _KEPT_ABOVE, _COLLISION = 10_000.0, 1000.0
 _BAND = 5  # px: width of the band at the frame's edge in which no motion is computed
 _DELAYS_MS = 80.0, 70.0, 60.0, 50.0, 40.0  # at distances of 1 to 5 px
@@ -98,7 +97,6 @@ def _powered(motion: Plane, exponent: float) -> Plane:
 
 
 def _within(offsets: Places) -> NDArray[np.bool_]:
-    """Return which offsets from the middle of a field lie in the field, along one axis."""
     return (offsets >= -_HALF_FIELD) & (offsets < _HALF_FIELD)
 
 
@@ -268,7 +266,6 @@ class Mlplc2(ChangeDetector):
             yield either[self._inner[either]]
 
     def _attend(self, at: Places, motion: Plane) -> Mlplc2Response:
-        """Return the answer to the motion of some pixels in four directions, shape (4, n)."""
         right, left, down, up = motion
         y, x = np.divmod(at, self.shape[1])
         magnitude = np.hypot(right + left, down + up)
