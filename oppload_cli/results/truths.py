@@ -22,7 +22,8 @@ _FACTS = ("name", "looming", "contact_time_s", "display")  # the facts that a si
 # Differences that are allowed. Scaled videos have even sides, and so another ratio of the sides.
 # A video may also be cut by a few frames.
 _OTHER_SIDES = 0.03  # as a share of the ratio of the sides
-_OTHER_LENGTH, _FEW_FRAMES = 0.1, 5  # share of the frames; frames
+_OTHER_LENGTH = 0.1  # as a share of the frames
+_FEW_FRAMES = 5
 
 
 def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth:
