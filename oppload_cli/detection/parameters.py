@@ -238,9 +238,13 @@ class PlaceParams(Parameters):
         0.4, "time over which the growth of an object is measured", unit="s", low=0.01, high=60
     )
     least_frames: int = parameter(
-        4, "least number of frames for a time to contact", unit="frames", low=3, high=1000
+        4,
+        "least number of growths for a time to contact; one less at 23 frames/s or more",
+        unit="growths",
+        low=3,
+        high=1000,
     )
-    least_s: float = _seconds(0.09, "least time that the frames for a time to contact span")
+    least_s: float = _seconds(0.118, "least time over which these growths extend")
     least_growth: float = parameter(
         1.15, "least growth of the size over the frames for a time to contact", low=1, high=100
     )

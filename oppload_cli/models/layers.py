@@ -264,7 +264,7 @@ class Dpc:
     axes : tuple of int
         Axes of the pathways, as directions phi in degrees: none, (45, 135) or (0, 90). Each axis
         has the pathways phi and phi + 180.
-    photoreceptors : _Hold of Photoreceptors, optional
+    photoreceptors : SharedLayer of Photoreceptors, optional
         Shared photoreceptors; if left out, the object makes its own.
 
     Attributes
@@ -280,9 +280,9 @@ class Dpc:
         shape: tuple[int, int],
         params: DpcParams,
         axes: tuple[int, ...] = (),
-        photoreceptors: _Hold[Photoreceptors] | None = None,
+        photoreceptors: SharedLayer[Photoreceptors] | None = None,
     ) -> None:
-        self._photoreceptors = photoreceptors or _Hold(Photoreceptors(shape))
+        self._photoreceptors = photoreceptors or SharedLayer(Photoreceptors(shape))
         self._shape, self._params = shape, params
         self.set_axes(axes)
 
@@ -347,11 +347,11 @@ class _Layer(Protocol):
 _AnyLayer = TypeVar("_AnyLayer", bound=_Layer)
 
 
-class _Hold(Generic[_AnyLayer]):
+class SharedLayer(Generic[_AnyLayer]):
     """One detector's access to a layer that several detectors share.
 
-    Each detector calls `step` of its own hold at every frame, and then reads the values of `layer`.
-    The first call of a frame makes the layer compute; the others find its values ready.
+    Each detector calls `step` of its own access at every frame, and then reads the values of
+    `layer`. The first call of a frame makes the layer compute; the others find its values ready.
     """
 
     def __init__(self, layer: _AnyLayer) -> None:
@@ -359,12 +359,14 @@ class _Hold(Generic[_AnyLayer]):
         self.frames = 0  # number of frames that this detector has taken
 
     def step(self, luma: Map) -> bool:
+        """Take the next frame; tell whether the layer has values."""
         if self.frames == self.layer.frames:
             self.layer.step(luma)
         self.frames += 1
         return self.layer.ready
 
     def reset(self) -> None:
+        """Forget all frames."""
         self.layer.reset()
         self.frames = 0
 
@@ -403,14 +405,16 @@ class Layers:
         """Presentation time in seconds of the current frame; None if it is not known."""
         return self.clock.time_s
 
-    def photoreceptors(self, stride: int = 1) -> _Hold[Photoreceptors]:
-        """Return a hold on the photoreceptors whose interval is `stride` reference intervals."""
+    def photoreceptors(self, stride: int = 1) -> SharedLayer[Photoreceptors]:
+        """Return access to the photoreceptors whose interval is `stride` reference intervals."""
         if stride not in self._photoreceptors:
             self._photoreceptors[stride] = Photoreceptors(self.shape, stride, self.clock)
-        return _Hold(self._photoreceptors[stride])
+        return SharedLayer(self._photoreceptors[stride])
 
-    def dpc(self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1) -> _Hold[Dpc]:
-        """Return a hold on the DPC layers of some constants and axes.
+    def dpc(
+        self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1
+    ) -> SharedLayer[Dpc]:
+        """Return access to the DPC layers of some constants and axes.
 
         Only the DPC constants of `params` are used. `axes` is as in :class:`Dpc`, and empty for a
         detector that needs S only; `stride` is as in :meth:`photoreceptors`.
@@ -421,16 +425,16 @@ class Layers:
             if same and (not axes or dpc.axes in {axes, ()}):
                 if axes and not dpc.axes:
                     dpc.set_axes(axes)
-                return _Hold(dpc)
+                return SharedLayer(dpc)
         dpc = Dpc(self.shape, constants, axes, self.photoreceptors(stride))
         self._dpcs.append((constants, stride, dpc))
-        return _Hold(dpc)
+        return SharedLayer(dpc)
 
-    def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> _Hold[_AnyLayer]:
-        """Return a hold on a layer of another kind, which `make` makes once per key.
+    def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> SharedLayer[_AnyLayer]:
+        """Return access to a layer of another kind, which `make` makes once per key.
 
         The key must contain the kind of the layer and all its constants.
         """
         if key not in self._others:
             self._others[key] = make()
-        return _Hold(self._others[key])
+        return SharedLayer(self._others[key])

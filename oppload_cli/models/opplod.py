@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from oppload_cli.models.detector import UnitMaps
     from oppload_cli.models.dpc import Map
-    from oppload_cli.models.layers import Dpc, _Hold
+    from oppload_cli.models.layers import Dpc, SharedLayer
     from oppload_cli.models.timebase import Clock
 
 _LONGEST = 4  # largest number of intervals over which smaller frames are compared
@@ -43,7 +43,7 @@ class _SmallerFrames:
         self._unwanted = {self._intervals: 0}  # number of frames for which each is not wanted
         self._frames = 0
 
-    def _begun(self, intervals: int) -> _Hold[Dpc]:
+    def _begun(self, intervals: int) -> SharedLayer[Dpc]:
         height, width = (max(1, length // (2 * intervals)) for length in self._shape)
         layers = Layers((height, width), self._clock)
         return layers.dpc(self._params, self._params.both_axes, intervals)

@@ -145,6 +145,19 @@ def test_a_contact_is_determined_at_the_same_time_at_any_frame_rate(scatter: flo
         assert len(found) / rate == pytest.approx(len(usual) / 30, abs=1.3 / 30), rate
 
 
+@pytest.mark.parametrize(("rate", "growths"), [(12, 4), (15, 4), (24, 3), (25, 3), (30, 4)])
+def test_three_growths_of_close_frames_suffice_where_they_take_long_enough(
+    rate: int, growths: int
+) -> None:
+    """A disk whose contact is 0.6 s after the first frame; three growths at 30 take 0.1 s."""
+    contact, counts = Contact(PlaceParams()), []
+    for t in range(1, 6):
+        contact.add(t / rate, 1 / rate, Growth(-1 / (0.6 * rate - t + 1), SURE))
+        if contact.remaining(t / rate):
+            counts.append(t)
+    assert counts[0] == growths
+
+
 def test_times_that_stand_still_give_none() -> None:
     found = shown(approaching(120, 120, 28, 26), rate=math.inf)
     assert found[25]
