@@ -372,8 +372,10 @@ class Contact:
         # Three growths at 24 frames/s take as long as four at 30. If frames are further apart, the
         # growths are less exact, and four are needed.
         close = bool(np.diff(times).max() <= _CLOSE_S)
-        enough = len(times) >= self._params.least_frames - close
-        if not enough or passed[0] + span < self._params.least_s:
+        few = len(times) < self._params.least_frames
+        if len(times) < self._params.least_frames - close:
+            return None
+        if passed[0] + span < self._params.least_s:
             return None
         contact, error, away = _mean(contacts, errors)
         kept = np.abs(away) <= _TOO_FAR * math.sqrt(float(away @ away) / len(away))
@@ -384,8 +386,11 @@ class Contact:
         grown = (contact - times[0]) / left if left > 0 else 0.0
         # Growths over overlapping times are not independent, so that the error is larger.
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
-        sure = grown >= self._params.least_growth and error < self._params.largest_error * left
-        return (left, float(np.mean(errors**-2)) ** -0.5) if sure else None
+        of_one = float(np.mean(errors**-2)) ** -0.5
+        largest = self._params.largest_error * left
+        # So few times may agree by chance: each must be twice as sure.
+        sure = error < largest and (not few or of_one < largest / 2)
+        return (left, of_one) if sure and grown >= self._params.least_growth else None
 
 
 def _mean(values: Floats, errors: Floats) -> tuple[float, float, Floats]:
