@@ -358,10 +358,10 @@ class Contact:
     def remaining(self, time_s: float) -> tuple[float, float] | None:
         """Return the time to contact and its error.
 
-        Both are in seconds, above 0. The result is None unless there are enough frames over a long
+        Both are in seconds, above 0. The result is None unless there are enough growths over a long
         enough time, enough growth, and a standard error of the mean below the share `largest_error`
-        of the time. The returned error is that of a single growth: all growths of an object have
-        similar errors, so that their mean is hardly better.
+        of the time (``docs/places.md``). The returned error is that of a single growth: all growths
+        of an object have similar errors, so that their mean is hardly better.
         """
         while self._samples and self._samples[0][0] < time_s - self._params.memory_s:
             self._samples.popleft()
@@ -371,11 +371,9 @@ class Contact:
         span = times[-1] - times[0]
         # Three growths at 24 frames/s take as long as four at 30. If frames are further apart, the
         # growths are less exact, and four are needed.
-        close = bool(np.diff(times).max() <= _CLOSE_S)
-        few = len(times) < self._params.least_frames
-        if len(times) < self._params.least_frames - close:
-            return None
-        if passed[0] + span < self._params.least_s:
+        lacking = self._params.least_frames - len(times)
+        tolerated = 1 if np.diff(times).max() <= _CLOSE_S else 0
+        if lacking > tolerated or passed[0] + span < self._params.least_s:
             return None
         contact, error, away = _mean(contacts, errors)
         kept = np.abs(away) <= _TOO_FAR * math.sqrt(float(away @ away) / len(away))
@@ -388,8 +386,8 @@ class Contact:
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
         of_one = float(np.mean(errors**-2)) ** -0.5
         largest = self._params.largest_error * left
-        # So few times may agree by chance: each must be twice as sure.
-        sure = error < largest and (not few or of_one < largest / 2)
+        # Where one growth is lacking, the others may agree by chance: each must be twice as sure.
+        sure = error < largest and (lacking <= 0 or of_one < largest / 2)
         return (left, of_one) if sure and grown >= self._params.least_growth else None
 
 

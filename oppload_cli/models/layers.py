@@ -350,8 +350,9 @@ _AnyLayer = TypeVar("_AnyLayer", bound=_Layer)
 class SharedLayer(Generic[_AnyLayer]):
     """One detector's access to a layer that several detectors share.
 
-    Each detector calls `step` of its own access at every frame, and then reads the values of
-    `layer`. The first call of a frame makes the layer compute; the others find its values ready.
+    Each detector has a SharedLayer of its own. It calls `step` at every frame, and then reads the
+    values of `layer`. The first call of a frame makes the layer compute; the others find its values
+    ready.
     """
 
     def __init__(self, layer: _AnyLayer) -> None:
