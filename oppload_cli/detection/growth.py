@@ -34,7 +34,6 @@ _FURTHEST = 1.0  # largest displacement of the middle, in half sizes
 _NOISE = 1 / 255  # noise of a sample: one grey level of 8 bits
 _ALIKE = 9  # errors of 3 x 3 neighbouring samples are correlated: one in 9 is independent
 _MOST_SAMPLES = 256  # largest number of growths kept, for very high frame rates
-_CLOSE_S = 1.3 / 30  # longest step between frames that are close: 23 frames/s or more
 _TOO_FAR = 2.5  # contact times further from the mean, in standard deviations, are dropped once
 _PRIOR = _NOISE**2 * np.eye(3)  # keeps a, b or k small if the frame does not determine it
 _BEYOND = -1e3  # value of samples outside the frame; luminance is at least 0
@@ -369,11 +368,8 @@ class Contact:
             return None
         times, contacts, errors, passed = np.array(self._samples).T
         span = times[-1] - times[0]
-        # Three growths at 24 frames/s take as long as four at 30. If frames are further apart, the
-        # growths are less exact, and four are needed.
         lacking = self._params.least_frames - len(times)
-        tolerated = 1 if np.diff(times).max() <= _CLOSE_S else 0
-        if lacking > tolerated or passed[0] + span < self._params.least_s:
+        if lacking > 1 or passed[0] + span < self._params.least_s:
             return None
         contact, error, away = _mean(contacts, errors)
         kept = np.abs(away) <= _TOO_FAR * math.sqrt(float(away @ away) / len(away))

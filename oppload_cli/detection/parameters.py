@@ -239,7 +239,7 @@ class PlaceParams(Parameters):
     )
     least_frames: int = parameter(
         4,
-        "least number of growths for a time to contact; one less at 23 frames/s or more",
+        "least number of growths for a time to contact; one less if each is twice as exact",
         unit="growths",
         low=3,
         high=1000,
