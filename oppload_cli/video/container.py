@@ -50,30 +50,30 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 _NO_TIMES = 0x80  # AVFMT_NOTIMESTAMPS of FFmpeg: a raw stream, which has no times
 _OPEN_TIMEOUT_S, READ_TIMEOUT_S = 10.0, 10.0
-_SAMPLED_ENTRIES = 1000  # number of entries of an index that are examined
-_MOST_DEMUX_ERRORS = 100  # in a row, without a packet between them
-# These decoders hide damage: with frame threads VP8 predicts from failed frames without an error,
-# and with slice threads MPEG-2 conceals damage without an error.
+_SAMPLED_ENTRIES = 1000  # most entries of an index from which the usual step is taken
+_MOST_DEMUX_ERRORS = 100  # most errors without a packet between them
+# These decoders conceal damage without an error: VP8 with frame threads, because it predicts
+# pictures from failed frames, and MPEG-1 and MPEG-2 with slice threads.
 _SILENT_CODECS = {"vp8", "mpeg1video", "mpeg2video"}
-# With slice threads, which share a frame, these codecs give the same pixels for any number of
-# threads. With frame threads they do not, once an earlier frame has been lost.
+# Slice threads decode parts of the same frame. With them these codecs give the same pixels for any
+# number of threads. With frame threads the pixels differ, once an earlier frame has been lost.
 _INDEPENDENT_SLICES = {"ffv1", "jpeg2000"}
 # For these codecs, up to this size, one thread decodes as fast as the detectors work.
 _QUICK_CODECS, _QUICK_PIXELS = {"h264", "mpeg4"}, 1 << 20
 _FEW_CORES = 2
 _LONGEST_ERROR = 80  # characters
-# Packets of these containers have decode times only. FFmpeg guesses presentation times from them,
-# and guesses wrong for H.264 with B-frames or gaps. The decoder's own frames carry the decode time
-# of the packet that it needed last. These times are in order, with the distances of the frames.
+# Packets of these containers have only decode times. From them FFmpeg computes presentation times,
+# which are wrong for H.264 with B-frames or gaps. But each decoded frame also carries the decode
+# time of the last packet that it needed. These times increase by the durations of the frames.
 _DECODE_TIMES = {"avi", "mxf"}
-_HELD_BACK = 4  # frames; video codecs reorder no further in practice
+_HELD_BACK = 4  # most frames by which video codecs change the order of frames in practice
 # Decoders that log errors for intact files too, with the beginnings of those errors that mean
 # damage. H.264 logs errors for streams of cameras, but marks the frames that it conceals. MJPEG
 # logs errors for data that cameras add to the picture.
 _TALKATIVE = {"h264": (), "mjpeg": ("overread", "error", "sos", "mjpeg_decode")}
 
-if av.logging.get_level() is None:  # with a level, PyAV counts the decoders' errors
-    av.logging.set_level(av.logging.PANIC)  # this level prints none of them
+if av.logging.get_level() is None:  # PyAV counts the decoders' errors only if a level is set
+    av.logging.set_level(av.logging.PANIC)  # this level prints no error
     # Otherwise threads of a decoder that was never closed would wait for the ended interpreter.
     atexit.register(av.logging.set_level, None)
 _COVER_PICTURE = 0x400  # AV_DISPOSITION_ATTACHED_PIC
@@ -84,8 +84,9 @@ _PLAYLISTS = {"hls", "concat", "dash", "imf", "sdp", "webm_dash_manifest"}
 class ContainerSource:
     """A source of pictures from a video file, or from a stream such as ``rtsp://host/stream``.
 
-    Raises SourceError if the input cannot be opened, has no video, declares too many pixels, or if
-    no frame can be decoded. If `threads` is 0, their number follows from codec, size and cores.
+    If `threads` is 0, the codec, the size and the cores determine the number of decoder threads.
+    Raises SourceError if the input cannot be opened, has no video or declares too many pixels, or
+    if no frame can be decoded.
     """
 
     def __init__(self, name: str, threads: int = 0) -> None:
@@ -95,9 +96,9 @@ class ContainerSource:
         self._read_to = 0  # position of the byte after the last packet
         self._errors = 0  # number of errors that decoders have logged in this process
         self._remote = "://" in name
-        # A stream or a pipe can be read only once.
-        self._once = self._remote or not is_file(name)
-        self._careful = self._once
+        self._only_once = self._remote or not is_file(name)  # a stream or a pipe
+        # Careful decoding uses no frame threads. An input without a second pass needs it at once.
+        self._careful = self._only_once
         self._threads = threads
         self._container = self._opened()
         try:
@@ -105,9 +106,9 @@ class ContainerSource:
             self._codec = self._stream.codec_context.codec.canonical_name
             self._careful |= self._codec in _SILENT_CODECS | _INDEPENDENT_SLICES
             self._prepare()
-            coming = self._steadily()
-            first = self._first_of_all(coming)
-            self._first, self._coming = first[0], chain([first], coming)
+            frames = self._reproducibly_decoded()
+            first = self._first_of(frames)
+            self._first, self._frames = first[0], chain([first], frames)
             self.decode.threads = self._stream.codec_context.thread_count
             self.facts = self._facts()
         except BaseException:
@@ -119,7 +120,7 @@ class ContainerSource:
     def pictures(self) -> Iterator[Picture]:
         """Yield the decoded pictures; a damaged packet loses only its own frames."""
         size = (self._first.width, self._first.height)
-        for frame, plane, bits in self._coming:
+        for frame, plane, bits in self._frames:
             index = self.decode.decoded
             self.decode.decoded += 1
             self.decode.corrupt += frame.is_corrupt
@@ -143,15 +144,15 @@ class ContainerSource:
             self.decode.failed(fault)
 
     def _fault(self) -> str | None:
-        if self._once:
+        if self._only_once:
             return None
         kind = self._container.format.name
         return fault_of(self.name, kind, read_to=self._read_to, stream=self._stream.id)
 
     def close(self) -> None:
         """Close the container; may be called twice."""
-        # Let the decoder's threads end while Python's lock is free. They need the lock to log an
-        # error, and freeing a decoder waits for them while it holds the lock.
+        # First let the decoder's threads end. They need Python's lock to log an error, and closing
+        # the container holds this lock while it waits for them.
         if hasattr(self, "_stream"):
             self._stream.codec_context.flush_buffers()
         if hasattr(self, "_container"):
@@ -163,19 +164,16 @@ class ContainerSource:
         declared = _declared_frames(self._container, self._stream) or self.facts.frames_declared
         if declared is not None:
             return max(0, declared - self.decode.decoded)
-        rate = self.facts.frame_rate
-        return self._missing_at_the_end(float(rate)) if rate else 0
-
-    def _missing_at_the_end(self, rate: float) -> int:
         end = _declared_end(self._container, self._stream)
-        if end is None or self._first.pts is None:
+        if not self.facts.frame_rate or end is None or self._first.pts is None:
             return 0
-        # This tolerates that durations are rounded, that only some programs count the duration of
-        # the last frame, and that this duration is unknown at a variable rate.
+        rate = float(self.facts.frame_rate)
+        # Up to 1.5 frame durations may lack without damage: programs round durations, only some
+        # programs count the last frame's duration, and at a variable rate it is unknown.
         lost = end - self._first.time - self._latest_time
         if lost <= 1.5 * max(1 / rate, self._longest_gap):
             return 0
-        # The rate may be far too high, for example for a Matroska file that states none.
+        # FFmpeg's rate may be far too high, for example for a Matroska file that states none.
         measured = (self.decode.decoded - 1) / (self._latest_time or math.inf)
         return max(1, round(lost * (min(rate, measured) or rate) - 1))
 
@@ -225,13 +223,12 @@ class ContainerSource:
         codec = self._stream.codec_context
         codec.thread_type = "SLICE" if self._careful else "AUTO"
         # Several threads conceal damage by other pixels than one thread does.
-        shared = self._remote or self._codec in _INDEPENDENT_SLICES
-        single = self._careful and not shared
-        codec.thread_count = 1 if single else self._threads or self._decoder_threads()
+        several = not self._careful or self._remote or self._codec in _INDEPENDENT_SLICES
+        codec.thread_count = (self._threads or self._decoder_threads()) if several else 1
         # An option of dav1d: decode one frame at a time.
-        one_under_way = {"max_frame_delay": "1"} if self._careful else {}
+        one_at_a_time = {"max_frame_delay": "1"} if self._careful else {}
         # PNG and HEVC decoders check checksums only with the option `err_detect`.
-        codec.options = {"max_pixels": _decoder_limit(), "err_detect": "crccheck", **one_under_way}
+        codec.options = {"max_pixels": _decoder_limit(), "err_detect": "crccheck", **one_at_a_time}
         # Frames with concealed damage are kept, and counted as corrupt: without them the video
         # would be shorter.
         codec.flags |= Flags.output_corrupt
@@ -240,26 +237,27 @@ class ContainerSource:
         except av.error.BlockingIOError:  # the system gives no further thread
             codec.thread_count = 1
         except av.error.FFmpegError:
-            pass  # decoding raises it again, and it is counted there
+            pass  # decoding raises the same error, and `_attempt` counts it
 
     def _decoder_threads(self) -> int:
+        if cores() > _FEW_CORES:
+            return 0  # the decoder chooses
         codec = self._stream.codec_context
-        quick = self._codec in _QUICK_CODECS and codec.width * codec.height <= _QUICK_PIXELS
         # On two cores flow and detectors already use both. Decoder threads that wait for each
         # other then cost an eighth of a run. If one thread is too slow, four are faster than the
         # three that the decoder would choose.
-        if quick and cores() <= _FEW_CORES:
+        if self._codec in _QUICK_CODECS and codec.width * codec.height <= _QUICK_PIXELS:
             return 1
         return 4 if cores() == _FEW_CORES else 0
 
-    def _steadily(self) -> Iterator[Decoded]:
+    def _reproducibly_decoded(self) -> Iterator[Decoded]:
         """Yield the frames so that damage has the same effect in every run.
 
         Several threads are fastest. But they report an error late, lose frames at the end, and
         conceal damage by pixels that depend on how far each thread has come. So at the first sign
-        of damage one thread decodes the file again from its start, and the frames that have been
-        yielded already are skipped. A few frames are always held back, because a frame that
-        depends on a damaged frame may come before that frame.
+        of damage one thread decodes the file again from its start, and this method skips the frames
+        that it has yielded already. It always holds back a few frames, because a frame that depends
+        on a damaged frame may come before that frame.
         """
         count = 0
         if not self._careful:
@@ -301,12 +299,12 @@ class ContainerSource:
         self._container, self._stream = container, stream
         self._prepare()
 
-    def _first_of_all(self, coming: Iterator[Decoded]) -> Decoded:
-        first = next(coming, None)
+    def _first_of(self, frames: Iterator[Decoded]) -> Decoded:
+        first = next(frames, None)
         if first is None:
             reasons = "; ".join(self.decode.messages) or self._fault() or "it holds no frame"
             remedy = "check or convert the file"
-            if self._once and not self._remote and "mp4" in self._container.format.name:
+            if self._only_once and not self._remote and "mp4" in self._container.format.name:
                 remedy = (
                     "an MP4 with its index at its end cannot be read from a pipe: give the file "
                     "itself, or pipe Matroska"
@@ -327,12 +325,12 @@ class ContainerSource:
         for packet in self._packets():
             if packet is not None and packet.is_corrupt:
                 self.decode.failed("a packet is cut or damaged")
-            if self._careful:  # only the decoder's thread logs from here on: count its errors
+            if self._careful:  # leave out the errors that the demuxer has logged
                 self._errors = av.logging.get_last_error()[0]
             frames = self._attempt(partial(self._stream.decode, packet))
-            complaint = self._complaint()
-            if complaint and frames is not None:
-                self.decode.failed(complaint)
+            logged = self._logged_error()
+            if logged and frames is not None:
+                self.decode.failed(logged)
             for frame in frames or ():
                 luma = self._attempt(partial(_checked_luma, frame))
                 if luma is not None:
@@ -346,8 +344,8 @@ class ContainerSource:
             self.decode.failed(reason_of(error))
             return None
 
-    def _complaint(self) -> str | None:
-        """Return the error, if any, that was logged since the last call.
+    def _logged_error(self) -> str | None:
+        """Return the error, if any, that was logged since `_errors` was counted.
 
         Some decoders conceal damage without raising an error or marking the frame. The log belongs
         to the process: with several videos at a time, an error may be counted for the wrong video.
@@ -373,12 +371,11 @@ class ContainerSource:
             except StopIteration:
                 return
             except (av.error.FFmpegError, OSError) as error:
-                if self._is_end_without_length(error):
-                    yield None
-                    return
-                self.decode.failed(self._interruption(error) if self._remote else reason_of(error))
+                end = self._is_end_without_length(error)
+                if not end:
+                    self._count_demux_error(error)
                 errors += 1
-                if errors > _MOST_DEMUX_ERRORS or self._remote:
+                if end or errors > _MOST_DEMUX_ERRORS or self._remote:
                     yield None
                     return
                 packets = self._container.demux(self._stream)
@@ -388,7 +385,7 @@ class ContainerSource:
                     self._read_to = max(self._read_to, packet.pos + packet.size)
                 reordered = self._stream.codec_context.has_b_frames
                 if packet.size and reordered and self._container.format.name in _DECODE_TIMES:
-                    # FFmpeg leaves some decode times out here, and gives others twice.
+                    # FFmpeg leaves out some decode times of these packets, and repeats others.
                     known = [dts for dts in (packet.dts, next_dts) if dts is not None]
                     packet.dts = max(known, default=None)
                     next_dts = None if packet.dts is None else packet.dts + 1
@@ -397,25 +394,25 @@ class ContainerSource:
     def _is_end_without_length(self, error: Exception) -> bool:
         """Return whether an error is the end of an HTTP response without a stated length.
 
-        FFmpeg reports the orderly end of such a connection as a device error. `_missing` then
-        finds out from the container whether all frames have come.
+        FFmpeg reports the regular end of such a connection as a device error. `_missing` then finds
+        out from the container whether all frames have come.
         """
         is_http = self.name.lower().startswith(("http://", "https://"))
-        orderly = getattr(error, "errno", None) == errno.EIO
-        return is_http and orderly and self._container.size < 0
+        device_error = getattr(error, "errno", None) == errno.EIO
+        return is_http and device_error and self._container.size < 0
 
-    @staticmethod
-    def _interruption(error: Exception) -> str:
+    def _count_demux_error(self, error: Exception) -> None:
+        reason = reason_of(error)
         if isinstance(error, av.error.ExitError):  # the time limit was reached
-            return f"the stream broke off (nothing came for {READ_TIMEOUT_S:g} s)"
-        return f"the stream broke off ({reason_of(error)})"
+            reason = f"nothing came for {READ_TIMEOUT_S:g} s"
+        self.decode.failed(f"the stream broke off ({reason})" if self._remote else reason)
 
     def _time(self, frame: VideoFrame, index: int) -> float:
         """Return the presentation time minus that of the first frame, in seconds."""
         now, first = self._clock(frame), self._clock(self._first)
         if now is not None and first is not None and self._stream.time_base:
-            base = self._stream.time_base  # a fraction; this order of operations rounds once
-            return (now - first) * base.numerator / base.denominator
+            base = self._stream.time_base
+            return (now - first) * base.numerator / base.denominator  # rounds only once
         rate = self.facts.frame_rate
         step = 1 / rate if rate else Fraction(1)
         # If only some frames have a time, each other frame comes one step after the frame before.
@@ -492,17 +489,14 @@ def _rate(stream: VideoStream) -> Fraction | None:
     ticks = _ticks_per_frame(stream)
     if ticks > 1 and stream.time_base:
         rates.insert(0, 1 / (ticks * stream.time_base))
-    for rate in rates:
-        if rate:
-            return Fraction(rate)
-    return None
+    return next((Fraction(rate) for rate in rates if rate), None)
 
 
 def _ticks_per_frame(stream: VideoStream) -> int:
     """Return the usual number of ticks between two frames of an AVI file; 1 for other files.
 
-    AVI files count in ticks. In most files each tick is a frame. But a tool that copies a video
-    from another container may keep that container's fine ticks, most of which have no frame.
+    AVI files count in ticks. In most files each tick has a frame. But a program that copies a video
+    from another container may keep that container's fine ticks, and most of these have no frame.
     """
     if stream.container.format.name != "avi":
         return 1
@@ -514,16 +508,17 @@ def _decoder_limit() -> str:
     """Return the value of FFmpeg's option ``max_pixels``.
 
     It is higher than :func:`max_pixels`, because decoders round sizes up and add margins before
-    they compare. This limit is needed if a stream is larger than its container declares.
+    they compare. The limit stops a stream whose pictures are larger than its container declares.
     """
     return str(min(2 * max_pixels() + (1 << 16), (1 << 31) - 1))
 
 
 def _declared_frames(container: InputContainer, stream: VideoStream) -> int | None:
-    """Return the number of frames that a container declares; None without a credible number.
+    """Return the number of frames that a container declares; None if it is unknown or unreliable.
 
-    The container's own count includes samples that are never shown: those that an edit list hides,
-    and the empty samples with which AVI fills gaps. The index distinguishes them. IVF counts ticks.
+    The count in the head of MP4 or AVI includes samples that are never shown: those that an edit
+    list hides, and the empty samples with which AVI fills gaps. The index does not count them. The
+    count of IVF is one of ticks.
     """
     kind = container.format.name
     entries = stream.index_entries
@@ -547,7 +542,7 @@ def _declared_by_avi(stream: VideoStream) -> int | None:
 def _declared_end(container: InputContainer, stream: VideoStream) -> float | None:
     """Return the declared end of a stream in seconds, on the clock of its frames.
 
-    None if the container declares no end, or may have only that of the sound.
+    None if the container declares no end, or perhaps only the end of the sound.
     """
     if not container.format.name.startswith(("matroska", "ivf")):
         return None  # for other containers FFmpeg only guesses the end
@@ -563,5 +558,5 @@ def _declared_end(container: InputContainer, stream: VideoStream) -> float | Non
 
 
 _DURATION = re.compile(r"([0-9]{1,9}):([0-9]{1,2}):([0-9]{1,2}(?:\.[0-9]+)?)(?![0-9])")
-# Counts in the head of files whose writer could not go back to the head, as it wrote to a pipe.
+# Programs that write to a pipe cannot go back to the head, so that these counts remain there.
 _AVI_TO_A_PIPE, _IVF_TO_A_PIPE = 1 << 30, 0xFFFFFFFF

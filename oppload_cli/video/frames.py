@@ -1,4 +1,4 @@
-"""Frames, pictures and facts of an input, and its sizes: what inputs give to the detectors."""
+"""Frames and pictures of an input, their times and sizes, and the facts of the input."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ if TYPE_CHECKING:
 
 USUAL_RATE = Fraction(30)  # frames/s, assumed if an input states no rate
 _LEAST_RATE = 9.0  # frames/s; at lower rates few responses have a meaning (docs/time.md)
-_MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps between frames
+# A step is the time between two frames.
+_MOST_STEPS = 1 << 10  # the rate follows from the first 1024 steps
 # A step is usual if it differs from the median by at most this share of the median, or this time.
 _USUAL, _ROUNDING_S = 0.5, 1.001e-3
-_LATEST_STEPS = 15  # the usual step is the median of the latest 15 steps
+_LATEST_STEPS = 15  # a wrong time is replaced by the median of the latest 15 steps
 _CONTRADICTION = 0.1  # a larger relative difference from the declared rate gives a remark
-_LEAST_LASTING_S = 1.0  # a longer shift stays: the clock was set to another time
-_TAKEN_BACK = 0.1  # a shift falls by at most this share of each step between two frames
+_LEAST_LASTING_S = 1.0  # a shift of at least this time stays: the clock was set to another time
+_TAKEN_BACK = 0.1  # each step reduces a shorter shift by at most this share of the step
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame as the detectors get it.
+    """One frame for the detectors.
 
     Attributes
     ----------
@@ -78,7 +79,7 @@ class FrameSource(Protocol):
 
 
 class DecodedSource(FrameSource, Protocol):
-    """A source of frames that reports on the decoding, once all frames were taken."""
+    """A source of frames that reports on the decoding after the last frame."""
 
     times: FrameTimes
 
@@ -89,11 +90,11 @@ class DecodedSource(FrameSource, Protocol):
 
 @dataclass(frozen=True)
 class Picture:
-    """One decoded frame before it is brought to the working size."""
+    """One decoded frame before it is resized to the working size."""
 
     index: int  # as in `Frame`
     time_s: float  # as in `Frame`
-    # The luma as coded, not rotated, shape (rows, columns); often a view of the decoder's memory.
+    # The luma as coded, not turned, shape (rows, columns); often a view of the decoder's memory.
     plane: NDArray[np.uint8] | NDArray[np.uint16]
     bits: int = 8  # bits that a sample uses, 8 to 16
     full_range: bool = True  # False: luma runs from 16 to 235 (for 8 bits)
@@ -103,7 +104,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class InputFacts:
-    """The facts that an input declares about itself, in its displayed orientation.
+    """The facts that an input declares about itself.
 
     Attributes
     ----------
@@ -112,13 +113,9 @@ class InputFacts:
     kind : str
         ``container``, ``images``, ``camera``, ``stream``, ``stimulus`` or ``array``.
     width, height : int
-        Size in source pixels, after rotation.
+        Size of the displayed picture in source pixels.
     frame_rate : Fraction or None
         Frames per second.
-    rate_assumed : bool
-        Whether the frame rate is assumed, as for images if the user states no rate.
-    video_streams : int
-        Number of videos in a container, without cover pictures; the first video is read.
     frames_declared : int or None
         Number of frames that the container declares; None if it declares none.
     mirrored : bool
@@ -131,6 +128,10 @@ class InputFacts:
         Width over height of a pixel; recorded, not corrected.
     bytes : int or None
         Size of the file or files.
+    rate_assumed : bool
+        Whether the frame rate is assumed, as for images if the user states no rate.
+    video_streams : int
+        Number of videos in a container, without cover pictures; the first video is read.
     """
 
     name: str
@@ -165,37 +166,19 @@ class InputFacts:
 
 @dataclass
 class DecodeFacts:
-    """The result of decoding; final once the source is exhausted.
+    """The result of decoding; final after the last picture."""
 
-    Attributes
-    ----------
-    decoded : int
-        Number of decoded frames.
-    failures : int
-        Number of failures, such as packets that the decoder refused.
-    corrupt : int
-        Number of frames that the decoder marked as damaged.
-    missing : int
-        Number of declared frames that never came, as far as it is known.
-    messages : list of str
-        The reasons of the first few faults.
-    threads : int
-        Number of decoder threads.
-    own_process : bool
-        Whether a separate process decoded.
-    """
-
-    decoded: int = 0
-    failures: int = 0
-    corrupt: int = 0
-    missing: int = 0
-    messages: list[str] = field(default_factory=list)
-    threads: int = 1
-    own_process: bool = False
+    decoded: int = 0  # frames
+    failures: int = 0  # such as packets that the decoder refused
+    corrupt: int = 0  # frames that the decoder marked as damaged
+    missing: int = 0  # declared frames that never came, as far as it is known
+    messages: list[str] = field(default_factory=list)  # reasons of the first five faults
+    threads: int = 1  # of the decoder
+    own_process: bool = False  # whether a separate process decoded
 
     @property
     def complete(self) -> bool:
-        """Whether all frames that were declared and asked for were decoded undamaged."""
+        """Whether all declared frames of the wanted part were decoded without damage."""
         return self.failures == self.corrupt == self.missing == 0
 
     def failed(self, reason: object) -> None:
@@ -212,40 +195,42 @@ class DecodeFacts:
 class FrameTimes:
     """The presentation times of the frames of one input, in the order of the frames.
 
-    If a frame's time is not later than that of the frame before, the frame is put one usual step
-    after the frame before. The usual step is the median of the latest steps. The clock may go on
-    from such an earlier time, for example if a camera's clock was set back, or after a single time
-    far ahead. Then all later times are shifted by the same amount. A shift of less than a second is
-    taken back in small steps.
+    A step is the time between two frames; the usual step is the median of the latest steps. If a
+    frame's time is not later than that of the frame before, the frame gets a time one usual step
+    after the frame before. The clock may go on from such an earlier time, for example if somebody
+    sets a camera's clock back. Then all later times are shifted by the same amount. If the shift is
+    less than a second, the following frames reduce it step by step to 0.
 
     Parameters
     ----------
     rate : float or Fraction, optional
         Frames per second that the input declares.
 
+    Attributes
+    ----------
+    wrong : int
+        Number of times that have been replaced so far.
+
     Source: ``docs/time.md``.
     """
 
     def __init__(self, rate: float | Fraction | None = None) -> None:
-        usable = rate is not None and math.isfinite(rate) and rate > 0
-        self._declared = float(rate) if rate is not None and usable else None
-        self._declared_step_s = 1 / (self._declared or float(USUAL_RATE))
+        self._declared = float(rate) if rate and 0 < rate < math.inf else None
         self._steps: list[float] = []
         self._latest: deque[float] = deque(maxlen=_LATEST_STEPS)
-        self._first_s: float | None = None
-        self._now_s = self._given_s = self._shift_s = 0.0
-        self._frames = self._wrong = 0
-        self._first_wrong = 0
-        self._longest_s = 0.0
+        self._corrected_s = self._uncorrected_s = 0.0  # times of the latest frame
+        self._first_s = self._shift_s = self._longest_s = 0.0
+        self._frames = self._first_wrong = 0
+        self.wrong = 0
 
     def step(self, time_s: float) -> float:
         """Take the time of the next frame in seconds, as the input gives it.
 
-        Returns the corrected time, which is always later than that of the frame before. It is
-        `time_s` itself if all times are right.
+        Returns the corrected time, which is always later than that of the frame before. If all
+        times increase, this is `time_s` itself.
         """
-        before_s, now_s = self._now_s, time_s + self._shift_s
-        if self._first_s is None:
+        before_s, now_s = self._corrected_s, time_s + self._shift_s
+        if not self._frames:
             self._first_s = now_s
         elif now_s > before_s:
             step_s = now_s - before_s
@@ -258,31 +243,28 @@ class FrameTimes:
             if len(self._steps) < _MOST_STEPS:
                 self._steps.append(step_s)
         else:
-            self._first_wrong = self._first_wrong if self._wrong else self._frames
-            self._wrong += 1
-            now_s = before_s + (median(self._latest) if self._latest else self._declared_step_s)
-            if time_s > self._given_s:  # the clock goes on from the earlier time
+            self._first_wrong = self._first_wrong or self._frames
+            self.wrong += 1
+            declared_s = 1 / (self._declared or float(USUAL_RATE))
+            now_s = before_s + (median(self._latest) if self._latest else declared_s)
+            if time_s > self._uncorrected_s:  # the clock goes on from the earlier time
                 self._shift_s = now_s - time_s
-        self._now_s, self._given_s = now_s, time_s
+        self._corrected_s, self._uncorrected_s = now_s, time_s
         self._frames += 1
         return now_s
 
     @property
-    def wrong(self) -> int:
-        """Number of times that have been replaced so far."""
-        return self._wrong
-
-    @property
     def seconds(self) -> float:
         """Time from the first frame to the latest one, in seconds."""
-        return self._now_s - (self._first_s or 0.0)
+        return self._corrected_s - self._first_s
 
     @property
     def rate(self) -> float | None:
         """Frames per second, from the usual steps among the first 1024; None for one frame.
 
-        It follows from the mean of these steps, as files round times. A step is usual if it differs
-        from the median by at most half of the median, or by at most the rounding to milliseconds.
+        A step is usual if it differs from the median by at most half of the median, or by the
+        rounding to milliseconds. The rate is 1 over the mean of these steps; their median would be
+        less exact, because files round times.
         """
         if not self._steps:
             return None
@@ -295,16 +277,16 @@ class FrameTimes:
         return {
             "frames_per_s": None if self.rate is None else round(self.rate, 3),
             "longest_step_s": round(self._longest_s, 6),
-            "not_after_the_one_before": self._wrong,
+            "not_after_the_one_before": self.wrong,
         }
 
     def remarks(self) -> list[str]:
         """Return remarks about the times, a sentence each."""
         remarks = []
-        if self._wrong:
-            frames, have = ("frame", "has") if self._wrong == 1 else ("frames", "have")
+        if self.wrong:
+            frames, have = ("frame", "has") if self.wrong == 1 else ("frames", "have")
             remarks.append(
-                f"{self._wrong} {frames} {have} a time that is not later than that of the frame "
+                f"{self.wrong} {frames} {have} a time that is not later than that of the frame "
                 f"before (the earliest is {self._first_wrong} after the first frame); each is "
                 "taken one usual step after the frame before, and the clock goes on from there"
             )
@@ -329,14 +311,14 @@ def _in_digits(rate: float) -> str:
 
 
 class PictureSource(Protocol):
-    """A source of pictures of any kind, as :class:`oppload_cli.video.source.Video` uses it."""
+    """A source of pictures of any kind, for :class:`oppload_cli.video.source.Video`."""
 
     facts: InputFacts
     decode: DecodeFacts
     stopping: bool  # another thread sets it: then the pictures end as soon as possible
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the pictures in order, once; an error that ends the input is raised."""
+        """Yield the pictures in order, once; raise an error that ends the input."""
 
     def finish(self) -> None:
         """Compare the decoded frames with the declared ones, after the last picture."""
@@ -345,15 +327,15 @@ class PictureSource(Protocol):
         """Close files, decoders and devices; may be called twice."""
 
 
-_LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that wait for the next thread
-_WAITING_BYTES = 1 << 23  # most luminance that waits, unless the least number needs more
+_LEAST_AHEAD, _MOST_AHEAD = 2, 16  # frames that may wait for the next thread
+_WAITING_BYTES = 1 << 23  # most luminance that waits, unless `_LEAST_AHEAD` frames need more
 
 
 def frames_ahead(facts: InputFacts, working: WorkingSize, *, colour: bool = False) -> int:
     """Return how many frames may wait between two threads.
 
-    A long queue helps because some frames take longer than others. But it takes memory, most of all
-    with colour pictures, and it delays the frames of a live input.
+    A long queue keeps both threads busy, because some frames take longer than others. But it needs
+    memory, most of all with colour pictures, and it delays the frames of a live input.
     """
     if facts.live or colour:
         return _LEAST_AHEAD
@@ -362,8 +344,8 @@ def frames_ahead(facts: InputFacts, working: WorkingSize, *, colour: bool = Fals
 
 
 _LEAST_SIDE = 13  # px; in smaller frames OppLoD and D-LGMD do not respond to a disk
-# Most pixels of a working frame, and of one that is enlarged. The detectors need about 100 bytes
-# per pixel, and an enlarged frame shows no more detail: it is not worth much memory.
+# Most pixels of any working frame, and of an enlarged one. The detectors need about 100 bytes per
+# pixel, and an enlarged frame shows no more detail than its picture.
 _MOST_WORKING_PIXELS, _MOST_ENLARGED = 1 << 25, 1 << 22
 _USUAL_ENLARGING = 2.5  # preset paper, at 600 px, enlarges a video of 240 px by this factor
 
@@ -400,13 +382,11 @@ class WorkingSize(NamedTuple):
         if height is None:
             size = cls(facts.width, facts.height, 1.0, 1.0)
         else:
-            shorter = min(facts.width, facts.height)
-            width, rows = (
-                max(1, round(side * height / shorter)) for side in (facts.width, facts.height)
-            )
+            sides = facts.width, facts.height
+            width, rows = (max(1, round(side * height / min(sides))) for side in sides)
             size = cls(width, rows, facts.width / width, facts.height / rows)
-        pixels, given = size.width * size.height, facts.width * facts.height
-        if pixels > _MOST_WORKING_PIXELS or pixels > max(given, _MOST_ENLARGED):
+        pixels = size.width * size.height
+        if pixels > min(_MOST_WORKING_PIXELS, max(facts.width * facts.height, _MOST_ENLARGED)):
             raise ParameterError(
                 f"{facts.name}: a working size of {size.width} x {size.height} is too large; "
                 f"choose a smaller --height"
@@ -419,17 +399,17 @@ class WorkingSize(NamedTuple):
         return self.height, self.width
 
     def remarks(self) -> list[str]:
-        """Return a sentence if frames are too small, or are enlarged much."""
-        size, larger = f"{self.width} x {self.height} px", 1 / min(self.scale_x, self.scale_y)
+        """Return a sentence if frames are too small, or much larger than their pictures."""
+        size, enlarging = f"{self.width} x {self.height} px", 1 / min(self.scale_x, self.scale_y)
         if min(self.width, self.height) < _LEAST_SIDE:
             return [
                 f"is seen at {size}: below {_LEAST_SIDE} px no detector is known to respond to an "
                 "approach; choose a larger working height"
             ]
-        if larger <= _USUAL_ENLARGING:
+        if enlarging <= _USUAL_ENLARGING:
             return []
         return [
-            f"is enlarged {larger:.3g} times, to {size}: the models see no more detail than it "
+            f"is enlarged {enlarging:.3g} times, to {size}: the models see no more detail than it "
             "has; give a larger video, or a smaller working height"
         ]
 
@@ -446,7 +426,7 @@ def is_integer(value: Any, least: int) -> bool:
 
 MAX_PIXELS = "OPPLOAD_MAX_PIXELS"  # an environment variable
 DEFAULT_MAX_PIXELS = 1 << 26  # 8192 x 8192; a decoder keeps up to about 20 pictures
-USUAL_BITS = 12  # per pixel in most videos; if a pixel has more bits, fewer pixels are allowed
+USUAL_BITS = 12  # per pixel: 8 bits of luma, and a quarter of the samples for both colours
 
 
 def max_pixels() -> int:
@@ -463,9 +443,9 @@ def max_pixels() -> int:
 
 
 def too_large(width: int, height: int, bits: int = USUAL_BITS) -> bool:
-    """Return whether a picture needs the memory of more than :func:`max_pixels` usual pixels.
+    """Return whether a picture of `bits` per pixel needs too much memory.
 
-    `bits` is the memory per pixel: 12 in video of 8 bits with a quarter of the colour samples.
+    The most is the memory of :func:`max_pixels` pixels of `USUAL_BITS`.
     """
     return width * height * max(bits, USUAL_BITS) > max_pixels() * USUAL_BITS
 
@@ -473,8 +453,7 @@ def too_large(width: int, height: int, bits: int = USUAL_BITS) -> bool:
 def check_pixels(name: str, width: int, height: int, bits: int = USUAL_BITS) -> None:
     """Raise SourceError, with the file's `name`, for a picture that is :func:`too_large`.
 
-    The check comes before memory is allocated: a file of a few bytes may declare a picture that
-    fills the memory.
+    A file of a few bytes may declare a picture that fills the memory.
     """
     if too_large(width, height, bits):
         deep = f" of {bits} bits" if bits > USUAL_BITS else ""

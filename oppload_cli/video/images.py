@@ -37,11 +37,11 @@ if TYPE_CHECKING:
     Colour = NDArray[np.uint8]  # rows x columns x 3: blue, green, red
 
 
-_FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # names of Pillow
-# Most bytes of an image file: per pixel, and in addition.
+_FORMATS = ("PNG", "JPEG", "BMP", "PPM", "TIFF", "WEBP")  # Pillow's names
+# An image file has at most `_PIXEL_BYTES` bytes per pixel, and `_OTHER_BYTES` more.
 _PIXEL_BYTES, _OTHER_BYTES = 8, 1 << 24
-_GAP = 1.5  # least step between two numbers, in usual steps, at which images are missing
-_DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # modes of Pillow with 16 bits; 8 are kept
+_GAP = 1.5  # images are missing if a step between two numbers is at least 1.5 usual steps
+_DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 bits
 
 
 class ImageSource:
@@ -80,10 +80,9 @@ class ImageSource:
         )
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield the images that can be read; the others leave gaps and count as failures."""
+        """Yield the images that can be read; count each other image as a failure."""
         size = (self.facts.height, self.facts.width)
-        gap = _gap(self._paths)
-        if gap:
+        if gap := _gap(self._paths):
             self.decode.note(gap)
         for index, path in enumerate(self._paths):
             if self.stopping:
@@ -118,12 +117,13 @@ class ImageSource:
         """Return an image; if it cannot be read, count a failure and return None."""
         try:
             with _opened(path) as image:
-                alone = image.format == "JPEG" or not getattr(image, "is_animated", False)
+                # "MPO" is a photograph in JPEG with further pictures, such as a preview.
+                several = image.format != "MPO" and getattr(image, "is_animated", False)
                 colour, opacity = _colour(image), _opacity(image)
         except SourceError as error:
             self.decode.failed(f"{path.name} is not an image that can be read ({error})")
             return None
-        if not alone:
+        if several:
             self.decode.failed(
                 f"{path.name} holds several pictures, of which only the first is read; "
                 f"convert it to a video or to single images"
@@ -138,8 +138,8 @@ def _image_paths(name: str) -> list[Path]:
 
     Raises SourceError if no image exists. A pattern has one ``%d`` or ``%04d`` in its file name.
     """
-    folder, accepted = Path(name), re.compile(r".*", re.DOTALL)
-    hidden = folder.name.startswith(".") and not folder.is_dir()
+    # Some systems put a hidden file with the same suffix beside each image.
+    folder, accepted = Path(name), re.compile(r"[^.].*", re.DOTALL)
     number = NUMBER.search(folder.name)
     if number and not folder.exists():
         before, after = folder.name[: number.start()], folder.name[number.end() :]
@@ -150,10 +150,7 @@ def _image_paths(name: str) -> list[Path]:
         paths = [
             path
             for path in folder.iterdir()
-            if path.suffix.lower() in IMAGE_SUFFIXES
-            and accepted.fullmatch(path.name)
-            # Some systems put a hidden file with the same suffix beside each image.
-            and (hidden or not path.name.startswith("."))
+            if path.suffix.lower() in IMAGE_SUFFIXES and accepted.fullmatch(path.name)
         ]
     except (FileNotFoundError, NotADirectoryError) as error:
         raise SourceError(f"{name}: no such folder; check the path") from error
@@ -167,26 +164,28 @@ def _image_paths(name: str) -> list[Path]:
 def _gap(paths: Sequence[Path]) -> str:
     """Return a sentence if numbers are missing in a sequence of images, else an empty text."""
     parts = [re.fullmatch(r"(.*?)([0-9]+)", path.stem, re.DOTALL) for path in paths]
-    named = [(part[1], int(part[2])) for part in parts if part]
-    if len(paths) < 3 or len(named) < len(paths) or len({before for before, _ in named}) > 1:
+    numbers = [int(part[2]) for part in parts if part]
+    beginnings = {part and part[1] for part in parts}
+    if len(paths) < 3 or len(beginnings) > 1 or not numbers:
         return ""
-    steps = [after - before for (_, before), (_, after) in pairwise(named)]
-    # The usual step may be 1; 2 if every second frame was kept; or a duration if names hold times.
+    steps = [after - before for before, after in pairwise(numbers)]
+    # The usual step is 1, or 2 if only every second frame was kept, or a duration if the names hold
+    # times.
     usual = statistics.median_low([step for step in steps if step] or [1])
-    wide = [at for at, step in enumerate(steps) if step >= _GAP * usual]
-    if not wide:
+    gaps = [path for path, step in zip(paths, steps, strict=False) if step >= _GAP * usual]
+    if not gaps:
         return ""
-    often = "" if len(wide) == 1 else f"in {len(wide)} places, first "
+    places = "" if len(gaps) == 1 else f"in {len(gaps)} places, first "
     return (
-        f"numbers are missing {often}after {paths[wide[0]].name}; the images are taken as if they "
+        f"numbers are missing {places}after {gaps[0].name}; the images are taken as if they "
         f"followed each other"
     )
 
 
 def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
     """Return a key that sorts ``f2`` before ``f10``."""
-    parts = re.split(r"([0-9]+)", path.name)  # every second part is a number
-    order = [(int(part), "") if odd % 2 else (-1, part) for odd, part in enumerate(parts)]
+    parts = re.split(r"([0-9]+)", path.name)  # text, number, text, ...
+    order = [(int(part), "") if place % 2 else (-1, part) for place, part in enumerate(parts)]
     return order, path.name
 
 
@@ -212,7 +211,7 @@ def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32
 
 
 def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
-    """Return the opacity of an image that was already turned upright; None if it has none."""
+    """Return the opacity of an image after `_colour` turned it upright; None if it has none."""
     if not ("A" in image.getbands() or "transparency" in image.info):
         return None
     return np.asarray(image.convert("RGBA").getchannel("A"), np.uint8)
@@ -222,8 +221,8 @@ def _opacity(image: Image.Image) -> NDArray[np.uint8] | None:
 def _opened(path: Path) -> Iterator[Image.Image]:
     """Open an image; raise SourceError if the file is not an image, or is damaged or too large.
 
-    Pillow gives the size before it decodes, and reads only as much of the file as it needs. So
-    neither a small file with a large image nor a large file can fill the memory.
+    The checks of size come before Pillow decodes, so that neither a small file with a large image
+    nor a large file can fill the memory.
     """
     most_pixels = max_pixels()  # outside `try`: a wrong setting is no fault of the file
     try:
@@ -253,7 +252,7 @@ def _check_bytes(path: Path, size: int, pixels: int) -> None:
 
 @contextmanager
 def _pillow_alone() -> Iterator[None]:
-    """Lift Pillow's own limit of pixels, which may be below oppload's, and hide its warnings."""
+    """Switch off Pillow's warnings and its limit of pixels, which may be below oppload's limit."""
     limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
     try:
         with warnings.catch_warnings():
@@ -264,12 +263,12 @@ def _pillow_alone() -> Iterator[None]:
 
 
 def _colour(image: Image.Image) -> Colour:
-    """Decode an image without its transparency; images of 16 bits are reduced to 8."""
+    """Decode an image without its transparency, turn it upright, and reduce 16 bits to 8."""
     if image.mode == "F" or (image.mode == "I" and image.format == "TIFF"):
         raise SourceError("its samples have 32 bits; convert it to 8 or 16")
     deep = image.mode in _DEEP_GREY
     image.load()
-    with suppress(Exception):  # damaged EXIF data do not affect the pixels
+    with suppress(Exception):  # an image with damaged EXIF data stays as it is
         ImageOps.exif_transpose(image, in_place=True)
     if deep:
         grey = np.asarray(np.asarray(image).astype(np.uint16) >> 8, np.uint8)
@@ -281,7 +280,7 @@ def _colour(image: Image.Image) -> Colour:
 def _bytes(path: Path) -> int:
     try:
         return path.stat().st_size
-    except OSError:  # the file no longer exists, or is a broken link: reading gives the error
+    except OSError:  # the file no longer exists, or is a broken link: `pictures` counts a failure
         return 0
 
 
@@ -318,7 +317,7 @@ class CameraSource:
         self._first = first
 
     def pictures(self) -> Iterator[Picture]:
-        """Yield pictures as they come; their times are those of their arrival."""
+        """Yield pictures as they come; the time of each is that of its arrival."""
         start = time.monotonic()
         colour: Colour | None = self._first
         while colour is not None and not self.stopping:
@@ -329,7 +328,7 @@ class CameraSource:
             colour = self._picture()
 
     def finish(self) -> None:
-        """Count a failure, as the camera stopped by itself."""
+        """Count a failure: the camera stopped before the user stopped it."""
         self.decode.failed("the camera stopped")
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
-"""Inputs that names on the command line stand for, and the names of their results.
+"""Finds the inputs that a name on the command line means, and the names of their results.
 
-The part of an input that is analysed follows from ``--start``, ``--end`` and ``--duration``.
+`Span` is the part of an input that ``--start``, ``--end`` and ``--duration`` choose.
 """
 
 from __future__ import annotations
@@ -10,14 +10,13 @@ import hashlib
 import math
 import os
 import re
-import stat
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from oppload_cli.errors import ParameterError, SourceError, cannot_read
-from oppload_cli.files.reading import fault_of_stem, is_file, is_folder
+from oppload_cli.files.reading import fault_of_stem, is_file, is_folder, is_there
 from oppload_cli.video.frames import FrameTimes, is_integer
 
 if TYPE_CHECKING:
@@ -34,7 +33,7 @@ _VIDEO_SUFFIXES = {
 IMAGE_SUFFIXES = {".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp"}
 
 NUMBER = re.compile(r"%0?([0-9]{0,3})d")  # the number in a pattern of image names
-# Files in a folder whose names end so are results, not inputs.
+# Files with these endings are results, not inputs.
 ANNOTATED, REPORTED = ".annotated.mp4", ".report.mp4"
 GROUND_TRUTH = ".stimulus.json"  # end of the name of the file beside a stimulus's video
 _NUMBERED = re.compile(r"[0-9]\.[^.]+$")  # frame_0001.png
@@ -44,17 +43,17 @@ _SHOWN = 3  # most names in a sentence
 
 
 class _Found(NamedTuple):
-    """A single input, or a name that stands for no input."""
+    """A single input, or the reason why a name is no input."""
 
     name: str
-    error: SourceError | None = None  # why the name stands for no input
-    # Folder for its results within the folder of all results. It is the folder of the input below
-    # the folder, or the pattern, that the user named.
+    error: SourceError | None = None
+    # Where the results lie within the folder of all results: the way to the input from the folder
+    # that the user named, or from the part of the user's pattern before its first wildcard.
     folder: str = ""
 
 
 def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
-    """Yield the single inputs that a name stands for.
+    """Yield the single inputs that a name means.
 
     Parameters
     ----------
@@ -62,44 +61,38 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
         A file, a folder, a pattern of the shell (``clips/*.mp4``, with ``**`` for
         folders of any depth), a pattern of images, ``camera:0``, or an address.
     recursive : bool
-        Whether to search folders to any depth for videos and for folders of numbered images.
-        Hidden folders and links to folders are left out. If a folder cannot be read, the others
-        are still searched.
+        Whether to search folders to any depth for videos and for folders of numbered images, except
+        hidden folders and links to folders. A folder that cannot be read does not end the search.
     """
     if not name:
-        yield _no_input("", "'': an empty name is no input; give a file or a folder")
+        yield _no_input("", "an empty name is no input; give a file or a folder")
         return
     if name == "-" and not os.path.lexists(name):
-        yield _no_input(name, "-: standard input goes by the name /dev/stdin here; give that")
+        yield _no_input(name, "standard input goes by the name /dev/stdin here; give that")
         return
     matches = _matches(name)
     if not matches:
-        yield _no_input(name, f"{name}: matches no file; check the pattern")
+        yield _no_input(name, "matches no file; check the pattern")
     for match in matches:
         if recursive and is_folder(match):
-            yield from _below(match)
-        elif match != name and _may_wait(match):
+            yield from _searched(match)
+        elif match != name and _is_pipe_or_device(match):  # reading might never end
             reason = "is a pipe or a device, which a pattern does not name; give its own name"
-            yield _no_input(match, f"{match}: {reason}")
+            yield _no_input(match, reason)
         else:
             try:
-                folder = _under(name, match)
+                folder = _below_fixed_part(name, match)
                 yield from (_Found(each, folder=folder) for each in _single_inputs(match))
             except SourceError as error:
                 yield _Found(match, error)
 
 
-def _no_input(name: str, message: str) -> _Found:
-    return _Found(name, SourceError(message))
+def _no_input(name: str, reason: str) -> _Found:
+    return _Found(name, SourceError(f"{name or repr(name)}: {reason}"))
 
 
-def _may_wait(name: str) -> bool:
-    """Return whether a name is a pipe or a device, whose reading may never end."""
-    try:
-        kind = Path(name).stat().st_mode
-    except OSError:
-        return False
-    return not (stat.S_ISREG(kind) or stat.S_ISDIR(kind))
+def _is_pipe_or_device(name: str) -> bool:
+    return is_there(name) and not (is_file(name) or is_folder(name))
 
 
 def _matches(name: str) -> list[str]:
@@ -108,55 +101,59 @@ def _matches(name: str) -> list[str]:
     return sorted(glob.glob(name, recursive=True))  # noqa: PTH207 - absolute patterns too
 
 
-def _under(pattern: str, match: str) -> str:
-    """Return the folder of a match below that part of the pattern that has no wildcard."""
+def _below_fixed_part(pattern: str, match: str) -> str:
+    """Return the way from the pattern's part before its first wildcard to the match's folder."""
     parts = Path(pattern).parts
     fixed = next((at for at, part in enumerate(parts) if glob.has_magic(part)), len(parts) - 1)
     folders = Path(match).parts[fixed:-1]
     return "" if pattern == match or ".." in folders else str(Path(*folders))
 
 
-def _below(root: str) -> Iterator[_Found]:
-    refused: list[OSError] = []
+def _searched(root: str) -> Iterator[_Found]:
+    errors: list[OSError] = []
     empty = True
-    for folder, within, files in os.walk(root, onerror=refused.append):
-        within[:] = sorted(each for each in within if not each.startswith("."))
-        names, numbered = _inputs_of(files)
+    for folder, subfolders, files in os.walk(root, onerror=errors.append):
+        subfolders[:] = sorted(each for each in subfolders if not each.startswith("."))
+        names, images = _inputs_of(files)
         paths = [os.path.join(folder, each) for each in names]  # noqa: PTH118
         videos = list(filter(is_file, paths))  # without pipes, for which the batch would wait
         if videos:
             place = os.path.relpath(folder, root)
             yield from (_Found(each, folder=place) for each in videos)
-        elif numbered:
+        elif images:
             above = "" if folder == root else os.path.relpath(os.path.dirname(folder), root)  # noqa: PTH120
             yield _Found(folder, folder=above)
-        empty = empty and not videos and not numbered
-    for error in refused:
+        empty = empty and not videos and not images
+    for error in errors:
         yield _Found(str(error.filename), cannot_read(error.filename, error))
-    if empty and not refused:
+    if empty and not errors:
         reason = "no video and no numbered images in this folder or below; check the path"
-        yield _no_input(root, f"{root}: {reason}")
+        yield _no_input(root, reason)
 
 
 def left_out(name: str) -> Iterator[str]:
-    """Yield sentences on inputs in a folder that `found_inputs` leaves out.
+    """Yield sentences on inputs in a folder that `found_inputs` leaves out without `recursive`.
 
-    These are folders with inputs, which only a recursive search finds, and images beside videos.
-    Images whose names begin with the name of a video are taken for its figures.
+    These inputs are folders with inputs, and images beside videos. An image whose name begins with
+    that of a video is a figure of the video, not an input.
     """
     try:
         entries = sorted(each for each in Path(name).iterdir() if not each.name.startswith("."))
-        within = [each for each in entries if each.is_dir() and not each.is_symlink()]
         folders = [
-            each.name for each in within if any(_inputs_of(one.name for one in each.iterdir()))
+            each.name
+            for each in entries
+            if each.is_dir()
+            and not each.is_symlink()
+            and any(_inputs_of(file.name for file in each.iterdir()))
         ]
-    except (OSError, ValueError):  # no folder, or its inputs give the error
+    except (OSError, ValueError):  # no folder, or one that cannot be read: a run reports that
         return
     if folders:
         yield f"{name}: {_listed(folders, 'folder')} left out; --recursive runs the inputs there"
     stems = tuple(f"{each.stem}." for each in entries if is_video(each.name))
-    images = [e.name for e in entries if _suffix(e.name) in IMAGE_SUFFIXES and stems]
-    if images := [each for each in images if not each.startswith(stems)]:
+    images = [each.name for each in entries if _suffix(each.name) in IMAGE_SUFFIXES]
+    images = [each for each in images if not each.startswith(stems)]
+    if stems and images:
         yield (
             f"{name}: {_listed(images, 'image')} left out beside videos; give a folder of images "
             "alone, or convert an animation to a video"
@@ -172,9 +169,9 @@ def _listed(names: list[str], kind: str) -> str:
 def _inputs_of(names: Iterable[str]) -> tuple[list[str], list[str]]:
     """Return the videos, and the images of a numbered sequence, among the names of files."""
     visible = sorted(each for each in names if not each.startswith("."))
+    images = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
     # A single image, such as a figure, is no sequence.
-    numbered = [e for e in visible if _suffix(e) in IMAGE_SUFFIXES and _NUMBERED.search(e)]
-    return [each for each in visible if is_video(each)], numbered if len(numbered) > 1 else []
+    return [each for each in visible if is_video(each)], images if len(images) > 1 else []
 
 
 def is_video(name: str) -> bool:
@@ -188,7 +185,7 @@ def is_camera(name: str) -> bool:
 
 
 def is_image_file(name: str) -> bool:
-    """Return whether a text is the name of a single image file."""
+    """Return whether a name is that of a single image file."""
     return _suffix(name) in IMAGE_SUFFIXES and is_file(name)
 
 
@@ -218,9 +215,10 @@ def _single_inputs(name: str) -> list[str]:
 def result_stem(name: str, folder: str = "") -> str:
     """Return the beginning of the names of an input's results.
 
-    It depends only on the input and on how the user named it (`folder`, as in :class:`_Found`), so
-    that it does not change if other inputs are added. Folders in it are separated by ``/``. If the
-    name is too long, or is not a valid file name on every system, a hash of the path is added.
+    The stem depends only on the input's name and on `folder`, its folder below the folder or
+    pattern that the user named. So it does not change if other inputs are added. Folders in it are
+    separated by ``/``. A stem that is too long, or is not a valid file name on every system, gets a
+    hash of the path.
     """
     stem = _stem(name)
     if len(os.fsencode(stem)) > _LONGEST_STEM or fault_of_stem(stem):
@@ -230,31 +228,31 @@ def result_stem(name: str, folder: str = "") -> str:
 
 
 def other_stems(name: str, stem: str) -> tuple[str, str]:
-    """Return two other stems for an input whose `stem` is taken; the second one is unique."""
+    """Return two other stems for an input whose `stem` another input has; the second is unique."""
     suffix = "" if "://" in name or is_folder(name) else PurePath(name).suffix
     folder, _, last = stem.rpartition("/")
     return stem + suffix, PurePath(folder, _with_hash(last, name)).as_posix()
 
 
 def each_once(names: Iterable[str]) -> list[str]:
-    """Return single inputs without duplicates, even if one is named in two spellings.
+    """Return single inputs without duplicates, even if `names` spell an input in two ways.
 
     A link and its target are two inputs if their names differ.
     """
-    once = {(_stem(name), _bytes(name)): name for name in reversed(list(names))}
+    once = {(_stem(name), _path_bytes(name)): name for name in reversed(list(names))}
     return list(reversed(once.values()))
 
 
 def _with_hash(stem: str, name: str) -> str:
     plain = re.sub(r"[\x00-\x1f\x7f-\x9f/\\]|(?<=^[A-Za-z]):", "-", stem)
     short = os.fsencode(plain)[:_LONGEST_STEM].decode("utf-8", "ignore")
-    hashed = f"{short}-{hashlib.sha256(_bytes(name)).hexdigest()[:8]}"
+    hashed = f"{short}-{hashlib.sha256(_path_bytes(name)).hexdigest()[:8]}"
     # On Windows even CON.1-12345678 is the name of a device.
     return f"input-{hashed}" if fault_of_stem(hashed) else hashed
 
 
-def _bytes(name: str) -> bytes:
-    # Unlike `Path.resolve`, this accepts a link to itself.
+def _path_bytes(name: str) -> bytes:
+    # `Path.resolve` would raise an error for a link to itself.
     path = name if "://" in name or is_camera(name) else os.path.realpath(name)
     return path.encode("utf-8", "surrogateescape")
 
@@ -269,10 +267,6 @@ def _stem(name: str) -> str:
     return without_number or Path(os.path.realpath(name)).parent.name or "input"
 
 
-def _is_time(value: Any) -> bool:
-    return isinstance(value, Real) and 0 <= float(value) < math.inf
-
-
 @dataclass(frozen=True)
 class Position:
     """A position in an input: the number of a frame, or a presentation time.
@@ -280,8 +274,8 @@ class Position:
     Raises
     ------
     ParameterError
-        If both or neither are given, or if the frame is not an integer of at least 0, or the time
-        is not a finite number of at least 0.
+        If both `frame` and `seconds` are given, or neither, or if the frame is not an integer of at
+        least 0, or the time is not a finite number of at least 0.
 
     Examples
     --------
@@ -294,16 +288,19 @@ class Position:
     seconds: float | None = None
 
     def __post_init__(self) -> None:
-        if (self.frame is None) == (self.seconds is None):
+        frame: Any = self.frame  # a caller may give a text, in spite of the type
+        seconds: Any = self.seconds
+        if (frame is None) == (seconds is None):
             raise ParameterError("a position is a frame or a number of seconds; give one of them")
-        if self.frame is not None and not is_integer(self.frame, 0):
+        if frame is not None and not is_integer(frame, 0):
             raise ParameterError(
-                f"the frame of a position must be an integer of at least 0, not {self.frame!r}"
+                f"the frame of a position must be an integer of at least 0, not {frame!r}"
             )
-        if self.seconds is not None and not _is_time(self.seconds):
+        if seconds is not None and not (
+            isinstance(seconds, Real) and 0 <= float(seconds) < math.inf
+        ):
             raise ParameterError(
-                f"the seconds of a position must be a finite number of at least 0, not "
-                f"{self.seconds!r}"
+                f"the seconds of a position must be a finite number of at least 0, not {seconds!r}"
             )
 
     def reached(self, frame: int, seconds: float) -> bool:
@@ -350,10 +347,10 @@ class Span:
         return self.end is None and self.duration is None
 
     def within(self, source: PictureSource) -> Iterator[Picture]:
-        """Yield the pictures in this part; those before it are decoded and dropped.
+        """Yield the pictures in this part; decode and drop those before it.
 
-        Positions are compared with the corrected times of :class:`FrameTimes`. If there is a start,
-        the pictures also get these times, so that they agree with those of the complete input.
+        Positions are compared with the corrected times of :class:`FrameTimes`. If this part has a
+        start, its pictures also get these times, which they would have in the complete input.
 
         Parameters
         ----------
@@ -362,7 +359,7 @@ class Span:
         """
         times = FrameTimes(source.facts.frame_rate)
         started, end = self.start is None, self.end
-        right_s = 0.0
+        before_s = 0.0
         for picture in source.pictures():
             if source.stopping:
                 return
@@ -374,12 +371,12 @@ class Span:
                     continue
                 started = True
             elif times.wrong > wrong_before:
-                time_s = right_s  # not later than before, so that the caller corrects it and counts
+                time_s = before_s  # not later than before: so the caller corrects and counts it
             if end is None and self.duration is not None:
                 end = self.duration.after(*position)
             if end is not None and end.reached(*position):
                 return
-            right_s = time_s
+            before_s = time_s
             yield picture if self.start is None else replace(picture, time_s=time_s)
         source.finish()
 
@@ -387,10 +384,7 @@ class Span:
 def parse_position(text: str) -> Position:
     """Return the position that a text means: seconds, a frame such as ``f300``, or ``00:01:02.5``.
 
-    Raises
-    ------
-    ParameterError
-        If the text is none of the three.
+    Raises ParameterError for any other text.
     """
     if re.fullmatch(r"f[0-9]{1,18}", text):
         return Position(frame=int(text[1:]))
@@ -399,11 +393,8 @@ def parse_position(text: str) -> Position:
         hours, minutes, seconds = clock.groups(default="0")
         return Position(seconds=int(hours) * 3600 + int(minutes) * 60 + float(seconds))
     try:
-        seconds_only = float(text)
-    except ValueError:
-        seconds_only = math.nan
-    if not (math.isfinite(seconds_only) and seconds_only >= 0):
+        return Position(seconds=float(text))
+    except ValueError as error:  # ParameterError is one too
         raise ParameterError(
             f"'{text}' is no position; write seconds (12.5), a frame (f300) or a clock (00:01:02.5)"
-        )
-    return Position(seconds=seconds_only)
+        ) from error

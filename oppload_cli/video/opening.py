@@ -1,11 +1,12 @@
-"""Opens and decodes a video in a process of its own, beside the process of the detectors.
+"""Opens and decodes a video in a separate process, beside the process of the detectors.
 
 Python runs only one thread of a process at a time. With two processes, decoder and detectors do not
 wait for each other, and load their libraries at the same time. If the decoder crashes, the video
-ends, but not the run. The pictures pass through shared memory at the working size. If no process
-can be forked, or the input is not a file, a thread decodes instead.
+ends, but the run goes on. The pictures pass through shared memory at the working size. If the
+program cannot fork a process, or the input is not a file, a thread decodes instead.
 
-The process is forked before NumPy is loaded: this module imports no large library at its top.
+The program forks the process before it loads NumPy, because a process with NumPy has several
+threads. So this module imports no large library at its top.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import threading
 import traceback
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import OpploadError, SourceError
 from oppload_cli.files.reading import is_file
@@ -43,11 +44,11 @@ if TYPE_CHECKING:
 
 _CRASHES = {"SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV"}
 _WIDEST_SAMPLE = 2  # bytes
-# Slots are places for pictures. Many are useful: while the other process loads the detectors, the
-# decoder runs far ahead.
+# A slot is a place for one picture in the shared memory. With many slots the decoder can run far
+# ahead while the other process loads the detectors.
 MOST_SLOTS, _LEAST_SLOTS = 64, 3
-_SHARED_BYTES = 1 << 24  # most shared memory, unless the least number of slots needs more
-_PARTS = 8  # the slots are given back in 8 parts, each part at once
+_SHARED_BYTES = 1 << 24  # most shared memory, unless `_LEAST_SLOTS` slots need more
+_PARTS = 8  # one message frees an eighth of the slots
 
 
 class Opening:
@@ -58,8 +59,8 @@ class Opening:
     name, height, span, image_rate, threads, colour
         As for :func:`oppload_cli.open_video`.
     own_process : bool
-        Whether a separate process may decode; it ignores `threads`. It decodes only video files,
-        without colour, on Linux with two cores or more. In all other cases a thread decodes.
+        Whether a separate process may decode. The process ignores `threads`. It decodes only video
+        files, without colour, on Linux with two cores or more. In all other cases a thread decodes.
     """
 
     def __init__(
@@ -78,10 +79,10 @@ class Opening:
         self._process: _DecodingProcess | None = None
         # Pictures in colour are too large for the shared memory.
         if own_process and not colour and is_video_file(name) and cores() > 1 and _can_fork():
-            # Not every C library offers shared memory, and limits of files, processes or sizes may
-            # forbid it.
+            # `os` has no `memfd_create` with some C libraries, and limits of files, processes or
+            # sizes may forbid a process or shared memory.
             with suppress(OSError, AttributeError):
-                self._process = _DecodingProcess(_Order(name, height, span))
+                self._process = _DecodingProcess(name, height, span)
         if self._process is None:
 
             def source() -> PictureSource:
@@ -104,10 +105,8 @@ class Opening:
 
     def close(self) -> None:
         """Stop decoding, and close the video; may be called twice."""
-        if self._video is not None:
-            self._video.close()
-        elif self._process is not None:
-            self._process.close()
+        if opened := self._video or self._process:
+            opened.close()
 
 
 def is_video_file(name: str) -> bool:
@@ -118,10 +117,10 @@ def is_video_file(name: str) -> bool:
 def _can_fork() -> bool:
     """Return whether this process can be forked safely.
 
-    A copy of a process with several threads may hang, and only Linux tells the number of threads
-    including those of libraries. If a standard stream is closed, a pipe would get its number, and
-    libraries would write their messages into the pipe. A limit of the size of files also limits the
-    shared memory.
+    If a process has several threads, its copy may hang; only Linux counts the threads of libraries
+    too. If a standard stream is closed, a pipe would get the number of this stream, and libraries
+    would write their messages into the pipe. A limit of the size of files also limits the shared
+    memory.
     """
     if sys.platform != "linux" or None in (sys.stdin, sys.stdout, sys.stderr):
         return False
@@ -133,52 +132,34 @@ def _can_fork() -> bool:
         return False
 
 
-class _Order(NamedTuple):
-    """The file to decode, its part, and the working height."""
-
-    name: str
-    height: int | None  # None keeps the native size
-    span: Span
-
-
-class _Shared(NamedTuple):
-    """The facts of a picture whose samples are in the shared memory."""
-
-    number: int
-    time_s: float
-    bits: int
-    full_range: bool
-    shape: tuple[int, int]
-    dtype: str
-
-
 class _DecodingProcess:
-    """A source of pictures at the working size, which a separate process decodes from a file.
+    """A source of pictures at the working size; a separate process decodes them from a file.
 
     Raises OSError if the system refuses a process or memory.
     """
 
-    def __init__(self, order: _Order) -> None:
+    def __init__(self, name: str, height: int | None, span: Span) -> None:
         self.decode = DecodeFacts()
         self.stopping = False
         self.facts: InputFacts
         self._slots: _Slots
-        self._order = order
-        self._reading = threading.Lock()
+        self._name, self._height = name, height
+        self._lock = threading.Lock()
         context = multiprocessing.get_context("fork")
         with ExitStack() as undone:
             self._memory = os.memfd_create("oppload-pictures")
             undone.callback(os.close, self._memory)
             self._connection, theirs = context.Pipe()
             undone.callback(self._connection.close)
-            with theirs:  # closed in this process, so that the pipe closes when the other one ends
-                arguments = (theirs, self._connection, self._memory, order)
+            # This process closes `theirs`, so that the pipe closes when the decoding process ends.
+            with theirs:
+                arguments = (theirs, self._connection, self._memory, (name, height, span))
                 self._process = context.Process(target=_decode, args=arguments, daemon=True)
                 self._process.start()
             undone.pop_all()
 
     def opened(self) -> _DecodingProcess:
-        """Wait until the file is open, and return this source; its facts are known from then on.
+        """Wait until the file is open, set `facts` and `decode`, and return this source.
 
         Raises the errors of opening the file, and KeyboardInterrupt after a signal to stop.
         """
@@ -190,13 +171,13 @@ class _DecodingProcess:
             how = self._ending()
             self.close()
             raise SourceError(
-                f"{self._order.name}: its decoder was ended ({how}) before the first frame; "
+                f"{self._name}: its decoder was ended ({how}) before the first frame; "
                 f"check the memory, or convert the file"
             ) from None
         except BaseException:
             self.close()
             raise
-        self._slots = _Slots(self._memory, WorkingSize.of(self.facts, self._order.height))
+        self._slots = _Slots(self._memory, WorkingSize.of(self.facts, self._height))
         return self
 
     def pictures(self) -> Iterator[Picture]:
@@ -207,42 +188,43 @@ class _DecodingProcess:
         """
         import numpy as np
 
-        decoded = ordinal = 0
+        index, ordinal = -1, 0
         try:
-            while isinstance(shared := self._received(), _Shared):
-                samples = np.frombuffer(self._slots.of(ordinal), shared.dtype)
-                plane = samples[: shared.shape[0] * shared.shape[1]].reshape(shared.shape)
-                decoded, ordinal = shared.number + 1, ordinal + 1
-                yield Picture(shared.number, shared.time_s, plane, shared.bits, shared.full_range)
+            while not isinstance(message := self._received(), DecodeFacts):
+                index, time_s, bits, full_range, shape, dtype = message
+                samples = np.frombuffer(self._slots.of(ordinal), dtype)
+                plane = samples[: shape[0] * shape[1]].reshape(shape)
+                ordinal += 1
+                yield Picture(index, time_s, plane, bits, full_range)
                 if not ordinal % self._slots.at_once:
-                    self._give_back()
-            self.decode = shared
+                    self._free_slots()
+            self.decode = message
         except EOFError:
             how = self._ending()
             stop_if_asked()  # SIGTERM may have gone to all processes of a group
             if how not in _CRASHES:
                 raise SourceError(
-                    f"{self._order.name}: its decoder was ended ({how}) after frame {decoded - 1}; "
+                    f"{self._name}: its decoder was ended ({how}) after frame {index}; "
                     f"check the memory, and run it again"
                 ) from None
-            self.decode = replace(self.decode, decoded=decoded)
-            self.decode.failed(f"the decoder crashed ({how}) after frame {decoded - 1}")
+            self.decode = replace(self.decode, decoded=index + 1)
+            self.decode.failed(f"the decoder crashed ({how}) after frame {index}")
 
     def finish(self) -> None:
-        """Do nothing: the process compares the decoded frames with the declared ones."""
+        """Do nothing: the decoding process calls `finish` of its own source."""
 
     def close(self) -> None:
-        """End the process and give back the memory; may be called twice."""
+        """End the process and free the memory; may be called twice."""
         self._process.kill()
         self._process.join()
-        with self._reading:  # a thread that waits for a message is told of the end first
+        with self._lock:  # a thread that waits for a message gets its EOFError first
             self._connection.close()
         if self._memory >= 0:
             os.close(self._memory)
             self._memory = -1
 
     def _received(self) -> Any:
-        with self._reading:
+        with self._lock:
             if self._connection.closed:
                 raise EOFError
             try:
@@ -253,9 +235,9 @@ class _DecodingProcess:
             raise message
         return message
 
-    def _give_back(self) -> None:
-        """Tell the process that the latest `at_once` pictures are no longer used."""
-        with self._reading:  # else another thread could close the connection meanwhile
+    def _free_slots(self) -> None:
+        """Tell the process that the slots of the latest `at_once` pictures are free again."""
+        with self._lock:  # else another thread could close the connection meanwhile
             if not self._connection.closed:
                 with suppress(OSError):  # the process has ended; the next `_received` reports it
                     self._connection.send_bytes(b"used")
@@ -266,58 +248,63 @@ class _DecodingProcess:
 
 
 class _Slots:
-    """Places for pictures in the memory that both processes share; they are used in turn."""
+    """Places for pictures in the memory that both processes share.
+
+    The pictures fill the places in turn; after the last place follows the first one again.
+    """
 
     def __init__(self, memory: int, working: WorkingSize) -> None:
         page = mmap.ALLOCATIONGRANULARITY
         self._size = -(-_WIDEST_SAMPLE * working.width * working.height // page) * page
         self.count = max(_LEAST_SLOTS, min(MOST_SLOTS, _SHARED_BYTES // self._size))
-        # To give slots back one by one would take a twentieth of a run's time.
+        # A message for each single slot would take a twentieth of a run's time.
         self.at_once = max(1, self.count // _PARTS)
         os.ftruncate(memory, self.count * self._size)
         self._memory = memoryview(mmap.mmap(memory, self.count * self._size))
 
     def of(self, ordinal: int) -> memoryview:
-        """Return the place of a picture; the former picture there must no longer be used."""
+        """Return the place of a picture; the earlier picture there must no longer be in use."""
         first = ordinal % self.count * self._size
         return self._memory[first : first + self._size]
 
 
-def _decode(theirs: Connection, ours: Connection, memory: int, order: _Order) -> None:
-    """Decode and send all pictures, or an error; this function runs in the separate process."""
-    ours.close()  # so that the pipe closes when the other process ends
-    # A terminal sends these signals to all its processes; the other process decides what to do.
+def _decode(
+    theirs: Connection, ours: Connection, memory: int, order: tuple[str, int | None, Span]
+) -> None:
+    """Decode and send all pictures, or an error; this function runs in the separate process.
+
+    `order` is the name of the file, the working height, and the part of the file.
+    """
+    name, height, span = order
+    ours.close()  # so that the pipe closes when the process of the detectors ends
+    # A terminal sends these signals to both processes; that of the detectors decides what to do.
     signals.ignore("SIGINT", "SIGHUP")
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     try:
-        _send_pictures(theirs, memory, order)
+        from oppload_cli.video.container import ContainerSource
+        from oppload_cli.video.planes import Resizing
+
+        source = ContainerSource(name)
+        source.decode.own_process = True
+        working = WorkingSize.of(source.facts, height)
+        theirs.send((source.facts, source.decode))
+        resizing = Resizing(*working.coded(source.facts.rotation))
+        slots = _Slots(memory, working)
+        in_use = 0
+        for ordinal, picture in enumerate(span.within(source)):
+            plane = resizing(picture.plane)
+            while in_use == slots.count:
+                theirs.recv_bytes()
+                in_use -= slots.at_once
+            slots.of(ordinal)[: plane.nbytes] = plane.tobytes()
+            facts = (picture.index, picture.time_s, picture.bits, picture.full_range)
+            theirs.send((*facts, plane.shape, plane.dtype.str))
+            in_use += 1
+        theirs.send(source.decode)
     except BaseException as error:
         story = "".join(traceback.format_exception(error))
         if not isinstance(error, OpploadError):  # some other errors cannot be pickled
             error = RuntimeError(f"{type(error).__name__}: {error}")
         error.add_note(story)
-        with suppress(OSError):  # the other process has ended
+        with suppress(OSError):  # the process of the detectors has ended
             theirs.send(error)
-
-
-def _send_pictures(connection: Connection, memory: int, order: _Order) -> None:
-    from oppload_cli.video.container import ContainerSource
-    from oppload_cli.video.planes import Resizing
-
-    source = ContainerSource(order.name)
-    source.decode.own_process = True
-    working = WorkingSize.of(source.facts, order.height)
-    connection.send((source.facts, source.decode))
-    resizing = Resizing(*working.coded(source.facts.rotation))
-    slots = _Slots(memory, working)
-    in_use = 0
-    for ordinal, picture in enumerate(order.span.within(source)):
-        plane = resizing(picture.plane)
-        while in_use == slots.count:
-            connection.recv_bytes()
-            in_use -= slots.at_once
-        slots.of(ordinal)[: plane.nbytes] = plane.tobytes()
-        facts = (picture.index, picture.time_s, picture.bits, picture.full_range)
-        connection.send(_Shared(*facts, plane.shape, plane.dtype.str))
-        in_use += 1
-    connection.send(source.decode)

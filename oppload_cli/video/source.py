@@ -15,7 +15,6 @@ from oppload_cli.video.luminance import Luminance
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
-    from types import TracebackType
 
     from oppload_cli.video.colour import Colour
     from oppload_cli.video.frames import DecodeFacts, InputFacts, PictureSource
@@ -25,9 +24,9 @@ _DEFAULT_HEIGHT = 240
 
 
 class Video:
-    """An open input. Iterating over it, once, gives each :class:`Frame` at the working size.
+    """An open input. A loop over it yields each :class:`Frame` at the working size, once.
 
-    It is a context manager; closing it ends the decoding thread.
+    It is a context manager. `close` ends the decoding thread.
 
     Parameters
     ----------
@@ -44,6 +43,8 @@ class Video:
 
     Attributes
     ----------
+    working : WorkingSize
+        Size of the frames, and of their pixels in source pixels.
     times : FrameTimes
         The times of the frames so far.
 
@@ -98,12 +99,7 @@ class Video:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def __iter__(self) -> Iterator[Frame]:
@@ -119,7 +115,7 @@ class Video:
         return self._iterator
 
     def close(self) -> None:
-        """Stop decoding, wait for its thread to end and close the input; may be called twice."""
+        """Stop the decoding thread, wait for its end, and close the input; may be called twice."""
         stop(self._source, self._prefetch)
 
     def _frames(self) -> Iterator[Frame]:
@@ -153,7 +149,7 @@ def open_video(
     image_rate : Fraction, optional
         Frames per second of images, which have no times; 30 if left out.
     threads : int
-        Number of decoder threads; 0: it follows from the codec, the size and the cores.
+        Number of decoder threads; 0 chooses a number by the codec, the size and the cores.
     colour : bool
         Whether the frames also have their picture in colour.
 
@@ -172,7 +168,7 @@ def open_video(
     ...
     oppload_cli.errors.SourceError: missing.mp4: ...
     """
-    # It runs in a thread, because Ctrl-C has no effect while a library call blocks.
+    # A thread opens the input, because Ctrl-C has no effect while a library call blocks.
     source = Call(lambda: source_of(str(name), image_rate, threads)).result()
     return Video(source, height, span or Span(), colour=colour)
 
@@ -190,7 +186,7 @@ def stop(source: PictureSource, ahead: Prefetch[Any] | None) -> None:
 
 def source_of(name: str, image_rate: Fraction | None, threads: int) -> PictureSource:
     """Return the source of an input's pictures; arguments and errors as for :func:`open_video`."""
-    # Only the libraries for this kind of input are imported: Pillow and OpenCV, or PyAV.
+    # Each kind of input needs other libraries: Pillow and OpenCV, or PyAV. Import no others.
     camera, path = is_camera(name), Path(name)
     pattern = NUMBER.search(path.name) and not is_there(name)
     if camera or pattern or is_folder(name):

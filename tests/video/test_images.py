@@ -175,6 +175,16 @@ def test_an_animation_or_a_stack_among_images_is_named(tmp_path: Path, suffix: s
         )
 
 
+def test_a_photograph_with_a_preview_is_a_single_image(tmp_path: Path) -> None:
+    photograph, preview = Image.fromarray(RGB), Image.fromarray(RGB[::2, ::2])
+    for index in range(2):
+        path = tmp_path / f"{index}.jpg"
+        photograph.save(path, "MPO", save_all=True, append_images=[preview])
+    with open_video(tmp_path, height=None) as video:
+        assert [frame.luma.shape for frame in video] == [RGB.shape[:2]] * 2
+        assert video.decode.complete
+
+
 def test_hidden_twins_of_images_are_ignored(folder: Path) -> None:
     for index in range(3):
         (folder / f"._frame_{index}.png").write_bytes(b"\0\5\x16\7 of another system")
