@@ -11,6 +11,7 @@ import numpy as np
 from av.video.reformatter import ColorRange, Colorspace, Interpolation, VideoReformatter
 
 from oppload_cli.video.luminance import as_displayed, luminance_table
+from oppload_cli.video.planes import resized
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,18 +39,18 @@ def as_yuv420p(
     size: tuple[int | None, int | None] = (None, None),
     colour_space: int | None = None,
 ) -> av.VideoFrame:
-    """Return a picture in the format that the H.264 encoder takes: yuv420p, BT.709, limited range.
+    """Return a frame in the format that the H.264 encoder takes: yuv420p, BT.709, limited range.
 
     Parameters
     ----------
     frame : av.VideoFrame
-        A picture of any pixel format.
+        A frame of any pixel format.
     converter : VideoReformatter
-        Keeps its tables for the next picture of the same size.
+        Keeps its tables for the next frame of the same size.
     size : tuple of int or None
-        Width and height; those of the frame if left out.
+        Width and height of the result; those of `frame` if left out.
     colour_space : int or None
-        Colour space of the frame; if left out, the one that the frame states.
+        Colour space of `frame`; if left out, the one that `frame` states.
     """
     return converter.reformat(
         frame, *size, "yuv420p", colour_space, Colorspace.ITU709,
@@ -84,8 +85,8 @@ class Colour:
     def planes(self, picture: Picture) -> av.VideoFrame:
         """Return a picture in the format that the H.264 encoder takes.
 
-        A picture that is displayed as it is coded, without a turn, is scaled in its own planes,
-        which takes a quarter of the time.
+        A picture that need not be mirrored or turned is scaled in its own planes, which takes a
+        quarter of the time.
         """
         original, facts = picture.original, self._facts
         if isinstance(original, av.VideoFrame) and not (facts.mirrored or facts.rotation):
@@ -98,31 +99,21 @@ class Colour:
         original = picture.original
         if isinstance(original, np.ndarray):
             return self._resized(original)
-        if original is None or original.format.name.startswith("gray"):
-            return self._grey(picture)
-        try:
-            return self._from_frame(original)
-        except (av.error.FFmpegError, ValueError):
-            return self._grey(picture)
-
-    def _from_frame(self, frame: av.VideoFrame) -> Bgr:
-        converted = self._converter.reformat(
-            frame, *self._coded, "bgr24", self._assumed(frame), interpolation=_EXACTLY, threads=1
-        )
-        return np.asarray(converted.to_ndarray(), np.uint8)
-
-    def _assumed(self, frame: av.VideoFrame) -> int | None:
-        """Return the colour space to assume for a picture; None: use the one that it states."""
-        large = min(frame.width, frame.height) > _STANDARD_LINES
-        return Colorspace.ITU709 if large and frame.colorspace == _UNSPECIFIED else None
-
-    def _grey(self, picture: Picture) -> Bgr:
+        if original is not None and not original.format.name.startswith("gray"):
+            with suppress(av.error.FFmpegError, ValueError):
+                space = self._assumed(original)
+                converted = self._converter.reformat(
+                    original, *self._coded, "bgr24", space, interpolation=_EXACTLY, threads=1
+                )
+                return np.asarray(converted.to_ndarray(), np.uint8)
         table = np.rint(luminance_table(picture.bits, picture.full_range) * 255).astype(np.uint8)
         return self._resized(np.asarray(cv2.cvtColor(table[picture.plane], cv2.COLOR_GRAY2BGR)))
 
+    def _assumed(self, frame: av.VideoFrame) -> int | None:
+        """Return the colour space to assume for a frame; None: use the one that it states."""
+        large = min(frame.width, frame.height) > _STANDARD_LINES
+        return Colorspace.ITU709 if large and frame.colorspace == _UNSPECIFIED else None
+
     def _resized(self, colour: Bgr) -> Bgr:
-        if (colour.shape[1], colour.shape[0]) == self._coded:
-            return colour
-        shrinks = self._coded[0] <= colour.shape[1] and self._coded[1] <= colour.shape[0]
-        method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        return np.asarray(cv2.resize(colour, self._coded, interpolation=method), np.uint8)
+        fits = (colour.shape[1], colour.shape[0]) == self._coded
+        return colour if fits else resized(colour, self._coded)

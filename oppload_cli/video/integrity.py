@@ -1,7 +1,7 @@
-"""Faults of a file that its container shows, such as a missing end or a wrong checksum.
+"""Finds faults of video files that FFmpeg does not report, such as a missing end.
 
-FFmpeg's demuxers do not report them. Each check here reads the structure of one kind of container.
-It reads the content only if a checksum covers it.
+Each check reads the structure of one kind of container. A check reads the content only if a
+checksum covers it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ CUT = "the file ends too early"
 WRONG = "a checksum of the file is wrong"
 BROKEN = "the structure of the file is damaged"
 _PIECE = 1 << 20  # bytes that are read at a time
-MOST_PARTS = 2_000_000  # most parts that are read, in some seconds; hours of video have fewer
+MOST_PARTS = 2_000_000  # read in some seconds; hours of video have fewer parts
 
 
 @dataclass
@@ -42,8 +42,7 @@ class _Reading:
     def at(self, position: int, count: int) -> bytes:
         """Return `count` bytes, or fewer at the end of the file.
 
-        Raises OSError after `MOST_PARTS` calls: someone may have made the file so that the check
-        never ends.
+        Raises OSError after `MOST_PARTS` calls, because a hostile file could make a check endless.
         """
         self._parts += 1
         if self._parts > MOST_PARTS:
@@ -53,10 +52,10 @@ class _Reading:
 
 
 def fault_of(path: str, container: str, *, read_to: int = 0, stream: int = 0) -> str | None:
-    """Return the first fault that the container of a file shows, as a sentence, or None.
+    """Return the first fault in the structure of a file, as a sentence; None if it finds none.
 
-    `container` is the name of FFmpeg's demuxer. The result is always None for containers in which
-    neither the end nor checksums can be checked. See :class:`_Reading` for `read_to` and `stream`.
+    `container` is the name of FFmpeg's demuxer; some containers have no check. See
+    :class:`_Reading` for `read_to` and `stream`.
     """
     check = _CHECKS.get(container)
     if check is None:
@@ -73,7 +72,7 @@ _CHECKSUM = b"\xbf\x84"  # an EBML element with a checksum begins with these byt
 
 
 def _matroska(reading: _Reading) -> str | None:
-    """Go through the elements of the segment, and into elements of unknown length."""
+    """Go through the elements of the segment, and of each element of unknown length."""
     position = 0
     while position < reading.size:
         head = reading.at(position, 12)
@@ -84,14 +83,13 @@ def _matroska(reading: _Reading) -> str | None:
             return CUT if len(head) < 12 else BROKEN
         length = 9 - head[name_length].bit_length()
         field = head[name_length : name_length + length]
-        most = (1 << 7 * length) - 1
-        content = int.from_bytes(field) & most
+        unknown = (1 << 7 * length) - 1  # this number means that the length is unknown
+        content = int.from_bytes(field) & unknown
         name = int.from_bytes(head[:name_length])
         position += name_length + length
-        known = content != most
-        if known and position + content > reading.size:
+        if content != unknown and position + content > reading.size:
             return CUT
-        if name == _SEGMENT or not known:
+        if name == _SEGMENT or content == unknown:
             continue
         if name != _EBML and _wrong_checksum(reading, position, content):
             return WRONG
@@ -111,7 +109,7 @@ def _wrong_checksum(reading: _Reading, position: int, length: int) -> bool:
 
 
 def _boxes(reading: _Reading) -> str | None:
-    """Go through the boxes of MP4 and MOV; after a fragment's index its data must follow."""
+    """Go through the boxes of MP4 and MOV; the data of a fragment must follow its index."""
     position, kind = 0, b""
     while position + 8 <= reading.size:
         head = reading.at(position, 16)
@@ -127,38 +125,33 @@ def _boxes(reading: _Reading) -> str | None:
 def _gif(reading: _Reading) -> str | None:
     """Go through the blocks up to the mark of the end."""
     head = reading.at(0, 13)
-    position = 13 + _colours(head[10])
+    position = 13 + _palette_bytes(head[10])
     while block := reading.at(position, 10):
         if block[0] == ord(";"):
             return None
         if block[0] == ord("!"):
             position += 2
         elif block[0] == ord(","):
-            position += 11 + _colours(block[9])
+            position += 11 + _palette_bytes(block[9])
         elif block[0] == 0:
             position += 1
             continue
         else:
             return BROKEN
-        position = _after_the_parts(reading, position)
+        # The parts of a block begin with their lengths; a part of length 0 is the last one.
+        while length := reading.at(position, 1):
+            position += 1 + length[0]
+            if not length[0]:
+                break
     return CUT
 
 
-def _colours(flags: int) -> int:
+def _palette_bytes(flags: int) -> int:
     return 3 << (flags & 7) + 1 if flags & 0x80 else 0
 
 
-def _after_the_parts(reading: _Reading, position: int) -> int:
-    """Return the position after the parts of a block; each part begins with its length."""
-    while length := reading.at(position, 1):
-        position += 1 + length[0]
-        if not length[0]:
-            break
-    return position
-
-
 def _flv(reading: _Reading) -> str | None:
-    """Check the last tag, whose size must be repeated at the end of the file."""
+    """Check the last tag: the file must end with the size that the tag states."""
     (tag,) = struct.unpack(">I", reading.at(reading.size - 4, 4))
     if not 11 <= tag <= reading.size - 4:
         return CUT
@@ -178,7 +171,7 @@ def _end(reading: _Reading) -> bytes:
 
 
 def _y4m(reading: _Reading) -> str | None:
-    """Check that nothing follows the last frame; the demuxer leaves out a frame that is cut."""
+    """Check that nothing follows the last packet; the demuxer leaves out a truncated frame."""
     return CUT if 0 < reading.read_to < reading.size else None
 
 
@@ -235,7 +228,7 @@ def _av1(reading: _Reading) -> str | None:
 
 
 def _mxf(reading: _Reading) -> str | None:
-    """Check that the last partition, whose position the first one states, is in the file."""
+    """Check that the file has its last partition; the first partition states the position."""
     head = reading.at(0, 64)
     length = 1 if head[16] < 128 else 1 + (head[16] & 127)
     (last,) = struct.unpack_from(">Q", head, 16 + length + 24)
@@ -246,7 +239,7 @@ _ASF_PROPERTIES = bytes.fromhex("a1dcab8c47a9cf118ee400c00c205365")
 
 
 def _asf(reading: _Reading) -> str | None:
-    """Compare the size of the file with the size in its head; a broadcast states none."""
+    """Compare the size of the file with the size in its head; a broadcast states 0."""
     head = reading.at(0, _PIECE)
     place = head.find(_ASF_PROPERTIES)
     if place < 0:
@@ -258,10 +251,10 @@ def _asf(reading: _Reading) -> str | None:
 # Position of the mark in packets by their size: plain, with error correction, with time codes.
 _TS_PACKETS = {188: 0, 204: 0, 192: 4}
 _TS_MARK, _TS_BYTES, _PIECE_PACKETS = 0x47, 188, 8192
-_ADAPTED, _PAYLOAD, _BEGINS, _FAULTY = 0x20, 0x10, 0x40, 0x80  # flags of a packet
-# Flags of its adaptation field: an intended jump of the packet count, and a key frame. If parts of
-# broadcasts are joined, each part begins with a key frame, at which the count may jump.
-_NEW_COUNT = 0xC0
+_HAS_ADAPTATION, _HAS_PAYLOAD, _BEGINS_PICTURE, _HAS_ERROR = 0x20, 0x10, 0x40, 0x80  # flags
+# Two flags of the adaptation field allow a jump of the packet count: an intended jump, and a key
+# frame. Each part of joined broadcasts begins with a key frame.
+_MAY_JUMP = 0xC0
 
 
 def _transport_stream(reading: _Reading) -> str | None:
@@ -275,13 +268,13 @@ def _transport_stream(reading: _Reading) -> str | None:
     last: int | None = None
     for packets in _pieces(reading, start, mark, step):
         head = packets[:, :6].astype(np.int64)
-        if (head[:, 0] != _TS_MARK).any() or (head[:, 1] & _FAULTY).any():
+        if (head[:, 0] != _TS_MARK).any() or (head[:, 1] & _HAS_ERROR).any():
             return BROKEN
         video = ((head[:, 1] & 0x1F) << 8 | head[:, 2]) == reading.stream
         head = head[video]
-        if _without_prefix(packets[video], head):
+        if _prefix_missing(packets[video], head):
             return BROKEN
-        counted = head[(head[:, 3] & _PAYLOAD) != 0]
+        counted = head[(head[:, 3] & _HAS_PAYLOAD) != 0]
         if len(counted):
             if _packets_missing(counted, last):
                 return BROKEN
@@ -289,10 +282,10 @@ def _transport_stream(reading: _Reading) -> str | None:
     return None
 
 
-def _without_prefix(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool:
+def _prefix_missing(packets: NDArray[np.uint8], head: NDArray[np.int64]) -> bool:
     """Return whether a picture lacks the three bytes with which each picture must begin."""
-    first = np.where(head[:, 3] & _ADAPTED, 5 + head[:, 4], 4)
-    begins = np.flatnonzero(((head[:, 1] & _BEGINS) != 0) & (first <= _TS_BYTES - 3))
+    first = np.where(head[:, 3] & _HAS_ADAPTATION, 5 + head[:, 4], 4)
+    begins = np.flatnonzero(((head[:, 1] & _BEGINS_PICTURE) != 0) & (first <= _TS_BYTES - 3))
     prefix = packets[begins[:, None], first[begins, None] + np.arange(3)]
     return bool((prefix != (0, 0, 1)).any())
 
@@ -301,8 +294,9 @@ def _packets_missing(head: NDArray[np.int64], last: int | None) -> bool:
     """Return whether the packet count jumps; a packet may be sent twice."""
     count = head[:, 3] & 15
     steps = np.diff(count, prepend=count[0] - 1 if last is None else last) % 16
-    meant = ((head[:, 3] & _ADAPTED) != 0) & (head[:, 4] > 0) & ((head[:, 5] & _NEW_COUNT) != 0)
-    return bool(((steps > 1) & ~meant).any())
+    adapted = ((head[:, 3] & _HAS_ADAPTATION) != 0) & (head[:, 4] > 0)
+    allowed = adapted & ((head[:, 5] & _MAY_JUMP) != 0)
+    return bool(((steps > 1) & ~allowed).any())
 
 
 def _layout(reading: _Reading) -> tuple[int, int, int] | None:

@@ -1,4 +1,4 @@
-"""Converts luma as it is coded to luminance at the working size."""
+"""Converts coded luma to luminance at the working size."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _TURNS = {90: cv2.ROTATE_90_COUNTERCLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTA
 class Luminance:
     """Converts pictures to luminance at the working size.
 
-    The luma plane is resized first, as it is coded (area averaging). Then it is mirrored and turned
-    as `facts` say, and last converted to luminance. So most work is done on few pixels of 8 bits.
+    The luma plane is resized first (area averaging), then mirrored and turned as `facts` say, and
+    last converted to luminance. So the last two steps have few pixels to work on.
     """
 
     def __init__(self, size: WorkingSize, facts: InputFacts | None = None) -> None:
@@ -31,10 +31,7 @@ class Luminance:
         self._resizing: Resizing | None = None
 
     def __call__(self, picture: Picture) -> NDArray[np.float32]:
-        """Return the luminance of a picture of any size: float32, shape (height, width).
-
-        It is 0 to 1: ``(Y - 16) / 219`` for a limited range, ``Y / 255`` for a full range.
-        """
+        """Return the luminance of a picture, 0 to 1: float32, shape (height, width)."""
         plane = self._resized(picture.plane)
         if self._facts:
             plane = as_displayed(plane, self._facts)
@@ -54,9 +51,9 @@ class Luminance:
 
 
 def as_displayed(picture: NDArray[Any], facts: InputFacts) -> NDArray[Any]:
-    """Mirror and turn a coded picture, grey or in colour, so that it is as displayed.
+    """Return a coded picture, grey or in colour, mirrored and turned as `facts` say.
 
-    A picture that need not be changed is returned itself, not a copy.
+    The result is `picture` itself, not a copy, if it needs no change.
     """
     if facts.mirrored:
         picture = np.asarray(cv2.flip(picture, 1))
@@ -66,20 +63,11 @@ def as_displayed(picture: NDArray[Any], facts: InputFacts) -> NDArray[Any]:
 
 @lru_cache(maxsize=16)
 def luminance_table(bits: int, full_range: bool) -> NDArray[np.float32]:
-    """Return the luminance of every code value.
+    """Return the luminance, 0 to 1, of every code: float32, shape (256,) or (65536,).
 
-    Parameters
-    ----------
-    bits : int
-        Bits of a sample, 8 to 16.
-    full_range : bool
-        True: codes run from 0 to ``2^bits - 1``. False: black is 16 and white 235 (for 8 bits;
-        scaled for more), and codes outside are clipped.
-
-    Returns
-    -------
-    ndarray of float32, shape (256,) or (65536,)
-        Luminance, 0 to 1.
+    A sample has 8 to 16 `bits`. In a full range white is ``2^bits - 1``. In a limited range of 8
+    bits black is 16 and white 235, and luminance ``(Y - 16) / 219``, clipped to 0 to 1; for more
+    bits the three numbers are multiplied by ``2^(bits - 8)``.
     """
     codes = np.arange(256 if bits == 8 else 65536, dtype=np.float64)
     if full_range:

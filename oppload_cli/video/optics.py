@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 _PINHOLE, _FLAT = "pinhole", "flat"
 FOV = "--fov"  # origin of a field of view that the user states
-_WIDEST_DEG = 180.0
 
 
 class View(NamedTuple):
@@ -22,14 +21,14 @@ class View(NamedTuple):
     Attributes
     ----------
     azimuth_deg, elevation_deg : float
-        Direction of the focus of expansion: to the right of the middle of the frame, and above
-        the horizontal plane through the middle; -90 to 90.
+        Direction of the focus of expansion, -90 to 90: to the right of the middle of the frame, and
+        above the horizontal plane through the middle.
     angular_width_deg, angular_height_deg : float
         Angles that the box spans.
     angular_size_deg : float
         The larger of these two angles.
     angular_speed_deg_s : float or None
-        Growth of this size per second, computed from the time to contact; None if that is unknown.
+        Growth of `angular_size_deg` per second; None if the time to contact is unknown.
     """
 
     azimuth_deg: float
@@ -42,11 +41,11 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Optics:
-    """The map from source pixels to directions.
+    """Converts source pixels to directions, and lengths in pixels to angles.
 
     Pinhole: a point at the angle e from the middle of the frame is ``f tan(e)`` pixels away from
     the middle, where ``f`` is the focal length in pixels. Flat: the number of pixels per degree is
-    constant, as on the displays of stimuli with ``projection = "flat"``.
+    constant, as in stimuli with ``projection = "flat"``.
 
     Attributes
     ----------
@@ -57,7 +56,7 @@ class Optics:
     projection : str
         ``pinhole`` or ``flat``.
     origin : str
-        Origin of the field of view: ``--fov``, or ``stimulus``.
+        Origin of the field of view: ``--fov`` or ``stimulus``.
     """
 
     width: int
@@ -68,24 +67,17 @@ class Optics:
 
     @classmethod
     def of_fov(cls, width: int, height: int, fov_deg: float) -> Optics:
-        """Return the pinhole camera with a given field of view across the width of the frame."""
+        """Return a pinhole camera with a field of view across the width of the frame."""
         return cls(width, height, width / 2 / math.tan(math.radians(fov_deg) / 2))
 
     @classmethod
     def of_display(cls, display: Mapping[str, Any], width: int, height: int) -> Optics:
         """Return the optics of a stimulus, whose video may have been scaled to another size.
 
-        Parameters
-        ----------
-        display : mapping
-            ``width``, ``pixels_per_degree`` and ``projection`` from its ground truth.
-        width, height : int
-            Size of the video in pixels.
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError, ZeroDivisionError
-            If the display lacks an entry, or its scale is not a finite number above 0.
+        `display` has the entries ``width``, ``pixels_per_degree`` and ``projection`` of its ground
+        truth; `width` and `height` are the size of the video in pixels. Raises KeyError, TypeError,
+        ValueError or ZeroDivisionError if an entry is missing, or if the scale is not a finite
+        number above 0.
         """
         scale = float(display["pixels_per_degree"]) * width / float(display["width"])
         if not 0 < scale < math.inf:
@@ -94,12 +86,12 @@ class Optics:
         return cls(width, height, math.degrees(scale), projection, "stimulus")
 
     def degrees(self, pixels: float) -> float:
-        """Return the angle that a length in pixels spans if it is centred in the frame."""
+        """Return the angle of a length in pixels whose middle is that of the frame."""
         half = pixels / 2 / self.per_radian
         return 2 * math.degrees(half if self.projection == _FLAT else math.atan(half))
 
     def pixels(self, degrees: float) -> float:
-        """Return the length in pixels that spans an angle below 180 degrees; inverts `degrees`."""
+        """Return the length in pixels of an angle below 180 degrees: the inverse of `degrees`."""
         half = math.radians(degrees / 2)
         return 2 * self.per_radian * (half if self.projection == _FLAT else math.tan(half))
 
@@ -129,17 +121,10 @@ class Optics:
     ) -> View:
         """Return an object's direction and angular size, and the growth of this size.
 
-        If an object approaches at constant speed, ``tan(size / 2) = (l/v) / t`` at the time t
-        before contact. So its angular size grows by ``sin(size) / t``.
-
-        Parameters
-        ----------
-        box : tuple of float
-            Left, top, width and height in source pixels.
-        centre : tuple of float
-            The object's focus of expansion, (x, y) in source pixels.
-        time_to_contact_s : float or None
-            Time to contact in seconds, above 0.
+        `box` is left, top, width and height, and `centre` the focus of expansion (x, y), both in
+        source pixels; a time to contact is above 0. If an object approaches at constant speed,
+        ``tan(size / 2) = (l/v) / t`` at the time t before contact. So its angular size grows by
+        ``sin(size) / t`` per second.
         """
         left, top, width, height = box
         x, y = left + width / 2, top + height / 2
@@ -171,7 +156,7 @@ def parse_fov(value: str | float) -> float:
         degrees = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         degrees = math.nan
-    if not 0 < degrees < _WIDEST_DEG:
+    if not 0 < degrees < 180:
         raise ParameterError(
             f"fov must be above 0 and below 180 degrees, the horizontal field of view of the "
             f"camera, not '{value}'"

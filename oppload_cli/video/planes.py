@@ -1,6 +1,6 @@
-"""Takes the luma of decoded frames and resizes it, before the frames are turned.
+"""Takes the luma of decoded frames, as they are coded, and resizes it.
 
-The decoding process needs PyAV here. OpenCV is imported only for rare kinds of frames.
+The process that decodes imports this module with PyAV. Only rare kinds of frames need OpenCV.
 """
 
 from __future__ import annotations
@@ -18,40 +18,33 @@ if TYPE_CHECKING:
     Plane = NDArray[Any]  # of uint8 or uint16
 
 
-_WELL_ABOVE = 1.5  # from this reduction on, swscale's averages are as good as OpenCV's
+_LEAST_REDUCTION = 1.5  # from this reduction on, swscale's averages are as good as OpenCV's
 _AREA_EXACTLY = Interpolation.AREA | Interpolation.ACCURATE_RND | Interpolation.BITEXACT
 
 
 class Resizing:
-    """Resizes planes to the working size by area averaging, before they are turned.
-
-    `width` and `height` are those of :meth:`WorkingSize.coded`.
-    """
+    """Resizes planes by area averaging to the size of :meth:`WorkingSize.coded`."""
 
     def __init__(self, width: int, height: int) -> None:
         self._coded = (width, height)
         self._scaler = VideoReformatter()
 
     def __call__(self, plane: Plane) -> Plane:
-        """Return a plane of uint8 or uint16 at the working size, before it is turned.
+        """Return a plane of uint8 or uint16 at this size.
 
-        A plane that has this size already is returned itself. Otherwise the result may be a view
-        that is valid until the next call.
+        The result is `plane` itself if it has this size already. Otherwise it may be a view that is
+        valid until the next call.
         """
         rows, columns = plane.shape
         width, height = self._coded
         if (columns, rows) == (width, height):
             return plane
-        if columns >= _WELL_ABOVE * width and rows >= _WELL_ABOVE * height:
+        if columns >= _LEAST_REDUCTION * width and rows >= _LEAST_REDUCTION * height:
             return self._averaged(plane)
-        import cv2
-
-        shrinks = width <= columns and height <= rows
-        method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-        return np.asarray(cv2.resize(plane, self._coded, interpolation=method), plane.dtype)
+        return resized(plane, self._coded)
 
     def _averaged(self, plane: Plane) -> Plane:
-        """Average areas by swscale: at most 0.7 of a code from the exact mean, 7 times as fast."""
+        """Average areas by swscale: 7 times as fast as OpenCV, and exact to 0.7 of a code."""
         kind = "gray" if plane.dtype == np.uint8 else "gray16le"
         frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(plane), kind)
         small = self._scaler.reformat(
@@ -63,7 +56,16 @@ class Resizing:
         return view
 
 
-# Grey frames without a stated range have a limited range with these video codecs, else a full one.
+def resized(picture: Plane, size: tuple[int, int]) -> Plane:
+    """Return a plane or a colour picture at another size (width, height), resized by OpenCV."""
+    import cv2
+
+    shrinks = size[0] <= picture.shape[1] and size[1] <= picture.shape[0]
+    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(picture, size, interpolation=method), picture.dtype)
+
+
+# A grey frame that states no range has a limited range with these codecs, and else a full range.
 _LIMITED_GREY = {"h264", "hevc", "vp8", "vp9", "av1", "mpeg4", "mpeg2video", "prores"}
 _WITH_LUMA_PLANE = ("yuv", "gray", "nv", "p0", "p2", "p4")
 _PACKED_YUV = {"yuyv422", "uyvy422", "yvyu422"}
@@ -71,21 +73,12 @@ _PACKED_RGB = {"bgr24": "BGR", "rgb24": "RGB", "bgra": "BGRA", "rgba": "RGBA"}
 
 
 def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
-    """Return the luma of a decoded frame, without a copy if the frame has a luma plane.
+    """Return the luma of a decoded frame, and the bits of a sample.
 
-    Returns
-    -------
-    plane : ndarray of uint8 or uint16, shape (height, width)
-        The Y plane. Frames without a Y plane (RGB, palettes) are converted to grey with the
-        weights of Rec. 601.
-    bits : int
-        Bits that a sample uses.
-
-    Raises
-    ------
-    ValueError, av.error.FFmpegError
-        If the frame cannot be converted, for example because damage gave it an impossible colour
-        space.
+    The luma has the shape (height, width) and the type uint8 or uint16. If the frame has a Y plane,
+    the luma is a view of this plane. Frames without a Y plane (RGB, palettes) are converted to grey
+    with the weights of Rec. 601. Raises ValueError or av.error.FFmpegError if the frame cannot be
+    converted, for example because of a damaged colour space.
     """
     name = frame.format.name
     if name in _PACKED_RGB:
@@ -94,7 +87,7 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
         frame, name = frame.reformat(format="yuv422p"), "yuv422p"
     if not name.startswith(_WITH_LUMA_PLANE) or name.startswith("grayf"):
         return _grey(frame.to_ndarray(format="bgr24"), "BGR"), 8
-    # P010 and similar formats have their bits at the top of 16.
+    # P010 and similar formats use the highest bits of 16.
     bits = 16 if name.startswith("p") else frame.format.components[0].bits
     return _view(frame, bits, big_endian=name.endswith("be")), bits
 
@@ -102,7 +95,7 @@ def luma_plane(frame: VideoFrame) -> tuple[NDArray[Any], int]:
 def is_full_range(frame: VideoFrame, codec: str) -> bool:
     """Return whether a frame's luma uses its full range.
 
-    If a grey frame states no range, it depends on `codec`, the name of the decoder.
+    For a grey frame that states no range, `codec`, the name of the decoder, decides.
     """
     name = frame.format.name
     if name.startswith("yuvj") or not name.startswith(_WITH_LUMA_PLANE):

@@ -1,4 +1,4 @@
-"""Writers of videos: H.264 in colour for browsers, and grey videos in several formats.
+"""Writes videos: H.264 in colour for browsers, and grey videos in several formats.
 
 The same frames always give the same bytes.
 """
@@ -39,52 +39,52 @@ if TYPE_CHECKING:
     Grey = NDArray[np.uint8]
 
 
-# Without this option x264 chooses algorithms for the processor, and some are only approximate.
+# Without this option x264 uses algorithms that some processors have, and that are less exact.
 ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
 # With this option FFmpeg writes no dates and no random identifiers.
 _EXACT = {"fflags": "+bitexact"}
 
 
 class _Sink:
-    """A file whose errors are raised only by `check`; it is not closed here.
+    """A file that keeps the first error of the system; only `check` raises this error.
 
-    The encoder's library calls it from C, through which no exception can pass: without this class
-    a full disk would print many tracebacks.
+    FFmpeg calls the methods from C, through which no exception can pass: without this class a full
+    disk would print many tracebacks. After an error the methods do nothing.
     """
 
     def __init__(self, file: FileIO) -> None:
-        # The library reads the file back by this name; it would take "a:b" for an address.
+        # FFmpeg reads the file back by this name; it would take "a:b" for an address.
         self.name = f"file:{file.name}"
         self._file = file
-        self._problem: OSError | None = None
+        self._error: OSError | None = None
 
     def write(self, data: bytes) -> int:
-        if self._problem is None:
+        if self._error is None:
             try:
                 rest = memoryview(data)
                 while rest:
                     rest = rest[self._file.write(rest) :]
-            except OSError as problem:
-                self._problem = problem
+            except OSError as error:
+                self._error = error
         return len(data)
 
     def seek(self, offset: int, origin: int = 0, /) -> int:
-        if self._problem is None:
+        if self._error is None:
             try:
                 return self._file.seek(offset, origin)
-            except OSError as problem:
-                self._problem = problem
+            except OSError as error:
+                self._error = error
         return 0
 
     def tell(self) -> int:
-        return self._file.tell() if self._problem is None else 0
+        return self._file.tell() if self._error is None else 0
 
     def abandon(self) -> None:
-        self._problem = self._problem or OSError("abandoned")
+        self._error = self._error or OSError("abandoned")
 
     def check(self) -> None:
-        if self._problem is not None:
-            raise self._problem
+        if self._error is not None:
+            raise self._error
 
 
 class _Coding(NamedTuple):
@@ -156,7 +156,7 @@ class _Encoder:
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        """Raise an error of the disk, if any, or else an error of the library as an OSError."""
+        """Raise the error of the disk, if any, or else an error of FFmpeg as an OSError."""
         try:
             yield
         except av.error.FFmpegError as error:
@@ -172,17 +172,16 @@ _MOST_TICKS_HZ = 1_000_000  # FFmpeg has 31 bits for the time between two frames
 _CLOCK_BACK_S, _CLOCK_ON_S = 1.0, 900.0  # a larger step means that the source's clock was reset
 # Two threads on every machine, because another number of threads gives other bytes.
 _THREADS = 2
-# "bf: 0": no frame is predicted from a later frame, so that decoding order is the order of times.
+# "bf: 0": no frame is predicted from a later frame, so that the encoder keeps the order of frames.
 _CODEC = {"preset": "superfast", "crf": "22", "bf": "0", **ON_ANY_PROCESSOR}
-# The index comes first, so that the video plays while it loads.
+# With its index at the beginning the video plays while it loads.
 _INDEX_FIRST = {**_EXACT, "movflags": "+faststart"}
 
 
 def _ticks_hz(rate: Fraction | None) -> int:
-    """Return the number of ticks per second for the frame times of a source.
+    """Return the ticks per second: the least multiple of 90000 with exact times at this rate.
 
-    It is a multiple of 90000 with which the times of the frame rate are exact, if there is one up
-    to 10^6; otherwise 90000.
+    The result is 90000 if that multiple is above 10^6, or if the rate is not known.
     """
     exact = math.lcm(_TICKS_HZ, rate.numerator) if rate else _TICKS_HZ
     return exact if exact <= _MOST_TICKS_HZ else _TICKS_HZ
@@ -200,14 +199,14 @@ class Recording(_Encoder):
     rate : Fraction or None
         Frames per second of the source, if known.
     codec : mapping of str to str
-        Options of the encoder. ``bf: 0`` is needed to keep the frames in the order of their times.
+        Options of the encoder, with ``bf: 0``.
 
     Raises
     ------
     OSError
         If the file cannot be written; also raised by the other methods.
     OutputError
-        If this installation has no H.264 encoder.
+        If PyAV has no H.264 encoder.
     """
 
     def __init__(
@@ -235,13 +234,12 @@ class Recording(_Encoder):
         Parameters
         ----------
         picture : ndarray of uint8, shape (height, width, 3)
-            Blue, green and red; or a frame in the file's own format, from
-            :meth:`oppload_cli.video.colour.Colour.planes`.
+            Blue, green and red; or the frame of :meth:`oppload_cli.video.colour.Colour.planes`.
         time_s : float
-            Presentation time of the frame in seconds; the first frame's time becomes 0. If a time
-            is not later than the time before, the frame is put one tick after the frame before. If
-            the clock jumps (back by a second, or on by a quarter of an hour), the frame is put one
-            frame's duration after the frame before.
+            Presentation time of the frame in seconds; the first frame's time becomes 0. A frame
+            whose time is not later than that of the frame before follows one tick after the frame
+            before. If the clock jumps (back by a second, or on by a quarter of an hour), the frame
+            follows one frame duration after the frame before.
         """
         frame = picture
         if not isinstance(frame, av.VideoFrame):
@@ -265,7 +263,7 @@ class _Format:
 
     suffix: str  # empty for a folder
     even: bool = False  # whether width and height must be even
-    fastest_hz: float | None = None  # highest frame rate that the format allows
+    fastest_hz: float | None = None  # highest frame rate
 
 
 FORMATS = {
@@ -298,20 +296,16 @@ def open_writer(
     count: int,
     new: bool = False,
 ) -> Iterator[Callable[[Grey], object]]:
-    """Write a grey video; it gets its name when all frames are written, or is removed.
+    """Write a grey video: it gets its name after the last frame; after an error it is removed.
 
     Parameters
     ----------
     path : Path
         The video: a file, or for ``png`` a folder.
     form : str
-        A key of :data:`FORMATS`; its limits must allow these frames.
-    width, height : int
-        Size of all frames in pixels.
-    frame_rate : Fraction
-        Frames per second.
-    count : int
-        Number of frames that will be written.
+        A key of :data:`FORMATS`; the format's limits must allow these frames.
+    width, height, frame_rate, count
+        Size of all frames in pixels, frames per second, and number of frames.
     new : bool
         Whether it is an error if a file or folder of this name exists.
 
@@ -345,7 +339,7 @@ def _archive(
 ) -> Iterator[Callable[[Grey], object]]:
     """Write ``grey`` (uint8, frames x h x w), ``time_s`` and ``frame_rate`` into one archive.
 
-    Each frame is written at once, so that the complete video is never in memory.
+    Each frame is written when it comes, so that the memory never holds the complete video.
     """
     times_s = np.array([float(index / frame_rate) for index in range(shape[0])])
     ratio = np.array([frame_rate.numerator, frame_rate.denominator])
