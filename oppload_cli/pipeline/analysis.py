@@ -56,14 +56,12 @@ if TYPE_CHECKING:
     from oppload_cli.pipeline.sources import Source
 
 
-_FEW_FRAMES = 10  # number of frames after which a wrong unit of the times is reported
+_FEW_FRAMES = 10  # after this number of frames a wrong unit of the times gives a warning
 _LONGEST_STEP_S = 1.0  # a larger usual step suggests that times are not in seconds
-_REPEATS = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
-_TIME = "oppload_cli.models.timebase.TimeParams(interval='frame')"
 
 
 class Analysis:
-    """Detectors that take frames from your program one by one, for example from a robot's camera.
+    """Runs detectors on frames that your program gives one by one, for example from a camera.
 
     The results are those of :func:`analyse` for a video of the same frames: responses, alarms, and
     looming objects with boxes and times to contact. An `Analysis` cannot be copied or pickled.
@@ -78,8 +76,8 @@ class Analysis:
         Frames per second, if known. Most detectors use the time of each frame; those that count
         frames use the rate.
     rmo : RmoParams or bool, optional
-        Parameters of radial motion opponency, or whether to measure it. It takes about as much time
-        as the detectors.
+        Parameters of radial motion opponency, or whether to measure it, which takes about as much
+        time as the detectors.
     fov : float, optional
         Field of view across the width of the frame in degrees, between 0 and 180 (both excluded).
         With it, looming objects are also described in degrees.
@@ -160,7 +158,7 @@ class Analysis:
                 f"frame {count}: a frame must be of shape {self._shape}, with or without "
                 f"an axis of 3 colours, not of shape {values.shape}"
             )
-        given: object = time_s  # a caller may give None, whatever the type says
+        given: object = time_s  # a caller may give None, in spite of the type
         if not isinstance(given, Real) or not math.isfinite(time_s):
             raise FrameError(
                 f"frame {count}: its time must be a finite number of seconds, not {time_s}"
@@ -169,14 +167,15 @@ class Analysis:
             self._first_s = float(time_s)
         luma = self._luminance(values, f"frame {count}")
         prepared = self._preparation.step(Frame(count, float(time_s) - self._first_s, luma))
-        record = self._detectors.answer(prepared)
-        if count + 1 == _FEW_FRAMES and (doubt := self._doubt_of_unit()):
-            warnings.warn(doubt[0], stacklevel=2)
+        record = self._detectors.step(prepared)
+        if count + 1 == _FEW_FRAMES:
+            for remark in self._unit_remarks():
+                warnings.warn(remark, stacklevel=2)
         return record
 
     @property
     def remarks(self) -> list[str]:
-        """Sentences on what is wrong with the frames so far, as in the sidecar.
+        """Sentences on faults of the frames so far, as in the sidecar.
 
         They report times that go back, a frame rate that is too low or contradicts `rate`, times
         that seem to be in another unit than seconds, repeats, pictures that do not change, and
@@ -193,13 +192,12 @@ class Analysis:
         'frames are 33.3 s apart by their times: give seconds, if these are of another unit'
         """
         times, repeats = self._preparation.times, self._preparation.repeats
-        doubt = self._doubt_of_unit()
         pictures = repeats.remarks(times.rate or self._rate)
         if not pictures and repeats.still_s:
             pictures = [f"the picture has stood still for the latest {repeats.still_s:.1f} s"]
-        return [*times.remarks(), *doubt, *pictures, *self._working.remarks()]
+        return [*times.remarks(), *self._unit_remarks(), *pictures, *self._working.remarks()]
 
-    def _doubt_of_unit(self) -> list[str]:
+    def _unit_remarks(self) -> list[str]:
         rate = self._preparation.times.rate
         if rate is None or rate * _LONGEST_STEP_S > 1:
             return []
@@ -217,7 +215,7 @@ class Analysis:
 
 
 def _checked_shape(shape: object) -> tuple[int, int]:
-    """Return height and width as integers; `shape` may be a list or hold NumPy integers."""
+    """Return height and width as integers; `shape` may be a list, and hold NumPy integers."""
     sides = tuple(shape) if isinstance(shape, Sequence) and not isinstance(shape, str) else ()
     if len(sides) != 2 or not all(is_integer(side, 1) for side in sides):
         raise ParameterError(
@@ -263,19 +261,19 @@ def analyse(
         One set for each detector, such as ``[OpplodParams(), DlgmdParams()]``. If left out, OppLoD
         and D-LGMD run with the parameters of the preset.
     preset : str, optional
-        Name of the preset, which also gives the alarm and the working height. If left out, it is
-        the preset that has exactly these `params`, or else ``default``.
+        Name of the preset, which also gives the alarm and the working height. If left out, the
+        preset that has exactly these `params`, or else ``default``.
     rate, times, height
         As for :func:`oppload_cli.open_source`.
     alarm : AlarmParams, optional
         Parameters of all alarms; if left out, those of the preset.
     places : PlaceParams or bool, optional
-        Parameters of the looming objects, or whether to look for them. If not, the alarms have no
+        Parameters of the looming objects, or whether to look for them. If False, the alarms have no
         time to contact.
     rmo : RmoParams or bool, optional
         Parameters of radial motion opponency, or whether to measure it.
     repeats : RepeatParams or Repeats, optional
-        How to handle repeats. A `Repeats` object can tell the cadence afterwards.
+        How to handle repeats. A `Repeats` object gives the cadence afterwards.
     time : TimeParams, optional
         The time base; if left out, that of the preset.
     optics : Optics, optional
@@ -308,12 +306,12 @@ def analyse(
     with open_source(source, rate=rate, times=times, height=height, preset=chosen.preset) as video:
         preparation = _Preparation(chosen, video.facts.frame_rate)
         detectors = _Detectors(video.working, video.facts.frame_rate, chosen, optics)
-        # The preparation with the flow runs in another thread: it takes as long as the detectors.
+        # A second thread prepares frames, because optical flow takes as long as the detectors.
         frames = (preparation.step(frame) for frame in video)
         prepared = Prefetch(frames, frames_ahead(video.facts, video.working))
         try:
             for each in prepared:
-                yield detectors.answer(each)
+                yield detectors.step(each)
         finally:
             prepared.close()
 
@@ -327,7 +325,7 @@ def _preset_of(params: Sequence[Parameters]) -> str:
 
 
 class _Chosen(NamedTuple):
-    """The parameters of one pass: those that the caller gave, the others from the preset."""
+    """The parameters of one pass."""
 
     preset: str
     params: Sequence[Parameters]
@@ -351,7 +349,11 @@ def _resolved(
     _check_kind("params", params, list | tuple, "a list, as parameters_of(name) in brackets")
     _check_kind("alarm", alarm, AlarmParams, "oppload_cli.alarm_params()")
     _check_kind("places", places, PlaceParams | bool, "True, False or oppload_cli.PlaceParams()")
-    _check_kind("time", time, TimeParams, _TIME)
+    time_example = "oppload_cli.models.timebase.TimeParams(interval='frame')"
+    _check_kind("time", time, TimeParams, time_example)
+    _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
+    repeats_example = "oppload_cli.pipeline.repeats.RepeatParams(handling='exact')"
+    _check_kind("repeats", repeats, RepeatParams | Repeats, repeats_example)
     for each in params or ():
         _check_kind("params", each, Parameters, "sets of parameters, as parameters_of gives them")
     preset = preset or _preset_of(params or ())
@@ -362,8 +364,6 @@ def _resolved(
             raise ParameterError(
                 f"params must not hold two sets of '{name}'; give the other one to a second pass"
             )
-    _check_kind("rmo", rmo, RmoParams | bool, "True, or oppload_cli.RmoParams()")
-    _check_kind("repeats", repeats, RepeatParams | Repeats, _REPEATS)
     return _Chosen(
         preset,
         chosen,
@@ -392,15 +392,16 @@ class _Preparation:
 
     def step(self, frame: Frame) -> _Prepared:
         """Take the next frame."""
-        # The times of an open video are corrected already; times from a caller may be wrong.
+        # An open video has corrected its times already; the times from a caller may be wrong.
         time_s = self.times.step(frame.time_s)
         if time_s != frame.time_s:
             frame = replace(frame, time_s=time_s)
-        flow, repeat = self._flow, self.repeats.step(frame.luma, frame.time_s)
-        opponency = flow.step(frame.luma) if flow and not repeat.passed_over else None
-        if flow and repeat.kind:
-            opponency = RmoMetrics()
-        return _Prepared(frame, repeat, opponency)
+        repeat = self.repeats.step(frame.luma, time_s)
+        if self._flow is None:
+            return _Prepared(frame, repeat, None)
+        return _Prepared(
+            frame, repeat, RmoMetrics() if repeat.kind else self._flow.step(frame.luma)
+        )
 
 
 class _Detectors:
@@ -418,15 +419,15 @@ class _Detectors:
         self._first_s = 0.0
         self._cuts = Cuts(chosen.alarm)
         self._alarms = {name: Alarm(name, chosen.alarm) for name in self._bank.detectors}
-        self._latest: FrameRecord | None = None  # the record of the latest frame for the detectors
-        self._passed_s: list[float] = []  # times of later frames, which the detectors did not get
+        self._latest: FrameRecord | None = None  # of the latest frame that the detectors got
+        self._passed_over_s: list[float] = []  # times of the frames after this one
         self._places = {
             name: Detections(working, places, 1 / time.per_second if time.per_second else 0)
             for name, each in self._bank.detectors.items()
             if each.places and places
         }
 
-    def answer(self, prepared: _Prepared) -> FrameRecord:
+    def step(self, prepared: _Prepared) -> FrameRecord:
         """Take the next frame."""
         time_s, repeat = prepared.frame.time_s, prepared.repeat
         if not self.count:
@@ -434,23 +435,23 @@ class _Detectors:
         self.count += 1
         if repeat.held and self._latest is not None:
             return _held(self._latest, prepared)
-        answers = self._answers(prepared)
+        responses = self._responses(prepared)
         change = 0.0 if repeat.kind else self._bank.luma_change
         blind = ""
         if change is not None and not repeat.passed_over:
             blind = self._cuts.step(self._bank.photoreceptors, change, time_s)
         found = {
-            name: () if repeat.kind else self._found(name, answers[name], prepared)
+            name: () if repeat.kind else self._found(name, responses[name], prepared)
             for name in self._places
         }
-        # Each time to contact is that of the object with the largest response.
+        # The alarm uses the time to contact of the object with the largest response.
         contacts = {name: each[0].time_to_contact_s for name, each in found.items() if each}
         alarms = {
-            name: answer is not None
+            name: each is not None
             and self._alarms[name].step(
-                answer.response, time_s, contact_s=contacts.get(name), blind=bool(blind)
+                each.response, time_s, contact_s=contacts.get(name), blind=bool(blind)
             )
-            for name, answer in answers.items()
+            for name, each in responses.items()
         }
         thresholds = {name: alarm.threshold for name, alarm in self._alarms.items()}
         found = {
@@ -463,7 +464,7 @@ class _Detectors:
             prepared.frame.index,
             time_s,
             change,
-            {name: _in_source(answer, self._working) for name, answer in answers.items()},
+            {name: _in_source(each, self._working) for name, each in responses.items()},
             alarms,
             prepared.opponency,
             repeat.kind,
@@ -471,51 +472,53 @@ class _Detectors:
             next(iter(found.values()), ()),
             {name: each[0] if each else None for name, each in found.items()},
             blind,
-            {name: self._alarms[name].evidence for name, each in answers.items() if each},
+            {name: self._alarms[name].evidence for name, each in responses.items() if each},
         )
         if not repeat.passed_over:
             self._latest = record
         return record
 
-    def _answers(self, prepared: _Prepared) -> dict[str, Response | None]:
+    def _responses(self, prepared: _Prepared) -> dict[str, Response | None]:
         bank, luma, repeat = self._bank, prepared.frame.luma, prepared.repeat
         time_s = prepared.frame.time_s
-        answers: dict[str, Response | None] = {}
+        responses: dict[str, Response | None] = {}
         if repeat.passed_over:
-            self._passed_s.append(time_s)
+            self._passed_over_s.append(time_s)
         else:
             if repeat.still_begins:
-                # The left out frames were no repeats after all: the detectors get them now.
-                for passed_s in self._passed_s:
-                    bank.step(luma, passed_s)
-            self._passed_s.clear()
-            answers = bank.step(luma, time_s + repeat.shift_s)
+                # The frames that were passed over are no repeats: the detectors get them now.
+                for passed_over_s in self._passed_over_s:
+                    bank.step(luma, passed_over_s)
+            self._passed_over_s.clear()
+            responses = bank.step(luma, time_s + repeat.shift_s)
         if not repeat.kind:
-            return answers
-        # If nothing changed every detector answers 0, whatever came before.
-        before = self.count - 1
-        lasted = (time_s - self._first_s) * self._per_second if self._per_second else before
+            return responses
+        # If nothing changed, every detector responds with 0, whatever its earlier responses.
+        lasted = float(self.count - 1)  # intervals
+        if self._per_second:
+            lasted = (time_s - self._first_s) * self._per_second
         return bank.at_rest(lasted + NEARLY_ONE)
 
     def _found(
-        self, name: str, answer: Response | None, prepared: _Prepared
+        self, name: str, response: Response | None, prepared: _Prepared
     ) -> tuple[Detection, ...]:
-        if answer is None:
+        if response is None:
             return ()
         places, units = self._places[name], self._bank.detectors[name].units
         if units is None:
-            found = places.of_box(answer)
+            found = places.of_box(response)
         else:
-            # Growth is measured between the times at which pictures were taken. The time to contact
-            # counts from the presentation time of the frame.
+            # Growth is measured between the times at which pictures were taken. But the time to
+            # contact counts from the presentation time of the frame.
             shift_s, frame = prepared.repeat.shift_s, prepared.frame
-            shown = places.step(units, frame.luma, frame.time_s + shift_s)
-            found = tuple(each.after(-shift_s) for each in shown) if shift_s else shown
+            found = places.step(units, frame.luma, frame.time_s + shift_s)
+            if shift_s:
+                found = tuple(each.after(-shift_s) for each in found)
         return tuple(each.seen_through(self._optics) for each in found) if self._optics else found
 
 
 def _held(record: FrameRecord, prepared: _Prepared) -> FrameRecord:
-    """Return the record of a repeat, given the record of the picture that it repeats."""
+    """Return the record of a repeat; `record` is that of the picture that the frame repeats."""
     passed_s = prepared.frame.time_s - record.time_s
     return replace(
         record,
@@ -528,8 +531,9 @@ def _held(record: FrameRecord, prepared: _Prepared) -> FrameRecord:
     )
 
 
-def _in_source(answer: Response | None, working: WorkingSize) -> Response | None:
-    if answer is None or answer.box is None:
-        return answer
-    box, x, y = answer.box, working.scale_x, working.scale_y
-    return replace(answer, box=Box(box.x * x, box.y * y, box.width * x, box.height * y))
+def _in_source(response: Response | None, working: WorkingSize) -> Response | None:
+    """Convert the box of a response to source pixels."""
+    if response is None or response.box is None:
+        return response
+    box, x, y = response.box, working.scale_x, working.scale_y
+    return replace(response, box=Box(box.x * x, box.y * y, box.width * x, box.height * y))

@@ -37,7 +37,7 @@ from oppload_cli.results.table import ModelSummary, columns_for
 from oppload_cli.results.truths import facts_of_truth, read_truth
 from oppload_cli.video.inputs import GROUND_TRUTH, Span
 from oppload_cli.video.opening import Opening
-from oppload_cli.video.optics import FOV, Optics
+from oppload_cli.video.optics import Optics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -49,14 +49,14 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import DecodedSource, FrameSource, InputFacts, WorkingSize
 
 
-_CONTRADICTION = 0.01  # --fov may differ from the ground truth by this share without a remark
+_CONTRADICTION = 0.01  # a larger relative difference of --fov from the ground truth gives a remark
 
 
 def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None = None) -> Outcome:
     """Analyse one input and write its results.
 
-    `watcher` is called for each frame. `opening` is an opening of the same input at the same height
-    and span; it is closed at the end.
+    `watcher` is called for each frame. `opening`, if given, opens the same input at the same height
+    and span; this function closes it.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
             watcher.opened(video)
         run = _Run(task, video, watcher)
         if task.outputs is None:
-            _write_stream(run, sys.stdout)
+            _write_stream(run)
         else:
             table = task.outputs.begin(task.if_exists)
             if table is None:
@@ -116,9 +116,8 @@ def collected(
     Returns
     -------
     columns : list of str
-        Columns of the table that ``oppload run`` would write.
     sidecar : dict
-        Content of the sidecar that it would write.
+        The columns of the table, and the content of the sidecar, that ``oppload run`` would write.
     """
     started = time.perf_counter()
     _set_threads(source.working, 0)
@@ -164,22 +163,22 @@ def _write_files(run: _Run, writing: Writing, csv: Path, started: float) -> None
 
 
 def _rows_kept(which: str, table: Path) -> str:
-    """Return a text on how many rows a table has; empty if the table no longer exists."""
+    """Return a text with the number of rows in a table; empty if the table no longer exists."""
     with suppress(OSError):
         return f"{which} {rows_in(table)} rows are in {table}"
     return ""
 
 
 def _is_bug(error: BaseException) -> bool:
-    """Return whether an error is a bug: not a user's or the system's error, nor an interruption."""
-    if isinstance(error, DetectorError):  # a bug of the user's own detector
+    """Return whether an error is a bug of oppload or of the user's own detector."""
+    if isinstance(error, DetectorError):
         return True
     known = isinstance(error, OpploadError | OSError) or shortage(error)
     return isinstance(error, Exception) and not known
 
 
 def _explained(error: BaseException, path: Path, kept: str) -> BaseException | None:
-    """Return an error whose message also says which rows are kept; None if it needs no message."""
+    """Return an error whose message also says which rows are kept; None for other errors."""
     if isinstance(error, KeyboardInterrupt):
         return Interrupted(kept)
     kept = kept and f"; {kept}"
@@ -191,7 +190,8 @@ def _explained(error: BaseException, path: Path, kept: str) -> BaseException | N
     return ShortageError(f"{path}: cannot be finished, because {short}{kept}") if short else None
 
 
-def _write_stream(run: _Run, stream: IO[str] | None) -> None:
+def _write_stream(run: _Run) -> None:
+    stream: IO[str] | None = sys.stdout
     if stream is None:  # Python's value of a closed standard output: "oppload ... >&-"
         raise OutputError("standard output: is closed; open it, or give a folder with --output")
     try:
@@ -223,7 +223,12 @@ class _Run:
         self._alarms = {name: AlarmLog(name) for name in task.settings.models}
         self._repeats = Repeats(task.settings.repeats)
         self._stimulus = stimulus or _ground_truth(Path(task.name), video.facts)
-        self._optics = _optics(task.settings.fov, video.facts, self._stimulus)
+        self._display = _display(video.facts, self._stimulus)
+        # No video file states the field of view. Focal lengths in image files are those of the
+        # uncropped sensor, and videos seldom use the complete sensor.
+        self._optics, fov = self._display, task.settings.fov
+        if fov is not None:
+            self._optics = Optics.of_fov(video.facts.width, video.facts.height, fov)
         self._settings = task.settings.seen_through(self._optics, video.working)
         self.frames = 0
 
@@ -288,7 +293,7 @@ class _Run:
 
     @property
     def _rate(self) -> float | None:
-        """Frames per second, from the times of the frames if possible, as for the models."""
+        """Frames per second: the measured rate if possible, else the declared one."""
         declared = self.video.facts.frame_rate
         return self.video.times.rate or (float(declared) if declared else None)
 
@@ -309,16 +314,14 @@ class _Run:
             )
         if self._stimulus and "error" in self._stimulus:
             remarks.append(f"its ground truth is left out ({self._stimulus['error']})")
-        shown = _of_display(facts, self._stimulus)
-        if self._optics and shown and self._optics.origin == FOV:
-            stated, true = (each.degrees(facts.width) for each in (self._optics, shown))
-            if abs(stated / true - 1) > _CONTRADICTION:
+        fov, aspect = self._task.settings.fov, facts.pixel_aspect
+        if fov is not None and self._display:
+            true = self._display.degrees(facts.width)
+            if abs(fov / true - 1) > _CONTRADICTION:
                 remarks.append(
-                    f"--fov says {stated:.4g} degrees, but its ground truth {true:.4g}: --fov "
-                    "counts"
+                    f"--fov says {fov:.4g} degrees, but its ground truth {true:.4g}: --fov counts"
                 )
-        aspect = facts.pixel_aspect
-        if self._task.settings.fov is not None and aspect and aspect != 1:
+        if fov is not None and aspect and aspect != 1:
             remarks.append(
                 f"has pixels of an aspect of {float(aspect):.4g}, which --fov takes as square: "
                 "angles down the frame are wrong"
@@ -327,7 +330,7 @@ class _Run:
         remarks += self.video.working.remarks()
         silent = [name for name, each in self._summaries.items() if not each.frames]
         if self.frames and silent:
-            remarks.append(self._never_answered(silent))
+            remarks.append(self._never_responded(silent))
         seconds = self.video.times.seconds
         if self.frames and seconds < self._settings.alarm.blind_s:
             remarks.append(
@@ -336,7 +339,7 @@ class _Run:
             )
         return tuple(remarks)
 
-    def _never_answered(self, silent: Sequence[str]) -> str:
+    def _never_responded(self, silent: Sequence[str]) -> str:
         labels = [detector_named(name).label for name in silent]
         longest = max(detector_named(name).warm_up for name in silent)
         interval = self._settings.time.interval
@@ -413,20 +416,8 @@ class _Run:
         }
 
 
-def _optics(
-    fov: float | None, facts: InputFacts, stimulus: Mapping[str, Any] | None
-) -> Optics | None:
-    """Return the optics of an input, from the user's field of view or from its ground truth.
-
-    No file format states the field of view of a video. Focal lengths in image files are those of
-    the uncropped sensor, and videos seldom use the complete sensor.
-    """
-    if fov is not None:
-        return Optics.of_fov(facts.width, facts.height, fov)
-    return _of_display(facts, stimulus)
-
-
-def _of_display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics | None:
+def _display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics | None:
+    """Return the optics of an input's ground truth; None if the input has none."""
     try:
         return Optics.of_display((stimulus or {})["display"], facts.width, facts.height)
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
@@ -436,7 +427,7 @@ def _of_display(facts: InputFacts, stimulus: Mapping[str, Any] | None) -> Optics
 def _ground_truth(video: Path, facts: InputFacts) -> dict[str, Any] | None:
     """Return the main facts of the ground truth beside the video of a stimulus, if it exists.
 
-    If the ground truth cannot be used, or belongs to another video, the result has an ``error``.
+    If the ground truth is unusable, or belongs to another video, the result has an ``error``.
     """
     path = video.with_name(video.stem + GROUND_TRUTH)
     if not os.path.lexists(path):  # also False, without an error, if the name is too long

@@ -1,4 +1,4 @@
-"""Repeats: frames that show the picture before again, as video converters insert them."""
+"""Recognises repeats: frames that show the same picture as the frame before."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ KEEP, EXACT, NEAR = "keep", "exact", "near"
 _SOME_ROWS = 16  # frames are first compared at every 16th row
 _CELLS = 15  # cells across the shorter side of the frame; changes are averaged over each cell
 _PICTURES = 3  # the usual change is the median change of the latest 3 pictures
-_FRAMES = 6  # changes remembered; before a cadence the second largest counts as a new picture's
-_ENOUGH, _PROOF_S = 2, 2.0  # 2 drops with a rise after them, within 2 s, are a cadence
-_BACK = 0.4  # after a repeat the change rises to at least this share of the usual change
+_FRAMES = 6  # before a cadence the usual change is at least the second largest of the latest 6
+_ENOUGH, _PROOF_S = 2, 2.0  # a cadence is two proved runs within 2 s
+_RISE = 0.4  # after a repeat the change rises to at least this share of the usual change
 _LENIENT = 2.0  # in a cadence one value of a repeat's change may be twice as large
-_SPAN = 20  # number of pictures whose mean interval is taken
-_PULL = 0.1  # share by which an estimated time moves into the frame before its picture is shown
-_WORTH_TELLING = 0.05  # least share of repeats among all frames for a remark
+_SPAN = 20  # a picture's even time uses the mean interval of the latest 20 pictures
+_PULL = 0.1  # share of the way by which an even time moves into the frame before the picture
+_LEAST_SHARE = 0.05  # least share of repeats among all frames for a remark
 _STILL_S = 1.0  # a camera never gives exactly the same picture for so long
 
 
@@ -67,12 +67,13 @@ class RepeatParams(Parameters):
 class Repeat(NamedTuple):
     """The relation of a frame to the picture before it."""
 
-    kind: str = ""  # exact, near, or empty if it is not known to be a repeat
+    kind: str = ""  # exact, near, or empty if the frame is not known to be a repeat
     passed_over: bool = False  # whether the detectors do not get the frame
-    held: bool = False  # it belongs to a cadence, so that the answer to its picture still holds
-    still_begins: bool = False  # the frames passed over before were no repeats: the scene rests
-    # Time at which the picture was taken minus the presentation time, in seconds. It is not 0 in a
-    # cadence, where pictures were taken at even intervals.
+    held: bool = False  # whether the row of its picture holds for the frame too, as in a cadence
+    # Whether the frames that were passed over just before were no repeats: the scene is at rest.
+    still_begins: bool = False
+    # Time at which the picture was taken minus the presentation time, in seconds. Only in a cadence
+    # it is not 0, because the pictures were taken at even intervals.
     shift_s: float = 0.0
 
 
@@ -89,11 +90,11 @@ class _Change(NamedTuple):
     def below(self, share: float, other: _Change, *, lenient: bool) -> bool:
         """Return whether both values are below a share of those of another change.
 
-        In a cadence (`lenient`) an encoder may have changed much of a repeat, or one cell of it.
-        Then one value may be larger, and the geometric mean of both must be below the share.
+        An encoder may change much of a repeat, or one cell. So with `lenient` one value may reach
+        twice this share, if the geometric mean of both is below the share.
         """
-        each = share * _LENIENT if lenient else share
-        mean, largest = each * other.mean, each * other.largest
+        most = share * _LENIENT if lenient else share
+        mean, largest = most * other.mean, most * other.largest
         product = share**2 * other.mean * other.largest
         return self.mean < mean and self.largest < largest and self.mean * self.largest < product
 
@@ -104,13 +105,15 @@ _NONE = _Change(0.0, 0.0)
 class Repeats:
     """Distinguishes repeats by a video converter from scenes that slow down or stand still.
 
-    If content of 10 pictures/s is in a file of 30 frames/s, each picture is repeated twice: the
-    scene would seem to stand still and then to jump. Exact repeats are recognised at once. A near
-    repeat was re-encoded; its change drops far below the change of the latest pictures. Near
-    repeats are recognised only in a cadence: after `_ENOUGH` such drops have ended with an equally
-    steep rise. If the scene comes to rest in a cadence, the detectors get frames at the rate of the
-    pictures, and after `longest_s` every frame. Only past frames are used, so that the first near
-    repeats of a video are not recognised.
+    In a file of 30 frames/s with content of 10 pictures/s each picture is repeated twice: the scene
+    would seem to stand still and then to jump. Exact repeats are recognised at once. A near repeat
+    was re-encoded; its change drops far below that of the latest pictures. A run is a row of frames
+    that may be repeats; it is proved if the change after it rises as steeply as it dropped. Near
+    repeats are recognised only in a cadence: after `_ENOUGH` proved runs. If the scene comes to
+    rest in a cadence, the detectors get frames at the rate of the pictures, and after `longest_s`
+    every frame. Only past frames are used, so that the first near repeats are not recognised.
+
+    Source: ``docs/model.md``, "Repeats".
 
     Attributes
     ----------
@@ -122,35 +125,26 @@ class Repeats:
         self._params = params
         self._shown: Luma | None = None  # the latest frame that the detectors got
         self._usual: deque[_Change] = deque(maxlen=_FRAMES)
-        # A run is a row of frames that may be repeats. Its length, the largest change in it, and
-        # the time at which the picture was shown that they may repeat:
-        self._run, self._worst, self._since_s = 0, _NONE, 0.0
-        self._proofs: deque[tuple[float, int]] = deque()  # times and lengths of proved runs
-        self._before_s = 0.0
+        # The current run: its length, the largest change in it, and the time of its picture.
+        self._run, self._largest, self._since_s = 0, _NONE, 0.0
+        self._proofs: deque[tuple[float, int]] = deque()  # ends and lengths of proved runs
+        self._before_s = 0.0  # time of the frame before
         self._lasted_s: deque[float] = deque(maxlen=_SPAN)  # durations of pictures of a cadence
         self._picture_s = self._even_s = 0.0  # times: the latest picture was shown, was taken
-        self._told_s = 0.0  # time at which the latest frame for the detectors was taken
-        self._passed_over = False
+        self._shown_s = 0.0  # time at which the latest frame for the detectors was taken
+        self._passed_over = False  # whether the detectors did not get the frame before
         self.exact = self.near = 0
         self._frames = 0
         self._new_s = 0.0  # time of the latest frame that was not an exact repeat
-        self._pictures = self._repeats = 0  # numbers, counted in cadences only
+        self._pictures = self._repeats = 0  # numbers of both in the cadences
 
     def pictures_per_s(self, frame_rate: float | None) -> float | None:
-        """Return the number of new pictures per second in the parts of the video with a cadence.
+        """Return the mean number of new pictures per second in the parts with a cadence.
 
-        Parameters
-        ----------
-        frame_rate : float or None
-            Frames per second according to the times of the frames, if known.
-
-        Returns
-        -------
-        float or None
-            Mean over the parts with a cadence, above 0. None if less than the share
-            `_WORTH_TELLING` of all frames are repeats in a cadence.
+        `frame_rate` is the measured or declared number of frames per second, if known. The result
+        is None if too few frames are repeats in a cadence (a share below `_LEAST_SHARE`).
         """
-        few = self._repeats < _WORTH_TELLING * self._frames or not self._repeats
+        few = self._repeats < _LEAST_SHARE * self._frames or not self._repeats
         if few or not frame_rate:
             return None
         return frame_rate * self._pictures / (self._pictures + self._repeats)
@@ -181,37 +175,37 @@ class Repeats:
 
         The array, float32 of shape (height, width), is kept, not copied.
         """
-        known = self.exact
+        exact_before = self.exact
         repeat = self._recognised(luma, time_s)
         self.exact += repeat.kind == EXACT
-        if self.exact == known:
+        if self.exact == exact_before:
             self._new_s = time_s
         self.near += repeat.kind == NEAR
         if not repeat.passed_over:
             self._shown = luma
-            # Only new pictures get a time. A frame at rest is not new; outside a cadence, neither
-            # is a frame whose change drops, as it may be a repeat.
+            # Only new pictures get an even time: neither frames at rest nor, outside a cadence,
+            # frames that may be repeats.
             if not repeat.kind and (self._is_cadence or not self._run):
-                self._even_s = self._evenly(time_s)
+                self._even_s = self._even_time(time_s)
                 repeat = repeat._replace(shift_s=self._even_s - time_s)
                 self._picture_s = time_s
-            self._told_s = time_s + repeat.shift_s
+            self._shown_s = time_s + repeat.shift_s
         self._frames += 1
         self._passed_over = repeat.passed_over
         self._before_s = time_s
         return repeat
 
-    def _evenly(self, time_s: float) -> float:
-        """Return the time at which a picture was taken.
+    def _even_time(self, time_s: float) -> float:
+        """Return the time at which the picture was taken that a frame shows first.
 
         A file of 30 frames/s with 12 pictures/s shows each picture for two or three frames. So the
-        pictures begin at uneven times. They were taken at even intervals, each less than a frame
-        before it is shown. After two conversions it may be up to a frame earlier or later.
+        pictures begin at uneven times. But they were taken at even intervals, each less than a
+        frame before it is shown, or after two conversions up to a frame earlier or later.
         """
         lasted_s = time_s - self._picture_s
         if not self._proofs:
             self._lasted_s.clear()
-        # Before the cadence, only for a picture of a proved run is it known how long it lasted.
+        # Before a cadence only a proved run shows how long its picture lasted.
         known = self._is_cadence or (bool(self._proofs) and self._proofs[-1][0] == time_s)
         if not known or not 0 < lasted_s <= self._params.longest_s:
             return time_s
@@ -221,7 +215,7 @@ class Repeats:
         even_s = self._even_s + sum(self._lasted_s) / len(self._lasted_s)
         frame_s, late_s = time_s - self._before_s, time_s - even_s
         even_s += _PULL * (max(late_s - frame_s, 0) + min(late_s, 0))
-        earliest_s = max(time_s - 2 * frame_s, self._told_s + frame_s / 2)
+        earliest_s = max(time_s - 2 * frame_s, self._shown_s + frame_s / 2)
         return min(max(even_s, earliest_s), time_s + frame_s)
 
     def _recognised(self, luma: Luma, time_s: float) -> Repeat:
@@ -239,9 +233,9 @@ class Repeats:
             self._end_run(change, time_s)
             return Repeat()
         if not self._run:
-            self._worst, self._since_s = _NONE, self._before_s
+            self._largest, self._since_s = _NONE, self._before_s
         self._run += 1
-        self._worst = _Change(*map(max, self._worst, change or _NONE))
+        self._largest = _Change(*map(max, self._largest, change or _NONE))
         if time_s - self._since_s > self._params.longest_s:
             return self._at_rest(exact=exact)
         held = self._is_cadence and self._run % (1 + self._longest) > 0
@@ -254,10 +248,7 @@ class Repeats:
 
     @property
     def _longest(self) -> int:
-        """The largest number of repeats in a row in this cadence; the next frame is a new picture.
-
-        Pictures at even intervals are repeated equally often, or once more.
-        """
+        """Most repeats in a row in this cadence: pictures at even intervals differ by at most 1."""
         *_, second, longest = sorted(run for _, run in self._proofs)
         return min(longest, second + 1)
 
@@ -278,12 +269,12 @@ class Repeats:
         return _Change(*usual)
 
     def _end_run(self, change: _Change | None, time_s: float) -> None:
-        """Take a new picture; if the change rises as it dropped, the run before it is proved."""
+        """Take a new picture; if the change rises as steeply as it dropped, the run is proved."""
         proved = self._run > 0 and self._before_s - self._since_s <= self._params.longest_s
-        if change is not None:  # exact repeats need no proof
+        if change is not None:  # with `EXACT` a run needs no rise
             usual = self._usual_change()
-            proved &= change.largest > _BACK * usual.largest
-            proved &= self._worst.below(self._params.share, change, lenient=True)
+            proved &= change.largest > _RISE * usual.largest
+            proved &= self._largest.below(self._params.share, change, lenient=True)
             self._usual.append(change)
         if self._is_cadence:
             self._pictures += 1
@@ -302,12 +293,12 @@ class Repeats:
 
 
 def _equal(one: Luma, other: Luma) -> bool:
-    """Return whether two frames are equal; a few rows show most differences soon."""
+    """Return whether two frames are equal; a few rows soon show most differences."""
     return np.array_equal(one[::_SOME_ROWS], other[::_SOME_ROWS]) and np.array_equal(one, other)
 
 
 def _change(one: Luma, other: Luma) -> _Change:
-    """Average the change over cells of equal size, with which OpenCV is fast."""
+    """Return the change from `other` to `one`, with OpenCV's fast mean over equal cells."""
     height, width = one.shape
     side = max(1, min(height, width) // _CELLS)
     rows, columns = height // side, width // side

@@ -68,7 +68,7 @@ class Settings:
     origins: dict[str, str] = field(default_factory=dict)
     columns: str = _USUAL  # or ``all``, with the inner values of the detectors
     fov: float | None = None  # degrees across the width of the frame; None if it is not known
-    # Sizes that were given in degrees, by dotted name; `seen_through` converts them to pixels.
+    # Sizes that the user gave in degrees, by dotted name; `seen_through` converts them to pixels.
     angles: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -78,7 +78,7 @@ class Settings:
 
     @property
     def places(self) -> PlaceParams:
-        """The parameters of the looming objects."""
+        """Parameters of the looming objects."""
         return cast("PlaceParams", self.groups["places"])
 
     @property
@@ -88,7 +88,7 @@ class Settings:
 
     @property
     def repeats(self) -> RepeatParams:
-        """The parameters of repeats."""
+        """Parameters of repeats."""
         return cast("RepeatParams", self.groups["repeats"])
 
     @property
@@ -99,8 +99,8 @@ class Settings:
     def model_params(self) -> list[Parameters]:
         """Return the parameter sets of the detectors to run, in order.
 
-        Raises ParameterError if a size is in degrees and :meth:`seen_through` has not converted it
-        to pixels.
+        Raises ParameterError for a size in degrees that :meth:`seen_through` has not converted to
+        pixels.
         """
         for name, degrees in self.angles.items():
             raise ParameterError(
@@ -112,8 +112,8 @@ class Settings:
     def seen_through(self, optics: Optics | None, working: WorkingSize) -> Settings:
         """Return the same settings with sizes in degrees converted to pixels of the `working` size.
 
-        A size in degrees is the angle of a length in the middle of the frame. Without optics the
-        settings do not change. Raises ParameterError if a size in pixels is out of range.
+        A size in degrees is the angle of a length in the middle of the frame. If `optics` is None,
+        the settings do not change. Raises ParameterError if a size in pixels is out of range.
         """
         if optics is None:
             return self
@@ -137,9 +137,9 @@ class Settings:
         return replace(self, groups={**sets, **self.groups, "alarm": alarm})
 
     def resolved(self, height: int) -> dict[str, Parameters]:
-        """Return all parameter sets with the values that depend on the working height filled in.
+        """Return all parameter sets, with values in place of those that depend on the height.
 
-        `height` is the shorter side of the frame.
+        `height` is the working height: the shorter side of the frame.
         """
         return {name: group.resolved(height) for name, group in self.groups.items()}
 
@@ -177,14 +177,14 @@ def resolve(
     Parameters
     ----------
     preset : str, optional
-        Name of the preset; if left out that of the file, or else `usual`.
+        Name of the preset; if left out, that of the file, or else `usual`.
     config : Path, optional
         A TOML file with ``preset``, ``models``, ``height``, ``fov``, ``measure_rmo``, ``columns``
         and a table per parameter set.
     models : sequence of str
-        Names of detectors to run, or ``all``; one text may have several names with commas between
-        them. If empty, OppLoD and D-LGMD run. A preset after a name, as in ``opplod:reference``, is
-        the preset of the run.
+        Names of detectors to run, or ``all``; a text may hold several names, separated by commas.
+        If empty, OppLoD and D-LGMD run. A preset after a name, as in ``opplod:reference``, is the
+        preset of the run.
     height : str, optional
         Working height in pixels, or ``native``.
     fov : str, optional
@@ -192,13 +192,13 @@ def resolve(
     repeats : str, optional
         ``near``, ``exact`` or ``keep``, in place of the parameter ``repeats.handling``.
     measure_rmo : bool, optional
-        Whether radial motion opponency is measured; if left out as in the file, or else yes.
+        Whether radial motion opponency is measured; if left out, the file decides, or else True.
     assignments : sequence of str
         ``set.parameter=value``, such as `EXAMPLE_SETTING`; a size may be given as ``60deg``.
     usual : str
         The preset if neither `preset` nor the file names one.
     columns : str, optional
-        ``usual`` or ``all``; if left out as in the file, or else ``usual``.
+        ``usual`` or ``all``; if left out, the file decides, or else ``usual``.
 
     Raises
     ------
@@ -207,15 +207,15 @@ def resolve(
     """
     content = _read(config) if config else {}
     source = str(config) if config else ""
-    beside = preset_in(models)
-    if preset and beside and preset != beside:
-        raise ParameterError(f"--model asks for preset '{beside}' and --preset for '{preset}'")
-    preset = preset or beside
+    of_models = preset_in(models)
+    if preset and of_models and preset != of_models:
+        raise ParameterError(f"--model asks for preset '{of_models}' and --preset for '{preset}'")
+    preset = preset or of_models
     chosen = preset_named(preset) if preset else _preset_of_file(content, source, usual)
-    concerned = _concerned(_models(models) if models else default_names(), content, assignments)
+    needed = _needed(_models(models) if models else default_names(), content, assignments)
     groups: dict[str, Parameters] = {
-        **{name: parameters_of(name, chosen.name) for name in concerned},
-        "alarm": alarm_params_with(concerned, chosen.name),
+        **{name: parameters_of(name, chosen.name) for name in needed},
+        "alarm": alarm_params_with(needed, chosen.name),
         "places": place_params(chosen.name),
         "rmo": RmoParams(),
         "repeats": RepeatParams(),
@@ -226,7 +226,7 @@ def resolve(
     origins["preset"] = _COMMAND_LINE if preset else source if "preset" in content else "default"
     settings = Settings(chosen.name, default_names(), chosen.height, True, groups, origins)
     settings = _with_file(settings, content, source)
-    given = {
+    options = {
         "models": tuple(models) or None,
         "height": height,
         "fov": fov,
@@ -235,15 +235,15 @@ def resolve(
     }
     if repeats:
         assignments = [*assignments, f"repeats.handling={repeats}"]
-    return _with_command_line(settings, given, assignments)
+    return _with_command_line(settings, options, assignments)
 
 
-def _concerned(
+def _needed(
     models: Sequence[str], content: Mapping[str, Any], assignments: Sequence[str]
 ) -> Sequence[str]:
-    """Return the detectors whose parameters are needed: all, if any may have a setting."""
-    usual = {*models, "places", "rmo", "repeats", "time"}
-    few = not content and all(each.partition(".")[0].strip() in usual for each in assignments)
+    """Return the detectors whose parameters are needed: all, if any of them may have a setting."""
+    others = {*models, "places", "rmo", "repeats", "time"}
+    few = not content and all(each.partition(".")[0].strip() in others for each in assignments)
     return [name for name in known_names() if name in models] if few else known_names()
 
 
@@ -270,31 +270,32 @@ def _with_file(settings: Settings, content: Mapping[str, Any], source: str) -> S
 def _with_table(
     params: Parameters, key: str, table: object, angles: dict[str, float]
 ) -> Parameters:
+    """Return `params` with the values of a table; put sizes in degrees into `angles` instead."""
     if not isinstance(table, dict):
         raise ParameterError(f"'{key}' is a table; write [{key}] on a line of its own")
-    found = {name: params.angle(name, value) for name, value in table.items()}
-    angles.update((f"{key}.{name}", angle) for name, angle in found.items() if angle)
-    return params.replaced(**{name: value for name, value in table.items() if not found[name]})
+    degrees = {name: params.angle(name, value) for name, value in table.items()}
+    angles.update((f"{key}.{name}", angle) for name, angle in degrees.items() if angle)
+    return params.replaced(**{name: value for name, value in table.items() if not degrees[name]})
 
 
 def _with_command_line(
-    settings: Settings, given: Mapping[str, object], assignments: Sequence[str]
+    settings: Settings, options: Mapping[str, object], assignments: Sequence[str]
 ) -> Settings:
     groups, origins = dict(settings.groups), dict(settings.origins)
     changes: dict[str, dict[str, object]] = {}
     angles = dict(settings.angles)
     for assignment in assignments:
         group, name, text = _split(assignment, groups)
-        angle = groups[group].angle(name, text)
+        full_name, angle = f"{group}.{name}", groups[group].angle(name, text)
         if angle:
-            angles[f"{group}.{name}"] = angle
+            angles[full_name] = angle
         else:
-            angles.pop(f"{group}.{name}", None)
+            angles.pop(full_name, None)
             changes.setdefault(group, {})[name] = groups[group].parsed(name, text)
-        origins[f"{group}.{name}"] = _COMMAND_LINE
+        origins[full_name] = _COMMAND_LINE
     for group, values in changes.items():
         groups[group] = groups[group].replaced(**values)
-    top = {key: _TOP_READERS[key](value) for key, value in given.items() if value is not None}
+    top = {key: _TOP_READERS[key](value) for key, value in options.items() if value is not None}
     origins.update(dict.fromkeys(top, _COMMAND_LINE))
     return replace(settings, groups=groups, origins=origins, angles=angles, **top)
 

@@ -1,4 +1,4 @@
-"""Sources that are no video files, namely stimuli and arrays, and a function to open any source."""
+"""Stimuli and arrays as sources of frames, and a function that opens any source."""
 
 from __future__ import annotations
 
@@ -79,14 +79,14 @@ class ArrayLuminance:
         return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)
 
     def _in_16_bits(self, colours: NDArray[np.uint8]) -> NDArray[np.uint16]:
-        """Return colours in 16 bits: with 8 bits, grey would be rounded before it is resized."""
+        """Return colours in 16 bits: OpenCV would round grey to 8 bits before it is resized."""
         if self._colours is None or self._colours.shape != colours.shape:
             self._colours = np.empty(colours.shape, np.uint16)
         return np.multiply(colours, np.uint16(257), out=self._colours, dtype=np.uint16)
 
 
-class _Shown(ABC):
-    """Base of sources whose pictures are drawn or in memory; to callers like an open video."""
+class _Drawn(ABC):
+    """Base of sources whose pictures are computed or in memory, with the interface of `Video`."""
 
     def __init__(self, facts: InputFacts, height: int | None) -> None:
         self.facts, self.decode = facts, DecodeFacts()
@@ -105,7 +105,7 @@ class _Shown(ABC):
         """Yield each picture with its presentation time in seconds."""
 
 
-class StimulusVideo(_Shown):
+class StimulusVideo(_Drawn):
     """The frames of a stimulus at the working size, like those of an open video.
 
     Parameters
@@ -115,7 +115,7 @@ class StimulusVideo(_Shown):
     height : int or None
         Working height in pixels; None keeps the native size.
     showings : int
-        How often the stimulus is shown, each time directly after the time before.
+        How often the stimulus is shown, without a pause.
     """
 
     def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:
@@ -130,12 +130,8 @@ class StimulusVideo(_Shown):
                 yield self.protocol.time_of(first + shown.index), shown.grey
 
 
-class _ArrayVideo(_Shown):
-    """The frames of an array at the working size, like those of an open video.
-
-    Parameters are those of :func:`open_source`. Raises SourceError if the array does not hold
-    frames, and ParameterError if the rate or the times are missing or wrong.
-    """
+class _ArrayVideo(_Drawn):
+    """The frames of an array; the parameters and errors are those of :func:`open_source`."""
 
     def __init__(
         self,
@@ -177,7 +173,7 @@ def checked_rate(rate: float | Fraction | None) -> Fraction | None:
     """
     if rate is None:
         return None
-    given: object = rate  # a caller may give a string, whatever the type says
+    given: object = rate  # a caller may give a text, in spite of the type
     if not isinstance(given, Real) or not 0 < rate <= _HIGHEST_RATE:
         raise ParameterError(
             f"rate must be a number above 0 and at most {_HIGHEST_RATE} frames/s, not {rate!r}"
@@ -218,7 +214,7 @@ def _check_frames(frames: Frames) -> None:
 
 
 def _check_type(frames: Frames) -> None:
-    """Raise a SourceError for a type whose value of white is not known."""
+    """Raise a SourceError for an array whose type does not say which value is white."""
     if frames.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)} and frames.dtype.kind != "f":
         raise SourceError(
             f"array: its type is {frames.dtype}; give uint8 or uint16, or float from 0 to 1"
@@ -241,8 +237,8 @@ def open_source(
     source : str, Path, FrameSource, Protocol or array
         A video file, a folder or pattern of images, ``camera:0`` or a stream; the name of a
         stimulus of the catalogue; an open video, which is not closed; a stimulus; or an array. An
-        array has the shape (frames, height, width), or a fourth axis of red, green and blue, and is
-        uint8 or uint16 over its full range, or float from 0 (black) to 1 (white).
+        array has the shape (frames, height, width), or (frames, height, width, 3) with red, green
+        and blue, and is uint8 or uint16 over its full range, or float from 0 (black) to 1 (white).
     rate : float or Fraction, optional
         Frames per second of an array, or of images (30 if left out). Other sources have a rate.
     times : sequence of float, optional
@@ -305,7 +301,7 @@ def open_source(
 
 
 def _is_stimulus(name: str) -> bool:
-    """Return whether a name is in the catalogue of stimuli, and is not a file."""
+    """Return whether a name is in the catalogue of stimuli, and no file has this name."""
     if not name or is_there(name):
         return False
     known = (entry.name for entry in stimulus.entries())

@@ -1,4 +1,4 @@
-"""A task: one input with its settings and result files; and its outcome."""
+"""A task (one input with its settings and result files), its outcome, and the writing of files."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import os
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from fractions import Fraction
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from oppload_cli.errors import BusyError, OutputError
 from oppload_cli.files.atomic import PartFile, output_errors, part_of
-from oppload_cli.files.reading import reading
+from oppload_cli.files.reading import is_file, reading
 from oppload_cli.files.tables import Table
 from oppload_cli.models.presets import NATIVE
 from oppload_cli.models.registry import placing_detector
@@ -33,6 +32,7 @@ from oppload_cli.video.optics import FOV, Optics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
 
     from oppload_cli.annotation.video import AnnotatedVideo
     from oppload_cli.pipeline.settings import Settings
@@ -56,7 +56,7 @@ class IfExists(StrEnum):
 class Outputs:
     """The result files of one input; a file that is None is not written."""
 
-    csv: Path  # it gets its final name last: if it exists the result is finished
+    csv: Path  # gets its final name last: if this file exists, the result is complete
     sidecar: Path
     detections: Path | None = None
     annotated: Path | None = None
@@ -67,7 +67,7 @@ class Outputs:
     ) -> Outputs:
         """Return the result files of a run; their names begin with `stem`.
 
-        There is a file of detections only if one of the detectors in `models` has places.
+        `detections` is None unless one of the detectors in `models` has places.
         """
         return cls(
             folder / f"{stem}{TABLE}",
@@ -85,13 +85,13 @@ class Outputs:
         return Outputs(**{name: path and path.absolute() for name, path in vars(self).items()})
 
     def kept(self, if_exists: IfExists) -> bool:
-        """Return whether the result is kept: all files exist, and existing results are skipped.
+        """Return whether an existing result is kept: `if_exists` is ``SKIP`` and all files exist.
 
-        A killed run may leave only some of the files. Raises OutputError if a file exists and
-        `if_exists` is ``ERROR``.
+        A killed run may leave only some of the files. Raises OutputError if `if_exists` is
+        ``ERROR`` and a file exists.
         """
         results = self.paths()
-        # `lexists` is False, without an error, if it has no access; writing gives the reason then.
+        # Without access to the folder `lexists` is False; the error comes when the run writes.
         existing = [path for path in results if os.path.lexists(path)]
         if if_exists is IfExists.ERROR:
             existing += [part_of(path) for path in results if os.path.lexists(part_of(path))]
@@ -103,10 +103,10 @@ class Outputs:
         return if_exists is IfExists.SKIP and len(existing) == len(results)
 
     def begin(self, if_exists: IfExists) -> PartFile | None:
-        """Create the part file of the table; the run that has it may write all files.
+        """Create and return the part file of the table; the run that has it may write all files.
 
-        Returns the part file; with ``skip``, None if another run is writing the result or has just
-        written it. Raises OutputError if the file cannot be written, or another run is writing it.
+        With ``SKIP``, returns None if another run is writing the result or has just written it.
+        Raises OutputError if the file cannot be written, or another run is writing it.
         """
         try:
             table = PartFile(self.csv, new=if_exists is IfExists.ERROR)
@@ -126,12 +126,12 @@ class Task:
 
     name: str  # the input
     settings: Settings
-    outputs: Outputs | None = None  # None streams the CSV to standard output
+    outputs: Outputs | None = None  # None: the table goes to standard output
     span: Span = field(default_factory=Span)  # the part of the input
     image_rate: Fraction | None = None  # frames/s of images; None assumes 30
     if_exists: IfExists = IfExists.ERROR
     command: Sequence[str] = ()  # the command line, for the sidecar
-    threads: int = 0  # for the decoder, and for detectors on large frames; 0: their own choice
+    threads: int = 0  # of the decoder, and of detectors on large frames; 0: automatic
     boxes: str = "alarm"  # objects whose boxes the annotated video shows: alarm, all or none
     stem: str = ""  # the beginning of the names of the result files
 
@@ -140,7 +140,7 @@ class Task:
 class Outcome:
     """The outcome of a task."""
 
-    skipped: bool = False  # the result existed already
+    skipped: bool = False  # whether the result existed already
     complete: bool = True  # every frame that the input declared was decoded
     frames: int = 0  # rows written
     wall_s: float = 0.0  # seconds from opening to the last row
@@ -159,56 +159,56 @@ class Watcher(Protocol):
     """An observer of the progress of a task."""
 
     def opened(self, video: Video) -> None:
-        """Be told that the input is open."""
+        """React to the open input."""
 
     def frame(self, record: FrameRecord) -> None:
-        """Be told that the record of a frame is written."""
+        """React to the record of a frame, after it was written."""
 
 
 class Interrupted(KeyboardInterrupt):
-    """The user stopped a task; the message says which rows are kept."""
+    """Raised when the user stops a task; the message says which rows are kept."""
 
 
 # ---- Results that exist already ------------------------------------------------------------
 
 
 def exists_already(task: Task) -> Outcome | None:
-    """Return the outcome of a result that exists and is kept; None if there is no such result.
+    """Return the outcome of an existing result that the task keeps; None if it keeps none.
 
-    Raises OutputError if a result exists and the task neither skips nor overwrites it, or if the
-    task skips it, but the result belongs to another input or has other settings.
+    Raises OutputError if a result exists and the task neither keeps nor overwrites it, or if the
+    task keeps it, but the result belongs to another input or has other settings.
     """
     if task.outputs is None or not task.outputs.kept(task.if_exists):
         return None
     table, path = task.outputs.csv, task.outputs.sidecar
     content = read_sidecar(path, OutputError, _REMEDY)
     try:
-        difference, verdicts = next(_differences(task, content), None), verdicts_in(content)
-        complete, notes = bool(content["decode"]["complete"]), content["decode"]["messages"]
-        remarks = content.get("remarks", ())  # results before 1.0 lack them
+        difference = next(_differences(task, content), None)
+        outcome = Outcome(
+            skipped=True,
+            complete=bool(content["decode"]["complete"]),
+            notes=tuple(content["decode"]["messages"]),
+            remarks=tuple(content.get("remarks", ())),  # results before 1.0 lack them
+            verdicts=verdicts_in(content),
+        )
         with reading(table, OutputError, check="check its rights", repair=_REMEDY):
-            rows = fault_of_rows(table, content)
+            fault = fault_of_rows(table, content)
     except (KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError) as error:
         raise OutputError(f"{path}: is damaged; {_REMEDY}") from error
-    if difference:  # results of one folder must not have different settings without notice
+    if difference:  # all results in a folder must have the same settings
         raise OutputError(f"{path}: is a result {difference}; {_REMEDY}")
-    if rows:
-        raise OutputError(f"{table}: {rows}; {_REMEDY}")
-    return Outcome(
-        skipped=True,
-        complete=complete,
-        notes=tuple(notes),
-        remarks=tuple(remarks),
-        verdicts=verdicts,
-    )
+    if fault:
+        raise OutputError(f"{table}: {fault}; {_REMEDY}")
+    return outcome
 
 
 def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     """Yield texts on how a result differs from the result that the task would make."""
     settings, facts = task.settings, content["input"]
-    own = os.path.basename(task.name), _bytes_of(task.name)  # noqa: PTH119 - addresses too
-    made = os.path.basename(facts["name"]), facts.get("bytes")  # noqa: PTH119
-    if own[0] != made[0] or (None not in {own[1], made[1]} and own[1] != made[1]):
+    size = os.path.getsize(task.name) if is_file(task.name) else None  # noqa: PTH202 - any name
+    other_size = size is not None and facts.get("bytes") not in {None, size}
+    # Names may be addresses.
+    if other_size or os.path.basename(task.name) != os.path.basename(facts["name"]):  # noqa: PTH119
         yield f"of another input, {facts['name']}"
     rate = facts["frame_rate"]
     if facts["kind"] == "images" and Fraction(rate) != (task.image_rate or USUAL_RATE):
@@ -224,7 +224,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     if _plain(asdict(task.span)) != content["span"]:
         yield "of another part of the input: see --start, --end and --duration"
     others = list(_other_parameters(settings, content))
-    if others and settings.preset != content["preset"]:  # the preset says more than a parameter
+    if others and settings.preset != content["preset"]:  # clearer than the name of a parameter
         yield f"of preset {content['preset']}, not {settings.preset}"
     yield from others
 
@@ -233,39 +233,31 @@ def _other_parameters(settings: Settings, content: dict[str, Any]) -> Iterator[s
     facts, working, view = content["input"], content["working"], content["field_of_view"]
     if view:
         per_radian = math.degrees(view["px_per_degree_in_the_middle"])
-        seen = Optics(facts["width"], facts["height"], per_radian, view["projection"])
+        optics = Optics(facts["width"], facts["height"], per_radian, view["projection"])
         scale = working["source_px_per_px_x"], working["source_px_per_px_y"]
         size = WorkingSize(working["width"], working["height"], *scale)
-        settings = settings.seen_through(seen, size)
-    made = _fov(view["horizontal_deg"] if view and view["origin"] == FOV else None)
-    if made != _fov(settings.fov):
-        yield f"with {made}, not {_fov(settings.fov)}"
+        settings = settings.seen_through(optics, size)
+    fov = _fov(view["horizontal_deg"] if view and view["origin"] == FOV else None)
+    if fov != _fov(settings.fov):
+        yield f"with {fov}, not {_fov(settings.fov)}"
     groups = (*settings.models, "alarm", "places", "repeats", "time")
     groups += ("rmo",) if settings.measure_rmo else ()
     resolved = settings.resolved(min(working["width"], working["height"]))
-    for group, params in ((name, resolved[name]) for name in groups):
-        held = content["parameters"].get(group, {})
-        for name, value in _plain(params.as_dict()).items():
-            if held.get(name) != value:
-                yield f"with {group}.{name} = {held.get(name)}, not {value}"
+    for group in groups:
+        existing = content["parameters"].get(group, {})
+        for name, value in _plain(resolved[group].as_dict()).items():
+            if existing.get(name) != value:
+                yield f"with {group}.{name} = {existing.get(name)}, not {value}"
 
 
 def _fov(degrees: float | None) -> str:
-    """Return a field of view as a text, rounded, since it went through sines and tangents."""
+    """Return a field of view as a text, without the rounding errors of sines and tangents."""
     return "no --fov" if degrees is None else f"--fov {round(degrees, 9):.12g}"
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as it is after it was written to JSON and read again."""
+    """Return a value in the types that it has after it was written to JSON and read again."""
     return json.loads(json.dumps(value, default=str))
-
-
-def _bytes_of(name: str) -> int | None:
-    path = Path(name)
-    try:
-        return path.stat().st_size if path.is_file() else None
-    except (OSError, ValueError):  # an address
-        return None
 
 
 # ---- Writing -------------------------------------------------------------------------------
@@ -292,7 +284,7 @@ class Writing:
     part : Path
         The path of the table until `commit`.
     frames : FrameSource
-        The frames for the detectors.
+        The source from which the detectors take the frames of `video`.
 
     Raises
     ------
@@ -313,18 +305,18 @@ class Writing:
         self._outputs, self._file = outputs, table
         self.part = table.part
         self.frames: FrameSource = video
-        self._beside: list[DetectionsFile | AnnotatedVideo] = []
+        self._other_files: list[DetectionsFile | AnnotatedVideo] = []
         self._video: AnnotatedVideo | None = None
         try:
             with output_errors(outputs.csv):
                 self._table = Table(table.stream, columns)
             if outputs.detections is not None:
-                self._beside.append(DetectionsFile(outputs.detections))
+                self._other_files.append(DetectionsFile(outputs.detections))
             if outputs.annotated is not None:
                 from oppload_cli.annotation.video import AnnotatedVideo  # noqa: PLC0415 - an encoder
 
                 self._video = AnnotatedVideo(outputs.annotated, video, models, boxes)
-                self._beside.append(self._video)
+                self._other_files.append(self._video)
                 self.frames = self._video.frames
         except BaseException:
             self.discard()
@@ -334,7 +326,7 @@ class Writing:
         """Write the record of the next frame."""
         with output_errors(self._outputs.csv):
             self._table.write(record.values())
-        for each in self._beside:
+        for each in self._other_files:
             each.write(record)
 
     def commit(self, content: Callable[[], dict[str, Any]]) -> None:
@@ -346,18 +338,18 @@ class Writing:
             # An old table must never lie beside new files, even after a crash.
             self._outputs.csv.unlink(missing_ok=True)
         write_sidecar(self._outputs.sidecar, content())
-        for each in self._beside:
+        for each in self._other_files:
             each.commit()
         self._file.commit()
 
     def keep(self) -> None:
         """Close the files, leaving them as ``NAME.part``."""
         self._file.keep()
-        for each in self._beside:
+        for each in self._other_files:
             each.keep()
 
     def discard(self) -> None:
         """Remove the files and close them."""
-        for each in self._beside:
+        for each in self._other_files:
             each.discard()
         self._file.discard()

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     Grey = NDArray[np.uint8]
 
 
-# Without this option x264 uses algorithms that some processors have, and that are less exact.
+# Without this option x264 chooses algorithms by the processor, so that the bytes differ.
 ON_ANY_PROCESSOR = {"x264-params": "cpu-independent=1"}
 # With this option FFmpeg writes no dates and no random identifiers.
 _EXACT = {"fflags": "+bitexact"}
