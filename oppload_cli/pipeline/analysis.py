@@ -189,7 +189,7 @@ class Analysis:
         ...     grey = np.full((90, 120), frame / 3)
         ...     record = analysis.step(grey, time_s=frame * 33.3)  # milliseconds
         >>> analysis.remarks[-1]
-        'frames are 33.3 s apart by their times: give seconds, if these are of another unit'
+        'by their times, frames are 33.3 s apart; if that is wrong, give the times in seconds'
         """
         times, repeats = self._preparation.times, self._preparation.repeats
         pictures = repeats.remarks(times.rate or self._rate)
@@ -202,15 +202,15 @@ class Analysis:
         if rate is None or rate * _LONGEST_STEP_S > 1:
             return []
         return [
-            f"frames are {1 / rate:.3g} s apart by their times: give seconds, if these are of "
-            "another unit"
+            f"by their times, frames are {1 / rate:.3g} s apart; if that is wrong, give the times in "
+            "seconds"
         ]
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Raise a TypeError: objects of C libraries cannot be copied or pickled."""
         raise TypeError(
             "an Analysis cannot be copied or pickled; make another one with the same arguments, "
-            "in another process as well, and hand it the frames there"
+            "also in another process"
         )
 
 
@@ -362,7 +362,7 @@ def _resolved(
     for name in names:
         if names.count(name) > 1:
             raise ParameterError(
-                f"params must not hold two sets of '{name}'; give the other one to a second pass"
+                f"params must not hold two sets of '{name}'; give the second set to a second pass"
             )
     return _Chosen(
         preset,

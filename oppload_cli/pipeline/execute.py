@@ -319,12 +319,12 @@ class _Run:
             true = self._display.degrees(facts.width)
             if abs(fov / true - 1) > _CONTRADICTION:
                 remarks.append(
-                    f"--fov says {fov:.4g} degrees, but its ground truth {true:.4g}: --fov counts"
+                    f"--fov says {fov:.4g} degrees, but the ground truth {true:.4g}; --fov is used"
                 )
         if fov is not None and aspect and aspect != 1:
             remarks.append(
-                f"has pixels of an aspect of {float(aspect):.4g}, which --fov takes as square: "
-                "angles down the frame are wrong"
+                f"has pixels of an aspect of {float(aspect):.4g}, but --fov is meant for square "
+                "pixels: vertical angles are wrong"
             )
         remarks += self._repeats.remarks(self._rate)
         remarks += self.video.working.remarks()

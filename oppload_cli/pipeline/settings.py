@@ -174,31 +174,23 @@ def resolve(
 ) -> Settings:
     """Resolve the settings of a run from the preset, a TOML file and the command line.
 
+    A text or value has the meaning of the option of ``oppload run`` with the same name. If it is
+    left out, the file decides, or else the preset.
+
     Parameters
     ----------
-    preset : str, optional
-        Name of the preset; if left out, that of the file, or else `usual`.
     config : Path, optional
         A TOML file with ``preset``, ``models``, ``height``, ``fov``, ``measure_rmo``, ``columns``
         and a table per parameter set.
     models : sequence of str
         Names of detectors to run, or ``all``; a text may hold several names, separated by commas.
-        If empty, OppLoD and D-LGMD run. A preset after a name, as in ``opplod:reference``, is the
-        preset of the run.
-    height : str, optional
-        Working height in pixels, or ``native``.
-    fov : str, optional
-        Field of view across the width of the frame in degrees.
+        A preset after a name, as in ``opplod:reference``, is the preset of the run.
     repeats : str, optional
         ``near``, ``exact`` or ``keep``, in place of the parameter ``repeats.handling``.
-    measure_rmo : bool, optional
-        Whether radial motion opponency is measured; if left out, the file decides, or else True.
     assignments : sequence of str
         ``set.parameter=value``, such as `EXAMPLE_SETTING`; a size may be given as ``60deg``.
     usual : str
-        The preset if neither `preset` nor the file names one.
-    columns : str, optional
-        ``usual`` or ``all``; if left out, the file decides, or else ``usual``.
+        The preset if neither `preset`, `models` nor the file names one.
 
     Raises
     ------
@@ -209,7 +201,9 @@ def resolve(
     source = str(config) if config else ""
     of_models = preset_in(models)
     if preset and of_models and preset != of_models:
-        raise ParameterError(f"--model asks for preset '{of_models}' and --preset for '{preset}'")
+        raise ParameterError(
+            f"--model asks for preset '{of_models}' and --preset for '{preset}'; leave one out"
+        )
     preset = preset or of_models
     chosen = preset_named(preset) if preset else _preset_of_file(content, source, usual)
     needed = _needed(_models(models) if models else default_names(), content, assignments)

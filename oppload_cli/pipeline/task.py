@@ -266,18 +266,9 @@ def _plain(value: Any) -> Any:
 class Writing:
     """The files of one result while they are written, each as ``NAME.part``.
 
-    Parameters
-    ----------
-    outputs : Outputs
-        The files.
-    table : PartFile
-        The part file of the table, from :meth:`Outputs.begin`.
-    video : Video
-        The input; it must be opened with ``colour=True`` if an annotated video is written.
-    columns, models : sequence of str
-        The columns of the table, and the names of the detectors.
-    boxes : str
-        Objects whose boxes the annotated video shows.
+    `table` is the part file of :meth:`Outputs.begin`. For an annotated video, `video` must be
+    opened with ``colour=True``. `boxes` is as in :class:`Task`. If a file cannot be written, this
+    class, `write` and `commit` raise OutputError.
 
     Attributes
     ----------
@@ -285,11 +276,6 @@ class Writing:
         The path of the table until `commit`.
     frames : FrameSource
         The source from which the detectors take the frames of `video`.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written; also raised by `write` and `commit`.
     """
 
     def __init__(

@@ -41,16 +41,8 @@ def as_yuv420p(
 ) -> av.VideoFrame:
     """Return a frame in the format that the H.264 encoder takes: yuv420p, BT.709, limited range.
 
-    Parameters
-    ----------
-    frame : av.VideoFrame
-        A frame of any pixel format.
-    converter : VideoReformatter
-        Keeps its tables for the next frame of the same size.
-    size : tuple of int or None
-        Width and height of the result; those of `frame` if left out.
-    colour_space : int or None
-        Colour space of `frame`; if left out, the one that `frame` states.
+    `converter` keeps its tables for the next frame of the same size. If left out, `size` (width and
+    height) is that of `frame`, and `colour_space` the one that `frame` states.
     """
     return converter.reformat(
         frame, *size, "yuv420p", colour_space, Colorspace.ITU709,
@@ -61,12 +53,7 @@ def as_yuv420p(
 class Colour:
     """Makes the colour pictures of one input, all of the same size.
 
-    Parameters
-    ----------
-    facts : InputFacts
-        The displayed size, and how the pictures are mirrored and turned.
-    size : tuple of int, optional
-        Width and height of the pictures; those of :func:`colour_size` if left out.
+    `size` is the width and height of the pictures; that of :func:`colour_size` if left out.
     """
 
     def __init__(self, facts: InputFacts, size: tuple[int, int] | None = None) -> None:

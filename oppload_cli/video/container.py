@@ -208,14 +208,16 @@ class ContainerSource:
 
     def _video_stream(self, container: InputContainer) -> VideoStream:
         if not self._remote and container.format.name in _PLAYLISTS:
-            raise SourceError(f"{self.name}: only names other files; give these instead")
+            raise SourceError(f"{self.name}: only names other files; give those files instead")
         streams = _videos(container)
         if not streams:
             raise SourceError(f"{self.name}: holds no video stream; give a file with pictures")
         # PyAV's type stubs promise a codec, but a stream with an unknown codec has none.
         codec: Any = streams[0].codec_context
         if codec is None:
-            raise SourceError(f"{self.name}: its codec is unknown here; convert it, e.g. to H.264")
+            raise SourceError(
+                f"{self.name}: FFmpeg does not know its codec; convert it, e.g. to H.264"
+            )
         check_pixels(self.name, codec.width, codec.height, _stored_bits(codec.format))
         return streams[0]
 

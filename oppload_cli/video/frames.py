@@ -104,51 +104,23 @@ class Picture:
 
 @dataclass(frozen=True)
 class InputFacts:
-    """The facts that an input declares about itself.
+    """The facts that an input declares about itself."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the input as the user wrote it.
-    kind : str
-        ``container``, ``images``, ``camera``, ``stream``, ``stimulus`` or ``array``.
-    width, height : int
-        Size of the displayed picture in source pixels.
-    frame_rate : Fraction or None
-        Frames per second.
-    frames_declared : int or None
-        Number of frames that the container declares; None if it declares none.
-    mirrored : bool
-        Whether left and right are exchanged before the picture is turned.
-    rotation : int
-        Counter-clockwise turn of the picture in degrees: 0, 90, 180 or 270.
-    codec, pixel_format, colour_range : str
-        Codec, pixel format and colour range of the decoded pictures.
-    pixel_aspect : Fraction or None
-        Width over height of a pixel; recorded, not corrected.
-    bytes : int or None
-        Size of the file or files.
-    rate_assumed : bool
-        Whether the frame rate is assumed, as for images if the user states no rate.
-    video_streams : int
-        Number of videos in a container, without cover pictures; the first video is read.
-    """
-
-    name: str
-    kind: str
-    width: int
+    name: str  # as the user wrote it
+    kind: str  # container, images, camera, stream, stimulus or array
+    width: int  # of the displayed picture, in source pixels
     height: int
     frame_rate: Fraction | None
-    frames_declared: int | None
-    mirrored: bool = False
-    rotation: int = 0
+    frames_declared: int | None  # by the container
+    mirrored: bool = False  # whether left and right are exchanged before the picture is turned
+    rotation: int = 0  # counter-clockwise turn of the picture in degrees: 0, 90, 180 or 270
     codec: str = ""
     pixel_format: str = ""
     colour_range: str = "full"
-    pixel_aspect: Fraction | None = None
-    bytes: int | None = None
-    rate_assumed: bool = False
-    video_streams: int = 1
+    pixel_aspect: Fraction | None = None  # width over height of a pixel; it is not corrected
+    bytes: int | None = None  # size of the file or files
+    rate_assumed: bool = False  # as for images if the user states no rate
+    video_streams: int = 1  # videos in a container, without cover pictures; the first one is read
 
     @property
     def live(self) -> bool:
@@ -296,7 +268,7 @@ class FrameTimes:
         if self._declared and abs(rate / self._declared - 1) > _CONTRADICTION:
             remarks.append(
                 f"{_in_digits(self._declared)} frames/s are declared, but the times of most frames "
-                f"say {_in_digits(rate)}; the times count"
+                f"say {_in_digits(rate)}; the times are used"
             )
         if rate < _LEAST_RATE:
             remarks.append(
@@ -351,19 +323,11 @@ _USUAL_ENLARGING = 2.5  # preset paper, at 600 px, enlarges a video of 240 px by
 
 
 class WorkingSize(NamedTuple):
-    """The size of the frames that the detectors get.
-
-    Attributes
-    ----------
-    width, height : int
-        Size of the frames.
-    scale_x, scale_y : float
-        Source pixels per working pixel.
-    """
+    """The size of the frames that the detectors get."""
 
     width: int
     height: int
-    scale_x: float
+    scale_x: float  # source pixels per working pixel
     scale_y: float
 
     @classmethod
@@ -403,14 +367,14 @@ class WorkingSize(NamedTuple):
         size, enlarging = f"{self.width} x {self.height} px", 1 / min(self.scale_x, self.scale_y)
         if min(self.width, self.height) < _LEAST_SIDE:
             return [
-                f"is seen at {size}: below {_LEAST_SIDE} px no detector is known to respond to an "
-                "approach; choose a larger working height"
+                f"has a working size of {size}: below {_LEAST_SIDE} px no detector is known to "
+                "respond to an approach; choose a larger working height"
             ]
         if enlarging <= _USUAL_ENLARGING:
             return []
         return [
-            f"is enlarged {enlarging:.3g} times, to {size}: the models see no more detail than it "
-            "has; give a larger video, or a smaller working height"
+            f"is enlarged {enlarging:.3g} times, to {size}: the models see no more detail than the "
+            "input has; give a larger input, or a smaller working height"
         ]
 
     def coded(self, rotation: int) -> tuple[int, int]:

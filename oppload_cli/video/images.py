@@ -228,7 +228,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
-            raise SourceError("no regular file")
+            raise SourceError("not a regular file")
         _check_bytes(path, status.st_size, most_pixels)
         with _pillow_alone(), Image.open(path, formats=_FORMATS) as image:
             check_pixels(path.name, *image.size)
@@ -237,7 +237,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
     except SourceError:
         raise
     except UnidentifiedImageError as error:
-        raise SourceError("neither PNG, JPEG, BMP, PNM, TIFF nor WebP, or cut") from error
+        raise SourceError("not a PNG, JPEG, BMP, PNM, TIFF or WebP image, or truncated") from error
     except Exception as error:  # damaged files raise errors of many kinds
         raise SourceError(reason_of(error)) from error
 
@@ -293,7 +293,9 @@ class CameraSource:
     def __init__(self, name: str) -> None:
         number = name.partition(":")[2]
         if not re.fullmatch("[0-9]{1,9}", number):
-            raise SourceError(f"{name}: no camera's name; write camera:0, camera:1 and so on")
+            raise SourceError(
+                f"{name}: is not the name of a camera; write camera:0, camera:1 and so on"
+            )
         self.decode = DecodeFacts()
         self.stopping = False
         self._capture = cv2.VideoCapture(int(number))

@@ -68,7 +68,7 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
         yield _no_input("", "an empty name is no input; give a file or a folder")
         return
     if name == "-" and not os.path.lexists(name):
-        yield _no_input(name, "standard input goes by the name /dev/stdin here; give that")
+        yield _no_input(name, "give /dev/stdin to read from standard input")
         return
     matches = _matches(name)
     if not matches:
@@ -77,7 +77,7 @@ def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
         if recursive and is_folder(match):
             yield from _searched(match)
         elif match != name and _is_pipe_or_device(match):  # reading might never end
-            reason = "is a pipe or a device, which a pattern does not name; give its own name"
+            reason = "is a pipe or a device, which patterns leave out; give its own name"
             yield _no_input(match, reason)
         else:
             try:

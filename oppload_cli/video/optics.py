@@ -16,27 +16,16 @@ FOV = "--fov"  # origin of a field of view that the user states
 
 
 class View(NamedTuple):
-    """The direction of an object, its angular size, and the growth of this size.
+    """The direction of an object, its angular size, and the growth of this size."""
 
-    Attributes
-    ----------
-    azimuth_deg, elevation_deg : float
-        Direction of the focus of expansion, -90 to 90: to the right of the middle of the frame, and
-        above the horizontal plane through the middle.
-    angular_width_deg, angular_height_deg : float
-        Angles that the box spans.
-    angular_size_deg : float
-        The larger of these two angles.
-    angular_speed_deg_s : float or None
-        Growth of `angular_size_deg` per second; None if the time to contact is unknown.
-    """
-
+    # Direction of the focus of expansion, -90 to 90: to the right of the middle of the frame, and
+    # above the horizontal plane through the middle.
     azimuth_deg: float
     elevation_deg: float
-    angular_width_deg: float
+    angular_width_deg: float  # angle that the box spans
     angular_height_deg: float
-    angular_size_deg: float
-    angular_speed_deg_s: float | None
+    angular_size_deg: float  # the larger of these two angles
+    angular_speed_deg_s: float | None  # growth of this size; None without a time to contact
 
 
 @dataclass(frozen=True)
@@ -46,24 +35,13 @@ class Optics:
     Pinhole: a point at the angle e from the middle of the frame is ``f tan(e)`` pixels away from
     the middle, where ``f`` is the focal length in pixels. Flat: the number of pixels per degree is
     constant, as in stimuli with ``projection = "flat"``.
-
-    Attributes
-    ----------
-    width, height : int
-        Size of the displayed frame in source pixels.
-    per_radian : float
-        Pixels per radian in the middle of the frame: the focal length of a pinhole camera.
-    projection : str
-        ``pinhole`` or ``flat``.
-    origin : str
-        Origin of the field of view: ``--fov`` or ``stimulus``.
     """
 
-    width: int
+    width: int  # of the displayed frame, in source pixels
     height: int
-    per_radian: float
-    projection: str = _PINHOLE
-    origin: str = FOV
+    per_radian: float  # pixels per radian in the middle: the focal length of a pinhole camera
+    projection: str = _PINHOLE  # or `_FLAT`
+    origin: str = FOV  # of the field of view; or ``stimulus``
 
     @classmethod
     def of_fov(cls, width: int, height: int, fov_deg: float) -> Optics:

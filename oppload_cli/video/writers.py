@@ -122,7 +122,7 @@ class _Encoder:
             if isinstance(error, av.codec.codec.UnknownCodecError):
                 name = "H.264" if coding.codec == "libx264" else coding.codec.upper()
                 raise OutputError(
-                    f"{file.path}: this PyAV has no {name} encoder; install the wheel of PyPI"
+                    f"{file.path}: this PyAV has no {name} encoder; install PyAV from PyPI"
                 ) from error
             raise
         self._stream, context = stream, stream.codec_context

@@ -54,7 +54,7 @@ WRONG = [
     (["plot", "text.mp4"], 2, "text.mp4: is a video, not a result; run it first"),
     (["report", "text.mp4"], 2, "text.mp4: is a video, not a result; run it first"),
     (["evaluate", "text.mp4"], 2, "text.mp4: has no ground truth beside it (text.stimulus.json)"),
-    (["run", "-"], 3, "-: standard input goes by the name /dev/stdin here"),
+    (["run", "-"], 3, "-: give /dev/stdin to read from standard input"),
     (["plot", "binary.csv"], 2, "is not valid text in UTF-8 (byte 2 cannot be read as text)"),
     (["run"], 2, "Missing argument 'INPUT...'"),
     (

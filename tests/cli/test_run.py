@@ -188,7 +188,7 @@ def test_the_details_show_why_an_alarm_did_or_did_not_come(tmp_path: Path) -> No
 def test_a_small_video_that_is_enlarged_is_told(tmp_path: Path) -> None:
     path = write_video(tmp_path / "small.avi", grey_frames(12, 32, 24))
     words = ("--no-rmo", "-o", tmp_path, "--if-exists", "overwrite", "--height")
-    said = "small.avi: is enlarged {} times, to {} px: the models see no more detail than it has"
+    said = "small.avi: is enlarged {} times, to {} px: the models see no more detail than the input"
     assert said.format("10", "320 x 240") in oppload("run", path, *words, "240").stderr
     assert said.format("2.54", "81 x 61") in oppload("run", path, *words, "61").stderr
     assert "enlarged" not in oppload("run", path, *words, "60").stderr
@@ -262,8 +262,8 @@ def test_a_run_in_which_nothing_could_respond_says_so(tmp_path: Path) -> None:
         "within the warm-up of 3 frames; give a longer video"
     )
     small = (
-        "is seen at 1 x 1 px: below 13 px no detector is known to respond to an approach; choose a "
-        "larger working height"
+        "has a working size of 1 x 1 px: below 13 px no detector is known to respond to an "
+        "approach; choose a larger working height"
     )
     part = ("--duration", "f3", "--model", "dlgmd", "--set", "time.interval=frame")
     for more, said in (

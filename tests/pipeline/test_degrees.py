@@ -51,7 +51,7 @@ def stimulus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_field_of_view_against_the_ground_truth_is_told(stimulus: Path, tmp_path: Path) -> None:
     for fov, told in ((60.0, False), (90.0, True)):  # 300 px at 5 px/deg
         _, sidecar = done(stimulus, tmp_path / f"{fov}", fov=fov)
-        said = "--fov says 90 degrees, but its ground truth 60: --fov counts"
+        said = "--fov says 90 degrees, but the ground truth 60; --fov is used"
         assert (said in sidecar["remarks"]) == told
 
 
@@ -87,7 +87,7 @@ def test_pixels_that_are_no_squares_are_told(tmp_path: Path, aspect: Fraction) -
         container.mux(stream.encode())
     for fov in (None, 90.0):
         _, sidecar = done(video, tmp_path / f"{fov}", fov=fov)
-        said = "has pixels of an aspect of 1.333, which --fov takes as square"
+        said = "has pixels of an aspect of 1.333, but --fov is meant for square pixels"
         told = any(said in each for each in sidecar["remarks"])
         assert told == (aspect != 1 and fov is not None)
 

@@ -222,7 +222,7 @@ def test_links_to_themselves_and_pipes_among_inputs(
     (images / "4.png").symlink_to("4.png")
     done = run(capsys, "run", images, *quick, tmp_path / "out")
     assert done.returncode == 4
-    assert "3.png is not an image that can be read (no regular file)" in done.stderr
+    assert "3.png is not an image that can be read (not a regular file)" in done.stderr
     assert "4.png is not an image that can be read (too many levels" in done.stderr
 
 

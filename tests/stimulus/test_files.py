@@ -206,7 +206,7 @@ def test_an_interrupt_keeps_the_files_of_before(form: str, tmp_path: Path) -> No
 def test_an_encoder_that_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     coding = writers._CODINGS["ffv1"]
     monkeypatch.setitem(writers._CODINGS, "ffv1", coding._replace(codec="ffv9"))
-    with pytest.raises(OutputError, match="this PyAV has no FFV9 encoder; install the wheel"):
+    with pytest.raises(OutputError, match="this PyAV has no FFV9 encoder; install PyAV"):
         stimulus.write(clip(), tmp_path)
     assert list(tmp_path.iterdir()) == []
 

@@ -93,7 +93,7 @@ def test_the_rate_is_that_of_most_frames() -> None:
 def test_a_declared_rate_that_the_times_contradict_is_named() -> None:
     _, kept = taken([t / 12 for t in range(20)], 30)
     assert kept.remarks() == [
-        "30 frames/s are declared, but the times of most frames say 12; the times count"
+        "30 frames/s are declared, but the times of most frames say 12; the times are used"
     ]
     assert taken([t / 29 for t in range(20)], 30)[1].remarks() == []
 

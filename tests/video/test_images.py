@@ -211,7 +211,7 @@ def test_what_is_no_regular_file_is_not_waited_for(folder: Path) -> None:
     with open_video(folder, height=None) as video:
         assert len(list(video)) == 12
         assert video.decode.messages == [
-            "frame_12.png is not an image that can be read (no regular file)"
+            "frame_12.png is not an image that can be read (not a regular file)"
         ]
 
 
@@ -280,8 +280,8 @@ def test_a_file_with_the_name_of_a_camera_is_given_with_its_folder(
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("camera:x", "no camera's name"),
-        ("camera:²", "no camera's name"),
+        ("camera:x", "not the name of a camera"),
+        ("camera:²", "not the name of a camera"),
         ("camera:1", "gives no picture"),
     ],
 )
