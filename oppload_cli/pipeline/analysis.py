@@ -201,10 +201,8 @@ class Analysis:
         rate = self._preparation.times.rate
         if rate is None or rate * _LONGEST_STEP_S > 1:
             return []
-        return [
-            f"by their times, frames are {1 / rate:.3g} s apart; if that is wrong, give the times in "
-            "seconds"
-        ]
+        apart = f"by their times, frames are {1 / rate:.3g} s apart"
+        return [f"{apart}; if that is wrong, give the times in seconds"]
 
     def __reduce_ex__(self, protocol: object) -> NoReturn:
         """Raise a TypeError: objects of C libraries cannot be copied or pickled."""

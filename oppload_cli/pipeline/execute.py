@@ -56,16 +56,9 @@ def run_task(task: Task, watcher: Watcher | None = None, opening: Opening | None
     """Analyse one input and write its results.
 
     `watcher` is called for each frame. `opening`, if given, opens the same input at the same height
-    and span; this function closes it.
-
-    Raises
-    ------
-    SourceError
-        If nothing can be read; then nothing is written.
-    OutputError
-        If a result exists, or cannot be written.
-    Interrupted
-        If the user stops the run; the rows so far stay as ``NAME.part``.
+    and span; this function closes it. Raises SourceError if nothing can be read (then nothing is
+    written), OutputError if a result exists or cannot be written, and Interrupted if the user stops
+    the run; then the rows so far stay as ``NAME.part``.
     """
     kept = exists_already(task)
     if kept is not None:
@@ -104,20 +97,9 @@ def collected(
 ) -> tuple[list[str], dict[str, Any]]:
     """Analyse an open source without writing files; the source is not closed.
 
-    Parameters
-    ----------
-    source, settings
-        The frames, and how to analyse them.
-    keep : callable
-        Called with the record of each frame.
-    stimulus : dict, optional
-        The ground truth of the source, for the sidecar.
-
-    Returns
-    -------
-    columns : list of str
-    sidecar : dict
-        The columns of the table, and the content of the sidecar, that ``oppload run`` would write.
+    The function calls `keep` with the record of each frame. It returns the columns of the table and
+    the content of the sidecar that ``oppload run`` would write. `stimulus` is the ground truth of
+    the source, if it has one, for the sidecar.
     """
     started = time.perf_counter()
     _set_threads(source.working, 0)

@@ -108,14 +108,8 @@ class _Drawn(ABC):
 class StimulusVideo(_Drawn):
     """The frames of a stimulus at the working size, like those of an open video.
 
-    Parameters
-    ----------
-    protocol : Protocol
-        The stimulus.
-    height : int or None
-        Working height in pixels; None keeps the native size.
-    showings : int
-        How often the stimulus is shown, without a pause.
+    `height` is the working height in pixels; None keeps the native size. The stimulus is shown
+    `showings` times without a pause.
     """
 
     def __init__(self, protocol: Protocol, height: int | None, showings: int = 1) -> None:

@@ -173,17 +173,7 @@ class FrameTimes:
     sets a camera's clock back. Then all later times are shifted by the same amount. If the shift is
     less than a second, the following frames reduce it step by step to 0.
 
-    Parameters
-    ----------
-    rate : float or Fraction, optional
-        Frames per second that the input declares.
-
-    Attributes
-    ----------
-    wrong : int
-        Number of times that have been replaced so far.
-
-    Source: ``docs/time.md``.
+    `rate` is the number of frames per second that the input declares. Source: ``docs/time.md``.
     """
 
     def __init__(self, rate: float | Fraction | None = None) -> None:
@@ -193,7 +183,7 @@ class FrameTimes:
         self._corrected_s = self._uncorrected_s = 0.0  # times of the latest frame
         self._first_s = self._shift_s = self._longest_s = 0.0
         self._frames = self._first_wrong = 0
-        self.wrong = 0
+        self.wrong = 0  # number of times that were not later than the time before
 
     def step(self, time_s: float) -> float:
         """Take the time of the next frame in seconds, as the input gives it.

@@ -47,17 +47,8 @@ _DEEP_GREY = {"I", "I;16", "I;16L", "I;16B", "I;16N"}  # Pillow's modes with 16 
 class ImageSource:
     """A sequence of images, in the order of the numbers in their names.
 
-    Parameters
-    ----------
-    name : str
-        A folder, or a pattern such as ``frames_%04d.png``.
-    frame_rate : Fraction or None
-        Frames per second, as images have no times. None assumes 30.
-
-    Raises
-    ------
-    SourceError
-        If there is no image, or no image can be read.
+    `name` is a folder, or a pattern such as ``frames_%04d.png``. `frame_rate` None assumes 30
+    frames/s. Raises SourceError if no image exists, or none can be read.
     """
 
     def __init__(self, name: str, frame_rate: Fraction | None) -> None:
@@ -190,19 +181,10 @@ def _numerical_order(path: Path) -> tuple[list[tuple[int, str]], str]:
 
 
 def read_transparent(name: str) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """Return the luminance and the opacity of an image file.
+    """Return the luminance and the opacity of an image file, 0 to 1, of shape (height, width).
 
-    Returns
-    -------
-    luminance : ndarray of float32, shape (h, w)
-        0 to 1, with the weights of Rec. 601.
-    opacity : ndarray of float32, shape (h, w), or None
-        0 to 1; None for an image without transparency.
-
-    Raises
-    ------
-    SourceError
-        If the file is not an image, or is damaged or too large.
+    Luminance has the weights of Rec. 601; the opacity is None for an image without transparency.
+    Raises SourceError if the file is not an image, or is damaged or too large.
     """
     with _opened(Path(name)) as image:
         colour, opacity = _colour(image), _opacity(image)

@@ -55,14 +55,10 @@ class _Found(NamedTuple):
 def found_inputs(name: str, *, recursive: bool = False) -> Iterator[_Found]:
     """Yield the single inputs that a name means.
 
-    Parameters
-    ----------
-    name : str
-        A file, a folder, a pattern of the shell (``clips/*.mp4``, with ``**`` for
-        folders of any depth), a pattern of images, ``camera:0``, or an address.
-    recursive : bool
-        Whether to search folders to any depth for videos and for folders of numbered images, except
-        hidden folders and links to folders. A folder that cannot be read does not end the search.
+    The name is a file, a folder, a pattern of the shell (``clips/*.mp4``, with ``**`` for folders
+    of any depth), a pattern of images, ``camera:0``, or an address. If `recursive` is True, folders
+    are searched to any depth for videos and for folders of numbered images, except hidden folders
+    and links to folders. A folder that cannot be read does not end the search.
     """
     if not name:
         yield _no_input("", "an empty name is no input; give a file or a folder")
@@ -350,12 +346,8 @@ class Span:
         """Yield the pictures in this part; decode and drop those before it.
 
         Positions are compared with the corrected times of :class:`FrameTimes`. If this part has a
-        start, its pictures also get these times, which they would have in the complete input.
-
-        Parameters
-        ----------
-        source : PictureSource
-            The source; its `finish` is called if this part reaches the end of the input.
+        start, its pictures also get these times, which they would have in the complete input. If
+        this part reaches the end of the input, it calls `finish` of the source.
         """
         times = FrameTimes(source.facts.frame_rate)
         started, end = self.start is None, self.end

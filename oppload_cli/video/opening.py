@@ -54,13 +54,9 @@ _PARTS = 8  # one message frees an eighth of the slots
 class Opening:
     """An input that is opened and decoded while the caller does other work.
 
-    Parameters
-    ----------
-    name, height, span, image_rate, threads, colour
-        As for :func:`oppload_cli.open_video`.
-    own_process : bool
-        Whether a separate process may decode. The process ignores `threads`. It decodes only video
-        files, without colour, on Linux with two cores or more. In all other cases a thread decodes.
+    The parameters are those of :func:`oppload_cli.open_video`, and `own_process`: whether a
+    separate process may decode. The process ignores `threads`. It decodes only video files, without
+    colour, on Linux with two cores or more. In all other cases a thread decodes.
     """
 
     def __init__(

@@ -190,23 +190,9 @@ def _ticks_hz(rate: Fraction | None) -> int:
 class Recording(_Encoder):
     """Writes an MP4 of 8-bit H.264 (yuv420p, BT.709, limited range) with any frame times.
 
-    Parameters
-    ----------
-    part : PartFile
-        The file.
-    width, height : int
-        Size of all frames in pixels; both must be even.
-    rate : Fraction or None
-        Frames per second of the source, if known.
-    codec : mapping of str to str
-        Options of the encoder, with ``bf: 0``.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; also raised by the other methods.
-    OutputError
-        If PyAV has no H.264 encoder.
+    The width and height in pixels must be even; `rate` is that of the source in frames/s, if known;
+    `codec` has options of the encoder, with ``bf: 0``. Raises OSError, also in other methods, if
+    the file cannot be written, and OutputError if PyAV has no H.264 encoder.
     """
 
     def __init__(
@@ -231,15 +217,11 @@ class Recording(_Encoder):
     def write(self, picture: NDArray[np.uint8] | av.VideoFrame, time_s: float) -> float:
         """Write the next frame; return its presentation time in the file, in seconds.
 
-        Parameters
-        ----------
-        picture : ndarray of uint8, shape (height, width, 3)
-            Blue, green and red; or the frame of :meth:`oppload_cli.video.colour.Colour.planes`.
-        time_s : float
-            Presentation time of the frame in seconds; the first frame's time becomes 0. A frame
-            whose time is not later than that of the frame before follows one tick after the frame
-            before. If the clock jumps (back by a second, or on by a quarter of an hour), the frame
-            follows one frame duration after the frame before.
+        `picture` has blue, green and red, uint8 of shape (height, width, 3), or is the frame of
+        :meth:`oppload_cli.video.colour.Colour.planes`. The first frame's time becomes 0. A frame
+        whose time is not later than that of the frame before follows one tick after the frame
+        before. If the clock jumps (back by a second, or on by a quarter of an hour), the frame
+        follows one frame duration after the frame before.
         """
         frame = picture
         if not isinstance(frame, av.VideoFrame):
@@ -298,6 +280,9 @@ def open_writer(
 ) -> Iterator[Callable[[Grey], object]]:
     """Write a grey video: it gets its name after the last frame; after an error it is removed.
 
+    Yields a function that writes the next frame, uint8 of shape (height, width): luminance times
+    255. Raises OutputError if the video cannot be written.
+
     Parameters
     ----------
     path : Path
@@ -308,16 +293,6 @@ def open_writer(
         Size of all frames in pixels, frames per second, and number of frames.
     new : bool
         Whether it is an error if a file or folder of this name exists.
-
-    Yields
-    ------
-    callable
-        Function that writes the next frame, uint8 of shape (height, width): luminance times 255.
-
-    Raises
-    ------
-    OutputError
-        If the video cannot be written.
     """
     if form == "png":
         with PartFolder(path, new=new) as folder:
