@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Luma = NDArray[np.float32]
 
-KEEP, EXACT, NEAR = "keep", "exact", "near"
+_KEEP, EXACT, NEAR = "keep", "exact", "near"
 
 _SOME_ROWS = 16  # frames are first compared at every 16th row
 _CELLS = 15  # cells across the shorter side of the frame; changes are averaged over each cell
@@ -40,7 +40,7 @@ class RepeatParams(Parameters):
         NEAR,
         "which repeats the detectors do not get: 'exact' repeats only, 'near' repeats too, or none "
         "('keep')",
-        choices=(EXACT, NEAR, KEEP),
+        choices=(EXACT, NEAR, _KEEP),
     )
     longest_s: float = parameter(
         0.18,
@@ -223,7 +223,7 @@ class Repeats:
             return Repeat()
         exact = _equal(luma, self._shown)
         handling = self._params.handling
-        if handling == KEEP:
+        if handling == _KEEP:
             self.exact += exact
             return Repeat()
         change = _NONE if exact else _change(luma, self._shown) if handling == NEAR else None

@@ -12,6 +12,7 @@ import struct
 import zlib
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -170,16 +171,12 @@ def _end(reading: _Reading) -> bytes:
     return reading.at(max(0, reading.size - 64), 64)
 
 
-def _y4m(reading: _Reading) -> str | None:
-    """Check that nothing follows the last packet; the demuxer leaves out a truncated frame."""
-    return CUT if 0 < reading.read_to < reading.size else None
+def _y4m(reading: _Reading, head: int = 0) -> str | None:
+    """Check that nothing follows the last packet; the demuxer leaves out a truncated frame.
 
-
-_IVF_HEAD = 12  # bytes of the head of each frame, which are not part of a packet
-
-
-def _ivf(reading: _Reading) -> str | None:
-    return CUT if 0 < reading.read_to < reading.size - _IVF_HEAD else None
+    `head` is the number of bytes before each packet that the position of the packet leaves out.
+    """
+    return CUT if 0 < reading.read_to < reading.size - head else None
 
 
 def _nut(reading: _Reading) -> str | None:
@@ -327,7 +324,7 @@ _CHECKS: dict[str, Callable[[_Reading], str | None]] = {
     "jpeg_pipe": _mjpeg,
     "mpegts": _transport_stream,
     "yuv4mpegpipe": _y4m,
-    "ivf": _ivf,
+    "ivf": partial(_y4m, head=12),
     "apng": _apng,
     "nut": _nut,
     "ogg": _ogg,
