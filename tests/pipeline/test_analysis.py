@@ -60,7 +60,7 @@ def test_content_that_is_slower_than_its_file_answers_as_it_would_at_its_own_rat
     assert [each.responses for each in copied[::3]] == [each.responses for each in own]
     assert sum(each.repeat == "exact" for each in copied) == 20
     assert [each.luma_change for each in copied[1:3]] == [0, 0]
-    # Once two pictures were repeated, the answer to a picture holds while it is shown.
+    # After two repeated pictures, each repeat has the response of its picture.
     for first in range(6, 30, 3):
         picture, *again = copied[first : first + 3]
         for record in again:
@@ -72,7 +72,7 @@ def test_content_that_is_slower_than_its_file_answers_as_it_would_at_its_own_rat
 def test_pictures_that_are_coded_anew_answer_as_they_would_at_their_own_rate(
     tmp_path: Path, crf: int, most: float
 ) -> None:
-    """The detectors do not see the repeats; what is left is how the pictures were coded."""
+    """The detectors do not get the repeats; only the coding of the pictures differs."""
     frames = eight_bits([frame * 0.8 + 0.1 for frame in looming(240, 120, 120, 16)])
     twice = [frame for frame in frames for _ in range(2)]
     own, shown = (
@@ -131,7 +131,7 @@ def test_the_time_to_contact_goes_by_the_times_at_which_pictures_were_taken(pict
 
 
 def test_a_scene_that_stands_still_is_seen_by_the_models(tmp_path: Path) -> None:
-    """After a pause the first moving frame meets no inhibition, as the equations have it."""
+    """After a pause the first moving frame meets no inhibition, as the equations say."""
     moving = eight_bits(looming(120, 60, 60, 14))
     paused = [*moving[:4], *([moving[4]] * 12), *moving[5:]]
     with_pause = records(write_video(tmp_path / "a.mkv", paused))
@@ -165,7 +165,7 @@ def test_a_response_that_was_given_never_goes_back_to_empty(copies: int) -> None
 
 
 def test_the_calcium_signal_outlasts_the_motion() -> None:
-    """Held while frames may be repeats, then it falls with its time constant of 1 s."""
+    """It stays while frames may be repeats, and then falls with its time constant of 1 s."""
     pictures = looming(120, 60, 60, 14)
     frames = np.array(pictures + pictures[-1:] * 20)
     answers = [each.responses["opplod"] for each in analyse(frames, preset="lplc2", rate=30)]
@@ -195,7 +195,7 @@ def test_a_still_scene_answers_zero_from_the_frame_in_which_a_moving_one_is_answ
 
 
 def test_a_second_pause_is_shown_to_the_models_with_its_own_times() -> None:
-    """After a pause of 0.5 s the models have seen each of its frames, and then a slower video."""
+    """The models get all frames of a pause of 0.5 s, and then of a slower video."""
     picture = eight_bits(looming(60, 30, 30, 16))
     shown = [*picture[:4], *picture[3:4] * 15, *picture[4:8], *picture[7:8] * 15, *picture[8:]]
     times = np.cumsum([1 / 30] * 39 + [1 / 15] * 7) - 1 / 30
@@ -211,7 +211,7 @@ def test_a_second_pause_is_shown_to_the_models_with_its_own_times() -> None:
 
 
 def test_pictures_that_last_two_frames_and_three_change_by_equal_intervals() -> None:
-    """Of 12 pictures/s in 30 frames/s each is compared with the one 1/12 s before."""
+    """Each of 12 pictures/s in 30 frames/s is compared with the picture 1/12 s before."""
     pictures = np.array(eight_bits([disk(60, 30, 30, 5 + t) for t in range(20)]))
     lasts = np.resize([2, 3], 20)
     shown = list(analyse(np.repeat(pictures, lasts, axis=0), rate=30, rmo=False))
@@ -271,8 +271,8 @@ def approach() -> Frames:
 TIMES = np.arange(34) / 30 + np.random.default_rng(2).uniform(-0.004, 0.004, 34)
 
 
-def test_frames_one_by_one_give_what_the_array_gives() -> None:
-    """The zero of the times is the caller's, and a frame may be overwritten after its step."""
+def test_frames_one_by_one_give_the_results_of_the_array() -> None:
+    """Times may begin anywhere, and the caller may overwrite a frame after its step."""
     frames = approach()
     expected = list(analyse(frames, times=TIMES.tolist(), preset="default"))
     analysis = Analysis((180, 320), rate=30, rmo=True)
@@ -296,7 +296,7 @@ def test_frames_one_by_one_give_what_the_array_gives() -> None:
 @pytest.mark.parametrize("frame", [10, 18])
 @pytest.mark.parametrize("late_s", [0.08, 5.0, -3.0])
 def test_one_wrong_time_costs_neither_alarm_nor_time_to_contact(frame: int, late_s: float) -> None:
-    """After a jump by seconds the models begin anew, which takes six frames."""
+    """After a jump by seconds the models begin again, which takes six frames."""
     right, wrong = Analysis((180, 320)), Analysis((180, 320))
     alarms, contacts = [], []
     for index, picture in enumerate(approach()):
@@ -377,7 +377,7 @@ def test_an_analysis_is_not_copied(copied: Callable[[Analysis], object]) -> None
 @pytest.mark.parametrize(
     ("per_second", "apart"), [(1e3, "33.3"), (1e6, "3.33e+04"), (1e9, "3.33e+07")]
 )
-def test_times_of_another_unit_are_told(per_second: float, apart: str) -> None:
+def test_times_of_another_unit_give_a_warning(per_second: float, apart: str) -> None:
     analysis, frames = Analysis((180, 320)), approach()
     for index in range(9):
         analysis.step(frames[index], index / 30 * per_second)
@@ -392,7 +392,7 @@ def test_times_of_another_unit_are_told(per_second: float, apart: str) -> None:
 
 
 def test_the_remarks_are_those_of_the_sidecar() -> None:
-    """Every picture of 8 per second comes twice, one time goes back, and the rate is wrong."""
+    """8 pictures/s come twice each, one time goes back, and the declared rate is wrong."""
     frames = [frame for frame in eight_bits(looming(120, 60, 60, 16)) for _ in range(2)]
     times = [index / 16 for index in range(len(frames))]
     times[20] = times[19]
@@ -405,7 +405,7 @@ def test_the_remarks_are_those_of_the_sidecar() -> None:
     assert (
         rate == "30 frames/s are declared, but the times of most frames say 16; the times are used"
     )
-    # By the times: the declared rate would make twice as many of them.
+    # The times count here: the declared rate would give twice as many pictures/s.
     assert repeats.startswith("holds about 8 different pictures/s in 16 frames/s; the repeats")
     assert small.startswith(
         "has a working size of 12 x 12 px: below 13 px no detector is known to respond"
@@ -416,7 +416,7 @@ def test_the_remarks_are_those_of_the_sidecar() -> None:
     assert steady.remarks == []
 
 
-def test_a_camera_that_stands_still_is_told() -> None:
+def test_a_picture_that_stands_still_gives_a_remark() -> None:
     dead, frozen = Analysis((90, 120), height=90), Analysis((90, 120), height=90)
     for index in range(60):
         dead.step(np.zeros((90, 120)), index / 30)
@@ -458,4 +458,4 @@ def test_wrong_frames_one_by_one() -> None:
         frame, time_s, kind, sentence = wrong
         with pytest.raises(kind, match=sentence):
             analysis.step(frame, time_s)
-    assert analysis.step(np.zeros((90, 120)), 5.0).time_s == 0  # none of them counted
+    assert analysis.step(np.zeros((90, 120)), 5.0).time_s == 0  # the wrong frames did not count

@@ -48,7 +48,9 @@ def stimulus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(protocol, tmp_path_factory.mktemp("stimulus")).video
 
 
-def test_a_field_of_view_against_the_ground_truth_is_told(stimulus: Path, tmp_path: Path) -> None:
+def test_a_field_of_view_that_the_ground_truth_contradicts_gives_a_remark(
+    stimulus: Path, tmp_path: Path
+) -> None:
     for fov, told in ((60.0, False), (90.0, True)):  # 300 px at 5 px/deg
         _, sidecar = done(stimulus, tmp_path / f"{fov}", fov=fov)
         said = "--fov says 90 degrees, but the ground truth 60; --fov is used"
@@ -76,7 +78,7 @@ def test_a_damaged_or_foreign_ground_truth_is_left_out(stimulus: Path, tmp_path:
 
 
 @pytest.mark.parametrize("aspect", [Fraction(1), Fraction(4, 3)])
-def test_pixels_that_are_no_squares_are_told(tmp_path: Path, aspect: Fraction) -> None:
+def test_pixels_that_are_no_squares_give_a_remark(tmp_path: Path, aspect: Fraction) -> None:
     video = tmp_path / "a.mkv"
     with av.open(str(video), "w") as container:
         stream: Any = container.add_stream("mpeg4", rate=30)
@@ -180,7 +182,7 @@ def test_a_size_in_degrees_needs_the_field_of_view() -> None:
         ("opplod.cone=60deg", "takes a number, not '60deg'"),
     ],
 )
-def test_angles_that_are_none(given: str, reason: str) -> None:
+def test_wrong_angles_are_refused(given: str, reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         resolve(assignments=[given])
 

@@ -1,4 +1,4 @@
-"""The files of a run that ends by an error: rows that a message names, or none."""
+"""The files that a run with an error leaves, and the message about them."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Failing:
         """Do nothing."""
 
     def frame(self, _record: FrameRecord) -> None:
-        """Raise the error when its time has come."""
+        """Raise the error after the given number of frames."""
         self._left -= 1
         if self._left == 0:
             raise self._error
@@ -48,7 +48,7 @@ class Failing:
         (KeyboardInterrupt(), Interrupted, True),
     ],
 )
-def test_rows_of_a_bug_go_and_all_others_are_named(
+def test_a_bug_removes_the_rows_and_other_errors_name_them(
     tmp_path: Path, error: BaseException, raised: type[BaseException], kept: bool
 ) -> None:
     video = write_video(tmp_path / "a.avi", grey_frames(12, width=64, height=48))
@@ -69,14 +69,14 @@ def test_rows_of_a_bug_go_and_all_others_are_named(
 
 
 class Removing(Failing):
-    """A watcher in whose time somebody removes a folder."""
+    """A watcher that removes a folder, as somebody might during a run."""
 
     def __init__(self, folder: Path, error: BaseException, after: int) -> None:
         super().__init__(error, after)
         self._folder = folder
 
     def frame(self, record: FrameRecord) -> None:
-        """Remove the folder, and raise the error when its time has come."""
+        """Remove the folder, and raise the error after the given number of frames."""
         shutil.rmtree(self._folder, ignore_errors=True)
         super().frame(record)
 
@@ -86,7 +86,7 @@ class Removing(Failing):
     ("after", "raised", "said"),
     [(99, OutputError, "cannot be written (no such file"), (5, Interrupted, "")],
 )
-def test_a_folder_that_vanishes_during_a_run_is_told(
+def test_a_folder_that_vanishes_during_a_run_gives_an_error(
     tmp_path: Path, after: int, raised: type[BaseException], said: str
 ) -> None:
     video = write_video(tmp_path / "a.avi", grey_frames(12, width=64, height=48))

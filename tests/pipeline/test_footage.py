@@ -1,4 +1,4 @@
-"""Footage in other codings: its size, and its repeats, change neither alarms nor peaks."""
+"""Neither the size nor the repeats of footage change its alarms or peaks."""
 
 from __future__ import annotations
 
@@ -39,11 +39,12 @@ LOST = {
 
 
 class Case(NamedTuple):
-    """How far the peak of `default` may be from 1.
+    """How far the ratio of two peaks of `default` may be from 1.
 
-    `told`: over the same file where the repeats are told, which is what the recognition adds.
-    `plain`: over the file that shows every picture once, to which the encoder adds its share.
-    `pictures`: how many pictures their alarms, of the same number, may be apart.
+    The first peak is that of a file with repeats. `told` is for the same file if the test says
+    which frames are repeats, so that recognition makes no difference. `plain` is for a file that
+    shows every picture once; here the encoder makes a difference too. `pictures` is the largest
+    distance of the alarms of these two files, in pictures.
     """
 
     how: str
@@ -58,12 +59,12 @@ GENERATED = (
     Case("twice, CRF 23", 0.005, 0.005),
     # A picture of the small disk is taken for a repeat: the clock begins with short intervals.
     Case("12 in 30, CRF 23", 0.07, 0.07),
-    Case("twice, CRF 28", 0.005, 0.02, pictures=1.6),  # 0.05 s earlier, by the encoder
+    Case("twice, CRF 28", 0.005, 0.02, pictures=1.6),  # 0.05 s earlier because of the encoder
     # 27 of 45 repeats are missed while the disk is small: the clock begins 10 pictures before, and
     # frames are seen at half their size for longer.
     Case("12 in 30, CRF 28", 0.02, 0.08),
 )
-# The encoder codes the pictures themselves otherwise where they are repeated.
+# The encoder also codes a picture in another way if repeats follow.
 TC22 = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.005, 0.005),
@@ -87,7 +88,7 @@ C38 = (
 
 
 def check(shown: list[Plane], folder: Path, cases: tuple[Case, ...]) -> None:
-    """Preset `default` alarms as it does on the file with every picture once."""
+    """Check that `default` alarms as it does for the file with every picture once."""
     limits, seen = {case.how: case for case in cases}, 0
     for pair in repeated(shown, Fraction(30), folder):
         if pair.how not in limits:
@@ -118,7 +119,7 @@ def test_repeats_of_a_clip_change_no_alarm(
 
 
 def test_the_size_of_a_video_changes_little(tmp_path: Path) -> None:
-    """The encoder loses most of a small picture, and with it the background of `default`."""
+    """The encoder loses most texture of a small picture, and so `default` loses background."""
     path = coded(tmp_path / "a.mp4", generated(2160, 30), Fraction(30), LOSSLESS)
     for how, here, there, *_ in sizes(path, 30, tmp_path):
         plain = answers(there)[0]

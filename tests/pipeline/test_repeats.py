@@ -1,4 +1,4 @@
-"""Repeats: pictures shown again, exactly or coded anew, and scenes that look like them."""
+"""Repeats, exact or re-encoded, and scenes that look like repeats."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ HEIGHT, WIDTH = 120, 160
 
 
 def answers(frames: Sequence[Luma], rate: float = 30, **params: Any) -> tuple[str, Repeats]:
-    """Return a letter per frame (E, N: of a cadence; e: not), and the repeats."""
+    """Return a letter per frame, and the `Repeats`.
+
+    E and N are exact and near repeats of a cadence, e is an exact repeat outside one.
+    """
     repeats = Repeats(RepeatParams(**params))
     found = [repeats.step(frame, index / rate) for index, frame in enumerate(frames)]
     assert all(each.passed_over for each in found if each.held)
@@ -39,7 +42,7 @@ def noise(frames: int, sigma: float) -> Luma:
 
 
 def panned(shifts: Iterable[float], sigma: float = 0.0) -> list[Luma]:
-    """Frames of a texture, shifted by so many pixels, with noise."""
+    """Return frames of a texture, shifted by numbers of pixels, with noise."""
     wide = texture(HEIGHT, 512, 3)
     moved = [
         cv2.warpAffine(wide, np.array([[1, 0, -shift], [0, 1, 0]], np.float32), (WIDTH, HEIGHT))
@@ -50,7 +53,7 @@ def panned(shifts: Iterable[float], sigma: float = 0.0) -> list[Luma]:
 
 
 def coded(path: Path, frames: Sequence[Luma], rate: int, crf: int) -> list[Luma]:
-    """The frames as they come out of an H.264 file."""
+    """Return the frames after they were encoded in H.264 and decoded."""
     shown = [(frame * 255).round().astype(np.uint8) for frame in frames]
     write_video(path, shown, codec="libx264", pixel_format="yuv420p", rate=rate,
                 options={"crf": str(crf)})  # fmt: skip
@@ -83,9 +86,7 @@ def test_the_pictures_of_a_cadence_are_evenly_spaced_in_time(rate: int, pictures
     ("lasts", "most"),
     [((2, 3), 0.01), ((2, 2, 3, 2, 3), 0.01), ((1, 1, 1, 2), 0.02), ((3, 1, 1, 1), 0.03)],
 )
-def test_pictures_that_last_so_many_frames_in_turn_are_told_at_even_times(
-    lasts: tuple[int, ...], most: float
-) -> None:
+def test_pictures_of_a_regular_pattern_get_even_times(lasts: tuple[int, ...], most: float) -> None:
     """The last pattern is that of two converters: pictures of 20 per second miss theirs by 1.5."""
     pictures = np.random.default_rng(1).random((120, 4, 4)).astype(np.float32)
     frames = np.repeat(pictures, np.resize(lasts, 120), axis=0)
@@ -133,7 +134,7 @@ def test_a_few_exact_repeats_are_repeats_and_many_are_a_still_scene() -> None:
 
 
 @pytest.mark.parametrize("rate", [12, 25, 30, 50, 60, 240])  # at 50, 0.18 s are 9 frames
-def test_a_picture_is_repeated_for_at_most_a_time_whatever_the_rate(rate: int) -> None:
+def test_a_picture_is_repeated_for_a_limited_time_at_any_rate(rate: int) -> None:
     still = [np.zeros((4, 4), np.float32)] * rate
     shown, _ = answers(still, rate)
     repeats = Repeats(RepeatParams())
@@ -153,7 +154,7 @@ def test_pictures_that_are_coded_anew_are_repeats(
     shown = [moving[k * pictures // rate] for k in range(2 * rate)]
     found, repeats = answers(coded(tmp_path / "a.mp4", shown, rate, crf), rate)
     expected = [k * pictures // rate == (k - 1) * pictures // rate for k in range(2 * rate)]
-    # The first ones make the cadence; from then on each is recognised, and nothing else is.
+    # The first repeats make the cadence; after them exactly the repeats are recognised.
     begun = 20
     assert [letter != "." for letter in found[begun:]] == expected[begun:]
     assert repeats.near > 0

@@ -65,7 +65,9 @@ def test_a_preset_brings_its_own_alarm() -> None:
         ("height = ", "is not valid TOML"),
     ],
 )
-def test_a_wrong_file_is_named_with_its_mistake(tmp_path: Path, text: str, message: str) -> None:
+def test_the_message_names_a_wrong_file_and_its_mistake(
+    tmp_path: Path, text: str, message: str
+) -> None:
     path = write(tmp_path, text)
     with pytest.raises(ParameterError, match=message) as caught:
         resolve(config=path)

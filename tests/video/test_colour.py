@@ -34,7 +34,7 @@ def colours(path: Path, height: int | None = 24) -> list[NDArray[np.uint8]]:
 
 
 def write_colour(path: Path, picture: NDArray[np.uint8], space: int, **more: Any) -> Path:
-    """Encode a picture twice, in a colour space that is stated, or left unsaid (2)."""
+    """Encode a picture twice in a stated colour space; 2 is "unspecified"."""
     with av.open(str(path), "w") as container:
         stream: Any = container.add_stream("libx264", rate=30, options={"crf": "1"})
         stream.height, stream.width = picture.shape[:2]

@@ -68,7 +68,7 @@ def test_rgb_becomes_grey_by_rec_601(tmp_path: Path) -> None:
 
 
 def test_a_raw_stream_has_the_rate_that_its_encoder_states(tmp_path: Path) -> None:
-    """Its file states no times, and FFmpeg takes 25 frames/s for all such files."""
+    """The file states no times, and FFmpeg assumes 25 frames/s for all such files."""
     path = write_video(tmp_path / "a.h264", grey_frames(6), rate=Fraction(60), codec="libx264")
     with open_video(path) as video:
         assert video.facts.frame_rate == 60
@@ -168,7 +168,7 @@ def test_frames_of_an_avi_of_fine_ticks_are_counted_as_frames(tmp_path: Path) ->
     )
     cut = tmp_path / "cut.avi"
     data = path.read_bytes()
-    cut.write_bytes(data[: data.rindex(b"idx1") * 3 // 4])  # so that it has no index
+    cut.write_bytes(data[: data.rindex(b"idx1") * 3 // 4])  # without its index
     with open_video(path) as video:
         assert len(list(video)) == video.facts.frames_declared == 40
         assert video.decode.complete
@@ -190,7 +190,7 @@ def turned(path: Path, matrix: tuple[int, ...]) -> Path:
 
 
 ONE = 1 << 16
-# As cameras write them: how far the picture is to be turned clockwise.
+# Cameras write the angle by which a player turns the picture clockwise.
 MATRICES = {
     0: (ONE, 0, 0, 0, ONE, 0, 0, 0, 1 << 30),
     90: (0, ONE, 0, -ONE, 0, 0, 0, 0, 1 << 30),
@@ -200,7 +200,7 @@ MATRICES = {
 
 
 def oriented(path: Path, clockwise: int, *, mirrored: bool) -> NDArray[np.bool_]:
-    """Write a video with a display matrix; return where it is bright as it is displayed."""
+    """Write a video with a display matrix; return where the displayed picture is bright."""
     image = np.full((48, 64), 40, np.uint8)
     image[:16, :16] = 220  # a bright corner, left and top as coded
     write_video(path, [image] * 3, codec="libx264", pixel_format="yuv420p")
@@ -284,9 +284,9 @@ def test_frames_that_never_came_are_counted(tmp_path: Path, kept: int, note: str
     [
         ("libx264", (48, 64), 2, 0, 1),
         ("mpeg4", (48, 64), 1, 0, 1),
-        ("libx264", (48, 64), 8, 0, 0),  # more threads bring something there
-        ("libx264", (1088, 1024), 2, 0, 4),  # too large
-        ("libvpx-vp9", (48, 64), 2, 0, 4),  # too slow
+        ("libx264", (48, 64), 8, 0, 0),  # more threads help on eight cores
+        ("libx264", (1088, 1024), 2, 0, 4),  # too large for one thread
+        ("libvpx-vp9", (48, 64), 2, 0, 4),  # a codec too slow for one thread
         ("libvpx-vp9", (48, 64), 1, 0, 0),
         ("libx264", (48, 64), 2, 3, 3),  # the caller has chosen
     ],
@@ -331,7 +331,7 @@ def test_a_damaged_packet_loses_only_its_own_frames(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("then", ["gone", "text", "other"])
 def test_a_damaged_file_that_is_replaced_while_it_is_read(tmp_path: Path, then: str) -> None:
-    """To decode it again it has to be opened again; the rows so far are a result."""
+    """A second pass cannot open the damaged file again; the rows so far are a result."""
     path = write_video(
         tmp_path / "a.avi", grey_frames(60, seed=4), codec="ffv1", options={"slicecrc": "1"}
     )

@@ -1,4 +1,4 @@
-"""Presentation times that are wrong, and what is said of them."""
+"""Wrong presentation times, and the remarks about them."""
 
 from __future__ import annotations
 
@@ -85,12 +85,12 @@ def test_the_rate_is_right_although_times_are_rounded_and_frames_are_lost(
 
 
 def test_the_rate_is_that_of_most_frames() -> None:
-    """A pause of a minute, and steps that double, move it as little as they moved the median."""
+    """Neither a pause of a minute nor steps of twice the usual length change the rate."""
     doubled = np.cumsum([1, 1, 1, 2] * 20) / 30
     assert taken([0.0, *doubled, doubled[-1] + 60])[1].rate == pytest.approx(30)
 
 
-def test_a_declared_rate_that_the_times_contradict_is_named() -> None:
+def test_a_declared_rate_that_the_times_contradict_gives_a_remark() -> None:
     _, kept = taken([t / 12 for t in range(20)], 30)
     assert kept.remarks() == [
         "30 frames/s are declared, but the times of most frames say 12; the times are used"
@@ -99,7 +99,7 @@ def test_a_declared_rate_that_the_times_contradict_is_named() -> None:
 
 
 @pytest.mark.parametrize("rate", [1, 8])
-def test_few_frames_are_named(rate: int) -> None:
+def test_a_low_frame_rate_gives_a_remark(rate: int) -> None:
     (note,) = taken([t / rate for t in range(9)], rate)[1].remarks()
     assert note.startswith(f"{rate} frames/s are too few for the models")
 

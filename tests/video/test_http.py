@@ -66,14 +66,14 @@ def decoded(content: bytes, stated: int | None) -> DecodeFacts:
 def test_an_answer_without_a_length(
     tmp_path: Path, suffix: str, codec: str, pixels: str, declares: bool
 ) -> None:
-    """It is complete where it ends, unless the container declares more than came."""
+    """The video is complete at the end of the answer, unless the container declares more."""
     frames = grey_frames(FRAMES)
     content = write_video(
         tmp_path / f"a.{suffix}",
         frames,
         codec=codec,
         pixel_format=pixels,
-        options={"g": "1"},  # frames of one size, so that the cut is among them
+        options={"g": "1"},  # frames of equal size, so that the cut is between frames
         container={"movflags": "+faststart"} if suffix == "mp4" else {},
     ).read_bytes()
     whole = decoded(content, None)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """Twelve images whose names sort otherwise by letter."""
+    """Twelve images whose order by letters differs from their order by numbers."""
     for index, image in enumerate(grey_frames(12)):
         cv2.imwrite(str(tmp_path / f"frame_{index}.png"), image)
     (tmp_path / "notes.txt").write_text("not an image")
@@ -51,7 +51,7 @@ def test_a_pattern_takes_only_its_own(folder: Path) -> None:
             assert len(list(video)) == count
 
 
-def test_numbers_that_are_missing_are_told(folder: Path) -> None:
+def test_missing_numbers_give_a_note(folder: Path) -> None:
     where = "after frame_4.png"
     for removed, place in (("5", where), ("8", f"in 2 places, first {where}")):
         (folder / f"frame_{removed}.png").unlink()
@@ -136,7 +136,7 @@ def test_of_sixteen_bits_eight_are_kept(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("opacity", [255, 254])
-def test_images_that_are_not_opaque_are_told(tmp_path: Path, opacity: int) -> None:
+def test_images_with_transparency_give_a_note(tmp_path: Path, opacity: int) -> None:
     for index in range(3):
         alpha = np.full_like(SCENE, 255 if index == 1 else opacity)
         Image.fromarray(np.dstack([RGB, alpha])).save(tmp_path / f"{index}.png")
@@ -160,7 +160,7 @@ def test_transparency_is_left_out_and_samples_of_32_bits_are_refused(tmp_path: P
 
 
 @pytest.mark.parametrize("suffix", ["png", "webp", "tiff"])
-def test_an_animation_or_a_stack_among_images_is_named(tmp_path: Path, suffix: str) -> None:
+def test_an_animation_or_a_stack_among_images_is_a_failure(tmp_path: Path, suffix: str) -> None:
     pictures = [Image.fromarray(np.roll(RGB, 5 * index, 1)) for index in range(4)]
     pictures[0].save(tmp_path / "0.png")
     pictures[0].save(
@@ -206,7 +206,7 @@ def test_names_with_digits_of_other_kinds_are_sorted(tmp_path: Path) -> None:
         open_video(tmp_path / f"%0{10**12}d.png")
 
 
-def test_what_is_no_regular_file_is_not_waited_for(folder: Path) -> None:
+def test_pipes_and_devices_are_not_waited_for(folder: Path) -> None:
     os.mkfifo(folder / "frame_12.png")
     with open_video(folder, height=None) as video:
         assert len(list(video)) == 12

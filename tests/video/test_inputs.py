@@ -21,7 +21,7 @@ def test_an_empty_folder(tmp_path: Path) -> None:
     assert "no video and no image in this folder" in str(found.error)
 
 
-def test_what_a_folder_of_videos_leaves_out_is_told(tmp_path: Path) -> None:
+def test_inputs_beside_the_videos_of_a_folder_give_a_note(tmp_path: Path) -> None:
     names = ("a.avi", "a.frames.png", "still.jpg", "anim.webp", "results/a.frames.csv")
     for name in (*names, "seq/1.png", "seq/2.png", "plots/x.png", ".trash/b.mp4", "cam/b.mp4"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -52,7 +52,7 @@ def test_a_stem_depends_on_nothing_but_its_input() -> None:
         ("*/cam2/../cam1/a.mp4", False, [""]),
     ],
 )
-def test_results_mirror_the_folders_below_the_one_that_is_named(
+def test_results_mirror_the_folders_of_the_inputs(
     pattern: str,
     recursive: bool,
     folders: list[str],

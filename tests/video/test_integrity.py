@@ -1,4 +1,4 @@
-"""Ends that are missing, checksums that are wrong, and errors that decoders only log."""
+"""Missing ends, wrong checksums, and errors that decoders only log."""
 
 from __future__ import annotations
 
@@ -34,7 +34,11 @@ CUTS = {
     "apng": Kind("apng", "apng", "rgb24"),
     "m2ts": Kind("m2ts", "libx264", options=X264),
 }
-MOST_UNNOTICED = {"flv": 2, "apng": 2, "h264-ts": 2}  # of 20: between two tags, frames, pictures
+MOST_UNNOTICED = {
+    "flv": 2,
+    "apng": 2,
+    "h264-ts": 2,
+}  # of 20 cuts: those between two tags, frames or pictures
 
 
 @pytest.mark.parametrize("name", CUTS)
@@ -79,7 +83,7 @@ def test_bits_that_change_in_a_matroska_file_are_noticed_by_its_checksums(tmp_pa
 
 
 def test_elements_without_a_known_length_are_walked_through(tmp_path: Path) -> None:
-    """As browsers record: the segment and each cluster end where the next one begins."""
+    """Browsers record so: the segment and each cluster end where the next one begins."""
     path = make(tmp_path / "a.webm", KINDS["vp9-webm"], to_pipe=True)
     data = path.read_bytes()
     place = data.index(b"\x1f\x43\xb6\x75") + 4
@@ -131,7 +135,7 @@ def test_packets_of_a_transport_stream(tmp_path: Path) -> None:
         fault_of_packets(path, [*packets[:lost], *packets[lost + 1 :]], stream) == BROKEN
         for lost in video[1:-1]
     ]
-    # Before a key frame one may be missing: parts of a broadcast are joined there.
+    # Before a key frame packets may be missing: a broadcast may be joined of parts there.
     assert sum(noticed) >= len(noticed) - 2
     some, others = video[len(video) // 2], [*packets]
     assert fault_of_packets(path, [*packets[: some + 1], *packets[some:]], stream) is None  # twice
@@ -140,7 +144,7 @@ def test_packets_of_a_transport_stream(tmp_path: Path) -> None:
     assert fault_of_packets(path, [*packets, *packets], stream) is None
     others[some] = bytes([packets[some][0], packets[some][1] | 0x80, *packets[some][2:]])
     assert fault_of_packets(path, others, stream) == BROKEN
-    # A broadcast that is received begins anywhere.
+    # A receiver of a broadcast may begin in the middle of a packet.
     path.write_bytes(b"".join(packets)[100:])
     assert fault_of(str(path), "mpegts", stream=stream) is None
 
@@ -158,9 +162,7 @@ SUMS = {
 
 
 @pytest.mark.parametrize("name", SUMS)
-def test_errors_that_a_decoder_conceals_are_told_and_threads_do_not_matter(
-    tmp_path: Path, name: str
-) -> None:
+def test_concealed_errors_are_counted_with_any_number_of_threads(tmp_path: Path, name: str) -> None:
     kind, threads = SUMS[name]
     path = make(tmp_path / f"a.{kind.suffix}", replace(kind, frames=24))
     data, random = path.read_bytes(), Random(2)  # noqa: S311
@@ -191,8 +193,8 @@ def test_errors_that_a_decoder_conceals_are_told_and_threads_do_not_matter(
     assert silent <= (2 if name == "gif" else 0)  # other indices of colours are valid ones
 
 
-def test_what_a_talkative_decoder_says_is_no_damage(tmp_path: Path) -> None:
-    """Cameras write data of their own beside a JPEG picture, which FFmpeg does not know."""
+def test_errors_that_a_decoder_logs_for_intact_files_are_no_damage(tmp_path: Path) -> None:
+    """Cameras write data beside a JPEG picture that FFmpeg does not know."""
     path = make(tmp_path / "a.mjpeg", Kind("mjpeg", "mjpeg", "yuvj420p"))
     data = path.read_bytes()
     strange = b"\xff\xe1\x00\x0aExif\x00\x00zz"

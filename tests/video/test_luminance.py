@@ -96,7 +96,7 @@ def test_shrinking_averages_areas(
 
 
 def areas(source: int, working: int) -> np.ndarray:
-    """How much of each source pixel lies in each working pixel, in shares of the latter."""
+    """Return the share of each working pixel that each source pixel covers."""
     ends = np.arange(working + 1) * source / working
     pixels = np.arange(source)
     upper = np.minimum(ends[1:, None], pixels + 1)

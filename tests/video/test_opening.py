@@ -1,4 +1,4 @@
-"""Decoding in a process of its own: the same pictures, and the end of a decoder."""
+"""Decoding in a separate process: the same pictures, and the end of a decoder."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ pytestmark = [
 
 @pytest.fixture(autouse=True)
 def _possible(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Let a process be forked from that of the tests, which has threads."""
+    """Let the process of the tests fork another one, although it has threads."""
     monkeypatch.setattr(opening, "_can_fork", lambda: True)
     monkeypatch.setattr(opening, "cores", lambda: 2)
     gc.collect()
@@ -61,7 +61,7 @@ def begun(path: Path | str, height: int | None = 240, span: Span | None = None) 
 
 
 def children() -> list[int]:
-    """The processes that this one has started and not yet waited for."""
+    """Return the processes that this process started and has not yet waited for."""
     return [each.pid or 0 for each in multiprocessing.active_children()]
 
 
@@ -86,7 +86,7 @@ MAKE: dict[str, Callable[[Path], Path]] = {
     [(None, Span()), (24, Span(start=Position(frame=7))), (40, Span(end=Position(frame=9)))],
     ids=["native, all", "24, start", "40, end"],
 )
-def test_frames_are_the_same_in_a_process_of_its_own(
+def test_frames_are_the_same_in_a_separate_process(
     name: str, height: int | None, span: Span, tmp_path: Path
 ) -> None:
     path = MAKE[name](tmp_path / name)
@@ -139,7 +139,7 @@ def test_a_bug_in_the_process_is_raised_with_its_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class TwoWordsError(Exception):
-        """Cannot be made again from its message alone."""
+        """An error that pickle cannot make again from its message alone."""
 
         def __init__(self, one: str, two: str) -> None:
             super().__init__(f"{one} {two}")
@@ -200,7 +200,7 @@ def _drained(frames: Iterator[Frame]) -> None:
 
 
 def _ends(process: int) -> bool:
-    """Whether a process ends within two minutes; one that nobody has waited for is a zombie."""
+    """Return whether a process ends, perhaps as a zombie, within two minutes."""
     for _ in range(6000):
         try:
             stat = Path(f"/proc/{process}/stat").read_text()

@@ -52,7 +52,7 @@ def test_a_text_that_is_no_position(text: str) -> None:
         ({"seconds": -1}, "a finite number of at least 0, not -1"),
     ],
 )
-def test_a_position_that_is_none(given: dict[str, Any], message: str) -> None:
+def test_a_wrong_position_is_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         Position(**given)
 
@@ -71,7 +71,7 @@ def test_end_and_duration_exclude_each_other() -> None:
 
 
 def set_back(folder: Path, frames: int) -> Path:
-    """Write a transport stream whose clock is set back twice, after so many frames each."""
+    """Write a transport stream whose clock goes back after the first and the second part."""
     images = grey_frames(frames)
     part = write_video(folder / "part.ts", images, codec="libx264", pixel_format="yuv420p", rate=25)
     path = folder / "a.ts"
@@ -103,14 +103,14 @@ def test_positions_count_on_where_the_clock_was_set_back(
 
 @pytest.mark.parametrize("start", [20, 21, 33, 41])
 def test_a_part_has_the_times_of_the_complete_input(tmp_path: Path, start: int) -> None:
-    """Here a shift of less than a second is taken back step by step."""
+    """A shift of less than a second shrinks step by step."""
     path = set_back(tmp_path, 20)
     with open_video(path) as video:
         complete = [frame.time_s for frame in video]
     assert complete[59] == pytest.approx(59 / 25 - 0.072, abs=0.01)
     with open_video(path, span=Span(Position(frame=start))) as video:
         error = {frame.index: frame.time_s - complete[frame.index] for frame in video}
-    # The usual step, by which wrong times follow, is that of the part.
+    # A wrong time is replaced by the usual step of this part.
     wrong = [error.pop(frame) for frame in (40, 41) if frame > start]
     assert wrong == pytest.approx([0] * len(wrong), abs=0.009)
     assert set(error.values()) == {0}

@@ -54,7 +54,7 @@ def test_browsers_can_play_it(tmp_path: Path) -> None:
         assert len(container.streams) == 1
     data = path.read_bytes()
     assert 0 < data.index(b"moov") < data.index(b"mdat")
-    assert b"Lavf" not in data  # so that another version of the library gives the same bytes
+    assert b"Lavf" not in data  # its version would change the bytes
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_times_that_stand_still_or_jump(tmp_path: Path) -> None:
         Fraction(1, 10) + 2 * tick,
         Fraction(1, 5),
     ]
-    # The clock is set on by a day, and back to its beginning.
+    # The clock jumps a day ahead, and back to its beginning.
     jumps = times_of(record(tmp_path / "b.mp4", [0, 1, 86401, 86402, 0, 1]))
     frame = 1 / 30
     expected = [0, 1, 1 + frame, 2 + frame, 2 + 2 * frame, 3 + 2 * frame]
