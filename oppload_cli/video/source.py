@@ -26,20 +26,9 @@ _DEFAULT_HEIGHT = 240
 class Video:
     """An open input. A loop over it yields each :class:`Frame` at the working size, once.
 
-    It is a context manager. `close` ends the decoding thread.
-
-    Parameters
-    ----------
-    source : PictureSource
-        The open input.
-    height : int or None
-        Working height in pixels; None keeps the native size.
-    span : Span
-        The part of the input to yield.
-    colour : bool
-        Whether the frames also have their picture in colour.
-    ahead : bool
-        Whether a thread decodes pictures before the caller asks for them.
+    It is a context manager. `close` ends the decoding thread. :func:`open_video` makes a `Video`
+    and explains its parameters. If `ahead` is True, a thread decodes pictures before the caller
+    asks for them.
 
     Attributes
     ----------
