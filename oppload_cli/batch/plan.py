@@ -1,4 +1,4 @@
-"""The inputs of a batch: their order, the names of their results, and their outcomes."""
+"""The inputs of a batch: their order, the names of their results, and the count of outcomes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import re
 import sys
 from collections import Counter, defaultdict
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -40,35 +40,20 @@ _STANDARD_INPUT = "-"
 FAILURE_COLUMNS = ("input", "stem", "exit_code", "error")  # of failures.csv
 
 
-class Listed(NamedTuple):
-    """One entry of a list of inputs.
+class Input(NamedTuple):
+    """One input of a batch, or one entry of a list of inputs.
 
     Attributes
     ----------
     name : str
-        A file, a folder, a pattern or an address.
+        The input; in a list also a folder or a pattern, which stands for several inputs.
     stem : str
-        The stem of its results, where an earlier batch has chosen it; else empty.
+        The names of its results begin with it, as in ``{stem}.frames.csv``. Empty in a list, unless
+        an earlier batch has chosen a stem.
     """
 
     name: str
     stem: str = ""
-
-
-@dataclass(frozen=True)
-class _Planned:
-    """One input of a batch.
-
-    Attributes
-    ----------
-    name : str
-        The input.
-    stem : str
-        Of its results: ``{stem}.frames.csv`` and ``{stem}.oppload.json``.
-    """
-
-    name: str
-    stem: str
 
 
 @dataclass(frozen=True)
@@ -80,10 +65,10 @@ class Failure:
     name : str
         The input, as the user named it.
     stem : str
-        Of its results; empty where no input was found under the name. Trying it again from
-        ``failures.csv`` keeps it.
+        The stem of its results, which a retry from ``failures.csv`` keeps; empty if the name stands
+        for no input.
     code : int
-        The exit code that it has alone (``docs/formats.md``).
+        The exit code of a run of this input alone (``docs/formats.md``).
     message : str
         One sentence: the fault, its place, and the remedy.
     """
@@ -96,105 +81,93 @@ class Failure:
 
 @dataclass(frozen=True)
 class Plan:
-    """All inputs of a batch, each once, sorted by name.
+    """The inputs of a batch, each once and sorted by name, and the names that are no input."""
 
-    Attributes
-    ----------
-    inputs : list of _Planned
-        The inputs to analyse.
-    failures : list of Failure
-        Names under which no input was found.
-    """
-
-    inputs: list[_Planned] = field(default_factory=list)
-    failures: list[Failure] = field(default_factory=list)
+    inputs: list[Input]
+    failures: list[Failure]
 
     def __len__(self) -> int:
         return len(self.inputs) + len(self.failures)
 
     def shard(self, number: int, of: int) -> Plan:
-        """Return every `of`-th input, from the `number`-th (from 1) on.
+        """Return every `of`-th input, beginning with the `number`-th one (from 1).
 
-        The same list gives the same shards; they never overlap, and together they are
-        the plan. Results keep the names of the complete plan. A name without an input
-        fails in the first shard.
+        The same list gives the same shards; they never overlap, and together they are the plan.
+        Results keep the names that they have in the complete plan. All failures of the plan are in
+        the first shard.
         """
         return Plan(self.inputs[number - 1 :: of], self.failures if number == 1 else [])
 
 
-def planned(named: Iterable[str | Listed | Failure], *, recursive: bool = False) -> Plan:
+def planned(named: Iterable[str | Input | Failure], *, recursive: bool = False) -> Plan:
     """Return the plan for the names that the user gives.
 
     Parameters
     ----------
-    named : iterable of str, Listed or Failure
-        Files, folders, patterns and addresses; a listed one with a stem keeps it. A
-        failure of a list is passed on.
+    named : iterable of str, Input or Failure
+        Files, folders, patterns and addresses. An Input with a stem keeps the stem; a Failure of a
+        list becomes a failure of the plan.
     recursive : bool
         Whether folders are searched to any depth.
     """
     stems: dict[str, str] = {}
     failures: list[Failure] = []
-    names: list[str] = []
     for entry in dict.fromkeys(named):
         if isinstance(entry, Failure):
             failures.append(entry)
             continue
-        each = entry if isinstance(entry, Listed) else Listed(entry)
-        if each.stem:
-            stems[each.name] = each.stem
-            names.append(each.name)
+        given = entry if isinstance(entry, Input) else Input(entry)
+        if given.stem:
+            stems[given.name] = given.stem
             continue
-        for name, error, folder in found_inputs(each.name, recursive=recursive):
+        for name, error, folder in found_inputs(given.name, recursive=recursive):
             if error is None:
-                names.append(name)
                 stems.setdefault(name, result_stem(name, folder))
             else:
                 failures.append(Failure(name, "", error.exit_code, str(error)))
-    inputs: list[_Planned] = []
-    holders: dict[str, str] = {}
-    clashing: list[str] = []
-    kept = sorted(each_once(names))
-    single_images = _single_images(kept)
+    names = sorted(each_once(stems))
+    single_images = _single_images(names)
     for folder, images in single_images.items():
         message = (
             f"{folder}: {len(images)} of its images are given one by one, and a single image shows "
             f"no motion; give the folder, or a pattern such as frame_%03d{Path(images[0]).suffix}"
         )
         failures.append(Failure(folder, "", ExitCode.NOTHING_READ, message))
-    left_out = set(chain.from_iterable(single_images.values()))
-    for name in kept:
-        if name in left_out:
-            continue
-        stem = stems[name]
-        holder = holders.setdefault(stem.casefold(), name)
-        if holder == name:
-            inputs.append(_Planned(name, stem))
-        else:
-            clashing.append(name)
-    failures += [_second(name, stems[name], holders) for name in clashing]
+    not_videos = set(chain.from_iterable(single_images.values()))
+    names = [name for name in names if name not in not_videos]
+    holders: dict[str, str] = {}  # the input that has a stem, by the stem in lower case
+    inputs: list[Input] = []
+    clashing: list[Input] = []
+    for name in names:
+        holder = holders.setdefault(stems[name].casefold(), name)
+        (inputs if holder == name else clashing).append(Input(name, stems[name]))
+    failures += [_same_stem(*each, holders) for each in clashing]
     return Plan(inputs, list(dict.fromkeys(failures)))
 
 
-def _second(name: str, stem: str, holders: dict[str, str]) -> Failure:
-    """Return the failure of an input whose stem another one holds; `holders` gets its new stem.
+def _same_stem(name: str, stem: str, holders: dict[str, str]) -> Failure:
+    """Return the failure of an input whose stem another input has.
 
-    Only a list may give it that: which input comes second changes as others join.
+    The input gets a new stem, which is added to `holders`. Only a run from ``failures.csv`` uses
+    the new stem: which of two inputs comes second may change if the user names further inputs.
     """
     holder = holders[stem.casefold()]
-    others = other_stems(name, stem)
-    own = next(each for each in others if holders.setdefault(each.casefold(), name) == name)
-    apart = Path(name).parent != Path(holder).parent and os.path.lexists(name)
-    message = (
-        f"{name}: its results would have the names of those of {holder}; "
-        f"{'give a folder of both with --recursive, or ' * apart}try it again by the list of "
-        f"failures, which names its table {own}{TABLE}"
+    new = next(
+        each
+        for each in other_stems(name, stem)
+        if holders.setdefault(each.casefold(), name) == name
     )
-    return Failure(name, own, ExitCode.USAGE, message)
+    in_other_folder = Path(name).parent != Path(holder).parent and os.path.lexists(name)
+    message = (
+        f"{name}: its results would have the same names as those of {holder}; "
+        f"{'give a folder of both with --recursive, or ' * in_other_folder}run the list of "
+        f"failures, which names its table {new}{TABLE}"
+    )
+    return Failure(name, new, ExitCode.USAGE, message)
 
 
 def _single_images(names: Iterable[str]) -> dict[str, list[str]]:
-    """Return the folders of which several images are named, as by a pattern, with their names."""
+    """Return several images of one folder, named one by one or by a pattern, by their folder."""
     images: defaultdict[str, list[str]] = defaultdict(list)
     for name in names:
         if is_image_file(name):
@@ -203,13 +176,7 @@ def _single_images(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def parse_shard(text: str) -> tuple[int, int]:
-    """Read a shard ``I/N``, the I-th of N from 1; return I and N.
-
-    Raises
-    ------
-    ParameterError
-        If it is written in another way, or I is not 1 to N.
-    """
+    """Return I and N of a shard ``I/N``; raise ParameterError for any other text."""
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
     number, of = (int(match[1]), int(match[2])) if match else (0, 0)
     if not 1 <= number <= of:
@@ -219,40 +186,35 @@ def parse_shard(text: str) -> tuple[int, int]:
     return number, of
 
 
-def read_list(source: str, *, null: bool = False) -> list[Listed | Failure]:
+def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
     """Read a list of inputs.
 
     Parameters
     ----------
     source : str
-        A file, or ``-`` for standard input, with a name on each line (empty lines are
-        passed over); or the ``failures.csv`` of a batch.
+        A file, or ``-`` for standard input, with a name on each line (empty lines are ignored); or
+        the ``failures.csv`` of a batch, of which a row with a faulty stem becomes a failure.
     null : bool
         Whether the names end in NUL, as ``find -print0`` writes them.
-
-    Returns
-    -------
-    list of Listed or Failure
-        A row with a stem that may not be used is a failure.
 
     Raises
     ------
     ParameterError
-        If it cannot be read, or names nothing.
+        If the list cannot be read, or names nothing.
     """
-    entries: list[Listed | Failure]
+    entries: list[Input | Failure]
     content = _content(source).removeprefix(codecs.BOM_UTF8)
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         raise ParameterError(f"--files-from {source}: is text in UTF-16; save it as UTF-8")
     text = os.fsdecode(content)
     if null:
-        entries = [Listed(name) for name in text.split("\0") if name]
+        entries = [Input(name) for name in text.split("\0") if name]
     elif text.startswith(",".join(FAILURE_COLUMNS)):
         entries = list(_failed_before(source, text))
     else:
-        # Only line ends separate: a name may hold any other character.
+        # Not `splitlines`: a name may hold the other characters that it takes for line ends.
         lines = (line.removesuffix("\r") for line in text.split("\n"))
-        entries = [Listed(line) for line in lines if line]
+        entries = [Input(line) for line in lines if line]
     if not entries:
         raise ParameterError(f"--files-from {source}: names no input; put a name on each line")
     if any("\0" in entry.name for entry in entries):
@@ -260,11 +222,11 @@ def read_list(source: str, *, null: bool = False) -> list[Listed | Failure]:
     return entries
 
 
-def _failed_before(source: str, text: str) -> Iterator[Listed | Failure]:
+def _failed_before(source: str, text: str) -> Iterator[Input | Failure]:
     """Yield the rows of a ``failures.csv``.
 
-    The file may come from elsewhere: no stem may lead out of the folder of the batch, or to the
-    results of another input.
+    The file may be from another place, so its stems are checked: no stem may lead out of the
+    folder of the batch, or to the results of another input.
     """
     holders: dict[str, str] = {}
     with reading(f"--files-from {source}", ParameterError, form="CSV"):
@@ -274,20 +236,20 @@ def _failed_before(source: str, text: str) -> Iterator[Listed | Failure]:
             fault = fault and f"is no plain name, as it {fault}"
             holder = holders.setdefault(stem.casefold(), name)
             if stem and holder != name:
-                fault = f"is that of {holder} already"
+                fault = f"is already the stem of {holder}"
             if fault:
                 place = f"--files-from {source}: row {number}"
                 message = f"{place}: the stem '{stem}' {fault}; correct the row"
                 yield Failure(name, "", ExitCode.USAGE, message)
             else:
-                yield Listed(name, stem)
+                yield Input(name, stem)
 
 
 def _content(source: str) -> bytes:
     if source == _STANDARD_INPUT:
-        if sys.stdin is None:  # as Python has it after "oppload ... <&-"
+        if sys.stdin is None:  # after "oppload ... <&-"
             raise ParameterError("--files-from -: standard input is closed; pipe a list into it")
-        # In a thread, as the list may be long in coming.
+        # In a thread: while the program before the pipe is slow, Ctrl-C must still work.
         content: bytes = Call(sys.stdin.buffer.read).result()
         return content
     with reading(f"--files-from {source}", ParameterError):
@@ -300,7 +262,7 @@ class Tally:
     Parameters
     ----------
     failures : iterable of Failure
-        Inputs that have failed before any was begun.
+        The failures of the plan.
     """
 
     def __init__(self, failures: Iterable[Failure] = ()) -> None:
@@ -311,9 +273,13 @@ class Tally:
         self.verdicts: dict[str, tuple[Verdict, ...]] = {}
 
     @property
-    def alarmed(self) -> int:
-        """How many inputs had an alarm."""
-        return sum(any(each.alarms for each in found) for found in self.verdicts.values())
+    def alarmed(self) -> dict[str, tuple[Verdict, ...]]:
+        """The verdicts on the inputs that had an alarm, by input."""
+        return {
+            name: verdicts
+            for name, verdicts in self.verdicts.items()
+            if any(each.alarms for each in verdicts)
+        }
 
     def add(self, name: str, result: Outcome | Failure) -> None:
         """Count one input."""
@@ -325,26 +291,21 @@ class Tally:
         self.inputs[state] += 1
         self.frames[state] += result.frames
         self.verdicts[name] = result.verdicts
-        self.incomplete += not result.complete  # of a result that is kept too
-        # An input that is incomplete may have had an alarm.
+        self.incomplete += not result.complete  # a skipped result may be incomplete too
+        # An incomplete input without an alarm may have one in a frame that could not be read.
         self.silent += result.complete and not result.alarmed
 
-    def exit_code_unless(self, fail_on: str | None) -> int:
-        """Return the exit code of the batch, or that of a condition that is met.
+    def exit_code(self, fail_on: str | None = None) -> int:
+        """Return the exit code of the batch (``docs/formats.md``).
 
         Parameters
         ----------
-        fail_on : str or None
-            ``alarm``: met if an input had an alarm; ``no-alarm``: met if an input that is complete
-            had none.
+        fail_on : str, optional
+            The condition of exit code 5: ``alarm`` if an input had an alarm, ``no-alarm`` if a
+            complete input had none.
         """
         if (fail_on == "alarm" and self.alarmed) or (fail_on == "no-alarm" and self.silent):
             return ExitCode.CONDITION_MET
-        return self.exit_code
-
-    @property
-    def exit_code(self) -> int:
-        """The exit code of the batch (``docs/formats.md``)."""
         count = self.inputs.total()
         if count and len(self.failures) == count:
             return max(failure.code for failure in self.failures)
@@ -353,35 +314,32 @@ class Tally:
         return ExitCode.DONE
 
     def alarms(self, most: int, place: Path, shown: Mapping[str, str]) -> Iterator[str]:
-        """Yield how many inputs alarmed, and the strongest alarms in words.
+        """Yield how many inputs alarmed, and the strongest alarms as sentences.
 
-        Of more detectors than fit into a line the inputs that each alarmed on are counted.
+        If there are more detectors than a line can hold, the lines instead count the inputs on
+        which each detector alarmed.
 
         Parameters
         ----------
         most : int
             How many inputs are listed.
         place : Path
-            The file that lists all of them.
+            The file that lists all alarms.
         shown : mapping of str to str
-            The words for each input.
+            The stem of each input.
         """
         if not self.verdicts:
             return
-        alarmed = {
-            name: found
-            for name, found in self.verdicts.items()
-            if any(each.alarms for each in found)
-        }
+        alarmed = self.alarmed
         counts = Counter(each.model for found in alarmed.values() for each in found if each.alarms)
-        if any(len(found) > MOST_IN_A_LINE for found in self.verdicts.values()):
+        most_detectors = max(map(len, self.verdicts.values()))
+        if most_detectors > MOST_IN_A_LINE:
             yield f"{len(alarmed)} of {len(self.verdicts)} alarmed; all alarms: {place}"
             for model, count in counts.most_common():
                 yield f"  {label_of(model):<26}{count}"
             return
         by_model = ", ".join(f"{label_of(model)} {count}" for model, count in counts.items())
-        several = any(len(found) > 1 for found in self.verdicts.values())
-        detail = f" ({by_model})" if several and counts else ""
+        detail = f" ({by_model})" if most_detectors > 1 and counts else ""
         colon = "; the strongest first:" if alarmed else ""
         yield f"{len(alarmed)} of {len(self.verdicts)} alarmed{detail}{colon}"
 
@@ -407,12 +365,8 @@ class Tally:
 def write_failures(path: Path, failures: Iterable[Failure]) -> None:
     """Write ``failures.csv``, which ``--files-from`` reads; without a failure, remove it.
 
-    The rows are sorted by name, so that they do not depend on the order of the processes.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
+    The rows are sorted by name, as the processes of a batch end in any order. Raises OutputError if
+    the file cannot be written.
     """
     rows = sorted(failures, key=lambda failure: failure.name)
     if not rows:

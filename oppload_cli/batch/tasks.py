@@ -1,8 +1,7 @@
-"""The tasks of a batch: done one after the other, in several processes, or on a cluster.
+"""Running the tasks of a batch: one after the other, in several processes, or on a cluster.
 
-The cluster is one of dask.distributed that is running already. Its workers read the inputs and
-write the results on storage that they share. The scheduler gives the inputs of a worker that
-dies to another worker.
+The cluster is a running one of dask.distributed. Its workers read the inputs and write the results
+on shared storage. If a worker dies, the scheduler gives its tasks to another worker.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import uuid
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
@@ -40,25 +38,25 @@ if TYPE_CHECKING:
     from oppload_cli.video.source import Video
 
 
-ANSWER_WITHIN_S = 8.0  # a scheduler: with the start of Python, an error is printed within 10 s
-_STOP_WITHIN_S = 3.0  # tasks on a cluster
+ANSWER_WITHIN_S = 8.0  # of a scheduler; Python takes up to 2 s more until the error is printed
+_STOP_WITHIN_S = 3.0  # time for the tasks on a cluster to stop
 _TELL_SCHEDULER_EVERY_S = 1.0
-# Each has a level of its own by the library's configuration.
-_TALKATIVE = ("distributed", "distributed.client", "tornado.application", "asyncio")
-_IN_FLIGHT = 1000  # inputs that the scheduler knows of at a time: memory stays flat
+# Loggers of dask. Its configuration gives a level to each, so that one parent is not enough.
+_LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
+_MOST_SUBMITTED = 1000  # tasks that the scheduler has at a time, which bounds its memory
 
 
 class Observer(Protocol):
     """An object that receives the progress of a batch."""
 
     def started(self, name: str) -> None:
-        """Take note that an input is begun."""
+        """Receive the name of an input that is begun."""
 
     def frames(self, count: int) -> None:
-        """Take note that more frames are analysed."""
+        """Receive the number of frames analysed since the last call."""
 
     def ended(self, task: Task, result: Outcome | Failure) -> None:
-        """Take note that an input is done, or has failed."""
+        """Receive the result of an input."""
 
 
 def run_tasks(
@@ -69,34 +67,36 @@ def run_tasks(
     jobs: int = 0,
     scheduler: str | None = None,
 ) -> None:
-    """Do the tasks of a batch.
+    """Run the tasks of a batch.
 
     Parameters
     ----------
     tasks : iterable of Task
-        Taken as they are needed.
+        The function takes a task from it when the task can begin.
     observer : Observer
-        Told of everything.
+        Receives the progress.
     inputs : int
-        How many tasks there are.
+        The number of tasks.
     jobs : int
-        How many are done at a time, each in a process; 0 means the cores that the affinity mask
-        allows. A single one is done in this process.
+        Number of processes, each of which runs a task at a time; 0 means the cores that the
+        affinity mask allows. With one job, this process runs the tasks.
     scheduler : str, optional
-        The cluster to do them on: the scheduler's address such as ``tcp://host:8786``, or its
-        scheduler file.
+        The cluster that runs the tasks instead: the scheduler's address such as
+        ``tcp://host:8786``, or its scheduler file.
 
     Raises
     ------
     KeyboardInterrupt
-        If the user stops it; processes are ended and joined first, and tasks on workers stopped.
+        If the user stops the batch, after the processes have ended and the workers' tasks stopped.
     ParameterError
-        If dask.distributed is missing here, the scheduler does not answer, has no worker, or a
-        worker has no oppload or another version of it; no task is begun then.
+        If dask.distributed is not installed, the scheduler does not answer or has no worker, or a
+        worker has no oppload or another version of it. No task has begun then.
     """
     jobs = min(jobs or cores(), inputs)
     if scheduler:
-        _run_on_cluster(tasks, scheduler, observer)
+        with _connected(scheduler) as client:
+            _check_workers(client, scheduler)
+            _ClusterRun(client, iter(tasks), observer).run()
     elif jobs > 1:
         _run_in_processes(tasks, jobs, observer)
     else:
@@ -123,13 +123,13 @@ def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: Observer) -> N
                 raise content
 
 
-def _attempt(task: Task, watcher: Watcher | None = None) -> Outcome | Failure:
-    """Do one task; an error of its input is returned, not raised."""
+def _attempt(task: Task, watcher: Watcher) -> Outcome | Failure:
+    """Run one task; return a Failure instead of raising an error, so that the others can go on."""
     try:
         return run_task(task, watcher)
     except OpploadError as error:
         return _failed(task, str(error), error.exit_code)
-    except Exception as error:  # a bug met in one input spares the others
+    except Exception as error:
         short = shortage(error)
         if short:
             return _failed(task, f"{task.name}: {short}", ExitCode.NOTHING_READ)
@@ -142,56 +142,34 @@ def _attempt(task: Task, watcher: Watcher | None = None) -> Outcome | Failure:
 
 
 def _failed(task: Task, message: str, code: int = ExitCode.USAGE) -> Failure:
-    """Return the failure of a task: one sentence, and the exit code that it has alone."""
     return Failure(task.name, task.stem, code, message)
 
 
 class _Counting:
-    """A watcher of one task that passes on how many frames are analysed.
+    """A watcher of a task that counts its frames."""
 
-    Parameters
-    ----------
-    tell : callable
-        Called with a number of frames; an error that it raises ends the task.
-    every_s : float
-        Seconds between two calls, at least.
-    """
-
-    def __init__(self, tell: Callable[[int], object], every_s: float = TELL_EVERY_S) -> None:
-        self._count = Seldom(tell, every_s)
+    def __init__(self, count: Seldom) -> None:
+        self._count = count
 
     def opened(self, video: Video) -> None:
-        """Do nothing: a batch shows inputs, not their sizes."""
+        """Do nothing: the progress of a batch does not show sizes."""
 
     def frame(self, _record: FrameRecord) -> None:
         """Count a frame."""
         self._count(1)
 
-    def flush(self) -> None:
-        """Pass on the frames that are not yet passed on."""
-        self._count.flush()
 
-
-def _counted(task: Task, tell: Callable[[int], object]) -> Outcome | Failure:
-    watcher = _Counting(tell)
-    result = _attempt(task, watcher)
-    watcher.flush()
+def _counted(
+    task: Task, tell: Callable[[int], object], every_s: float = TELL_EVERY_S
+) -> Outcome | Failure:
+    """Run one task; call `tell` with numbers of frames, at most once in `every_s` seconds."""
+    count = Seldom(tell, every_s)
+    result = _attempt(task, _Counting(count))
+    count.flush()
     return result
 
 
-def _run_on_cluster(tasks: Iterable[Task], scheduler: str, observer: Observer) -> None:
-    with _connected(scheduler) as client:
-        _check_workers(client, scheduler)
-        run = _Run(client, iter(tasks), observer)
-        try:
-            run.run()
-        except BaseException:
-            run.cancel()
-            raise
-
-
 def _distributed() -> Any:
-    """Return dask.distributed, an optional extra."""
     try:
         import distributed  # noqa: PLC0415
     except ImportError as error:
@@ -205,16 +183,17 @@ def _distributed() -> Any:
 def _connected(scheduler: str) -> Iterator[Any]:
     """Connect to a scheduler; yield a distributed.Client."""
     distributed = _distributed()
-    for name in _TALKATIVE:  # the errors below say the same
+    for name in _LOGGERS:  # the errors below say the same
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    where = {"address": scheduler} if "://" in scheduler else {"scheduler_file": scheduler}
-    if "://" not in scheduler and not is_file(Path(scheduler)):
+    where = {"address" if "://" in scheduler else "scheduler_file": scheduler}
+    if "scheduler_file" in where and not is_file(scheduler):
         raise ParameterError(
             f"--scheduler {scheduler}: no such file; give tcp://host:port or a scheduler file"
         )
     connect = partial(distributed.Client, **where, timeout=ANSWER_WITHIN_S, set_as_default=False)
     try:
-        # Dask waits for ever for a scheduler that accepts a connection and stays silent.
+        # A time limit of our own: if a scheduler accepts the connection but sends nothing, dask
+        # waits for ever.
         client = Call(connect).result(ANSWER_WITHIN_S)
     except Exception as error:
         raise ParameterError(
@@ -224,20 +203,20 @@ def _connected(scheduler: str) -> Iterator[Any]:
     try:
         yield client
     finally:
-        # A scheduler that has gone must not hide the first error, and a stopped one does not
-        # answer.
+        # `wait` raises no error, which would hide the first one, and does not wait for ever for a
+        # scheduler that has stopped.
         Call(partial(client.close, timeout=_STOP_WITHIN_S)).wait(_STOP_WITHIN_S)
 
 
 def _check_workers(client: Any, scheduler: str) -> None:
-    """Check that workers are connected, and that each has this version of oppload."""
+    """Raise ParameterError unless there are workers, and each has this version of oppload."""
     try:
         Call(partial(client.wait_for_workers, 1, timeout=ANSWER_WITHIN_S)).result()
     except TimeoutError as error:
         raise ParameterError(
             f"--scheduler {scheduler}: has no worker; start some with 'dask worker {scheduler}'"
         ) from error
-    # A function of Python's own: a worker without oppload could not load one of oppload's.
+    # The workers call a function of Python: without oppload, they could not load ours.
     asked = partial(client.run, pkgutil.resolve_name, "oppload_cli.version:__version__")
     try:
         versions = Call(partial(asked, on_error="return")).result(ANSWER_WITHIN_S)
@@ -261,19 +240,20 @@ def _check_workers(client: Any, scheduler: str) -> None:
             )
 
 
-def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
-    """Do one task on a worker.
+def _run_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
+    """Run one task on a worker.
 
     Parameters
     ----------
     task : Task
         The task.
     topic : str
-        Under which the worker reports its progress.
+        The topic of dask under which the worker reports its progress, and the name of the event
+        that stops the task.
     version : str
-        Of oppload where the batch was started.
+        The version of oppload that started the batch.
     """
-    if version != __version__:  # a worker that came later
+    if version != __version__:  # a worker that joined after `_check_workers`
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"
         return _failed(task, message)
     cv2.setNumThreads(1)  # dask counts one core for a task
@@ -287,17 +267,14 @@ def _do_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
             raise KeyboardInterrupt
 
     worker.log_event(topic, ("started", task.name))
-    watcher = _Counting(tell, _TELL_SCHEDULER_EVERY_S)
     try:
-        result = _attempt(replace(task, threads=1), watcher)
-        watcher.flush()
+        return _counted(replace(task, threads=1), tell, _TELL_SCHEDULER_EVERY_S)
     except KeyboardInterrupt:
         return _failed(task, f"{task.name}: was stopped; go on with --if-exists skip")
-    return result
 
 
-class _Run:
-    """A batch under way on a cluster."""
+class _ClusterRun:
+    """A batch that runs on a cluster."""
 
     def __init__(self, client: Any, tasks: Iterator[Task], observer: Observer) -> None:
         self._client = client
@@ -305,29 +282,31 @@ class _Run:
         self._observer = observer
         self._topic = f"oppload-{uuid.uuid4().hex}"
         self._messages: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
-        self._under_way: dict[str, tuple[Task, Any]] = {}
+        self._submitted: dict[str, tuple[Task, Any]] = {}  # with its future, by the future's key
 
     def run(self) -> None:
-        """Keep the scheduler supplied until every task is done."""
-        self._client.subscribe_topic(self._topic, self._heard)
+        """Submit the tasks, and wait until each is done; after an error, cancel the others."""
         try:
-            while len(self._under_way) < _IN_FLIGHT and self._submit():
-                pass
-            while self._under_way:
-                self._wait()
-        finally:
-            with suppress(Exception):
-                self._client.unsubscribe_topic(self._topic)
-
-    def cancel(self) -> None:
-        """Cancel the tasks that wait, stop those that run, and wait a moment for them to end."""
-        # The scheduler itself may have failed, or have stopped.
-        Call(self._cancel).wait(_STOP_WITHIN_S + 1)  # of which the workers get most
+            self._client.subscribe_topic(self._topic, lambda event: self._messages.put(event[1]))
+            try:
+                while len(self._submitted) < _MOST_SUBMITTED and self._submit():
+                    pass
+                while self._submitted:
+                    self._take_message()
+            finally:
+                with suppress(Exception):
+                    self._client.unsubscribe_topic(self._topic)
+        except BaseException:
+            # In a thread with a time limit: the scheduler itself may have failed or stopped. The
+            # workers get nearly all of this time.
+            Call(self._cancel).wait(_STOP_WITHIN_S + 1)
+            raise
 
     def _cancel(self) -> None:
+        """Cancel the tasks that have not begun, stop the others, and wait for their end."""
         distributed = _distributed()
         with self._client.as_current():
-            futures = [future for _, future in self._under_way.values()]
+            futures = [future for _, future in self._submitted.values()]
             processing = {key for keys in self._client.processing().values() for key in keys}
             distributed.Event(self._topic).set()
             self._client.cancel([each for each in futures if each.key not in processing])
@@ -335,10 +314,8 @@ class _Run:
             distributed.wait(running, timeout=_STOP_WITHIN_S)
             self._client.cancel(running)
 
-    def _heard(self, event: tuple[float, tuple[str, Any]]) -> None:
-        self._messages.put(event[1])
-
     def _submit(self) -> bool:
+        """Submit the next task; return whether there was one."""
         task = next(self._tasks, None)
         if task is None:
             return False
@@ -347,56 +324,51 @@ class _Run:
         except OpploadError as error:
             self._observer.ended(task, _failed(task, str(error), error.exit_code))
             return True
-        future = self._client.submit(
-            _do_on_worker,
-            sent,
-            self._topic,
-            __version__,
-            key=f"{self._topic}-{uuid.uuid4().hex}",
-            pure=False,
-        )
-        self._under_way[future.key] = (task, future)
+        key = f"{self._topic}-{uuid.uuid4().hex}"
+        arguments = sent, self._topic, __version__
+        future = self._client.submit(_run_on_worker, *arguments, key=key, pure=False)
+        self._submitted[future.key] = (task, future)
         future.add_done_callback(lambda done: self._messages.put(("ended", done.key)))
         return True
 
-    def _wait(self) -> None:
+    def _take_message(self) -> None:
         stop_if_asked()
         try:
             kind, value = self._messages.get(timeout=0.5)
         except queue.Empty:
-            self._check_scheduler()
+            if self._client.status not in {"running", "connecting"}:
+                raise ParameterError(
+                    "the scheduler has gone; start it again, and go on with --if-exists skip"
+                ) from None
             return
         if kind == "started":
             self._observer.started(value)
         elif kind == "frames":
             self._observer.frames(value)
         else:
-            task, future = self._under_way.pop(value)
+            task, future = self._submitted.pop(value)
             self._observer.ended(task, _result(task, future))
             self._submit()
 
-    def _check_scheduler(self) -> None:
-        if self._client.status not in {"running", "connecting"}:
-            raise ParameterError(
-                "the scheduler has gone; start it again, and go on with --if-exists skip"
-            )
-
 
 def _for_a_worker(task: Task) -> Task:
-    """Return a task as a worker needs it: with absolute paths, and so that it can be repeated."""
+    """Return a task with absolute paths that a second worker can repeat if the first one dies.
+
+    Raises OutputError if the result must not exist and does.
+    """
     if task.if_exists is IfExists.ERROR:
         exists_already(task)
-        # From here on only this batch writes it: the files of a dead worker are written again.
+        # The second worker must accept what the first one has written.
         task = replace(task, if_exists=IfExists.SKIP)
     name = task.name
     if "://" not in name and not is_camera(name):
-        name = os.path.abspath(name)  # noqa: PTH100 - without following links
+        name = os.path.abspath(name)  # noqa: PTH100 - follows no links
     return replace(task, name=name, outputs=task.outputs and task.outputs.absolute())
 
 
 def _result(task: Task, future: Any) -> Outcome | Failure:
     if future.status == "finished":
-        # In a thread, as the scheduler may stop meanwhile.
+        # In a thread, as the scheduler may stop before it sends the result.
         result: Outcome | Failure = Call(future.result).result()
         return result
     if future.status == "cancelled":

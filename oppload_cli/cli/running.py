@@ -176,7 +176,7 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
         say(incomplete(task, outcome))
     tally = Tally()
     tally.add(task.name, outcome)
-    return tally.exit_code_unless(options.fail_on)
+    return tally.exit_code(options.fail_on)
 
 
 def _stimulus_of(name: str) -> str:
@@ -251,7 +251,7 @@ def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
         f"{len(failures)} not possible, {counts['refuse']} to refuse{refused}"
     )
     if failures and len(failures) == len(plan):
-        return Tally(failures).exit_code
+        return Tally(failures).exit_code()
     return ExitCode.INCOMPLETE if failures else ExitCode.DONE
 
 
@@ -322,7 +322,7 @@ class _Batch:
                 self._report()
             raise
         self._report()
-        return self._tally.exit_code_unless(self._options.fail_on)
+        return self._tally.exit_code(self._options.fail_on)
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):

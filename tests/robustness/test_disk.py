@@ -346,7 +346,7 @@ def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path
     done = oppload("run", *paths, twice, "-o", tmp_path / "out", "-j", "1")
     assert done.returncode == 4, done.stderr
     # Also where "A" and "a" are one name.
-    assert done.stderr.count("its results would have the names of those of") == 2
+    assert done.stderr.count("its results would have the same names as those of") == 2
     assert len(list((tmp_path / "out").glob("*.frames.csv"))) == 1
     failures = (tmp_path / "out" / "failures.csv").read_text().splitlines()
     assert len(failures) == 3

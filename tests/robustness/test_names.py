@@ -79,7 +79,7 @@ def test_two_inputs_never_share_a_stem(tmp_path: Path) -> None:
     first, second, third = read_list(str(path))
     assert first == third == ("a.avi", "x")
     assert isinstance(second, Failure)
-    assert "row 3: the stem 'X' is that of a.avi already" in second.message
+    assert "row 3: the stem 'X' is already the stem of a.avi" in second.message
 
 
 def test_the_stem_of_any_input_may_be_in_a_list() -> None:
