@@ -1,6 +1,6 @@
-"""The command line: each command has a module, loaded only when it is called.
+"""The command line: each command has a module, which is loaded only when the command is called.
 
-``main`` is the one place that turns an error into a sentence and an exit code.
+Only ``main`` turns errors into sentences and exit codes.
 """
 
 from __future__ import annotations
@@ -37,24 +37,15 @@ if sys.platform != "win32":
     import resource
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from tqdm import tqdm
 
 
-# Of address space; the commands take more than either of them in the end.
+# Address space that loading the libraries of a command takes at least.
 _LIBRARY_BYTES = 150 << 20
-_ARROW_BYTES = 800 << 20  # of commands that read tables, where Arrow is installed
-_READING_TABLES = {
-    "collect",
-    "plot",
-    "report",
-    "tune",
-    "evaluate",
-    "benchmark",
-    "reproduce",
-    "demo",
-}
+_ARROW_BYTES = 800 << 20  # for commands that load pandas, which loads Arrow if it is installed
+_WITH_PANDAS = {"collect", "plot", "report", "tune", "evaluate", "benchmark", "reproduce", "demo"}
 _WIDEST = 80  # characters of help
 COMMANDS = {
     "run": "run looming detectors on videos",
@@ -74,7 +65,10 @@ COMMANDS = {
 
 
 class _ReaderGoneError(Exception):
-    """The reader of standard output has gone; for a BrokenPipeError, Click itself exits with 1."""
+    """The program that reads standard output has ended.
+
+    A BrokenPipeError would not reach `main`: Click itself exits with code 1.
+    """
 
 
 class _LazyGroup(click.Group):
@@ -110,16 +104,14 @@ class _LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Complete the name of a command without importing any."""
-        named = [
-            CompletionItem(name, help=text)
-            for name, text in COMMANDS.items()
-            if name.startswith(incomplete)
-        ]
-        return named or click.Command.shell_complete(self, ctx, incomplete)
+        """Complete the name of a command without importing its module."""
+        matching = [name for name in COMMANDS if name.startswith(incomplete)]
+        if not matching:
+            return click.Command.shell_complete(self, ctx, incomplete)
+        return [CompletionItem(name, help=COMMANDS[name]) for name in matching]
 
     def format_commands(self, _ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands without importing any."""
+        """Write the list of commands without importing their modules."""
         with formatter.section("Commands"):
             formatter.write_dl(list(COMMANDS.items()))
 
@@ -135,19 +127,20 @@ oppload plot video.frames.csv  writes video.frames.png
 
 
 def _load(_ctx: click.Context, _option: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Have the registry load detectors, in this process and in others that it starts."""
+    """Put the names into the environment: the registry of each process loads the detectors."""
+    absolute: list[str] = []
     for name in names:
-        if name.endswith(".py") and not Path(name).is_file():
+        is_file = name.endswith(".py")
+        if is_file and not Path(name).is_file():
             raise ParameterError(f"--load {name}: no such file; check the name")
-    files = [str(Path(each).absolute()) if each.endswith(".py") else each for each in names]
-    for name, file in zip(names, files, strict=True):
-        if os.pathsep in file:
+        absolute.append(str(Path(name).absolute()) if is_file else name)
+        if os.pathsep in absolute[-1]:
             raise ParameterError(
                 f"--load {name}: its path holds '{os.pathsep}', which separates the names in "
                 f"{LOAD}; rename the file or its folder"
             )
     if names:
-        os.environ[LOAD] = os.pathsep.join(files)
+        os.environ[LOAD] = os.pathsep.join(absolute)
     return names
 
 
@@ -157,22 +150,22 @@ def _check_loaded(names: Sequence[str]) -> None:
         return
     from oppload_cli.models.registry import detectors
 
-    classes = (each.__module__ for each in detectors().values())
-    modules = {module for module in classes if not module.startswith("oppload_cli.")}
-    registering = {name: _part_of(name, modules) for name in names}
-    if modules.difference(*registering.values()):
-        return  # a module that one of the files imports
+    own = {each.__module__ for each in detectors().values()}
+    own = {module for module in own if not module.startswith("oppload_cli.")}
+    modules = {
+        name: f"loaded_{Path(name).stem}" if name.endswith(".py") else name for name in names
+    }
+    registering = {
+        name: {each for each in own if each == module or each.startswith(f"{module}.")}
+        for name, module in modules.items()
+    }
+    if own.difference(*registering.values()):
+        return  # one of the files imports the module that registers a detector
     for name, found in registering.items():
         if not found:
             raise ParameterError(
                 f"--load {name}: registers no detector; write @oppload.register above its class"
             )
-
-
-def _part_of(name: str, modules: set[str]) -> set[str]:
-    """Return those of some modules that a file or a module of ``--load`` consists of."""
-    title = f"loaded_{Path(name).stem}" if name.endswith(".py") else name
-    return {module for module in modules if module == title or module.startswith(f"{title}.")}
 
 
 @click.group(cls=_LazyGroup, help=_HELP, context_settings={"help_option_names": ["-h", "--help"]})
@@ -181,33 +174,36 @@ def _part_of(name: str, modules: set[str]) -> set[str]:
     "--load",
     multiple=True,
     metavar="FILE.py|MODULE",
-    callback=_load,  # the module of a command, which is loaded next, may load the registry
+    callback=_load,
     help=f"Load detectors of your own; {LOAD} in the environment does the same.",
 )
 def oppload(**_options: object) -> None:
-    """Take the options before the command."""
+    """Receive the options before the command; `_load` has handled them."""
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Run the command line, with other arguments than those of the process if given, and exit."""
+    """Run a command line, by default that of the process, and exit."""
     signals.answer()
     try:
         code = oppload.main(
             arguments, prog_name="oppload", standalone_mode=False, terminal_width=_help_width()
         )
         signals.stop_if_asked()
-    except BaseException as error:  # the one place where all errors end
-        signals.ignore()  # a second Ctrl-C must not garble the last lines
+    except BaseException as error:
+        signals.ignore()  # a second Ctrl-C must not interrupt the printing of the error
         sys.exit(_failure(error))
     sys.exit(code or ExitCode.DONE)
 
 
 def _help_width() -> int:
-    """Return the width of the help, 50 to 78 characters, without the imports that Click needs."""
+    """Return the width of the help, 50 to 78 characters.
+
+    Click finds the same width with `shutil`, which takes a millisecond to import.
+    """
     columns = 0
-    with suppress(OSError, ValueError, AttributeError):  # no number, no terminal, no stream
+    with suppress(ValueError):
         columns = int(os.environ.get("COLUMNS") or 0)
-    with suppress(OSError, ValueError, AttributeError):
+    with suppress(OSError, ValueError, AttributeError):  # no terminal, or a closed stream
         columns = columns or os.get_terminal_size(sys.__stdout__.fileno()).columns  # type: ignore[union-attr]
     return max(min(columns or _WIDEST, _WIDEST) - 2, 50)
 
@@ -215,29 +211,18 @@ def _help_width() -> int:
 def _check_memory(command: str) -> None:
     """Raise OSError if a limit of memory leaves no room for the libraries of a command.
 
-    OpenBLAS, which NumPy loads, and Arrow, which pandas loads, take memory as they are loaded,
-    and end the process if they cannot: no error could be caught.
+    OpenBLAS, which NumPy loads, and Arrow, which pandas loads, allocate memory while they are
+    loaded. If that fails they end the process, without an error that `main` could catch.
     """
-    if sys.platform == "win32":  # it has no such limits
+    if sys.platform == "win32":  # has no such limit
         return
     if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
-        with_arrow = command in _READING_TABLES and find_spec("pyarrow")
+        with_arrow = command in _WITH_PANDAS and find_spec("pyarrow")
         mmap.mmap(-1, _ARROW_BYTES if with_arrow else _LIBRARY_BYTES).close()
 
 
 def _failure(error: BaseException) -> int:
-    """Print an error as one sentence and return the exit code for it.
-
-    Parameters
-    ----------
-    error : BaseException
-        The error that ended the command.
-
-    Returns
-    -------
-    int
-        As in ``docs/formats.md``.
-    """
+    """Print the error that ended a command as one sentence; return its exit code."""
     if isinstance(error, SystemExit):
         return error.code if isinstance(error.code, int) else ExitCode.BUG
     if os.environ.get("OPPLOAD_DEBUG"):
@@ -248,15 +233,12 @@ def _failure(error: BaseException) -> int:
     if isinstance(error, _ReaderGoneError | OutputError) and sys.stdout is not None:
         try:
             sys.stdout.flush()
-        except OSError:  # else Python would try once more at exit, and fail once more
+        except OSError:  # Python would fail once more at exit, when it flushes the stream
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if isinstance(error, _ReaderGoneError):
         return ExitCode.INTERRUPTED
     if signals.received() or isinstance(error, KeyboardInterrupt | click.Abort):
-        # Click turns an interruption into an Abort.
-        kept = next(
-            (str(each) for each in _causes(error) if isinstance(each, KeyboardInterrupt)), ""
-        )
+        kept = _interruption(error)
         say(f"oppload: interrupted{': ' if kept else ''}{kept}")
         return ExitCode.INTERRUPTED
     if isinstance(error, click.ClickException):
@@ -275,8 +257,15 @@ def _failure(error: BaseException) -> int:
     return ExitCode.BUG
 
 
+def _interruption(error: BaseException | None) -> str:
+    """Return the text of the KeyboardInterrupt behind an error; Click turns it into an Abort."""
+    while error and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__
+    return str(error or "")
+
+
 def _explained(error: BaseException) -> BaseException:
-    """Return an error of this package for one by which the system refuses something."""
+    """Return an OpploadError in place of an error of a full disk or of missing memory."""
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
         return OutputError("the output cannot be written (no space left on device); free some")
     if isinstance(error, Exception) and not isinstance(
@@ -288,34 +277,34 @@ def _explained(error: BaseException) -> BaseException:
 
 
 def say(line: str) -> None:
-    """Print one line on standard error; the names in it may hold any character."""
-    with suppress(OSError):  # its reader may have gone
+    """Print one line on standard error; control characters in it are escaped."""
+    with suppress(OSError):  # the program that reads standard error may have ended
         click.echo(printable(line), err=True)
 
 
 def on_terminal() -> bool:
-    """Tell whether standard error is a terminal, which can show progress; False if closed."""
+    """Tell whether standard error is a terminal, which can show progress."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
 def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -> tqdm[Never]:
-    """Return a bar on standard error, which is shown on a terminal only.
+    """Return a progress bar on standard error, hidden if that is no terminal.
 
     Parameters
     ----------
     total : int or None
-        Count at which it is full; None if it is not known.
+        Count at which the bar is full; None if it is not known.
     unit : str
         The word for the things that are counted.
     quiet : bool
-        Whether it is not shown on a terminal either.
+        Whether the bar is hidden on a terminal too.
     name : str
-        Put before the bar.
+        Text before the bar.
     """
     from tqdm import tqdm  # not for help and completion
 
-    # Neither its thread, which looks for bars that stand still, nor its lock for several
-    # processes is needed, and the system may refuse both.
+    # By default tqdm starts a thread that looks for bars without progress, and makes a lock that
+    # several processes share. The bar needs neither, and the system may refuse both.
     tqdm.monitor_interval = 0
     tqdm.set_lock(threading.RLock())
     hidden = quiet or not on_terminal()
@@ -336,12 +325,6 @@ def check_display() -> None:
 
 
 def show_file(path: Path) -> None:
-    """Open a file in the program of the desktop; raise OutputError if none shows it."""
+    """Open a file in the desktop's program for it; raise OutputError if there is none."""
     if click.launch(str(path)):
         raise OutputError(f"{path}: no program shows it; open it yourself, without --show")
-
-
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__

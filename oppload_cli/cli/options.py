@@ -1,7 +1,6 @@
-"""Options that commands share, with their completion in the shell.
+"""Options that several commands share, with their completion in the shell, and their checks.
 
-An option of this module has the same name, default and meaning in every command. `RunOptions`
-holds those of ``oppload run``, whose work is in a module of its own.
+An option of this module has the same name, default and meaning in every command.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from click.shell_completion import CompletionItem
 import oppload_cli as oppload
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.reading import is_folder
-from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS, preset_in
+from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -23,19 +22,19 @@ if TYPE_CHECKING:
     Command = Callable[..., Any]
 
 
-# The kinds of files that commands write or read: a new folder of such a name is a mistake.
+# Suffixes of files that commands write or read: a user who gives one means a file, not a folder.
 _FILE_SUFFIXES = frozenset(
     (".avi", ".csv", ".html", ".json", ".jsonl", ".mkv", ".mp4", ".parquet", ".pdf", ".png", ".svg")
 )
 
 
 class _ResultsFolder(click.Path):
-    """A folder of results, which need not exist yet; the name of a file is refused."""
+    """A folder of results, which need not exist yet. It refuses the name of a file."""
 
     name = "directory"
 
     def __init__(self) -> None:
-        super().__init__(path_type=Path, readable=False)  # the first file that is written fails
+        super().__init__(path_type=Path, readable=False)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the folder as a path."""
@@ -55,12 +54,7 @@ def output_option(
 ) -> Callable[[Command], Command]:
     """Return the option ``--output`` of a command that fills a folder.
 
-    Parameters
-    ----------
-    default : str or None
-        The folder.
-    text : str
-        The help, with the default in words where that is this folder or none.
+    If the default is ``.`` or None, the text must explain it.
     """
     return click.option(
         "-o",
@@ -74,14 +68,9 @@ def output_option(
 
 
 def if_exists_option(thing: str, *, skip: bool = False) -> Callable[[Command], Command]:
-    """Return the option ``--if-exists`` of a command that writes files.
+    """Return the option ``--if-exists`` of a command that writes a thing such as ``a result``.
 
-    Parameters
-    ----------
-    thing : str
-        The object that may exist, for the help, such as ``a result``.
-    skip : bool
-        Whether it may be left as it is.
+    With `skip`, the option may also leave an existing thing as it is.
     """
     return click.option(
         "--if-exists",
@@ -93,13 +82,7 @@ def if_exists_option(thing: str, *, skip: bool = False) -> Callable[[Command], C
 
 
 def jobs_option(things: str) -> Callable[[Command], Command]:
-    """Return the option ``--jobs`` of a command that does several things at a time.
-
-    Parameters
-    ----------
-    things : str
-        Name of the things, for the help, such as ``Inputs``.
-    """
+    """Return the option ``--jobs`` of a command that does several things, such as ``Inputs``."""
     return click.option(
         "-j",
         "--jobs",
@@ -111,7 +94,6 @@ def jobs_option(things: str) -> Callable[[Command], Command]:
 
 
 def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
-    """Complete the name of a preset."""
     return [
         CompletionItem(name, help=each.meaning)
         for name, each in PRESETS.items()
@@ -120,7 +102,7 @@ def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[
 
 
 def complete_models(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
-    """Complete the last of some detectors, and its preset."""
+    """Complete the last name in a list of detectors such as ``opplod,dlgmd:reference``."""
     before, comma, last = text.rpartition(",")
     names = {name: each.meaning for name, each in oppload.detectors().items()}
     if ":" in last:
@@ -170,26 +152,19 @@ def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
 
 
 def names_in(texts: Iterable[str]) -> list[str]:
-    """Return the names in the values of an option that takes ``A,B`` for several."""
+    """Return the names in the values of an option, each of which may be a list ``A,B``."""
     return [name.strip() for text in texts for name in text.split(",")]
 
 
-def check_models(names: Sequence[str], command: str, preset: str | None = None) -> None:
-    """Check that the detectors of ``--model`` are known; one of the user's own must be loaded.
+def check_models(names: Iterable[str], command: str) -> None:
+    """Raise ParameterError if a detector is not known, with a hint for the user's own detectors.
 
     Parameters
     ----------
     names : iterable of str
-        As given, ``NAME``, ``NAME:VARIANT`` or ``NAME:PRESET``, or several with commas between.
+        The values of ``--model``: ``NAME``, ``NAME:VARIANT``, ``NAME:PRESET`` or ``A,B``.
     command : str
         Name of the command, for the message.
-    preset : str, optional
-        That of ``--preset``.
-
-    Raises
-    ------
-    ParameterError
-        If one is not known, or asks for another preset.
     """
     from oppload_cli.models.registry import ALL, known_names
 
@@ -198,31 +173,13 @@ def check_models(names: Sequence[str], command: str, preset: str | None = None) 
         name = each.partition(":")[0]
         if name != ALL and name not in known:
             raise ParameterError(
-                f"no model '{name}'{suggestion(name, known)} (one of your own is loaded, as "
-                f"in 'oppload --load FILE.py {command} ...')"
+                f"no model '{name}'{suggestion(name, known)} (load a model of your own with "
+                f"'oppload --load FILE.py {command} ...')"
             )
-    beside = preset_in(names) if preset else ""
-    if beside and beside != preset:
-        raise ParameterError(
-            f"--model asks for preset '{beside}' and --preset for '{preset}'; leave one out"
-        )
 
 
 def check_assignments(assignments: Iterable[str], models: Sequence[str]) -> None:
-    """Refuse a parameter of a detector that does not run.
-
-    Parameters
-    ----------
-    assignments : iterable of str
-        The values of ``--set``.
-    models : sequence of str
-        The detectors that run.
-
-    Raises
-    ------
-    ParameterError
-        If one has no effect.
-    """
+    """Raise ParameterError if a value of ``--set`` belongs to a detector that does not run."""
     from oppload_cli.models.registry import known_names
 
     idle = set(known_names()) - set(models)
@@ -236,37 +193,7 @@ def check_assignments(assignments: Iterable[str], models: Sequence[str]) -> None
 
 
 class RunOptions(NamedTuple):
-    """The options of ``oppload run`` beside the part of the input and the settings.
-
-    Attributes
-    ----------
-    output : Path
-        Folder of the results, or ``-``.
-    annotate, report_pages : bool
-        Whether annotated videos and pages are written too.
-    boxes : str
-        Objects with a box in an annotated video.
-    if_exists : str
-        What to do where a result exists.
-    fail_on : str or None
-        ``alarm`` or ``no-alarm``: the condition of exit code 5.
-    quiet, verbose : bool
-        Whether less or more than the outcome is printed.
-    recursive : bool
-        Whether folders are searched to any depth.
-    files_from : str or None
-        A list of inputs.
-    null : bool
-        Whether the names of the list end in NUL.
-    shard : str or None
-        ``I/N``.
-    jobs : int
-        Processes; 0 means the cores that the affinity mask allows.
-    scheduler : str or None
-        Address or file of a dask scheduler.
-    dry_run : bool
-        Whether the plan is only printed.
-    """
+    """The options of ``oppload run``, without its settings and the options of `Span`."""
 
     output: Path
     annotate: bool
@@ -286,7 +213,7 @@ class RunOptions(NamedTuple):
 
     @property
     def for_many(self) -> bool:
-        """Whether a batch is meant, however many inputs it has."""
+        """Whether the run is a batch even if it has only one input."""
         return bool(self.recursive or self.files_from or self.shard or self.scheduler)
 
     @property
@@ -310,8 +237,8 @@ models_option = click.option(
 repeats_option = click.option(
     "--repeats",
     type=click.Choice(["near", "exact", "keep"]),
-    help="Repeats of a picture that are left out: exact and re-encoded ones (near), exact "
-    "ones only, or none (keep).  [default: near]",
+    help="Repeats of a picture that are left out: exact and re-encoded repeats (near), only "
+    "exact repeats (exact), or none (keep).  [default: near]",
 )
 
 change_option = click.option(
@@ -328,14 +255,9 @@ def settings_options(
 ) -> Callable[[Command], Command]:
     """Return a decorator that adds the options of a run's settings.
 
-    The options have the names that :func:`oppload_cli.pipeline.settings.resolve` takes.
-
-    Parameters
-    ----------
-    preset : str
-        The preset of the command where none is chosen.
-    table : bool
-        Whether the command makes a table of frames, which has columns to choose.
+    Their names are the parameters of :func:`oppload_cli.pipeline.settings.resolve`. `preset` is the
+    command's default preset. With `table`, the command writes a table of frames, and there are the
+    options for its columns too.
     """
     options = [
         models_option,

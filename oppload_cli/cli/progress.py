@@ -1,6 +1,6 @@
 """Progress and outcome of inputs on standard error.
 
-Progress is a bar on a terminal, and a plain line now and then elsewhere.
+On a terminal the progress is a bar, elsewhere a line in 30 seconds.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
 
 _LINE_EVERY_S = 30.0
-_WIDEST_NAME, _LABEL, _CELL = 40, 26, 23  # characters of a table's columns
+# Widths of columns of the table, in characters: names, labels, and first alarm with peak.
+_WIDEST_NAME, _LABEL, _CELL = 40, 26, 23
 
 
 class Progress:
@@ -39,7 +40,7 @@ class Progress:
     verbosity : int
         -1 shows nothing, 0 the progress, 1 also the sizes that the models see.
     to_end : bool
-        Whether the input is read to its end, so that its length is the total.
+        Whether the run reads the input to its end, so that its length is the bar's total.
     """
 
     def __init__(self, name: str, verbosity: int, *, to_end: bool) -> None:
@@ -69,14 +70,14 @@ class Progress:
             say(f"{self._name}: {self._frames} frames, {record.time_s:.1f} s")
 
     def close(self) -> None:
-        """Remove the bar; its total was only the number of frames that the container declares."""
+        """Remove the bar."""
         if self._bar is not None:
-            self._bar.total = self._frames
+            self._bar.total = self._frames  # before, the number of frames that the file declares
             self._bar.close()
 
 
 class BatchProgress:
-    """Shows the progress of many inputs: one bar over all, with the names of those that run.
+    """Shows the progress of a batch: one bar, with the names of the inputs that are running.
 
     Parameters
     ----------
@@ -98,7 +99,7 @@ class BatchProgress:
             self._bar = progress_bar(total, "input", quiet=False)
 
     def started(self, name: str) -> None:
-        """Name an input among those that are running."""
+        """Show the name of an input that is begun."""
         self._running[name] = None
         self.frames(0)
 
@@ -135,7 +136,7 @@ class BatchProgress:
 
 
 def _described(video: Video) -> str:
-    """Return a line with the size at which the models see an input, and the speed 1 px/frame."""
+    """Return a line with the size of an input, its working size, and the unit of speeds."""
     facts, working = video.facts, video.working
     rate = float(facts.frame_rate) if facts.frame_rate else None
     timing = f" at {rate:.6g} frames/s" if rate else ""
@@ -148,7 +149,7 @@ def _described(video: Video) -> str:
 
 
 def report(task: Task, outcome: Outcome) -> Iterator[str]:
-    """Yield the lines to print about one input that is done."""
+    """Yield the lines about one input whose run has ended."""
     table = task.outputs and task.outputs.csv
     if outcome.skipped:
         there = table and os.path.lexists(table)
@@ -175,15 +176,15 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
 
 
 class AlarmTable:
-    """The rows of many inputs, printed as they end: first alarm and peak of every detector.
+    """The table of a batch: first alarm and peak of every detector, for each input that ends.
 
-    Of more detectors than fit into a line each has a row. A peak is the largest response of an
-    input over its threshold, with a star where it did not count.
+    If there are too many detectors for one line, each detector has a row. A peak is the largest
+    response to an input divided by its threshold. A star marks a peak that cannot cause an alarm.
 
     Parameters
     ----------
     names : iterable of str
-        The inputs, as they are shown.
+        The texts in the first column.
     models : sequence of str
         The detectors.
     """
@@ -195,14 +196,14 @@ class AlarmTable:
         self._stars = False
 
     def lines(self, name: str, outcome: Outcome) -> Iterator[str]:
-        """Yield the row of an input that is done, below the header if it is the first one."""
+        """Yield the row of an input, and before the first row the header."""
         if self._is_new:
             yield from self._header()
         self._is_new = False
         yield from self._rows(name, outcome)
 
     def legend(self) -> Iterator[str]:
-        """Yield the meaning of the peaks in the rows; nothing where there is no row."""
+        """Yield the meaning of the column of peaks, if there are rows."""
         if not self._is_new:
             yield "peak: largest response of the input, as a multiple of its threshold (x)"
         if self._stars:
@@ -229,7 +230,7 @@ class AlarmTable:
             return
         for model, row in rows.items():
             yield f"{shown:<{self._wide}}  {label_of(model):<{_LABEL}}{row}{end}".rstrip()
-            shown = end = ""  # once for all detectors
+            shown = end = ""  # only in the row of the first detector
 
 
 def _cell(verdict: Verdict) -> str:
@@ -239,9 +240,9 @@ def _cell(verdict: Verdict) -> str:
 
 
 def _is_uncounted(verdict: Verdict) -> bool:
-    """Tell whether the peak lies above the threshold, and in no alarm."""
-    counted = max((each.peak_over_threshold for each in verdict.alarms), default=1.0)
-    return (verdict.peak or 0.0) > max(counted, 1.0)
+    """Tell whether the peak exceeds the threshold and the peaks of all alarms."""
+    peaks_of_alarms = (each.peak_over_threshold for each in verdict.alarms)
+    return (verdict.peak or 0.0) > max([1.0, *peaks_of_alarms])
 
 
 def _speed(outcome: Outcome) -> str:

@@ -1,4 +1,4 @@
-"""``oppload run``: one input, or the plan of many."""
+"""``oppload run``: its options, and the begin of decoding; ``cli.running`` does the rest."""
 
 from __future__ import annotations
 
@@ -84,11 +84,11 @@ def run(
     """Run OppLoD and D-LGMD on videos, frame by frame.
 
     INPUT is a video file, a folder of videos or of images, a pattern such as
-    'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each, DIR
-    gets {stem}.frames.csv, a row per frame, {stem}.detections.jsonl, a line per
-    looming object and frame, and {stem}.oppload.json, all that is needed to trust or
-    repeat it. Of many inputs, DIR/alarms.csv lists the alarms, and DIR/failures.csv the
-    inputs that fail.
+    'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each input,
+    DIR gets {stem}.frames.csv with a row per frame, {stem}.detections.jsonl with a line
+    per looming object and frame, and {stem}.oppload.json with the settings, versions and
+    facts that repeat the run. For several inputs, DIR/alarms.csv lists the alarms, and
+    DIR/failures.csv the inputs that fail.
     """
     options = RunOptions(**{name: others.pop(name) for name in RunOptions._fields})
     if not inputs and not options.files_from:
@@ -101,16 +101,16 @@ def run(
             opening = _begun(inputs[0], span, others)
             if opening is not None:
                 stack.callback(opening.close)
-        # Not before: this loads the detectors, while the video is decoded already.
+        # Imported now, so that another process decodes the video while the detectors are loaded.
         from oppload_cli.cli.running import run_inputs
 
         return run_inputs(inputs, options, others, span, rate, opening)
 
 
 def _begun(name: str, span: Span, settings: dict[str, Any]) -> Opening | None:
-    """Begin to decode a single video file, while the detectors are loaded.
+    """Begin to decode a single video file.
 
-    None for other inputs, and where a setting is wrong: resolving it gives the error.
+    Return None for other inputs, and for a wrong setting, which `resolve` refuses later.
     """
     if not is_video_file(name):
         return None
@@ -128,13 +128,13 @@ def _begun(name: str, span: Span, settings: dict[str, Any]) -> Opening | None:
 
 
 def _span(start: str | None, end: str | None, duration: str | None) -> Span:
-    """Return the part of each input; raise ParameterError for one without any frame."""
+    """Return the part of each input; raise ParameterError if it has no frame."""
     span = Span(
         _position("--start", start), _position("--end", end), _position("--duration", duration)
     )
     begin, stop = span.start, span.end
     if begin is None or stop is None or (begin.frame is None) != (stop.frame is None):
-        return span  # a frame and a time cannot be compared before the input is read
+        return span  # only the frame times of the input relate a frame number to a time
     if (stop.frame or stop.seconds or 0) <= (begin.frame or begin.seconds or 0):
         raise ParameterError(
             f"--end {end} is not after --start {start}; give a later end, or --duration for a "

@@ -1,6 +1,6 @@
-"""The work of ``oppload run``, on one input or many, and its report.
+"""The part of ``oppload run`` that needs the detectors: it runs the inputs, and prints.
 
-The command imports this module, and with it the detectors, once a video is being decoded.
+The command imports this module after it has begun to decode the video.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ if TYPE_CHECKING:
 
 
 _STANDARD_OUTPUT = "-"
-_LISTED = 10  # inputs with alarms, or with remarks, that are printed
-# Options that a retry does not repeat.
-_OF_ALL_INPUTS = {
+_LISTED = 10  # how many inputs with alarms, and how many with remarks, are printed
+# Options that a retry of the failed inputs does not repeat.
+_NOT_REPEATED = {
     "recursive", "files_from", "null", "shard", "dry_run", "if_exists", "report_pages",
 }  # fmt: skip
 
@@ -77,27 +77,25 @@ def run_inputs(
     Parameters
     ----------
     inputs : tuple of str
-        As the user names them.
+        The names that the user gives.
     options : RunOptions
-        Of the command.
+        The options of the command, without the following ones.
     chosen : dict
         The settings, as for :func:`oppload_cli.pipeline.settings.resolve`.
     span : Span
         The part of each input.
     image_rate : Fraction or None
-        Frames per second of images, where the user states it.
+        Frames per second of images, if the user states it.
     opening : Opening or None
-        The only input, where it is being decoded already.
+        The opening of a single input whose decoding has begun.
     """
-    check_models(chosen["models"], "run", chosen["preset"])
+    check_models(chosen["models"], "run")
     settings = resolve(**chosen)
     check_assignments(chosen["assignments"], settings.models)
-    for given, option, needed in (
-        (options.boxes != "alarm", "--boxes", "--annotate"),
-        (options.null, "--null", "--files-from"),
-    ):
-        if given and not getattr(options, needed.removeprefix("--").replace("-", "_")):
-            raise ParameterError(f"{option} has no effect without {needed}; give both or neither")
+    if options.boxes != "alarm" and not options.annotate:
+        raise ParameterError("--boxes has no effect without --annotate; give both or neither")
+    if options.null and not options.files_from:
+        raise ParameterError("--null has no effect without --files-from; give both or neither")
     _check_alarms(settings, options.fail_on, quiet=options.quiet)
     _check_floors(settings, quiet=options.quiet)
     _check_loops(quiet=options.quiet)
@@ -128,7 +126,7 @@ def run_inputs(
 
 
 def _check_alarms(settings: Settings, fail_on: str | None, *, quiet: bool) -> None:
-    """Where alarms are off, say why, and refuse a condition on them."""
+    """Say why alarms are off, if they are; raise ParameterError if `fail_on` needs them."""
     if settings.alarm.on:
         return
     reason = PRESETS[settings.preset].no_alarm
@@ -140,7 +138,7 @@ def _check_alarms(settings: Settings, fail_on: str | None, *, quiet: bool) -> No
 
 
 def _check_floors(settings: Settings, *, quiet: bool) -> None:
-    """Say which detectors alarm at any response, as their class states no floor."""
+    """Say which detectors have no floor, so that any response may cause an alarm."""
     if quiet or not settings.alarm.on:
         return
     for name in settings.models:
@@ -161,7 +159,7 @@ def _check_loops(*, quiet: bool) -> None:
 
 
 def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
-    """Run one input, showing its frames."""
+    """Run one input with its progress; return the exit code."""
     progress = Progress(printable(task.name), options.verbosity, to_end=task.span.open_ended)
     try:
         outcome = run_task(task, progress, opening)
@@ -180,7 +178,7 @@ def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:
 
 
 def _stimulus_of(name: str) -> str:
-    """Return how to make the video of a stimulus that was given in place of it, or nothing."""
+    """Return how to make the video of a stimulus, if the name of an input is a stimulus."""
     if name.endswith(GROUND_TRUTH):
         return "; this is the ground truth of a stimulus: give its video"
     if name.endswith(".toml") and is_file(Path(name)):
@@ -196,19 +194,15 @@ def _stimulus_of(name: str) -> str:
 
 
 def _report(tasks: Iterator[Task], options: RunOptions) -> int:
-    """Write the pages of the results that are there; return the exit code."""
-    named = [task.outputs.csv for task in tasks if task.outputs]
-    tables = [table for table in named if os.path.lexists(table)]
+    """Write the pages of the results that exist; return the exit code."""
+    paths = [task.outputs.csv for task in tasks if task.outputs]
+    tables = [path for path in paths if os.path.lexists(path)]
     if not tables:
         return ExitCode.DONE
-    page, code = write_pages(
-        tables,
-        options.output,
-        roots=[options.output] * len(tables),
-        jobs=options.jobs,
-        quiet=options.quiet,
-    )
-    if not options.quiet:
+    folder, quiet = options.output, options.quiet
+    roots = [folder] * len(tables)
+    page, code = write_pages(tables, folder, roots=roots, jobs=options.jobs, quiet=quiet)
+    if not quiet:
         say(f"page: {page}")
     return code
 
@@ -224,7 +218,7 @@ def _plan_of(inputs: tuple[str, ...], options: RunOptions) -> Plan:
 
 
 def _tasks(plan: Plan, task: Task, options: RunOptions) -> Iterator[Task]:
-    """Yield a task per input, like the one given."""
+    """Yield a task per input of the plan, with the settings of `task`."""
     models = task.settings.models
     for each in plan.inputs:
         outputs = Outputs.of(options.output, each.stem, models, annotate=options.annotate)
@@ -232,7 +226,7 @@ def _tasks(plan: Plan, task: Task, options: RunOptions) -> Iterator[Task]:
 
 
 def _print_plan(tasks: Iterator[Task], plan: Plan) -> int:
-    """Print what would be done, a line per input; return the exit code."""
+    """Print for each input whether it would run; return the exit code."""
     counts = {"run": 0, "skip": 0, "refuse": 0}
     for task in tasks:
         try:
@@ -265,24 +259,13 @@ def _only(inputs: tuple[str, ...], options: RunOptions) -> str:
 
 
 class _Batch:
-    """Runs a plan, and reports.
-
-    Parameters
-    ----------
-    plan : Plan
-        The inputs.
-    models : sequence of str
-        The detectors.
-    options : RunOptions
-        Of the command.
-    """
+    """Runs the inputs of a plan, and prints their outcomes; the observer of the tasks."""
 
     def __init__(self, plan: Plan, models: Sequence[str], options: RunOptions) -> None:
         self._plan, self._options, self._verbosity = plan, options, options.verbosity
-        shard, folder = options.shard, options.output
-        part = f"-{shard.replace('/', '-of-')}" if shard else ""
-        self._failures = folder / f"failures{part}.csv"
-        self._alarms = folder / f"alarms{part}.csv"
+        part = f"-{options.shard.replace('/', '-of-')}" if options.shard else ""
+        self._failures = options.output / f"failures{part}.csv"
+        self._alarms = options.output / f"alarms{part}.csv"
         self._rows = AlarmTable((each.stem for each in plan.inputs), models)
         self._tally = Tally(plan.failures)
         self._remarked = 0
@@ -301,15 +284,15 @@ class _Batch:
     def run(self, tasks: Iterator[Task]) -> int:
         """Run the tasks of the plan's inputs; return the exit code.
 
-        A bad input never stops the others.
+        If an input fails, the others still run.
         """
-        from oppload_cli.batch.tasks import run_tasks  # a single input needs no processes
+        from oppload_cli.batch.tasks import run_tasks  # which a run of one input does not need
 
         options, inputs = self._options, len(self._plan.inputs)
         try:
             run_tasks(tasks, self, inputs=inputs, jobs=options.jobs, scheduler=options.scheduler)
         except KeyboardInterrupt as error:
-            self._report()
+            self._finish()
             finished = self._tally.inputs.total()
             kept = f"{error}; " if str(error) else ""
             raise Interrupted(
@@ -319,10 +302,10 @@ class _Batch:
         except OpploadError:
             self._progress.close()
             if self._tally.inputs.total():
-                self._report()
+                self._finish()
             raise
-        self._report()
-        return self._tally.exit_code(self._options.fail_on)
+        self._finish()
+        return self._tally.exit_code(options.fail_on)
 
     def _lines(self, task: Task, result: Outcome | Failure) -> Iterator[str]:
         if isinstance(result, Failure):
@@ -340,7 +323,8 @@ class _Batch:
         if self._remarked <= _LISTED or self._verbosity > 0:
             yield f"oppload: {task.name}: {'; '.join(result.remarks)}"
 
-    def _report(self) -> None:
+    def _finish(self) -> None:
+        """Write the lists of failures and alarms, and print the summary of the batch."""
         self._progress.close()
         try:
             write_failures(self._failures, self._tally.failures)
@@ -358,8 +342,8 @@ class _Batch:
             if more > 0 and not self._verbosity:
                 inputs = "input has" if more == 1 else "inputs have"
                 say(
-                    f"oppload: {more} more {inputs} remarks such as those above; they are in the "
-                    f"sidecars (time and decode), and -v prints them all"
+                    f"oppload: {more} more {inputs} remarks such as those above; the sidecars hold "
+                    f"all remarks (time and decode), and -v prints them"
                 )
         if self._tally.failures and self._failures.exists():
             say(f"oppload: the failed inputs are in {self._failures}; try them again with:")
@@ -368,9 +352,9 @@ class _Batch:
 
 
 def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str]]:
-    """Yield the command line, with every option given, that does just the failed inputs again.
+    """Yield the command that runs only the failed inputs again, with the user's options.
 
-    Where pages are asked for, another one makes them: the index is of all results, not of these.
+    With ``--report``, a second command makes the pages, since the index lists all results.
     """
     loads = context.find_root().params.get("load", ())
     begin = ["oppload", *(word for name in loads for word in ("--load", name))]
@@ -378,7 +362,7 @@ def _retry_commands(context: click.Context, failures: Path) -> Iterator[list[str
     for option in context.command.params:
         name = option.name or ""
         given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        if not given or name in _OF_ALL_INPUTS or not isinstance(option, click.Option):
+        if not given or name in _NOT_REPEATED or not isinstance(option, click.Option):
             continue
         value = context.params[name]
         flag = max(option.opts, key=len)

@@ -116,7 +116,7 @@ def tune(
         "usual": STUDY_PRESET,
         "assignments": assignments,
     }
-    check_models(models, "tune", preset)
+    check_models(models, "tune")
     for sweep in sweeps(stimulus, figures, values, over, chosen):
         check_assignments(assignments, sweep.settings.models)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"

@@ -51,7 +51,7 @@ def test_one_name_for_one_thing() -> None:
 
 
 def test_every_message_goes_through_say() -> None:
-    """Which goes on where the reader of standard error has gone."""
+    """`say` ignores that the program that reads standard error has ended."""
     sources = Path(cli.__file__).parent.glob("*.py")
     assert sum(each.read_text(encoding="utf-8").count("err=True") for each in sources) == 1
 
