@@ -1,1 +1,1 @@
-"""Files: results that appear complete or not at all, tables, pages, and what is read back."""
+"""Files: writing them completely or not at all, tables, HTML pages, and reading."""

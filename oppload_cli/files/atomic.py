@@ -1,6 +1,6 @@
-"""Files and folders that appear under their name only when they are complete.
+"""Files and folders that get their names only when they are complete.
 
-Every refusal of the system ends in the one sentence of :func:`cannot_write`.
+If the system refuses to write one, the error is always that of :func:`cannot_write`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import stat
 import sys
 import time
 from abc import ABC, abstractmethod
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from io import BufferedRandom, FileIO, TextIOWrapper
 from typing import TYPE_CHECKING, Self
 
@@ -32,16 +32,16 @@ if sys.platform != "win32":
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
-    from types import TracebackType
 
 
-_DYING_S = 0.5  # for so long a run that was killed may still hold its lock
-# No link is followed, and no pipe waited for. Windows has neither: `_opened` looks first.
+_DYING_S = 0.5  # time for which a run that was killed may still hold its lock
+# Follow no link, and do not wait for a pipe. On Windows, which lacks these flags, only
+# `_check_alone` refuses them.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
 def cannot_write(path: Path, error: OSError) -> OpploadError:
-    """Return the error to raise where the system refuses to write a result."""
+    """Return the error to raise if the system refuses to write a result."""
     short = shortage(error)
     if short:
         return ShortageError(f"{path}: cannot be written, because {short}")
@@ -53,7 +53,7 @@ def cannot_write(path: Path, error: OSError) -> OpploadError:
 
 @contextmanager
 def output_errors(path: Path) -> Iterator[None]:
-    """Raise the OutputError of :func:`cannot_write` for `path` in place of any OSError within."""
+    """Raise the error of :func:`cannot_write` for `path` in place of an OSError."""
     try:
         yield
     except OSError as error:
@@ -74,16 +74,16 @@ def remove(path: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it; raise OutputError if that is refused."""
+    """Make a folder and the folders above it; raise OutputError if the system refuses."""
     with output_errors(folder):
         _make_folder(folder)
 
 
 def write_atomic(target: Path | PartFile, content: str | bytes | Iterable[bytes]) -> None:
-    """Write a complete file, a text as UTF-8, or none.
+    """Write a file completely or not at all; text becomes UTF-8.
 
-    The target is a name, whose missing folders are made, or a file that was begun before. Raises
-    OutputError as :class:`PartFile` does.
+    The target is a path, whose missing folders are made, or a part file. Raises the errors of
+    :class:`PartFile`.
     """
     if isinstance(content, str):
         content = content.encode("utf-8", "backslashreplace")
@@ -95,22 +95,21 @@ def refuse_existing(paths: Iterable[Path], if_exists: str) -> None:
     """Raise OutputError if a result exists and `if_exists` is ``error``."""
     if if_exists == "error":
         for path in paths:
-            if os.path.lexists(path):  # which, unlike `Path.exists`, accepts any name
+            if os.path.lexists(path):  # unlike `Path.exists`, accepts any name
                 raise _exists_already(path)
 
 
 def _exists_already(path: Path) -> OutputError:
-    """Return the error to raise where a result exists, or the part file of an earlier run."""
     return OutputError(f"{path}: exists already; choose --if-exists overwrite, or another --output")
 
 
 @contextmanager
 def claimed(path: Path, if_exists: str) -> Iterator[PartFile]:
-    """Hold the name of a result while its content is computed; the caller writes and commits it.
+    """Open the part file of a result before its content is computed.
 
-    So a file that cannot be written is refused before minutes of work, and of several runs at once
-    with ``error`` for `if_exists` only one makes the file. Without a commit, nothing remains of it.
-    Raises OutputError as :class:`PartFile` does.
+    If the file cannot be written, or another run writes it, the command thus fails before minutes
+    of work. The caller writes and commits the part file; without a commit it is removed, with the
+    folders made for it. Raises the errors of :class:`PartFile`.
     """
     missing = [folder for folder in path.parents if not os.path.lexists(folder)]
     file = PartFile(path, new=if_exists == "error")
@@ -119,12 +118,12 @@ def claimed(path: Path, if_exists: str) -> Iterator[PartFile]:
     finally:
         file.discard()
         for folder in missing:
-            with suppress(OSError):  # it holds results
+            with suppress(OSError):  # the folder holds results
                 folder.rmdir()
 
 
 class _Part(ABC):
-    """A context that gives a result its name at the end, or removes it after an error."""
+    """A context that commits a result at the end, or discards it after an error."""
 
     path: Path
     part: Path
@@ -133,12 +132,7 @@ class _Part(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         try:
             if error is None:
                 self.commit()
@@ -159,32 +153,32 @@ class _Part(ABC):
 class PartFile(_Part):
     """A file that is written as ``NAME.part`` under a lock, and renamed when it is complete.
 
-    An interrupted run keeps the part, readable as far as it goes. Where there are no locks, as on
-    Windows, a second run writes ``NAME.HOST-PROCESS.part``, so that two runs never write into one
-    file. A link, a folder or a pipe in the place of the part file is an error; no link is followed.
+    An interrupted run may keep the part file, with the rows so far. If the system has no locks, as
+    Windows, and ``NAME.part`` exists, the name of the part is ``NAME.HOST-PROCESS.part``, so that
+    two runs never write into one file. A link, a folder or a pipe named ``NAME.part`` is an error.
 
     Parameters
     ----------
     path : Path
         The final name; folders above it are made.
     new : bool
-        Whether a file of this name is an error.
+        Whether an existing file of this name is an error.
 
     Attributes
     ----------
     part : Path
-        The name until `commit`.
+        The path until `commit`.
     raw, binary : binary files
-        Where bytes are written, without a buffer or with one; both can be read back.
+        The file without a buffer and with one, for writing and reading bytes.
     stream : text file
-        Where text is written, as UTF-8 with ``surrogateescape`` and line ends as given.
+        The file for writing text, in UTF-8 with ``surrogateescape``; it keeps line ends.
 
     Raises
     ------
     OutputError
-        If it cannot be written there.
+        If the file cannot be written.
     BusyError
-        If another run is writing it.
+        If another run is writing the file.
     """
 
     def __init__(self, path: Path, *, new: bool = False) -> None:
@@ -194,7 +188,7 @@ class PartFile(_Part):
             if path.is_dir() and not path.is_symlink():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             self._open(part_of(path), new=new)
-        if new and os.path.lexists(path):  # maybe since just now, by another run
+        if new and os.path.lexists(path):  # after the lock: another run may just have finished
             self.discard()
             raise _exists_already(path)
 
@@ -203,17 +197,15 @@ class PartFile(_Part):
         self.raw, made = _opened(part)
         self.binary = BufferedRandom(self.raw)
         try:
-            alone = _lock(self.raw.fileno(), part)
-            if alone is False:
-                raise BusyError(f"{self.path}: another run is writing it; wait for that one")
+            locked = _lock(self.raw.fileno(), part, self.path)
             own = self.path.with_name(f"{self.path.name}.{platform.node()}-{os.getpid()}.part")
-            if alone is None and not made and part != own:
+            if not locked and not made and part != own:
                 if new:
                     raise _exists_already(part)
                 self.binary.close()
                 self._open(own, new=False)
                 return
-            self.binary.truncate(0)  # only now is it certain that no other run writes it
+            self.binary.truncate(0)  # with the lock: no other run writes the file
             self.stream = TextIOWrapper(
                 self.binary, encoding="utf-8", errors="surrogateescape", newline=""
             )
@@ -224,26 +216,26 @@ class PartFile(_Part):
     def commit(self) -> None:
         """Close the file and give it its name; do nothing after the first `commit`.
 
-        Raises OutputError if the disk refuses, or another file has taken the place of the part.
+        Raises OutputError if the system refuses, or ``NAME.part`` is another file now.
         """
         if self._done:
             return
         with output_errors(self.path):
             self.stream.flush()
-            os.fsync(self.binary.fileno())  # or a crash may leave the name without the content
+            os.fsync(self.binary.fileno())  # a system crash must not leave an empty file
             if not os.path.samestat(os.fstat(self.binary.fileno()), os.lstat(self.part)):
                 raise FileExistsError(errno.EEXIST, f"{self.part.name} is another file now")
-            if sys.platform == "win32":  # where an open file keeps its name
+            if sys.platform == "win32":  # cannot rename an open file
                 self.stream.close()
-            # Renamed while locked: after the lock another run might begin to write it.
+            # Elsewhere the file is still open and so locked: no other run can write it.
             self.part.replace(self.path)
             self._done = True
             self.stream.close()
 
     def keep(self) -> None:
-        """Close the file, leaving it as ``NAME.part``."""
+        """Close the file, but do not rename it."""
         self._done = True
-        with suppress(OSError):  # a full disk refuses the last rows once more
+        with suppress(OSError):  # closing writes the last rows, which a full disk refuses
             self.stream.close()
 
     def discard(self) -> None:
@@ -260,49 +252,35 @@ class PartFile(_Part):
 class PartFolder(_Part):
     """A folder that is filled as ``NAME.part`` under a lock, and renamed when it is complete.
 
-    Parameters and errors are those of :class:`PartFile`; a file or folder of the name is replaced.
-
-    Attributes
-    ----------
-    part : Path
-        Where files are put until `commit`.
+    Parameters and errors are those of :class:`PartFile`. An existing file or folder is replaced,
+    and the files in it are those that the caller writes into the folder `part` before `commit`.
     """
 
     def __init__(self, path: Path, *, new: bool = False) -> None:
         self.path, self.part = path, part_of(path)
-        self._held = -1
-        with output_errors(path):
+        with output_errors(path), ExitStack() as lock:
             _make_folder(path.parent)
             if self.part.is_symlink() or not self.part.is_dir():
                 remove(self.part)
             self.part.mkdir(exist_ok=True)
-            self._hold()
-            for each in self.part.iterdir():  # of an earlier run
+            if sys.platform != "win32":  # cannot lock a folder
+                descriptor = os.open(self.part, os.O_RDONLY | _CAUTIOUS)
+                lock.callback(os.close, descriptor)
+                _lock(descriptor, self.part, path)
+            for each in self.part.iterdir():  # of an interrupted run
                 remove(each)
+            self._lock = lock.pop_all()
         if new and os.path.lexists(path):
             self.discard()
             raise _exists_already(path)
 
-    def _hold(self) -> None:
-        if sys.platform == "win32":  # where no folder can be locked
-            return
-        self._held = os.open(self.part, os.O_RDONLY | _CAUTIOUS)
-        if _lock(self._held, self.part) is False:
-            self._let_go()
-            raise BusyError(f"{self.path}: another run is writing it; wait for that one")
-
-    def _let_go(self) -> None:
-        if self._held >= 0:
-            os.close(self._held)
-            self._held = -1
-
     def commit(self) -> None:
-        """Give the folder its name; raise OutputError if that is refused."""
+        """Give the folder its name; raise OutputError if the system refuses."""
         with output_errors(self.path):
             remove(self.path)
             self.part.rename(self.path)
         self._done = True
-        self._let_go()
+        self._lock.close()
 
     def discard(self) -> None:
         """Remove the folder; do nothing after `commit`."""
@@ -311,25 +289,25 @@ class PartFolder(_Part):
         self._done = True
         with suppress(OSError):
             remove(self.part)
-        self._let_go()
+        self._lock.close()
 
 
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError:  # its text, "file exists", would puzzle the user
+    except FileExistsError:  # its text, "file exists", does not say that a folder is needed
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR)) from None
 
 
 def _opened(part: Path) -> tuple[FileIO, bool]:
-    """Open a new part file, or a regular one that has no other name; tell whether it is new."""
+    """Open a part file; return whether it was made. An existing one must be a regular file."""
 
     def opener(flags: int) -> Callable[[str, int], int]:
         return lambda name, own: os.open(name, own | flags | _CAUTIOUS, 0o666)
 
     with suppress(FileExistsError):
         return FileIO(part, "r+", opener=opener(os.O_CREAT | os.O_EXCL)), True
-    _check_alone(os.lstat(part), part)  # to open some devices has an effect
+    _check_alone(os.lstat(part), part)  # before `open`, which has an effect on some devices
     file = FileIO(part, "r+", opener=opener(0))
     try:
         _check_alone(os.fstat(file.fileno()), part)
@@ -339,30 +317,33 @@ def _opened(part: Path) -> tuple[FileIO, bool]:
     return file, False
 
 
-def _check_alone(there: os.stat_result, part: Path) -> None:
-    """Refuse a folder or a device, and a file that has a second name."""
-    if not stat.S_ISREG(there.st_mode) or there.st_nlink > 1:
+def _check_alone(status: os.stat_result, part: Path) -> None:
+    """Raise FileExistsError for anything but a regular file with one name."""
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
         raise FileExistsError(errno.EEXIST, f"{part.name} is a link, a folder or a device")
 
 
-def _lock(file: int, path: Path) -> bool | None:
-    """Lock an open file; tell whether no other process holds it, or has just renamed it.
+def _lock(descriptor: int, part: Path, path: Path) -> bool:
+    """Lock an open part file or folder; return False if the system or file system has no locks.
 
-    None where the system or the file system has no locks.
+    Raises BusyError if another process holds the lock, or has just renamed the part.
     """
     if sys.platform == "win32":
-        return None
+        return False
     deadline = time.monotonic() + _DYING_S
     while True:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return os.path.samestat(os.fstat(file), path.stat())
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(descriptor), part.stat()):
+                return True
+            break
         except BlockingIOError:
-            # The system releases the files of a killed process a moment after its death.
+            # The system releases the lock of a killed process a moment after its death.
             if time.monotonic() >= deadline:
-                return False
+                break
             time.sleep(_DYING_S / 20)
         except FileNotFoundError:
-            return False
+            break
         except OSError:  # a file system without locks
-            return None
+            return False
+    raise BusyError(f"{path}: another run is writing it; wait for that one")

@@ -1,4 +1,4 @@
-"""HTML pages that need no other file, made from the templates beside this module."""
+"""HTML pages that need no other file, made from the templates of a package."""
 
 from __future__ import annotations
 
@@ -30,20 +30,17 @@ def rendered(template: str, *, package: str = _HERE, **values: object) -> str:
     Parameters
     ----------
     template : str
-        File name in the folder ``templates`` of the package, e.g. ``reproduction.html``. It
-        extends ``page.html`` of ``oppload_cli/files``, which holds the style that all pages share.
+        File name in the folder ``templates`` of the package, e.g. ``reproduction.html``. The
+        template extends ``page.html`` of ``oppload_cli/files``, with the style of all pages.
     package : str
-        Where the template is.
+        Name of the package with the template.
     **values
-        Values and functions that the template uses; one that is missing is an error. Text is
-        escaped, unless it is a ``markupsafe.Markup``.
+        Values and functions that the template uses; a missing value is an error. Text is escaped,
+        unless it is a ``markupsafe.Markup``.
     """
     return _environment(package).get_template(template).render(values)
 
 
 def embedded(picture: bytes, kind: str = "png") -> str:
-    """Return a picture, the content of a file, as the ``data:`` address of an ``<img>``.
-
-    The kind is ``png`` or ``jpeg``.
-    """
+    """Return the content of a ``png`` or ``jpeg`` file as the ``data:`` address of an ``<img>``."""
     return f"data:image/{kind};base64,{base64.b64encode(picture).decode('ascii')}"

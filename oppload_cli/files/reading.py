@@ -1,7 +1,4 @@
-"""Files that are read: their names, their content, and the sentences on their errors.
-
-A name that comes from data (a list, a sidecar or a manifest) must not lead out of its folder.
-"""
+"""Reading files: their content, messages for their errors, and a check of names from data."""
 
 from __future__ import annotations
 
@@ -25,40 +22,40 @@ if TYPE_CHECKING:
     from oppload_cli.errors import OpploadError
 
 
-_MOST_BYTES = 1 << 30  # of a file that is read at once
+_MOST_BYTES = 1 << 30  # the size of the largest file that is read at once
 _NOT_IN_NAMES = "\\" + ('<>:"|?*' if sys.platform == "win32" else "")
 _DRIVE = re.compile(r"[A-Za-z]:")
 # Windows opens a device under these names, whatever the folder and the suffix.
 _DEVICES = re.compile(r"(CON|PRN|AUX|NUL|CONIN\$|CONOUT\$|(COM|LPT)[0-9¹²³])\s*(\..*)?", re.I)
 
-# Unlike the methods of `Path` these raise no error, whatever the name: it may be too long, hold a
-# NUL, or lie in a folder that cannot be read.
+# Unlike the methods of `Path`, these functions return False for a name that is too long, holds a
+# NUL, or lies in a folder that cannot be read.
 is_file, is_folder, is_there = os.path.isfile, os.path.isdir, os.path.exists
 
 
 def content_of(path: Path | str, *, pipes: bool = False) -> bytes:
-    """Return the content of a file, to be called within :func:`reading`.
+    """Return the content of a file; call this function within :func:`reading`.
 
-    With `pipes`, a pipe or a device will do too, as ``<(command)`` gives; Ctrl-C ends the waiting
-    for it. A name that comes from data must never make a command wait.
+    With `pipes`, the file may also be a pipe or a device, such as ``<(command)``. Reading a pipe
+    may take for ever, so that a name that comes from data must not be a pipe.
 
     Raises
     ------
     OSError
-        If it cannot be read, is no file, or is too large.
+        If the file cannot be read, is no file, or is too large.
     KeyboardInterrupt
-        If a signal has asked the program to stop.
+        If a signal has asked the program to stop while it reads a pipe.
     """
     path = Path(path)
-    there = path.stat()
-    if not stat.S_ISREG(there.st_mode) and not (pipes or stat.S_ISDIR(there.st_mode)):
+    mode = path.stat().st_mode
+    if not (pipes or stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "a pipe or a device, not a file")
 
     def read() -> bytes:
         with path.open("rb") as file:
             return file.read(_MOST_BYTES + 1)
 
-    content = read() if stat.S_ISREG(there.st_mode) else Call(read).result()
+    content = read() if stat.S_ISREG(mode) else Call(read).result()
     if len(content) > _MOST_BYTES:
         raise OSError(errno.EFBIG, f"more than {_MOST_BYTES >> 20} MB")
     return content
@@ -78,18 +75,18 @@ def reading(
     check: str = "check the path",
     repair: str = "correct the file",
 ) -> Iterator[None]:
-    """Turn the errors of reading and parsing a file into one sentence that names it.
+    """Replace the errors of reading and parsing a file by an error with one sentence.
 
     Parameters
     ----------
     path : Path or str
         The file or folder, for the message.
     kind : type
-        Class of the error to raise.
+        Class of the error that the context raises.
     form : str
         The format that the file should have, such as ``JSON``.
     check, repair : str
-        Advice for the user: where the file cannot be read, and where its content is wrong.
+        Advice to the user if the file cannot be read, and if its content is wrong.
     """
     try:
         yield
@@ -98,23 +95,23 @@ def reading(
     except UnicodeDecodeError as error:
         at = f"byte {error.start + 1} cannot be read as text"
         raise kind(f"{path}: is not valid {form} ({at}); {repair}") from error
-    except (ValueError, RecursionError, csv.Error) as error:  # of the format
+    except (ValueError, RecursionError, csv.Error) as error:
         raise kind(f"{path}: is not valid {form} ({reason_of(error)}); {repair}") from error
 
 
 def fault_of_stem(stem: str) -> str:
-    """Return why a stem with folders in it, such as ``cam1/clip``, is no name on every system.
+    """Return why a stem is no valid path of a file on every system, or leads out of its folder.
 
     Parameters
     ----------
     stem : str
-        File names, separated by ``/``; undecodable bytes are allowed in it.
+        File names separated by ``/``, such as ``cam1/clip``; undecodable bytes are allowed.
 
     Returns
     -------
     str
-        The end of a sentence on the first name that is no plain one, such as ``holds ':'``; empty
-        if there is none. A plain name does not lead out of its folder.
+        The fault of the first faulty name, as the end of a sentence such as ``holds ':'``; empty
+        if there is no fault.
     """
     return next(filter(None, map(_fault_of_name, stem.split("/"))), "")
 

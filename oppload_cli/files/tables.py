@@ -1,4 +1,4 @@
-"""Tables that are written row by row, as CSV or as Parquet."""
+"""Tables of results that are written row by row, as CSV or as Parquet."""
 
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ Value = float | int | None
 Cell = str | Value
 
 _FLUSH_EVERY_S = 1.0
-_ROWS_AT_ONCE = 10_000  # of a Parquet file are in memory
+_MOST_ROWS = 10_000  # that are kept in memory before they are written to a Parquet file
 
 
 def formatted(value: Cell) -> str:
-    """Return a cell as all tables have it: a number ``%.9g``, nothing for None, 1 for True."""
+    """Return the text of a cell: ``%.9g`` of a float, ``1`` for True, and no text for None."""
     if isinstance(value, str):
         return value
     return "" if value is None else f"{value:.9g}" if isinstance(value, float) else str(int(value))
 
 
 class _PlainEnds:
-    """A stream of rows that end in a line feed alone.
+    """A stream for a CSV writer that replaces its line ends by line feeds.
 
-    A CSV writer quotes a cell only if it holds a character of the writer's own line end. The
-    default line end, carriage return and line feed, makes it quote both: without quotes, a carriage
-    return in a name would end the row for a reader.
+    Up to Python 3.12, the line end of a CSV writer decides which cells it quotes. With its default
+    line end, it quotes a carriage return in a name. Unquoted, this would end the row.
     """
 
     def __init__(self, stream: IO[str]) -> None:
@@ -44,16 +43,16 @@ class _PlainEnds:
 
 
 class Table:
-    """A CSV stream: a header, then rows that are on the disk within a second.
+    """A CSV stream with a header. It flushes its rows at least once per second.
 
     Parameters
     ----------
     stream : text file
-        Opened with ``newline=""``.
+        A file opened with ``newline=""``.
     columns : iterable of str
         The header.
     cell : callable
-        Returns a value as its text.
+        Returns the text of a value.
     """
 
     def __init__(
@@ -66,7 +65,7 @@ class Table:
         self._flushed = time.monotonic()
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Write one row; a column that it lacks is an empty cell."""
+        """Write one row; if the row lacks a column, the cell is empty."""
         self._writer.writerow(map(self._cell, map(row.get, self._columns)))
         now = time.monotonic()
         if now - self._flushed >= _FLUSH_EVERY_S:
@@ -78,7 +77,7 @@ class Table:
 def open_table(
     path: Path, columns: Mapping[str, type], *, new: bool = False
 ) -> Iterator[Table | _Parquet]:
-    """Open a table for many rows; it appears when it is complete, or not at all.
+    """Open a table for writing; the file appears when it is complete, or not at all.
 
     Parameters
     ----------
@@ -87,17 +86,17 @@ def open_table(
     columns : mapping of str to type
         Names and types of the columns: str, int, float, bool (written as ``true``).
     new : bool
-        Whether a file of this name is an error.
+        Whether an existing file of this name is an error.
 
     Yields
     ------
-    Table
-        Its `write` takes a row; few rows are in memory at a time.
+    Table or _Parquet
+        An object whose `write` takes a row.
 
     Raises
     ------
     OutputError
-        If it cannot be written, or pyarrow is missing, or the suffix is another.
+        If the file cannot be written, pyarrow is missing, or the suffix is another one.
     """
     suffix = path.suffix.lower()
     if suffix not in {".csv", ".parquet"}:
@@ -119,12 +118,9 @@ def rows_in(path: Path) -> int:
 
 
 def typed(value: Cell, kind: type) -> Cell:
-    """Return a value, or the text of a number, as its column has it; None for an empty cell.
+    """Convert a value, or the text of a number, to the type of its column; an empty one to None.
 
-    Raises
-    ------
-    TypeError, ValueError
-        If it is of another type.
+    Raises TypeError or ValueError if the value is of another type.
     """
     if value is None or value == "":
         return None
@@ -132,7 +128,7 @@ def typed(value: Cell, kind: type) -> Cell:
         raise TypeError(f"{value!r} is no {kind.__name__}")
     result: Cell = kind(value)
     if isinstance(result, int) and not -(2**63) <= result < 2**63:
-        raise ValueError("more than 64 bits")  # which Parquet and most readers have
+        raise ValueError("more than 64 bits")  # Parquet and most readers take 64
     return result
 
 
@@ -156,14 +152,16 @@ class _Parquet:
     def __init__(self, arrow: Any, file: PartFile, columns: Mapping[str, type]) -> None:
         kinds = {str: arrow.string(), int: arrow.int64(), float: arrow.float64()}
         kinds[bool] = arrow.bool_()
-        self._arrow, self._columns = arrow, dict(columns)
+        self._arrow, self._columns = arrow, columns
         self._schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()])
         self._writer = arrow.parquet.ParquetWriter(file.binary, self._schema)
-        self._rows: list[Mapping[str, Any]] = []
+        self._rows: list[dict[str, Cell]] = []
 
     def write(self, row: Mapping[str, Any]) -> None:
-        self._rows.append(row)
-        if len(self._rows) >= _ROWS_AT_ONCE:
+        self._rows.append(
+            {name: typed(row.get(name), kind) for name, kind in self._columns.items()}
+        )
+        if len(self._rows) >= _MOST_ROWS:
             self._flush()
 
     def __enter__(self) -> Self:
@@ -175,14 +173,10 @@ class _Parquet:
                 self._flush()
                 self._writer.close()
         finally:
-            # Else the writer of a table that failed would write the end of the file as it is
-            # deleted, when the file is closed.
+            # After an error, the file is closed without the end of the table. The writer would
+            # write this end when Python deletes the writer, and fail.
             self._writer.is_open = False
 
     def _flush(self) -> None:
-        arrays = [
-            self._arrow.array([typed(row.get(name), kind) for row in self._rows], type=field)
-            for (name, kind), field in zip(self._columns.items(), self._schema.types, strict=True)
-        ]
-        self._writer.write_table(self._arrow.table(arrays, schema=self._schema))
+        self._writer.write_table(self._arrow.Table.from_pylist(self._rows, schema=self._schema))
         self._rows.clear()
