@@ -1,7 +1,7 @@
 """oppload: OppLoD and D-LGMD, two insect-inspired looming detectors, on video.
 
-The names here are the public API. They are loaded when first used, so that
-importing the package costs nothing.
+The names here are the public API. Each is loaded when it is first used, so that importing the
+package takes no time.
 
 >>> import oppload_cli as oppload
 >>> result = oppload.run("controls/looming-perspective", rmo=False)

@@ -1,4 +1,4 @@
-"""The entry point from Python: functions to run detectors and read results, and the result."""
+"""The API for Python: functions that run detectors and read results, and the class of a result."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ class Result(tables.BaseResult):
     Attributes
     ----------
     path : Path
-        The path of the table; only a file name if the result was never saved.
+        The path of the table; only a file name if the result was not read from files.
     frames : DataFrame
-        A row per frame with the columns of ``frames.csv``; empty cells are NaN.
+        A row per frame, with the columns of ``frames.csv``; empty cells are NaN.
     sidecar : dict
         The content of ``oppload.json``: settings, facts about the input, versions.
     detections : DataFrame
@@ -79,14 +79,13 @@ class Result(tables.BaseResult):
     saved: bool = False
 
     def __repr__(self) -> str:
-        alarms = [f"{name}: {_plural(self._alarms(name), 'alarm')}" for name in self.models]
-        rows = _plural(len(self.frames), "frame")
         name = self.sidecar.get("input", {}).get("name") or self.stem
-        return f"Result({', '.join([repr(str(name)), rows, *alarms])})"
-
-    def _alarms(self, name: str) -> int:
-        on = self.frames[f"{name}_alarm"].fillna(0).astype(bool)
-        return int((on & ~on.shift(fill_value=False)).sum())
+        parts = [repr(str(name)), _plural(len(self.frames), "frame")]
+        for model in self.models:
+            on = self.frames[f"{model}_alarm"].fillna(0).astype(bool)
+            begins = int((on & ~on.shift(fill_value=False)).sum())
+            parts.append(f"{model}: {_plural(begins, 'alarm')}")
+        return f"Result({', '.join(parts)})"
 
     @property
     def summary(self) -> dict[str, dict[str, Any]]:
@@ -101,7 +100,7 @@ class Result(tables.BaseResult):
         return dict(self.sidecar.get("summary", {}))
 
     def plot(self, **options: Any) -> tuple[Figure, list[Axes]]:
-        """Draw the responses over time; options as for :func:`oppload_cli.plot_curves`.
+        """Draw the responses over time, with the options of :func:`oppload_cli.plot_curves`.
 
         Examples
         --------
@@ -121,12 +120,13 @@ class Result(tables.BaseResult):
         folder : str or Path
             Folder of the page, made if it does not exist. A page of the same name is replaced.
         video : str or Path, optional
-            The video, or its folder, if the video was moved.
+            The video, or its folder, if the video was moved. Without a video, the page shows only
+            the curves.
 
         Returns
         -------
         Path
-            The page, for any browser; it has no video if none is found.
+            The page, for any browser.
 
         Raises
         ------
@@ -149,14 +149,14 @@ class Result(tables.BaseResult):
     def save(
         self, folder: str | Path = ".", stem: str | None = None, *, if_exists: str = "error"
     ) -> Path:
-        """Write the files that ``oppload run`` writes; for a stimulus also its ground truth.
+        """Write the files that ``oppload run`` writes, and the ground truth of a stimulus.
 
         Parameters
         ----------
         folder : str or Path
             Folder of the files, made if it does not exist.
         stem : str, optional
-            The beginning of the names of the files; if left out it follows from the input.
+            The beginning of the names of the files; by default it follows from the input's name.
         if_exists : str
             ``error``, ``overwrite``, or ``skip``, which keeps a complete result.
 
@@ -170,7 +170,7 @@ class Result(tables.BaseResult):
         OutputError
             If a file exists already, or cannot be written.
         ParameterError
-            If `if_exists` is none of these words.
+            If `if_exists` is another word.
 
         Examples
         --------
@@ -188,17 +188,18 @@ class Result(tables.BaseResult):
             words = ", ".join(IfExists)
             raise ParameterError(f"if_exists must be one of {words}, not {if_exists!r}") from None
         folder, stem = Path(folder), file_stem(stem or self.stem)
-        outputs, beside = Outputs.of(folder, stem, self.models), folder / f"{stem}{GROUND_TRUTH}"
+        outputs = Outputs.of(folder, stem, self.models)
+        truth_path = folder / f"{stem}{GROUND_TRUTH}"
         sidecar = dict(self.sidecar)
         truth = sidecar.get("stimulus")
         if not isinstance(truth, dict) or "frames" not in truth:
             truth = None
-        made = [*([] if truth is None else [beside]), *outputs.paths()]
-        there = next(filter(os.path.lexists, made), None)
-        if there is not None and existing is IfExists.ERROR:
+        paths = [*([truth_path] if truth else []), *outputs.paths()]
+        existing_path = next(filter(os.path.lexists, paths), None)
+        if existing_path is not None and existing is IfExists.ERROR:
             raise OutputError(
-                f"{there}: exists already; choose if_exists='overwrite' or 'skip', or another "
-                "folder or stem"
+                f"{existing_path}: exists already; choose if_exists='overwrite' or 'skip', or "
+                "another folder or stem"
             )
         table = None if outputs.kept(existing) else outputs.begin(existing)
         if table is None:
@@ -210,9 +211,9 @@ class Result(tables.BaseResult):
             file.stream.flush()
             # As in a run, the old table is removed first, and the new table gets its name last.
             outputs.csv.unlink(missing_ok=True)
-            if truth is not None:
-                write_atomic(beside, json.dumps(truth) + "\n")
-                sidecar["stimulus"] = facts_of_truth(beside, truth)
+            if truth:
+                write_atomic(truth_path, json.dumps(truth) + "\n")
+                sidecar["stimulus"] = facts_of_truth(truth_path, truth)
             if outputs.detections is not None:
                 lines = [detection_line(row) for row in _plain(self.detections)]
                 write_atomic(outputs.detections, "".join(lines))
@@ -249,14 +250,14 @@ def run(
     fov : float, optional
         Field of view across the width of the frame in degrees; a stimulus states its own.
     rmo : bool
-        Whether radial motion opponency is measured.
+        Whether to measure radial motion opponency.
     settings : mapping of str, optional
-        Single parameters, such as ``{"opplod.gain": 2}``.
+        Values of single parameters, such as ``{"opplod.gain": 2}``.
 
     Returns
     -------
     Result
-        The result, equal to the files that ``oppload run`` writes for this input.
+        The result, with the same values as the files of ``oppload run`` for this input.
 
     Raises
     ------
@@ -279,7 +280,7 @@ def run(
         height=None if height is None else str(height),
         fov=None if fov is None else str(fov),
         measure_rmo=rmo,
-        assignments=[f"{name}={_text(value)}" for name, value in (settings or {}).items()],
+        assignments=[f"{name}={value}" for name, value in (settings or {}).items()],
     )
     records: list[FrameRecord] = []
     pixels = chosen.height or "native"
@@ -300,7 +301,7 @@ def read_result(path: str | Path) -> Result:
     Parameters
     ----------
     path : str or Path
-        A ``frames.csv``. The sidecar and the detections are read too, if they are beside it.
+        A ``frames.csv``. If the sidecar and the detections are in its folder, they are read too.
 
     Raises
     ------
@@ -321,14 +322,14 @@ def read_result(path: str | Path) -> Result:
 
 
 def _table(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> pd.DataFrame:
-    """Return rows as a table of numbers, in which None becomes NaN, and True 1."""
+    """Return rows as a table of numbers; None becomes NaN, and True becomes 1."""
     table = pd.DataFrame.from_records(list(rows), columns=list(columns))
     kinds = {name: int if table[name].dtype == bool else float for name in columns}
     return table.astype({name: kind for name, kind in kinds.items() if name != "frame"})
 
 
 def _detections(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    # If the field of view is known, there are also columns in degrees.
+    # If the field of view is known, rows also have columns in degrees.
     columns = dict.fromkeys([*_DETECTION_COLUMNS, *(rows[0] if rows else ())])
     return pd.DataFrame.from_records(list(rows), columns=list(columns))
 
@@ -341,7 +342,3 @@ def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def _plural(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,4 +1,4 @@
-"""The versions and cores behind a result: for the sidecar, and for ``oppload info``."""
+"""The versions and cores that a result depends on: for the sidecar, and for ``oppload info``."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def environment() -> dict[str, Any]:
     -------
     dict
         ``oppload``, ``python``, ``platform``, ``cores``, ``arithmetic`` (compiled loops or
-        libraries), ``why portable`` where no compiled loops run, ``why not wide`` where those
-        for the processor's wide vectors are damaged, and ``libraries``.
+        libraries) and ``libraries``. Also ``why portable`` if no compiled loops run, and ``why not
+        wide`` if the loops for the processor's wide vectors are damaged.
     """
     reasons = {"why portable": why_portable(), "why not wide": why_not_wide()}
     return {
@@ -37,24 +37,24 @@ def environment() -> dict[str, Any]:
 
 
 def _versions() -> dict[str, str | None]:
-    """Return the version of each library, None for one that is not installed.
+    """Return the version of each library, None if the library is not installed.
 
-    The name of its folder, ``NAME-VERSION.dist-info``, tells it; `importlib.metadata`, which is
-    asked where there is no such folder, would read a page of each library: 30 ms of each run.
+    The version is in the name of a folder, ``NAME-VERSION.dist-info``. Only without such a folder,
+    `importlib.metadata` is used: it would take 30 ms of each run.
     """
     found: dict[str, str] = {}
     for place in sys.path:
         for folder in Path(place).glob("*.dist-info"):
             name, _, version = folder.name.removesuffix(".dist-info").partition("-")
             found.setdefault(name.lower().replace("_", "-"), version)
-    # OpenCV comes under several names; either serves.
+    # OpenCV is also installed as opencv-python.
     return {
-        name: found.get(name) or found.get(name.removesuffix("-headless")) or _asked(name)
+        name: found.get(name) or found.get(name.removesuffix("-headless")) or _from_metadata(name)
         for name in _LIBRARIES
     }
 
 
-def _asked(name: str) -> str | None:
+def _from_metadata(name: str) -> str | None:
     from importlib import metadata  # noqa: PLC0415 - seldom needed
 
     for each in (name, name.removesuffix("-headless")):

@@ -1,4 +1,4 @@
-"""The exceptions of oppload, and the exit codes of the command line for them.
+"""The exceptions of oppload with their exit codes, and functions for messages.
 
 Every error that a user can cause is an :class:`OpploadError`. Its message is one sentence with the
 fault, its place, and the remedy. Only ``oppload_cli.cli.main`` prints it.
@@ -103,33 +103,23 @@ class StimulusError(OpploadError, ValueError):
 
 
 def shortage(error: BaseException | None) -> str:
-    """Return a message if an error means that memory, processes, threads or files ran out.
+    """Return a message if an error, or its cause, means that memory, processes or files ran out.
 
-    Libraries use different words for memory and threads that the system refuses.
-
-    Parameters
-    ----------
-    error : BaseException or None
-        Any error; the errors that caused it are examined too.
-
-    Returns
-    -------
-    str
-        The message, without the place of the fault; empty for every other error.
+    The message lacks the place of the fault; it is empty for every other error.
     """
-    seen: list[BaseException] = []
+    checked: list[BaseException] = []
     # An error that was kept in a thread and raised again may be its own cause.
-    while error is not None and error not in seen:
-        seen.append(error)
+    while error is not None and error not in checked:
+        checked.append(error)
         number = getattr(error, "errno", None)
-        # The full text of a system error includes a path, which may contain any words.
-        said = str(getattr(error, "strerror", None) or error).lower()
-        known = isinstance(error, MemoryError) or number == errno.ENOMEM
-        if known or any(words in said for words in _NO_MEMORY):
+        # Not the complete text of a system error: its path may contain any words.
+        text = str(getattr(error, "strerror", None) or error).lower()
+        no_memory = isinstance(error, MemoryError) or number == errno.ENOMEM
+        if no_memory or any(words in text for words in _NO_MEMORY):
             return (
                 "the memory is short; free some, raise its limit (ulimit -v), or use fewer --jobs"
             )
-        if number == errno.EAGAIN or "start new thread" in said:
+        if number == errno.EAGAIN or "start new thread" in text:
             return (
                 "no further process or thread can be started; end some, raise their limit "
                 "(ulimit -u), or use fewer --jobs"
@@ -141,11 +131,11 @@ def shortage(error: BaseException | None) -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    """Return the text of a system's or parser's error, as a part of a sentence."""
-    said = str(getattr(error, "strerror", None) or error).strip()
-    if not said:
+    """Return the first line of an error of the system or a parser, as a part of a sentence."""
+    text = str(getattr(error, "strerror", None) or error).strip()
+    if not text:
         return type(error).__name__
-    first = said.splitlines()[0].rstrip(".")
+    first = text.splitlines()[0].rstrip(".")
     return first[:1].lower() + first[1:]
 
 
@@ -158,7 +148,7 @@ def cannot_read(name: str, error: OSError) -> SourceError:
 def printable(text: str) -> str:
     r"""Return a text with control characters and undecodable bytes written as ``\\x1b``.
 
-    Messages contain names of files, which may have line ends and escape sequences.
+    Names of files, which messages contain, may have line ends and escape sequences.
     """
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text
@@ -166,24 +156,14 @@ def printable(text: str) -> str:
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """Return a hint for a misspelt word: the known word that is nearest to it.
+    """Return a hint for a misspelt word, such as ``; did you mean 'receptive_field'?``.
 
-    Parameters
-    ----------
-    word : str
-        The word that the user wrote.
-    known : iterable of str
-        The words that are allowed.
-
-    Returns
-    -------
-    str
-        ``"; did you mean 'receptive_field'?"``, or the words that end in `word`, or all known
-        words if none is near.
+    The hint names the most similar known word, the known words that end in ``_word``, or else all
+    known words.
     """
-    names = sorted(known)
     import difflib  # noqa: PLC0415 - only for a misspelt word
 
+    names = sorted(known)
     begun = [name for name in names if len(word) > 2 and name.startswith(word)]
     ended = [name for name in names if name.endswith(f"_{word}")]
     near = begun[:1] or ended or difflib.get_close_matches(word, names, n=1, cutoff=0.6)

@@ -1,8 +1,8 @@
 """Frozen tables of declared values; a table converts and checks each value that it gets.
 
-A value is declared once, with its type, default, unit, range and meaning. This declaration serves
-the Python API, TOML files, ``--set``, ``oppload models``, the JSON Schema of protocols, the
-documentation and the sidecar. This module does not need NumPy.
+A value is declared once, with its type, default, unit, range and meaning. The Python API, TOML
+files, ``--set``, ``oppload models``, the JSON Schema of protocols, the documentation and the
+sidecar all use this declaration. This module does not need NumPy.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ def parameter(
     Parameters
     ----------
     default : object
-        The default; :data:`REQUIRED` if the value must be given. None means that the value follows
-        from something else, such as the working size.
+        The default; :data:`REQUIRED` if there is none. None means that the value follows from
+        another quantity, such as the working size.
     meaning : str
         One line for the user.
     unit : str
@@ -72,15 +72,9 @@ def parameter(
     0.02
     """
     metadata = {
-        "meaning": meaning,
-        "unit": unit,
-        "low": low,
-        "above": above,
-        "high": high,
-        "choices": choices,
-        "kinds": kinds,
-        "needed_by": needed_by,
-    }
+        "meaning": meaning, "unit": unit, "low": low, "above": above, "high": high,
+        "choices": choices, "kinds": kinds, "needed_by": needed_by,
+    }  # fmt: skip
     return field(default=default, metadata=metadata)
 
 
@@ -126,7 +120,7 @@ class Table:
 
     _error: ClassVar[type[OpploadError]] = StimulusError
     _units: ClassVar[bool] = True  # whether messages name the unit of a bound
-    _none: ClassVar[str] = ""
+    _none: ClassVar[str] = ""  # the end of a message on the type of an optional value
 
     def __post_init__(self) -> None:
         for each in self.declared():
@@ -163,7 +157,7 @@ class Table:
         Parameters
         ----------
         table : object
-            The contents; it should be a dict with declared keys.
+            The contents, which should be a dict with declared keys.
         where : str
             Names of the file and of the table, for messages.
 
@@ -182,10 +176,11 @@ class Table:
         for name, each in known.items():
             if name not in table and each.default is REQUIRED:
                 raise cls._error(f"{where}: {name} is missing; add it")
-        nested = {name: known[name].table for name in table}
         values = {
-            name: inner.from_table(table[name], f"{where}: {name}") if inner else table[name]
-            for name, inner in nested.items()
+            name: inner.from_table(value, f"{where}: {name}")
+            if (inner := known[name].table)
+            else value
+            for name, value in table.items()
         }
         try:
             return cls(**values)
@@ -197,10 +192,7 @@ class Table:
         return {name: _plain(getattr(self, name)) for name in self.names()}
 
     def as_table(self) -> dict[str, Any]:
-        """Return the values by name, including defaults, without values that are None.
-
-        :meth:`from_table` makes the same table from them.
-        """
+        """Return the values by name, for :meth:`from_table`: with defaults, but without None."""
         return {name: value for name, value in self.as_dict().items() if value is not None}
 
     @classmethod
@@ -208,49 +200,49 @@ class Table:
         return name
 
     @classmethod
-    def _checked(cls, each: Parameter, value: object) -> Any:
-        if value is None and each.optional:
+    def _checked(cls, declared: Parameter, value: object) -> Any:
+        if value is None and declared.optional:
             return None
-        value = cls._converted(each, each.type, value)
-        if each.choices and value not in each.choices:
-            raise cls._error(cls._refused_choice(each, value))
+        value = cls._converted(declared, declared.type, value)
+        if declared.choices and value not in declared.choices:
+            raise cls._error(cls._refused_choice(declared, value))
         for number in _numbers(value):
-            cls._check_bounds(each, number)
+            cls._check_bounds(declared, number)
         return value
 
     @classmethod
-    def _converted(cls, each: Parameter, kind: Any, value: Any) -> Any:
-        label = cls._label(each.name)
+    def _converted(cls, declared: Parameter, kind: Any, value: Any) -> Any:
+        label = cls._label(declared.name)
         if typing.get_origin(kind) is tuple:
             kinds = typing.get_args(kind)
             if not isinstance(value, list | tuple):
                 raise cls._error(f"{label} takes a list, not {value!r}")
             if kinds[-1] is not Ellipsis and len(value) != len(kinds):
                 raise cls._error(f"{label} takes a list of {len(kinds)} values, not {len(value)}")
-            return tuple(cls._converted(each, kinds[0], one) for one in value)
+            return tuple(cls._converted(declared, kinds[0], one) for one in value)
         if kind is Fraction and not isinstance(value, Fraction):
             return cls._fraction(label, value)
-        if not isinstance(value, bool):  # the classes of `numbers` include NumPy's numbers
+        if not isinstance(value, bool):  # NumPy's numbers are of the classes of `numbers` too
             if kind is float and isinstance(value, numbers.Real):
                 return _float(value)
             if kind is int and isinstance(value, numbers.Integral):
                 return int(value)
         if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
-            raise cls._mistyped(each, kind, value)
+            raise cls._mistyped(declared, kind, value)
         return value
 
     @classmethod
-    def _mistyped(cls, each: Parameter, kind: Any, value: object) -> OpploadError:
+    def _mistyped(cls, declared: Parameter, kind: Any, value: object) -> OpploadError:
         wanted = _in_words(kind) if kind is bool else f"a {_in_words(kind)}"
-        none = cls._none if each.optional else ""
-        return cls._error(f"{cls._label(each.name)} takes {wanted}{none}, not {value!r}")
+        none = cls._none if declared.optional else ""
+        return cls._error(f"{cls._label(declared.name)} takes {wanted}{none}, not {value!r}")
 
     @classmethod
     def _fraction(cls, label: str, value: Any) -> Fraction:
         try:
             if isinstance(value, bool):
                 raise TypeError
-            # From `repr`, 29.97 becomes 2997/100, and not the nearest binary number.
+            # `repr` makes 2997/100 of 29.97; Fraction(29.97) is the nearest binary number.
             return parsed_fraction(value if isinstance(value, str) else repr(value))
         except (ValueError, TypeError, ZeroDivisionError):
             raise cls._error(
@@ -258,24 +250,24 @@ class Table:
             ) from None
 
     @classmethod
-    def _refused_choice(cls, each: Parameter, value: object) -> str:
-        near = suggestion(str(value), [str(choice) for choice in each.choices])
-        return f"{cls._label(each.name)} = '{value}' is not known{near}"
+    def _refused_choice(cls, declared: Parameter, value: object) -> str:
+        near = suggestion(str(value), [str(choice) for choice in declared.choices])
+        return f"{cls._label(declared.name)} = '{value}' is not known{near}"
 
     @classmethod
-    def _check_bounds(cls, each: Parameter, number: float | Fraction) -> None:
-        label = cls._label(each.name)
+    def _check_bounds(cls, declared: Parameter, number: float | Fraction) -> None:
+        label = cls._label(declared.name)
         if not math.isfinite(_float(number)):
             raise cls._error(f"{label} must be a finite number, not {_float(number)}")
         wanted = ""
-        if each.low is not None and number < each.low:
-            wanted = f"at least {each.low:g}"
-        elif each.above is not None and number <= each.above:
-            wanted = f"above {each.above:g}"
-        elif each.high is not None and number > each.high:
-            wanted = f"at most {each.high:g}"
+        if declared.low is not None and number < declared.low:
+            wanted = f"at least {declared.low:g}"
+        elif declared.above is not None and number <= declared.above:
+            wanted = f"above {declared.above:g}"
+        elif declared.high is not None and number > declared.high:
+            wanted = f"at most {declared.high:g}"
         if wanted:
-            unit = f" {each.unit}" if each.unit and cls._units else ""
+            unit = f" {declared.unit}" if declared.unit and cls._units else ""
             raise cls._error(f"{label} must be {wanted}{unit}, not {float(number):g}")
 
     def _check_kind(self) -> None:
@@ -293,7 +285,7 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameters(Table):
-    """Base of the parameter sets, as of detectors or alarms; every value has a default.
+    """Base of the parameter sets of detectors, alarms and others; every value has a default.
 
     Examples
     --------
@@ -315,11 +307,6 @@ class Parameters(Table):
         ----------
         height : int
             Working height in pixels: the shorter side of the frame.
-
-        Returns
-        -------
-        Self
-            The same object if no parameter depends on the video.
         """
         return self
 
@@ -338,12 +325,8 @@ class Parameters(Table):
     def parsed(self, name: str, text: str) -> object:
         """Convert a text such as ``"200"`` or ``"none"`` to the type of a parameter.
 
-        The range is not checked here, but when the value is set.
-
-        Raises
-        ------
-        ParameterError
-            If the name is unknown, or the text cannot be converted.
+        :meth:`replaced` checks the range. Raises ParameterError if the name is unknown, or the text
+        cannot be converted.
         """
         each = self._known(name)
         if each.optional and text.lower() in {"none", "auto"}:
@@ -351,25 +334,17 @@ class Parameters(Table):
         if each.type is str:
             return text
         try:
-            # bool("false") would be True.
-            return (
-                ["false", "true"].index(text.lower()) == 1 if each.type is bool else each.type(text)
-            )
-        except ValueError:
+            if each.type is bool:  # bool("false") would be True
+                return {"false": False, "true": True}[text.lower()]
+            return each.type(text)
+        except (KeyError, ValueError):
             raise self._mistyped(each, each.type, text) from None
 
     def angle(self, name: str, value: object) -> float | None:
-        """Return the angle in degrees if a size is given as a text such as ``"60deg"``.
+        """Return the degrees of a size that is given as a text such as ``"60deg"``.
 
-        Returns
-        -------
-        float or None
-            None for a value without ``deg``, and for parameters that are not sizes in pixels.
-
-        Raises
-        ------
-        ParameterError
-            If the name is unknown, or the angle is not above 0 and below 180 degrees.
+        Returns None for a value without ``deg``, and for parameters that are not sizes in pixels.
+        Raises ParameterError if the name is unknown, or the angle is not above 0 and below 180.
         """
         unit = self._known(name).unit
         if unit != "px" or not isinstance(value, str) or not value.strip().endswith("deg"):
@@ -408,8 +383,8 @@ def parsed_fraction(text: str) -> Fraction:
     Raises
     ------
     ValueError, ZeroDivisionError
-        If the text is neither, or has more than 60 characters or an exponent of more than two
-        digits: the exact fraction of 1e-999999999 would fill the memory.
+        If the text is neither, has more than 60 characters, or an exponent of more than two
+        digits. The exact fraction of 1e-999999999 would fill the memory.
     """
     if len(text) > 60 or re.search(r"[eE][+-]?[0-9_]{3}", text):
         raise ValueError("too long")

@@ -1,8 +1,8 @@
-"""Several processes, each of which does one item after the other.
+"""Processes that call a function for many items, each for one item after the other.
 
-Unlike in an executor of ``concurrent.futures``, a process that dies takes only its item along:
-each has a pipe of its own, and nothing is shared that it could leave locked. Each is started
-from scratch (spawned): a forked copy of a process that has decoder threads may hang.
+If a process dies, only its item is lost, unlike in an executor of ``concurrent.futures``: each
+process has its own pipe, and shares no lock with the others. The processes are spawned, since a
+forked copy of a process with decoder threads may hang.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_STOP_WITHIN_S = 1.5  # for so long a process may clean up after Ctrl-C; then it is killed
-TELL_EVERY_S = 0.25
+_STOP_WITHIN_S = 1.5  # time that a process has to clean up after Ctrl-C before it is killed
+TELL_EVERY_S = 0.25  # time between two messages of a `Seldom`
 
 
 class Kind(Enum):
@@ -50,10 +50,10 @@ class Kind(Enum):
 
 
 class Event(NamedTuple):
-    """An event in the life of an item.
+    """An event of an item.
 
-    The content is the message told, the result, the error raised, or how the process of the item
-    died and what to do about it, as the end of a sentence; None for an item that is begun.
+    The content is, by kind, the message (`TOLD`), the result (`DONE`), the error (`RAISED`),
+    or the cause of the process's death with a remedy, as the end of a sentence (`DIED`).
     """
 
     kind: Kind
@@ -64,18 +64,16 @@ class Event(NamedTuple):
 def events(
     function: Callable[[Item, Tell], object], items: Iterable[Item], jobs: int, *, threads: int = 1
 ) -> Generator[Event, None, None]:
-    """Do items in processes, and yield the events; closing the generator stops the processes.
-
-    A signal that has asked the program to stop raises KeyboardInterrupt.
+    """Call a function for items in processes; closing the generator stops the processes.
 
     Parameters
     ----------
     function : callable
-        Of a module. It takes an item and a callable that passes messages on, and returns a
+        A function of a module. It takes an item and a callable that sends messages, and returns a
         result. When the processes are stopped, its next call of
         :func:`oppload_cli.processes.signals.stop_if_asked` raises KeyboardInterrupt.
     items : iterable
-        Taken as they are needed.
+        The items; one is taken when a process is free.
     jobs : int
         Number of processes, at least 1.
     threads : int
@@ -84,7 +82,12 @@ def events(
     Yields
     ------
     Event
-        Of every item first `BEGUN`, then any number of `TOLD`, at last one of the others.
+        For every item first `BEGUN`, then any number of `TOLD`, at last one of the other kinds.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If a signal has asked the program to stop.
     """
     workers = _Workers(function, iter(items), threads)
     try:
@@ -97,17 +100,17 @@ def events(
 
 
 class _Workers:
-    """The processes; those that are busy by their connections, each with its item."""
+    """The processes of :func:`events`."""
 
     def __init__(
         self, function: Callable[[Item, Tell], object], items: Iterator[Item], threads: int
     ) -> None:
         self._function, self._items, self._threads = function, items, threads
-        self._busy: dict[Connection, tuple[SpawnProcess, Any]] = {}
+        self._busy: dict[Connection, tuple[SpawnProcess, Any]] = {}  # process and item by pipe
         self._processes: list[SpawnProcess] = []
 
     def run(self, jobs: int) -> Iterator[Event]:
-        """Keep as many processes busy until every item is done."""
+        """Keep `jobs` processes busy until every item is done."""
         for _ in range(jobs):
             yield from self._give(None)
         while self._busy:
@@ -116,12 +119,12 @@ class _Workers:
                 yield from self._heard(cast("Connection", ready))
 
     def terminate(self) -> None:
-        """Ask every process to stop; each keeps the rows that it has written."""
+        """Ask every process to stop."""
         for process in self._processes:
             process.terminate()
 
     def join(self) -> None:
-        """Wait for the processes to end; kill those that do not."""
+        """Wait for the end of the processes; kill those that are too slow."""
         for connection in self._busy:
             connection.close()
         deadline = time.monotonic() + _STOP_WITHIN_S
@@ -132,16 +135,16 @@ class _Workers:
                 process.join()
 
     def _give(self, idle: tuple[SpawnProcess, Connection] | None) -> Iterator[Event]:
-        """Give the next item, if any, to an idle process or to a new one."""
+        """Give the next item, if any, to an idle process, or to a new one if `idle` is None."""
         for item in islice(self._items, 1):
             process, connection = idle or self._started()
             self._busy[connection] = process, item
             yield Event(Kind.BEGUN, item)
-            with suppress(OSError):  # the process has died: its end of the pipe tells
+            with suppress(OSError):  # the process has died, which `_heard` finds out
                 connection.send(item)
             return
         if idle:
-            idle[1].close()  # on which the process ends
+            idle[1].close()  # which ends the process
 
     def _started(self) -> tuple[SpawnProcess, Connection]:
         context = multiprocessing.get_context("spawn")
@@ -151,7 +154,7 @@ class _Workers:
         with _ctrl_c_held_back():
             process.start()
         self._processes.append(process)
-        theirs.close()  # so that the end of the process closes the pipe
+        theirs.close()  # so that only the process holds this end: when it ends, the pipe closes
         return process, ours
 
     def _heard(self, connection: Connection) -> Iterator[Event]:
@@ -175,17 +178,17 @@ class _Workers:
 
 @contextmanager
 def _ctrl_c_held_back() -> Iterator[None]:
-    """Start a process in which Ctrl-C, which goes to all of a terminal, is blocked.
+    """Block Ctrl-C, which a terminal sends to all processes, in a process that starts within.
 
-    A process interrupted at its start would print a traceback; the first process ends it anyway.
+    A process that is interrupted at its start prints a traceback. The main process stops it anyway.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
     try:
-        # The tracker would start with the first process and lift the mask; Python warns if it is
-        # killed.
+        # Otherwise Python's tracker of resources starts with the first process, and unblocks the
+        # signals.
         resource_tracker.getfd()
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         yield
@@ -194,16 +197,16 @@ def _ctrl_c_held_back() -> Iterator[None]:
 
 
 def _serve(connection: Connection, function: Callable[[Any, Tell], object], threads: int) -> None:
-    """Do items until the pipe is closed; runs in a process of its own."""
+    """Receive items and send their results until the pipe is closed: the main function."""
     signals.ignore("SIGINT", "SIGHUP")
-    signals.answer("SIGTERM", again=signal.SIG_IGN)  # it is killed if it takes too long to stop
+    signals.answer("SIGTERM", again=signal.SIG_IGN)  # `join` kills a process that stops too slowly
     cv2.setNumThreads(threads)
     with suppress(EOFError, KeyboardInterrupt, OSError):
         while not signals.received():
             item = connection.recv()
             try:
                 answer = Kind.DONE, function(item, lambda told: connection.send((Kind.TOLD, told)))
-            except Exception as error:  # raised again in the process that gave the item
+            except Exception as error:  # the main process raises it
                 error.add_note("".join(traceback.format_exception(error)))
                 answer = Kind.RAISED, error
             connection.send(answer)
@@ -217,21 +220,21 @@ def outcomes(
     named: Callable[[Item], str],
     told: Tell | None = None,
 ) -> Generator[tuple[int, Result | OpploadError], None, None]:
-    """Do items; an OpploadError of one does not stop the others, any other error does.
+    """Call a function for items in processes; an OpploadError of an item does not stop the others.
 
     Parameters
     ----------
     function, items, jobs
-        As for :func:`events`; with one job, or for one item, this process does all.
+        As for :func:`events`. With one job or one item, this process calls the function.
     named : callable
         Returns an item's name, for errors.
     told : callable, optional
-        Takes the messages that the function passes on.
+        Receives the messages that the function sends.
 
     Yields
     ------
     tuple of int and Result or OpploadError
-        The item's position, and its result or error; as they are done.
+        The position of an item, and its result or error, when the item is done.
     """
     told = told or (lambda _message: None)
     jobs = min(jobs, len(items))
@@ -268,11 +271,11 @@ def results(
     Parameters
     ----------
     function : callable
-        Of a module; takes an item, returns a result.
+        A function of a module; it takes an item and returns a result.
     items, jobs, named
         As for :func:`outcomes`.
     progress : callable, optional
-        Takes each result as it comes.
+        Receives each result when it is done.
     """
     done: dict[int, Result] = {}
     with closing(outcomes(partial(_silent, function), items, jobs, named=named)) as coming:
@@ -296,10 +299,10 @@ def _silent(function: Callable[[Item], Result], item: Item, _tell: Tell) -> Resu
 
 
 class Seldom:
-    """A count that is passed on now and then: each message costs both processes time.
+    """A counter that sends its count now and then, since each message costs time.
 
-    `tell` takes the count since its last call, at most once in `every_s` seconds. Each call also
-    asks whether a signal has come, and raises KeyboardInterrupt then.
+    Its calls add to the count, and raise KeyboardInterrupt if a signal has asked the program to
+    stop. At most once in `every_s` seconds, `tell` receives the count since its last call.
     """
 
     def __init__(self, tell: Callable[[int], object], every_s: float = TELL_EVERY_S) -> None:
@@ -308,14 +311,14 @@ class Seldom:
         self._next = time.monotonic() + every_s
 
     def __call__(self, count: int) -> None:
-        """Add to the count, and pass it on if it is time to."""
+        """Add to the count."""
         stop_if_asked()
         self._count += count
         if time.monotonic() >= self._next:
             self.flush()
 
     def flush(self) -> None:
-        """Pass on the rest of the count."""
+        """Send the rest of the count."""
         if self._count:
             self._tell(self._count)
         self._count = 0

@@ -1,9 +1,9 @@
-"""Ctrl-C, SIGTERM and SIGHUP: a flag that every loop over frames looks at.
+"""Ctrl-C, SIGTERM and SIGHUP: a flag that every loop over frames checks.
 
-A handler that raised an exception could interrupt anything: an extension module that is being
-loaded, which may crash, or a callback from C, where the exception is lost. So the first signal
-only sets the flag, and :func:`stop_if_asked` raises where it is safe to stop. The second signal
-acts as the system has it: it ends the process.
+A signal handler that raises an exception can interrupt anything. An extension module that is being
+loaded may crash then, and a callback from C loses the exception. So the first signal only sets the
+flag, and :func:`stop_if_asked` raises the exception where it is safe to stop. The second signal has
+the system's default action: it ends the process.
 """
 
 from __future__ import annotations
@@ -15,19 +15,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import FrameType
 
-    Handler = signal.Handlers  # SIG_DFL or SIG_IGN
-
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
-POLL_S = 0.1  # how long a thread may wait for something else before it asks again
+POLL_S = 0.1  # longest time for which a thread waits for something else before it checks the flag
 _received: list[int] = []
 
 
-def answer(*names: str, again: Handler = signal.SIG_DFL) -> None:
-    """Let the first of these signals, or of those that end a program, ask the program to stop.
+def answer(*names: str, again: signal.Handlers = signal.SIG_DFL) -> None:
+    """Let the first of some signals ask the program to stop; `again` is the action after that.
 
-    A signal that is ignored stays so: nohup means it. `again` is the action of all of the signals
-    after the first.
+    Without names, the signals are SIGINT, SIGTERM and SIGHUP. A signal that the program ignores, as
+    after ``nohup``, is still ignored.
     """
     numbers = [each for each in _numbers(names) if signal.getsignal(each) is not signal.SIG_IGN]
 
@@ -41,7 +39,7 @@ def answer(*names: str, again: Handler = signal.SIG_DFL) -> None:
 
 
 def ignore(*names: str) -> None:
-    """Ignore these signals from now on; without names, those that end a program."""
+    """Ignore some signals from now on; without names SIGINT, SIGTERM and SIGHUP."""
     for number in _numbers(names):
         signal.signal(number, signal.SIG_IGN)
 
@@ -58,7 +56,7 @@ def stop_if_asked() -> None:
 
 
 def ending(code: int | None) -> str:
-    """Return how a process ended, such as ``SIGKILL`` or ``exit code 1``, from its exit code."""
+    """Return the cause of a process's end, such as ``SIGKILL`` or ``exit code 1``."""
     if code is None or code >= 0:
         return f"exit code {code}"
     with suppress(ValueError):

@@ -1,7 +1,7 @@
 """Threads: one that works ahead of its caller, and one for a call that may block.
 
-A caller that waits for them asks every tenth of a second whether a signal has come. Where the
-system gives no further thread (``ulimit -u``) the caller's own does their work.
+While the caller waits for the thread, it checks every tenth of a second whether a signal has come.
+If the system refuses a further thread (``ulimit -u``), the caller's thread does the work.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ _running: WeakSet[Prefetch[Any]] = WeakSet()
 
 @atexit.register
 def _close_all() -> None:
-    """End the threads that a caller did not close: they must not outlive the interpreter."""
+    """End the threads that no caller has closed, before the interpreter ends."""
     for each in list(_running):
         each.close()
 
 
 def _started(thread: threading.Thread) -> bool:
-    """Start a thread; tell whether the system gave one."""
+    """Start a thread; return whether the system allows it."""
     try:
         thread.start()
     except RuntimeError:
@@ -45,17 +45,17 @@ def _started(thread: threading.Thread) -> bool:
 
 
 class Prefetch(Generic[Item]):
-    """An iterator whose items are made in a thread, a few ahead.
+    """An iterator whose items a thread makes, a few ahead of the caller.
 
-    An error in the thread is raised in the caller, after the items that came
-    before it. A signal raises KeyboardInterrupt in the caller.
+    The caller gets an error of the thread after the items before the error. A signal raises
+    KeyboardInterrupt in the caller.
 
     Parameters
     ----------
     items : iterator
-        Advanced by the thread.
+        The iterator that the thread advances.
     ahead : int
-        How many items may wait for the caller, at least 1.
+        The number of items that may wait for the caller, at least 1.
     """
 
     def __init__(self, items: Iterator[Item], ahead: int = 4) -> None:
@@ -88,25 +88,26 @@ class Prefetch(Generic[Item]):
                 stop_if_asked()
         if isinstance(item, _End):
             self._ended = True
-            raise item.error or StopIteration
+            raise item.error
         self._free_places.put(None)
         return item
 
     def close(self) -> bool:
-        """Stop the thread and join it, and tell whether it ended; may be called twice.
+        """Stop the thread and join it; return whether it has ended. May be called twice.
 
-        A thread that did not end waits for a device or a network, and the objects that it uses must
-        not be closed.
+        A thread that has not ended waits for a device or a network. The caller must not close the
+        objects that the thread uses.
         """
         self._ended = True
         if self._alone:
             return True
         self._stop.set()
-        self._free_places.put(None)  # the thread may wait for one
+        self._free_places.put(None)  # the thread may wait for a free place
         self._thread.join(_JOIN_WITHIN_S)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
+        end: BaseException = StopIteration()
         try:
             for item in self._items:
                 self._free_places.get()
@@ -114,24 +115,24 @@ class Prefetch(Generic[Item]):
                     break
                 self._made.put(item)
         except BaseException as error:
-            self._made.put(_End(error))
-        else:
-            self._made.put(_End(None))
+            end = error
+        self._made.put(_End(end))
 
 
 class _End(NamedTuple):
-    """The last item, with the error that ended the thread."""
+    """The last entry of the queue: the exception that the caller gets."""
 
-    error: BaseException | None
+    error: BaseException
 
 
 class Call(Generic[Value]):
-    """A call that may block in a library, in a thread of its own: meanwhile Ctrl-C is answered.
+    """A call in a thread of its own, so that Ctrl-C works while the call blocks in a library.
 
     Parameters
     ----------
     call : callable
-        Takes nothing. It begins at once; a signal or a time limit leaves it behind.
+        A function without arguments, which begins at once. After a signal or a time limit the
+        caller goes on, and the thread with the call remains.
     """
 
     def __init__(self, call: Callable[[], Value]) -> None:
@@ -143,10 +144,10 @@ class Call(Generic[Value]):
             self._run()
 
     def result(self, within_s: float = math.inf) -> Value:
-        """Wait for the call to end; return its value or raise its error.
+        """Wait for the end of the call; return its value or raise its error.
 
-        Raises TimeoutError if it has not ended within so many seconds, and KeyboardInterrupt if a
-        signal has asked the program to stop.
+        Raises TimeoutError if the call has not ended after `within_s` seconds, and
+        KeyboardInterrupt if a signal has asked the program to stop.
         """
         deadline = time.monotonic() + within_s
         while self._thread.is_alive() and time.monotonic() < deadline:
@@ -159,7 +160,7 @@ class Call(Generic[Value]):
         return self._values[0]
 
     def wait(self, within_s: float) -> bool:
-        """Wait for the call to end, whatever signal has come; tell whether it did."""
+        """Wait for the end of the call, also after a signal; return whether it has ended."""
         if self._thread.is_alive():
             self._thread.join(within_s)
         return not self._thread.is_alive()

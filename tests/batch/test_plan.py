@@ -73,7 +73,8 @@ def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() ->
     [failure] = plan.failures
     assert (failure.name, failure.code) == ("a/x.avi", 2)
     assert (
-        "same names as those of a/deep/x.avi; give a folder of both with --recursive" in failure.message
+        "same names as those of a/deep/x.avi; give a folder of both with --recursive"
+        in failure.message
     )
 
 
