@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _CLASSIC_KINDS = ("contact", "position", "ends", "contrast", "habituation")
 _TUNING_KINDS = ("polar", "line", "heat", *_CLASSIC_KINDS)
-# By option: the kinds of plot that take notice of it; the others of all kinds.
+# The kinds of plot on which an option has an effect. An option that is not listed affects all.
 _EFFECTS = {
     "models": ("curves", "map", *_TUNING_KINDS),
     "labels": ("curves", "rmo", "polar", "line", "contact", "contrast", "habituation"),
@@ -101,7 +101,7 @@ _EFFECTS = {
     help="Mark onsets and contacts of a manifest of 'oppload evaluate'.",
 )
 @click.option("--any-length", is_flag=True, help="Allow results of different lengths together.")
-@click.option("--video", metavar="INPUT", help="For --kind map: the video, where it has moved.")
+@click.option("--video", metavar="INPUT", help="For --kind map: the video, if it was moved.")
 @click.option(
     "--lplc2",
     type=click.Choice(["auto", "10", "60", "none"]),
@@ -116,24 +116,7 @@ _EFFECTS = {
 )
 @click.option("--show", is_flag=True, help="Open the figures, where there is a display.")
 def plot(
-    results: tuple[Path, ...],
-    output: Path | None,
-    kind: str | None,
-    models: tuple[str, ...],
-    scale: str | None,
-    align: str | None,
-    xlim: tuple[float, float] | None,
-    title: str | None,
-    labels: tuple[str, ...],
-    threshold: bool,
-    onset: str | None,
-    contact: str | None,
-    manifest: Path | None,
-    any_length: bool,
-    video: str | None,
-    lplc2: str,
-    published: bool,
-    show: bool,
+    results: tuple[Path, ...], output: Path | None, kind: str | None, show: bool, **options: Any
 ) -> int:
     """Plot results over time, or tuning.
 
@@ -142,60 +125,47 @@ def plot(
     detector (--model) over several inputs shares one panel; several detectors get a
     panel per input; more than six curves become small multiples, and more than 24
     results a heat map. A NAME.stimulus.json beside a result is drawn as a strip of
-    ground truth. One of several results that cannot be drawn is left out, and named.
+    ground truth. If one of several results cannot be drawn, a message names it, and the
+    others are drawn.
     """
-    from oppload_cli.plots import style, tuning
+    from oppload_cli.plots import style
 
     if output is not None:
         style.check_suffix(output)
-    models = tuple(names_in(models))
-    check_models(models, "plot")
-    for model in models:
+    options["models"] = names_in(options["models"])
+    check_models(options["models"], "plot")
+    for model in options["models"]:
         detector_named(model)
     if show:
         check_display()
-    results = tuple(table for _, table in tables_in(results))
-    kinds = {path: _kind_of(path, kind) for path in results}
-    _check_effects(set(kinds.values()))
-    marks = _Marks({"onset": onset, "contact": contact}, manifest)
-    groups = [(output, results)] if output else [(None, (path,)) for path in results]
+    paths = [table for _, table in tables_in(results)]
+    kinds = {path: _kind_of(path, kind) for path in paths}
+    _check_effects({name for name, _ in kinds.values()})
+    groups = [paths] if output else [[path] for path in paths]
     failures: list[ResultError] = []
-    for target, paths in groups:
-        look: dict[str, Any] = {"title": title}
-        lines: list[str] = []
+    for group in groups:
+        of_tuning = kind in _TUNING_KINDS or is_tuning(group[0])
         try:
-            if kind in _TUNING_KINDS or is_tuning(paths[0]):
-                tunings, look["labels"] = _readable(paths, labels, oppload.read_tuning, failures)
-                look |= {"models": models, "lplc2": lplc2}
-                figure, _ = oppload.plot_tuning(
-                    tunings, kind, scale=scale or "peak", published=published, **look
-                )
-                del look["title"]
-                lines = tuning.lines_of(tunings, kind, **look)
-            else:
-                read = partial(_read_result, kind=kind, models=models)
-                found, look["labels"] = _readable(paths, labels, read, failures)
-                curves: dict[str, Any] = {"models": models, "scale": scale or "threshold"}
-                curves |= {"align": align, "threshold": threshold, "any_length": any_length}
-                look["xlim"] = xlim
-                figure = _plot_results(found, kind, look, curves, marks, video=video)
+            figure, lines = (_draw_tunings if of_tuning else _draw_results)(
+                group, kind, options, failures
+            )
         except ResultError as error:
             if len(groups) == 1:
                 raise
             _leave_out(error, failures)
             continue
-        made = target or _beside(paths[0], kinds[paths[0]])
-        style.save(figure, made)
-        click.echo("\n".join([*lines, str(made)]))
+        target = output or _beside(group[0], *kinds[group[0]])
+        style.save(figure, target)
+        click.echo("\n".join([*lines, str(target)]))
         if show:
-            show_file(made)
-    if failures and len(failures) == len(results):
+            show_file(target)
+    if failures and len(failures) == len(paths):
         return failures[0].exit_code
     return ExitCode.INCOMPLETE if failures else ExitCode.DONE
 
 
 def _kind_of(path: Path, kind: str | None) -> tuple[str, bool]:
-    """Return the kind of plot of a file, and whether it is the one that suits it without --kind."""
+    """Return the kind of plot of a file, and whether it is the file's kind without ``--kind``."""
     from oppload_cli.plots import tuning
 
     if not is_tuning(path):
@@ -206,24 +176,23 @@ def _kind_of(path: Path, kind: str | None) -> tuple[str, bool]:
             f"draw --kind {', '.join(_TUNING_KINDS)}"
         )
     try:
-        own = tuning.kind_of(oppload.read_tuning(path))
-    except ResultError:  # which is reported as the table is drawn
-        own = kind or ""
-    return kind or own, kind in {None, own}
+        usual = tuning.kind_of(oppload.read_tuning(path))
+    except ResultError:  # drawing the table raises the error again
+        usual = kind or ""
+    return kind or usual, kind in {None, usual}
 
 
-def _check_effects(kinds: set[tuple[str, bool]]) -> None:
-    """Refuse an option that none of some kinds of plot takes notice of."""
-    shown = {kind for kind, _ in kinds}
+def _check_effects(kinds: set[str]) -> None:
+    """Raise ParameterError if the user gives an option that has no effect on any of the plots."""
     context = click.get_current_context()
     for option in context.command.params:
         name = option.name or ""
         given = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        if given and name in _EFFECTS and shown and shown.isdisjoint(_EFFECTS[name]):
-            word = max((*option.opts, *option.secondary_opts), key=len)
-            word = max(option.opts, key=len) if context.params[name] is not False else word
+        if given and name in _EFFECTS and kinds.isdisjoint(_EFFECTS[name]):
+            switched_off = context.params[name] is False
+            word = max(option.secondary_opts if switched_off else option.opts, key=len)
             raise ParameterError(
-                f"{word} has no effect on --kind {' and '.join(sorted(shown))}; leave it out"
+                f"{word} has no effect on --kind {' and '.join(sorted(kinds))}; leave it out"
             )
 
 
@@ -236,7 +205,10 @@ def _readable(
     read: Callable[[Path], T],
     failures: list[ResultError],
 ) -> tuple[list[T], Sequence[str]]:
-    """Read the files of a figure and keep their labels; of several, one that fails is left out."""
+    """Read the files of a figure; return the contents and labels of the readable ones.
+
+    Raises ResultError if no file can be read.
+    """
     found: dict[int, T] = {}
     bad: list[ResultError] = []
     for at, path in enumerate(paths):
@@ -253,82 +225,88 @@ def _readable(
 
 
 def _leave_out(error: ResultError, failures: list[ResultError]) -> None:
-    """Tell of a result that is not drawn, and count it."""
+    """Print and keep the error of a result that is not drawn."""
     failures.append(error)
     say(f"oppload: left out: {error}")
 
 
-def _read_result(path: Path, kind: str | None, models: Sequence[str]) -> BaseResult:
-    """Read a result of ``oppload run`` with the columns that a kind of plot needs."""
+def _draw_tunings(
+    paths: Sequence[Path], kind: str | None, options: dict[str, Any], failures: list[ResultError]
+) -> tuple[Figure, list[str]]:
+    """Draw tables of ``oppload tune``; return also the lines that describe them."""
+    from oppload_cli.plots import tuning
+
+    tunings, labels = _readable(paths, options["labels"], oppload.read_tuning, failures)
+    look = {"labels": labels, "models": options["models"], "lplc2": options["lplc2"]}
+    figure, _ = oppload.plot_tuning(
+        tunings,
+        kind,
+        scale=options["scale"] or "peak",
+        published=options["published"],
+        title=options["title"],
+        **look,
+    )
+    return figure, tuning.lines_of(tunings, kind, **look)
+
+
+def _draw_results(
+    paths: Sequence[Path], kind: str | None, options: dict[str, Any], failures: list[ResultError]
+) -> tuple[Figure, list[str]]:
+    """Draw results of ``oppload run``, without lines."""
     from oppload_cli.plots import rmo
 
     needed = {"rmo": rmo.COLUMNS, "map": ("",)}.get(kind or "", ("_alarm", "luma_change"))
-    return read_result(path, needed, () if kind == "rmo" else models or None)
-
-
-def _plot_results(
-    results: Sequence[BaseResult],
-    kind: str | None,
-    look: dict[str, Any],
-    curves: dict[str, Any],
-    marks: _Marks,
-    *,
-    video: str | None,
-) -> Figure:
-    """Draw results of ``oppload run``: `look` is for every kind, `curves` for curves only."""
-    from oppload_cli.plots import places
-
+    models = () if kind == "rmo" else options["models"] or None
+    read = partial(read_result, needed=needed, models=models)
+    results, labels = _readable(paths, options["labels"], read, failures)
     for result in results:
         for fault in filter(None, (result.shortfall, truth_fault(result))):
             say(f"oppload: {result.path}: {fault}")
-    if kind == "rmo":
-        return oppload.plot_rmo(results, **look)[0]
     if kind == "map":
-        if len(results) > 1:
-            raise ResultError(f"{results[1].path}: a map shows one result; leave out --output")
-        models = curves["models"]
-        if len(models) > 1:
-            raise ParameterError("--kind map shows one detector; give one --model")
-        model = models[0] if models else None
-        still = places.still_of(results[0], video, model=model)
-        figure, _ = oppload.plot_places(results[0], still, title=look["title"], model=model)
-        if still is None:
-            why = f"{results[0].path}: {places.why_no_still(results[0])}"
-            say(f"oppload: {why}, so the ground is white; --video says where it is")
-        return figure
-    return oppload.plot_curves(results, **look, **curves, marks=marks.of(results))[0]
+        return _draw_map(results, options), []
+    look = {"labels": labels, "title": options["title"], "xlim": options["xlim"]}
+    if kind == "rmo":
+        return oppload.plot_rmo(results, **look)[0], []
+    curves = {name: options[name] for name in ("models", "align", "threshold", "any_length")}
+    scale, marks = options["scale"] or "threshold", _marks(results, options)
+    return oppload.plot_curves(results, scale=scale, marks=marks, **look, **curves)[0], []
 
 
-class _Marks(NamedTuple):
-    """Onsets and contacts, as the user states them.
+def _draw_map(results: Sequence[BaseResult], options: dict[str, Any]) -> Figure:
+    from oppload_cli.plots import places
 
-    Attributes
-    ----------
-    positions : dict of str to str or None
-        ``onset`` and ``contact`` of every result, such as ``1.5`` or ``f50``.
-    manifest : Path or None
-        Of labelled clips.
+    if len(results) > 1:
+        raise ResultError(f"{results[1].path}: a map shows one result; leave out --output")
+    if len(options["models"]) > 1:
+        raise ParameterError("--kind map shows one detector; give one --model")
+    model = options["models"][0] if options["models"] else None
+    still = places.still_of(results[0], options["video"], model=model)
+    figure, _ = oppload.plot_places(results[0], still, title=options["title"], model=model)
+    if still is None:
+        why = f"{results[0].path}: {places.why_no_still(results[0])}"
+        say(f"oppload: {why}, so the ground is white; --video says where it is")
+    return figure
+
+
+def _marks(results: Sequence[BaseResult], options: dict[str, Any]) -> dict[str, list[float | None]]:
+    """Return the times of onsets and contacts, one for each result.
+
+    ``--onset`` and ``--contact`` override ``--manifest``.
     """
-
-    positions: dict[str, str | None]
-    manifest: Path | None
-
-    def of(self, results: Sequence[BaseResult]) -> dict[str, list[float | None]]:
-        """Return the times of each mark, one for each result."""
-        marks: dict[str, list[float | None]] = {}
-        if self.manifest:
-            clips = {each.path.name: each.label for each in read_manifest(self.manifest).entries}
-            labels = [clips.get(result.title) for result in results]
-            for name in ("onset", "contact"):
-                frames = [getattr(label, name, None) for label in labels]
-                marks[name] = [
-                    None if frame is None else _time_of(result, f"f{frame}", name)
-                    for result, frame in zip(results, frames, strict=True)
-                ]
-        for name, text in self.positions.items():
-            if text:
-                marks[name] = [_time_of(result, text, name) for result in results]
-        return marks
+    marks: dict[str, list[float | None]] = {}
+    entries = read_manifest(options["manifest"]).entries if options["manifest"] else ()
+    clips = {each.path.name: each.label for each in entries}
+    for name in ("onset", "contact"):
+        text = options[name]
+        if text:
+            marks[name] = [_time_of(result, text, name) for result in results]
+        elif options["manifest"]:
+            frames = [getattr(clips.get(result.title), name, None) for result in results]
+            marks[name] = [
+                None if frame is None else _time_of(result, f"f{frame}", name)
+                for result, frame in zip(results, frames, strict=True)
+            ]
+    return marks
 
 
 def _time_of(result: BaseResult, text: str, label: str) -> float:
@@ -348,8 +326,7 @@ def _time_of(result: BaseResult, text: str, label: str) -> float:
     return float(rows.iloc[0])
 
 
-def _beside(path: Path, kind: tuple[str, bool]) -> Path:
-    """Return the name of a figure beside its table; that of an unusual kind says the kind."""
-    name, usual = kind
+def _beside(path: Path, kind: str, usual: bool) -> Path:
+    """Return the path of a figure beside its table; an unusual kind is part of the name."""
     plain = path.with_name(path.name.removesuffix(".part"))
-    return plain.with_suffix(".png" if usual else f".{name}.png")
+    return plain.with_suffix(".png" if usual else f".{kind}.png")
