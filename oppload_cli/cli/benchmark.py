@@ -64,12 +64,12 @@ def benchmark(
 
     Every detector sees a battery of looming stimuli and controls. DIR gets benchmark.html, one
     page with everything, stimuli.csv and summary.csv, a PDF per table, benchmark.json with all
-    settings, and a file per stimulus in stimuli/: a benchmark that was stopped goes on from
-    these when the same command is given again.
+    settings, and a file per stimulus in stimuli/. If you stop a benchmark and give the same
+    command again, it reads these files and goes on.
     """
-    columns = columns_of(names_in(only))
-    detectors = chosen_detectors(names_in(models))
     chosen = names_in(only)
+    columns = columns_of(chosen)
+    detectors = chosen_detectors(names_in(models))
     tables = [table.name for table in TABLES if table.name in chosen or not chosen]
     settings = settings_of(detectors, tables, manifest)
     make_folder(output)
@@ -84,13 +84,12 @@ def benchmark(
             bar.total = total
             bar.update(done - bar.n)
 
-        shown = show(
-            columns, detectors, output / "stimuli", jobs=jobs or cores(), progress=progress
-        )
+        folder = output / "stimuli"
+        shown = show(columns, detectors, folder, jobs=jobs or cores(), progress=progress)
     if counts[0]:
         say(
             f"{counts[0]} of {counts[-1]} stimuli kept from an earlier run of the same code "
-            f"({output / 'stimuli'})"
+            f"({folder})"
         )
     clips = None
     if read is not None:

@@ -32,8 +32,8 @@ def collect(
 ) -> int:
     """Collect the results in folders, to any depth, into one table.
 
-    A row per input and model, from the sidecars; or with --frames a row per frame.
-    A result that cannot be collected is named, and does not stop the others.
+    The table has a row per input and model, from the sidecars, or with --frames a row per
+    frame. If a result cannot be collected, a message names it, and the others are collected.
     """
     found = collecting.collect(
         folders,
@@ -43,9 +43,12 @@ def collect(
         told=lambda error: say(f"oppload: {error}"),
     )
     if not quiet:
-        results, rows = "s" * (found.good != 1), "s" * (found.rows != 1)
-        say(f"{found.good} result{results}, {found.rows} row{rows} -> {output}")
+        say(f"{_plural(found.good, 'result')}, {_plural(found.rows, 'row')} -> {output}")
     if found.bad:
-        lost = f"{found.bad} result{'s' * (found.bad != 1)}"
+        lost = _plural(found.bad, "result")
         say(f"oppload: {lost} could not be collected; the others are in {output}")
     return ExitCode.INCOMPLETE if found.bad else ExitCode.DONE
+
+
+def _plural(count: int, noun: str) -> str:
+    return f"{count} {noun}{'s' * (count != 1)}"

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 @click.command(short_help="print every setting of a run, and where it came from")
 @settings_options()
 def config(**chosen: Any) -> None:
-    """Print every setting as TOML, with where each came from as a comment.
+    """Print every setting as TOML, with its origin as a comment.
 
-    The output can be saved to a file and given back with --config.
+    The output is a file for --config.
     """
     from oppload_cli.pipeline.settings import resolve
 
@@ -51,6 +51,6 @@ def _lines(settings: Settings) -> Iterator[str]:
         }
         for name, value in {**params.as_dict(), **angles}.items():
             origin = origins.get(f"{group}.{name}", f"preset {settings.preset}")
-            # TOML has no "none"; a value that follows from the working size stays a comment.
-            line = f"# {name} follows from the height" if value is None else f"{name} = "
-            yield (line if value is None else line + json.dumps(value)) + f"  # {origin}"
+            # TOML has no value for None.
+            follows = f"# {name} follows from the height"
+            yield f"{follows if value is None else f'{name} = {json.dumps(value)}'}  # {origin}"

@@ -27,10 +27,10 @@ _STIMULUS = "controls/looming-and-translating"
 @output_option("oppload-demo", "Folder of the stimulus, the results, the plot and the page.")
 @if_exists_option("a result", skip=True)
 def demo(output: Path, if_exists: str) -> None:
-    """Show the detectors a disk that approaches while another one passes by.
+    """Show the detectors a disk that approaches while another disk passes by.
 
-    It renders the stimulus, and does what 'oppload run', 'oppload plot' and 'oppload
-    report' do with it; the lines that it prints give the same files.
+    The demo renders the stimulus, runs the detectors, and makes a plot and a page. It prints
+    the commands that give the same files.
     """
     stem, settings = stimulus.file_stem(_STIMULUS), resolve()
     outputs = Outputs.of(output, stem, settings.models)

@@ -119,7 +119,7 @@ def evaluate(
     with claimed(output / "report.json", if_exists) as claim:
         found = _evaluated(read, detectors, jobs=jobs, draws=draws, quiet=quiet)
         made = write_evaluation(found, output, claim, lambda: time.perf_counter() - started)
-        written = [str(path) for path in made]  # all of them, before a reader of the names goes
+        written = [str(path) for path in made]  # `made` writes each file when it yields its path
     click.echo("\n".join(written))
     if not quiet:
         for line in printed_table(found):
@@ -128,22 +128,16 @@ def evaluate(
 
 
 def _evaluated(
-    manifest: Manifest,
-    detectors: list[EvaluatedDetector],
-    *,
-    jobs: int,
-    draws: int,
-    quiet: bool,
+    manifest: Manifest, detectors: list[EvaluatedDetector], *, jobs: int, draws: int, quiet: bool
 ) -> Evaluation:
+    """Evaluate detectors on the clips of a manifest; print the faults of the clips."""
     from oppload_cli.evaluation.evaluate import evaluate
 
     for fault in (*manifest.notes, *manifest.faults):
         say(f"oppload: {fault}")
-    total = len(manifest.entries)
-    with progress_bar(total, "clip", quiet=quiet) as bar:
-        found = evaluate(
-            manifest, detectors, jobs=jobs or cores(), draws=draws, progress=bar.update
-        )
+    jobs = jobs or cores()
+    with progress_bar(len(manifest.entries), "clip", quiet=quiet) as bar:
+        found = evaluate(manifest, detectors, jobs=jobs, draws=draws, progress=bar.update)
     for fault in found.faults[len(manifest.faults) :]:
         say(f"oppload: {fault}")
     return found

@@ -26,8 +26,14 @@ if TYPE_CHECKING:
     from oppload_cli.models.detector import Detector
     from oppload_cli.schema import Parameters
 
-_MEASURED_SIZE = 240, 427  # height and width in px
-_MEASURED_FRAMES, _LEAD, _ROUNDS = 24, 8, 3
+# Of the measurement of costs: height and width in px, frames, frames before them, and rounds.
+_MEASURED_SIZE = 240, 427
+_MEASURED_FRAMES, _FIRST_FRAMES, _ROUNDS = 24, 8, 3
+# Attributes of a detector that `--json` prints.
+_FACTS = (
+    "label", "meaning", "by_default", "year", "reference", "answers_to", "made_for", "cost_ms",
+    "places",
+)  # fmt: skip
 
 
 def _complete(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
@@ -42,9 +48,9 @@ def _complete(_: click.Context, __: click.Parameter, text: str) -> list[Completi
 def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
     """List the models and the presets, a line for each.
 
-    NAME is a model, a preset, or a group of settings (alarm, places, rmo, repeats, time), and
-    describes it with every parameter and its default. --measure prints the processor time that
-    each model takes for a frame of 427 x 240 on one core.
+    NAME is a model, a preset, or a group of settings (alarm, places, rmo, repeats, time). The
+    command then describes NAME with every parameter and its default. --measure prints the
+    processor time that each model takes for a frame of 427 x 240 on one core.
     """
     if measure:
         for each in [detector_named(name) for name in names] or list(detectors().values()):
@@ -85,24 +91,24 @@ def _describe(name: str) -> None:
         click.secho(f"{name}  ({preset.meaning}; working height {preset.height})", bold=True)
         changed = [
             f"  {group}.{parameter} = {value}"
-            for group, of_preset in _groups(name).items()
-            for parameter, value in _changed(of_preset)
+            for group, params in _groups(name).items()
+            for parameter, value in params.as_dict().items()
+            if value != type(params)().as_dict()[parameter]
         ]
         click.echo("\n".join(changed) or "  every parameter has its default")
     else:
-        meaning, params = sets[name]
+        meaning, kind = sets[name]
         click.secho(f"{name}  ({meaning})", bold=True)
-        for line in _facts(detectors()[name]) if name in detectors() else ():
-            click.echo(f"  {line}")
-        for line in _lines(params):
+        facts = _facts(detectors()[name]) if name in detectors() else ()
+        for line in (*facts, *_lines(kind)):
             click.echo(f"  {line}")
     click.echo()
 
 
 def _measured_cost(detector: type[Detector]) -> float:
-    """Return the processor time of a detector's step, in ms: the least median of some rounds.
+    """Return the processor time of a detector's step, in ms: the least median of three rounds.
 
-    The detector sees faint texture that moves, 427 x 240 px, on one core.
+    The input is faint texture that moves, 427 x 240 px. The detector runs on one core.
     """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -117,12 +123,12 @@ def _measured_cost(detector: type[Detector]) -> float:
 
 def _median_cost(detector: type[Detector], texture: NDArray[np.float64]) -> float:
     model, spent = detector(_MEASURED_SIZE, frame_rate=30), []
-    for t in range(_LEAD + _MEASURED_FRAMES):
+    for t in range(_FIRST_FRAMES + _MEASURED_FRAMES):
         frame = np.roll(texture, (t, 2 * t), (0, 1)).astype(np.float32)
         started = time.process_time()
         model.step(frame)
         spent.append(time.process_time() - started)
-    return float(np.median(spent[_LEAD:]))
+    return float(np.median(spent[_FIRST_FRAMES:]))
 
 
 def _facts(detector: type[Detector]) -> Iterator[str]:
@@ -136,14 +142,6 @@ def _facts(detector: type[Detector]) -> Iterator[str]:
         yield f"cost: about {detector.cost_ms:g} ms per frame of 427 x 240 on one core"
 
 
-def _about(detector: type[Detector]) -> dict[str, Any]:
-    facts = (
-        *("label", "meaning", "by_default", "year", "reference", "answers_to", "made_for"),
-        *("cost_ms", "places"),
-    )
-    return {fact: getattr(detector, fact) for fact in facts}
-
-
 def _groups(preset: str) -> dict[str, Parameters]:
     """Return the parameter sets that a preset may change."""
     return {
@@ -152,13 +150,6 @@ def _groups(preset: str) -> dict[str, Parameters]:
         "places": place_params(preset),
         "time": time_params(preset),
     }
-
-
-def _changed(params: Parameters) -> Iterator[tuple[str, object]]:
-    usual = type(params)().as_dict()
-    for name, value in params.as_dict().items():
-        if value != usual[name]:
-            yield name, value
 
 
 def _lines(params: type[Parameters]) -> Iterator[str]:
@@ -170,23 +161,19 @@ def _lines(params: type[Parameters]) -> Iterator[str]:
 
 
 def _entries(params: type[Parameters]) -> Iterator[dict[str, Any]]:
+    facts = "name", "default", "meaning", "unit", "low", "high"
     for each in params.declared():
-        yield {
-            "name": each.name,
-            "default": each.default,
-            "meaning": each.meaning,
-            "unit": each.unit,
-            "low": each.low,
-            "high": each.high,
-            "choices": list(each.choices),
-        }
+        yield {fact: getattr(each, fact) for fact in facts} | {"choices": list(each.choices)}
 
 
 def _described(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return all that is known of these models, presets and settings; of all without names."""
+    """Return the facts about some models, presets and settings; without names, about all."""
     sets = parameter_sets()
     everything: dict[str, dict[str, Any]] = {
-        "models": {name: _about(each) for name, each in detectors().items()},
+        "models": {
+            name: {fact: getattr(each, fact) for fact in _FACTS}
+            for name, each in detectors().items()
+        },
         "parameters": {name: list(_entries(params)) for name, (_, params) in sets.items()},
         "presets": {
             preset.name: {

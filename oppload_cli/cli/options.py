@@ -231,7 +231,7 @@ models_option = click.option(
     metavar="NAME[:VARIANT|PRESET]",
     shell_complete=complete_models,
     help="A model to run, by its name in 'oppload models', NAME:VARIANT, A,B for several, or all; "
-    "may be given again. NAME:PRESET also chooses the preset.  [default: the paper's two]",
+    "may be given again. NAME:PRESET also chooses the preset.  [default: the two of the paper]",
 )
 
 repeats_option = click.option(

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     "videos",
     type=click.Path(path_type=Path, exists=True),
     metavar="INPUT|DIR",
-    help="The video, or the folder of the videos, where they have moved.",
+    help="The video, or the folder of the videos, if they were moved.",
 )
 @jobs_option("Pages")
-@click.option("--show", is_flag=True, help="Open the page in the browser, where there is one.")
+@click.option("--show", is_flag=True, help="Open the page in the browser, if there is one.")
 @quiet_option
 def report(
     results: tuple[Path, ...],
@@ -46,20 +46,18 @@ def report(
     RESULT is a frames.csv of 'oppload run', or a folder of results, searched to any depth.
     The page {stem}.report.html holds the video with its boxes, the responses over their
     thresholds, RMO, the truth of a stimulus, the alarms and the settings, all in sync. A
-    long video stands beside the page as {stem}.report.mp4. Several results get an
-    index.html too, which can be sorted.
+    long video is a file beside the page, {stem}.report.mp4. For several results there is
+    also index.html, a table of them that can be sorted.
     """
     from oppload_cli.results.collecting import tables_in
 
     if show:
         check_display()
-    whole = _holder([path for path in results if is_folder(path)])
-    found = [
-        (table, whole if whole and is_folder(path) else table.parent)
-        for path, table in tables_in(results)
-    ]
+    common = _common_folder([path for path in results if is_folder(path)])
+    found = tables_in(results)
+    tables = [table for _, table in found]
+    roots = [common if common and is_folder(path) else table.parent for path, table in found]
     folder = output or _folder_of(results)
-    tables, roots = ([each[which] for each in found] for which in (0, 1))
     page, code = write_pages(tables, folder, roots=roots, videos=videos, jobs=jobs, quiet=quiet)
     click.echo(page)
     if show:
@@ -76,14 +74,9 @@ def write_pages(
     quiet: bool,
     videos: Path | None = None,
 ) -> tuple[Path, ExitCode]:
-    """Write pages, showing progress; print what they lack.
+    """Write pages with a progress bar; print their faults.
 
-    Parameters
-    ----------
-    tables, folder, roots, jobs, videos
-        As of :func:`~oppload_cli.report.writing.write_report`.
-    quiet : bool
-        Whether no progress is shown.
+    The parameters are those of :func:`~oppload_cli.report.writing.write_report`.
 
     Returns
     -------
@@ -94,9 +87,8 @@ def write_pages(
     """
     from oppload_cli.report.writing import write_report
 
-    alone = len(tables) == 1
-    total = None if alone else len(tables)
-    unit = "frame" if alone else "page"
+    alone = len(tables) == 1  # the bar then counts frames
+    total, unit = (None, "frame") if alone else (len(tables), "page")
     with progress_bar(total, unit, quiet=quiet) as bar:
         written = write_report(
             tables,
@@ -112,18 +104,18 @@ def write_pages(
     return written.first, ExitCode.INCOMPLETE if written.failures else ExitCode.DONE
 
 
-def _holder(folders: Sequence[Path]) -> Path | None:
-    """Return the one folder, or the nearest that holds all; None where there is none."""
-    if len(folders) < 2:
-        return folders[0] if folders else None
+def _common_folder(folders: Sequence[Path]) -> Path | None:
+    """Return the nearest folder that holds all of some folders; None if there is none."""
+    if len(folders) == 1:
+        return folders[0]
     try:
         return Path(os.path.commonpath(folders))
-    except ValueError:  # an absolute and a relative path, or another drive
+    except ValueError:  # no folder, an absolute and a relative path, or another drive
         return None
 
 
 def _folder_of(results: Sequence[Path]) -> Path:
-    """Return the folder of the results, which must be one."""
+    """Return the folder of the results; raise ParameterError if they lie in several."""
     folders = {path if is_folder(path) else path.parent for path in results}
     if len(folders) > 1:
         raise ParameterError("the results lie in several folders; give one for the pages, --output")

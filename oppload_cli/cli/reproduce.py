@@ -56,9 +56,9 @@ def reproduce(
 ) -> None:
     """Reproduce every synthetic figure of the OppLoD paper; takes about four minutes.
 
-    DIR gets, as each figure is done, its picture and a CSV with the numbers behind it; at the end
-    report.json with every statement of the paper, the measurement and the verdict, and
-    index.html, one page with all of it.
+    For each figure, DIR gets a picture and a CSV with its numbers as soon as they are ready. At
+    the end DIR gets report.json with every statement of the paper, the measurement and the
+    verdict, and index.html, one page with everything.
     """
     if listed:
         click.echo("\n".join(FIGURES))
@@ -80,6 +80,6 @@ def reproduce(
         pages, verdicts = pages_of(figures, time.perf_counter() - started, form)
         for name, content in pages.items():
             write_atomic(claim if name == "report.json" else output / name, content)
-        # Only now: the reader of the names may have gone.
+        # After all files: printing fails if the program that reads the names has ended.
         click.echo("\n".join(str(output / name) for name in targets))
         say(f"verdicts on the statements of the paper: {verdicts}")

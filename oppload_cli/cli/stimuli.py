@@ -1,4 +1,4 @@
-"""``oppload stimuli``: the catalogue, one protocol, and files made of them."""
+"""``oppload stimuli``: lists and shows protocols of the catalogue, and makes their files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-_INDENT = "\n" + 13 * " "  # of further values of a fact
+_INDENT = "\n" + 13 * " "  # before the second and further values of a fact
 # The keys of oppload_cli.video.writers.FORMATS; importing that module would slow down --help.
 FORMATS = ("ffv1", "mkv", "mp4", "png", "npz", "gif")
 
@@ -107,7 +107,7 @@ def generate(
 
     NAME is an entry of the catalogue (all stimuli of its sweep) or one of its stimuli; the last
     part of a name is enough, or any part that no other name has. FILE is a .toml of your own, GLOB
-    a pattern such as 'klapoetke2017/*'. The paths of the videos are printed.
+    a pattern such as 'klapoetke2017/*'. The command prints the paths of the videos.
     """
     from oppload_cli.stimulus.files import named, not_made_yet, write_all
 
@@ -133,7 +133,7 @@ def generate(
             click.echo(str(one.video))
     made = len(protocols) - sum(isinstance(one, OpploadError) for one in results)
     if problems and not made:
-        # the caller prints the last one and takes its exit code
+        # `main` prints the last problem and exits with its code.
         _report(problems[:-1])
         raise problems[-1]
     if problems:
@@ -157,7 +157,7 @@ def _report(problems: list[OpploadError]) -> None:
 
 
 def _table(listed: Sequence[Entry]) -> str:
-    """Name, number of stimuli and description, in columns."""
+    """Return lines with the name, the number of stimuli and the description of each entry."""
     rows = [(entry.name, str(len(entry.values())), entry.description) for entry in listed]
     widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
     lines = [f"{name:<{widths[0]}}  {clips:>{widths[1]}}  {text}" for name, clips, text in rows]
@@ -166,12 +166,12 @@ def _table(listed: Sequence[Entry]) -> str:
 
 
 def _shown(original: Entry, entry: Entry) -> str:
-    """Return an entry, with the values that differ from the original one, and its file."""
+    """Return the description of an entry with its changed values, and the text of its file."""
     protocols = entry.protocols()
     first = protocols[0]
     display = first.display
     changes = [
-        f"{dotted} = {in_toml(value)}, {_before(original.held(dotted))}"
+        f"{dotted} = {in_toml(value)}, {_in_file(original.held(dotted))}"
         for dotted, value in entry.changes.items()
     ]
     facts = {
@@ -191,5 +191,5 @@ def _shown(original: Entry, entry: Entry) -> str:
     return "\n".join([*lines, "", entry.path.read_text(encoding="utf-8")])
 
 
-def _before(value: object) -> str:
+def _in_file(value: object) -> str:
     return "which the file leaves out" if value is None else f"in the file {in_toml(value)}"

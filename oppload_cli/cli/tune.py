@@ -63,7 +63,8 @@ if TYPE_CHECKING:
     default=0.0,
     show_default=True,
     metavar="SECONDS",
-    help="Measure the responses as a calcium indicator of this time constant shows them; 0: none.",
+    help="Measure the responses as a calcium indicator with this time constant shows them; "
+    "0: no indicator.",
 )
 @output_option(".", "Folder of the results.  [default: this folder]")
 @click.option(
@@ -138,13 +139,9 @@ def _run(
     jobs: int,
     quiet: bool,
 ) -> Sequence[Path]:
-    """Measure and write one sweep; return the files that were written."""
-    from oppload_cli.tuning.run import (
-        doubts_about,
-        tune,
-        write_tuning,
-        write_tuning_sidecar,
-    )
+    """Measure one sweep, and write the table, the sidecar and the plot; return those written."""
+    from oppload_cli.plots import style, tuning
+    from oppload_cli.tuning.run import doubts_about, tune, write_tuning, write_tuning_sidecar
 
     entry, settings, presentations, figure, held = sweep
     for key, value in held.items():
@@ -166,16 +163,14 @@ def _run(
         write_tuning_sidecar, paths[1], entry, settings, command=["oppload", *sys.argv[1:]],
         indicator_s=indicator_s, figure=figure, doubts=doubts,
     )  # fmt: skip
-    sidecar()
-    from oppload_cli.plots import style, tuning
-
+    sidecar()  # without the summary, which an error of the table would prevent
     try:
         measured = oppload.read_tuning(paths[0])
         sidecar(summary=tuning.summary_of(measured))
         lines = tuning.lines_of([measured])
         if len(paths) > 2:
             style.save(oppload.plot_tuning(measured)[0], paths[2])
-    except ResultError as error:  # the table is complete without it
+    except ResultError as error:
         if len(paths) > 2:
             say(f"oppload: no plot: {error}")
         return paths[:2]
