@@ -92,23 +92,14 @@ def run_inputs(
     check_models(chosen["models"], "run")
     settings = resolve(**chosen)
     check_assignments(chosen["assignments"], settings.models)
-    if options.boxes != "alarm" and not options.annotate:
-        raise ParameterError("--boxes has no effect without --annotate; give both or neither")
-    if options.null and not options.files_from:
-        raise ParameterError("--null has no effect without --files-from; give both or neither")
-    _check_alarms(settings, options.fail_on, quiet=options.quiet)
-    _check_floors(settings, quiet=options.quiet)
-    _check_loops(quiet=options.quiet)
+    _check_options(options, settings)
+    for note in () if options.quiet else _notes(settings):
+        say(f"oppload: {note}")
     if_exists, command = IfExists(options.if_exists), ["oppload", *sys.argv[1:]]
     task = Task("", settings, None, span, image_rate, if_exists, command, boxes=options.boxes)
     if str(options.output) == _STANDARD_OUTPUT:
         return _run_one(replace(task, name=_only(inputs, options)), options, opening)
     plan = _plan_of(inputs, options)
-    if options.report_pages and options.shard:
-        raise ParameterError(
-            "--report makes one index of all pages; leave it out with --shard, and run "
-            "'oppload report DIR' when all parts are done"
-        )
     tasks = _tasks(plan, task, options)
     if options.dry_run:
         return _print_plan(tasks, plan)
@@ -125,37 +116,44 @@ def run_inputs(
     return _report(_tasks(plan, task, options), options) or code
 
 
-def _check_alarms(settings: Settings, fail_on: str | None, *, quiet: bool) -> None:
-    """Say why alarms are off, if they are; raise ParameterError if `fail_on` needs them."""
-    if settings.alarm.on:
-        return
+def _check_options(options: RunOptions, settings: Settings) -> None:
+    """Raise ParameterError if options contradict each other or the settings."""
+    if options.boxes != "alarm" and not options.annotate:
+        raise ParameterError("--boxes has no effect without --annotate; give both or neither")
+    if options.null and not options.files_from:
+        raise ParameterError("--null has no effect without --files-from; give both or neither")
+    if options.fail_on and not settings.alarm.on:
+        raise ParameterError(f"--fail-on: {_alarms_off(settings)}; choose another preset")
+    if options.report_pages and options.shard:
+        raise ParameterError(
+            "--report makes one index of all pages; leave it out with --shard, and run "
+            "'oppload report DIR' when all parts are done"
+        )
+
+
+def _alarms_off(settings: Settings) -> str:
+    """Return the sentence that says why alarms are off."""
     reason = PRESETS[settings.preset].no_alarm
     why = f" under preset '{settings.preset}', because {reason}" if reason else ""
-    if fail_on:
-        raise ParameterError(f"--fail-on: alarms are off{why}; choose another preset")
-    if not quiet:
-        say(f"oppload: alarms are off{why}; --set alarm.on=true switches them on")
+    return f"alarms are off{why}"
 
 
-def _check_floors(settings: Settings, *, quiet: bool) -> None:
-    """Say which detectors have no floor, so that any response may cause an alarm."""
-    if quiet or not settings.alarm.on:
-        return
-    for name in settings.models:
+def _notes(settings: Settings) -> Iterator[str]:
+    """Yield sentences on alarms that are off, on detectors without a floor, and on slow models."""
+    if not settings.alarm.on:
+        yield f"{_alarms_off(settings)}; --set alarm.on=true switches them on"
+    for name in settings.models if settings.alarm.on else ():
         inherited = detector_named(name).alarm_floors is Detector.alarm_floors
         if inherited and not settings.alarm.floor_of(name):
-            say(
-                f"oppload: {name} has no floor: any response above 0 may cause an alarm; set "
+            yield (
+                f"{name} has no floor: any response above 0 may cause an alarm; set "
                 f"alarm_floors in its class, or --set alarm.{name}_floor=NUMBER"
             )
-
-
-def _check_loops(*, quiet: bool) -> None:
-    """Say why the models run slowly, unless the user has switched the compiled loops off."""
+    # If the user has switched the compiled loops off, the models are slow on purpose.
     reason = None if loops.portable else loops.why_portable() or loops.why_not_wide()
-    if reason and not quiet:
+    if reason:
         slow = "10 to 20 times as slow as" if loops.arithmetic() == "portable" else "slower than"
-        say(f"oppload: {reason}. The alarms are the same, but the models are {slow} usual")
+        yield f"{reason}. The alarms are the same, but the models are {slow} usual"
 
 
 def _run_one(task: Task, options: RunOptions, opening: Opening | None) -> int:

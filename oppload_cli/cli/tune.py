@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -83,18 +83,13 @@ def tune(
     figures: tuple[str, ...],
     over: tuple[str, ...],
     changes: tuple[str, ...],
-    models: tuple[str, ...],
-    preset: str | None,
-    assignments: tuple[str, ...],
-    config: Path | None,
-    height: str | None,
-    repeats: str | None,
     indicator_s: float,
     output: Path,
     form: str,
     jobs: int,
     if_exists: str,
     quiet: bool,
+    **chosen: Any,
 ) -> None:
     """Measure the tuning of detectors to one stimulus; no video is written.
 
@@ -108,18 +103,9 @@ def tune(
     if (stimulus is None) == (not figures):
         raise click.UsageError("give a STIMULUS or --figure NAME, one of the two")
     values = dict(parsed_setting(text) for text in changes)
-    chosen = {
-        "preset": preset,
-        "config": config,
-        "models": models,
-        "height": height,
-        "repeats": repeats,
-        "usual": STUDY_PRESET,
-        "assignments": assignments,
-    }
-    check_models(models, "tune")
-    for sweep in sweeps(stimulus, figures, values, over, chosen):
-        check_assignments(assignments, sweep.settings.models)
+    check_models(chosen["models"], "tune")
+    for sweep in sweeps(stimulus, figures, values, over, chosen | {"usual": STUDY_PRESET}):
+        check_assignments(chosen["assignments"], sweep.settings.models)
         table = output / f"{stimuli.file_stem(sweep.entry.name)}.tuning.csv"
         kept = [table, table.with_suffix(".json")]
         kept += [table.with_suffix(f".{form}")] if form != "none" else []
