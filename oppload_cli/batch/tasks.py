@@ -46,7 +46,7 @@ _LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio
 _MOST_SUBMITTED = 1000  # tasks that the scheduler has at a time, which bounds its memory
 
 
-class Observer(Protocol):
+class _Observer(Protocol):
     """An object that receives the progress of a batch."""
 
     def started(self, name: str) -> None:
@@ -61,7 +61,7 @@ class Observer(Protocol):
 
 def run_tasks(
     tasks: Iterable[Task],
-    observer: Observer,
+    observer: _Observer,
     *,
     inputs: int,
     jobs: int = 0,
@@ -73,7 +73,7 @@ def run_tasks(
     ----------
     tasks : iterable of Task
         The function takes a task from it when the task can begin.
-    observer : Observer
+    observer : _Observer
         Receives the progress.
     inputs : int
         The number of tasks.
@@ -105,7 +105,7 @@ def run_tasks(
             observer.ended(task, _counted(task, observer.frames))
 
 
-def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: Observer) -> None:
+def _run_in_processes(tasks: Iterable[Task], jobs: int, observer: _Observer) -> None:
     threads = max(1, cores() // jobs)
     limited = (replace(task, threads=threads) for task in tasks)
     with closing(events(_counted, limited, jobs, threads=threads)) as happening:
@@ -276,7 +276,7 @@ def _run_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
 class _ClusterRun:
     """A batch that runs on a cluster."""
 
-    def __init__(self, client: Any, tasks: Iterator[Task], observer: Observer) -> None:
+    def __init__(self, client: Any, tasks: Iterator[Task], observer: _Observer) -> None:
         self._client = client
         self._tasks = tasks
         self._observer = observer

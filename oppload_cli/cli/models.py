@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 import cv2
 import numpy as np
-from click.shell_completion import CompletionItem
 
+from oppload_cli.cli.options import completions
 from oppload_cli.detection.parameters import alarm_params, place_params
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.models.presets import PRESETS
@@ -21,6 +21,7 @@ from oppload_cli.pipeline.settings import parameter_sets
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from click.shell_completion import CompletionItem
     from numpy.typing import NDArray
 
     from oppload_cli.models.detector import Detector
@@ -37,8 +38,7 @@ _FACTS = (
 
 
 def _complete(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
-    names = (*parameter_sets(), *PRESETS)
-    return [CompletionItem(name) for name in names if name.startswith(text)]
+    return completions(text, dict.fromkeys((*parameter_sets(), *PRESETS), ""))
 
 
 @click.command(short_help="list the models and presets; describe one with its parameters")

@@ -17,7 +17,7 @@ from oppload_cli.files.reading import is_folder
 from oppload_cli.models.presets import DEFAULT_PRESET, EXAMPLE_SETTING, PRESETS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     Command = Callable[..., Any]
 
@@ -93,26 +93,27 @@ def jobs_option(things: str) -> Callable[[Command], Command]:
     )
 
 
-def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+def completions(text: str, meanings: Mapping[str, str]) -> list[CompletionItem]:
+    """Return the names that begin with a text, with their meanings, for the shell."""
     return [
-        CompletionItem(name, help=each.meaning)
-        for name, each in PRESETS.items()
+        CompletionItem(name, help=meaning)
+        for name, meaning in meanings.items()
         if name.startswith(text)
     ]
+
+
+def _complete_presets(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
+    return completions(text, {name: each.meaning for name, each in PRESETS.items()})
 
 
 def complete_models(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
     """Complete the last name in a list of detectors such as ``opplod,dlgmd:reference``."""
     before, comma, last = text.rpartition(",")
+    model, colon, _preset = last.partition(":")
     names = {name: each.meaning for name, each in oppload.detectors().items()}
-    if ":" in last:
-        model = last.partition(":")[0]
+    if colon:
         names = {f"{model}:{name}": each.meaning for name, each in PRESETS.items()}
-    return [
-        CompletionItem(before + comma + name, help=meaning)
-        for name, meaning in names.items()
-        if name.startswith(last)
-    ]
+    return completions(text, {before + comma + name: names[name] for name in names})
 
 
 def _complete_settings(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
@@ -122,17 +123,13 @@ def _complete_settings(_: click.Context, __: click.Parameter, text: str) -> list
     group, dot, rest = text.partition(".")
     sets = parameter_sets()
     if not dot or group not in sets:
-        return _starting(text, (f"{name}." for name in sets))
+        return completions(text, dict.fromkeys((f"{name}." for name in sets), ""))
     name, equals, _value = rest.partition("=")
     declared = {each.name: each for each in sets[group][1].declared()}
     if equals:
         choices = declared[name].choices if name in declared else ()
-        return _starting(text, (f"{group}.{name}={choice}" for choice in choices))
-    return [
-        CompletionItem(f"{group}.{each.name}=", help=each.meaning)
-        for each in declared.values()
-        if each.name.startswith(rest)
-    ]
+        return completions(text, {f"{group}.{name}={choice}": "" for choice in choices})
+    return completions(text, {f"{group}.{name}=": each.meaning for name, each in declared.items()})
 
 
 def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[CompletionItem]:
@@ -143,12 +140,9 @@ def complete_stimuli(_: click.Context, __: click.Parameter, text: str) -> list[C
     names = sorted(
         path.relative_to(root).with_suffix("").as_posix() for path in root.rglob("*.toml")
     )
-    found = _starting(text, names) or [CompletionItem(name) for name in names if text in name]
-    return found or [CompletionItem(text, type="file")]
-
-
-def _starting(text: str, names: Iterable[str]) -> list[CompletionItem]:
-    return [CompletionItem(name) for name in names if name.startswith(text)]
+    found = [name for name in names if name.startswith(text)]
+    found = found or [name for name in names if text in name]
+    return [CompletionItem(name) for name in found] or [CompletionItem(text, type="file")]
 
 
 def names_in(texts: Iterable[str]) -> list[str]:
@@ -224,7 +218,7 @@ class RunOptions(NamedTuple):
 
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="No progress bar.")
 
-models_option = click.option(
+_models_option = click.option(
     "--model",
     "models",
     multiple=True,
@@ -260,7 +254,7 @@ def settings_options(
     options for its columns too.
     """
     options = [
-        models_option,
+        _models_option,
         click.option(
             "--preset",
             metavar="NAME",

@@ -86,8 +86,8 @@ def run(
     INPUT is a video file, a folder of videos or of images, a pattern such as
     'clips/*.mp4' or frames_%04d.png, camera:0, or a stream's address. For each input,
     DIR gets {stem}.frames.csv with a row per frame, {stem}.detections.jsonl with a line
-    per looming object and frame, and {stem}.oppload.json with the settings, versions and
-    facts that repeat the run. For several inputs, DIR/alarms.csv lists the alarms, and
+    per looming object and frame, and {stem}.oppload.json with all settings, versions and
+    facts about the input. For several inputs, DIR/alarms.csv lists the alarms, and
     DIR/failures.csv the inputs that fail.
     """
     options = RunOptions(**{name: others.pop(name) for name in RunOptions._fields})
