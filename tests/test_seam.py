@@ -337,7 +337,7 @@ def test_it_has_rows_in_an_evaluation(clip: Path, tmp_path: Path, capsys: Captur
 def test_one_model_is_described_and_measured(capsys: Capture) -> None:
     text = run(capsys, "models", "toy").stdout
     assert "source: Somebody, 2021\n" in text
-    assert "answers to: darkening\n" in text
+    assert "responds to: darkening\n" in text
     assert "made for: tests\n" in text
     assert "cost: about 0.5 ms per frame of 427 x 240 on one core\n" in text
     assert "opplod" not in text

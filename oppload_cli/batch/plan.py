@@ -167,7 +167,7 @@ def _same_stem(name: str, stem: str, holders: dict[str, str]) -> Failure:
 
 
 def _single_images(names: Iterable[str]) -> dict[str, list[str]]:
-    """Return several images of one folder, named one by one or by a pattern, by their folder."""
+    """Return the folders of which several images are inputs, with these images."""
     images: defaultdict[str, list[str]] = defaultdict(list)
     for name in names:
         if is_image_file(name):
@@ -212,7 +212,7 @@ def read_list(source: str, *, null: bool = False) -> list[Input | Failure]:
     elif text.startswith(",".join(FAILURE_COLUMNS)):
         entries = list(_failed_before(source, text))
     else:
-        # Not `splitlines`: a name may hold the other characters that it takes for line ends.
+        # Not `splitlines`, which also splits at other characters that a name may hold.
         lines = (line.removesuffix("\r") for line in text.split("\n"))
         entries = [Input(line) for line in lines if line]
     if not entries:
@@ -257,7 +257,7 @@ def _content(source: str) -> bytes:
 
 
 class Tally:
-    """Counts the outcomes of a batch; failures and alarms are kept one by one.
+    """Counts the outcomes of a batch, and keeps its failures and its alarms.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ class Tally:
         self.frames[state] += result.frames
         self.verdicts[name] = result.verdicts
         self.incomplete += not result.complete  # a skipped result may be incomplete too
-        # An incomplete input without an alarm may have one in a frame that could not be read.
+        # In an incomplete input, frames that could not be read may belong to an alarm.
         self.silent += result.complete and not result.alarmed
 
     def exit_code(self, fail_on: str | None = None) -> int:

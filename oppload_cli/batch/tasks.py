@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 ANSWER_WITHIN_S = 8.0  # of a scheduler; Python takes up to 2 s more until the error is printed
 _STOP_WITHIN_S = 3.0  # time for the tasks on a cluster to stop
 _TELL_SCHEDULER_EVERY_S = 1.0
-# Loggers of dask. Its configuration gives a level to each, so that one parent is not enough.
+# Loggers of dask, whose configuration gives each of them a level of its own.
 _LOGGERS = ("distributed", "distributed.client", "tornado.application", "asyncio")
 _MOST_SUBMITTED = 1000  # tasks that the scheduler has at a time, which bounds its memory
 
@@ -72,7 +72,7 @@ def run_tasks(
     Parameters
     ----------
     tasks : iterable of Task
-        The function takes a task from it when the task can begin.
+        The tasks; one is taken when it can begin.
     observer : _Observer
         Receives the progress.
     inputs : int
@@ -376,10 +376,8 @@ def _result(task: Task, future: Any) -> Outcome | Failure:
     error = Call(future.exception).result()
     kind = type(error).__name__
     if kind == "KilledWorker":
-        return _failed(
-            task,
-            f"{task.name}: several workers died of it; check their memory, or run it alone",
-        )
+        remedy = "check their memory, or run it alone"
+        return _failed(task, f"{task.name}: several workers died while they ran it; {remedy}")
     return _failed(
         task, f"{task.name}: the worker failed ({kind}: {reason_of(error)}); see its log"
     )

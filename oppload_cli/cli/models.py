@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from oppload_cli.models.detector import Detector
     from oppload_cli.schema import Parameters
 
-# Of the measurement of costs: height and width in px, frames, frames before them, and rounds.
+# To measure costs: height and width in px; measured frames, frames before these, and rounds.
 _MEASURED_SIZE = 240, 427
 _MEASURED_FRAMES, _FIRST_FRAMES, _ROUNDS = 24, 8, 3
 # Attributes of a detector that `--json` prints.
@@ -70,7 +70,9 @@ def models(names: tuple[str, ...], measure: bool, as_json: bool) -> None:
 
 
 def _list() -> None:
-    click.secho("models  (ms per frame of 427 x 240 on one core; what they answer to)", bold=True)
+    click.secho(
+        "models  (ms per frame of 427 x 240 on one core; stimuli that cause a response)", bold=True
+    )
     for name, each in detectors().items():
         cost = f"{each.cost_ms:g}" if each.cost_ms else ""
         click.echo(f"  {name:<20}{cost:>5}  {each.answers_to or each.meaning}")
@@ -135,7 +137,7 @@ def _facts(detector: type[Detector]) -> Iterator[str]:
     if detector.reference:
         yield f"source: {detector.reference}{f', {detector.year}' if detector.year else ''}"
     if detector.answers_to:
-        yield f"answers to: {detector.answers_to}"
+        yield f"responds to: {detector.answers_to}"
     if detector.made_for:
         yield f"made for: {detector.made_for}"
     if detector.cost_ms:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Command = Callable[..., Any]
 
 
-# Suffixes of files that commands write or read: a user who gives one means a file, not a folder.
+# Suffixes of files that commands write or read: a name with such a suffix is meant as a file.
 _FILE_SUFFIXES = frozenset(
     (".avi", ".csv", ".html", ".json", ".jsonl", ".mkv", ".mp4", ".parquet", ".pdf", ".png", ".svg")
 )
@@ -250,8 +250,8 @@ def settings_options(
     """Return a decorator that adds the options of a run's settings.
 
     Their names are the parameters of :func:`oppload_cli.pipeline.settings.resolve`. `preset` is the
-    command's default preset. With `table`, the command writes a table of frames, and there are the
-    options for its columns too.
+    command's default preset. With `table`, the command writes a table of frames, and also gets the
+    options for its columns.
     """
     options = [
         _models_option,

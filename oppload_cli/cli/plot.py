@@ -89,7 +89,7 @@ _EFFECTS = {
     "labels",
     multiple=True,
     metavar="NAME",
-    help="Name of a result, once for each, in their order.  [default: what differs]",
+    help="Name of a result, once for each, in their order.  [default: their differences]",
 )
 @click.option("--threshold/--no-threshold", default=True, help="The alarm's threshold in curves.")
 @click.option("--onset", metavar="POSITION", help="Mark an onset: 1.5 (s) or f50.")
@@ -284,7 +284,7 @@ def _draw_map(results: Sequence[BaseResult], options: dict[str, Any]) -> Figure:
     figure, _ = oppload.plot_places(results[0], still, title=options["title"], model=model)
     if still is None:
         why = f"{results[0].path}: {places.why_no_still(results[0])}"
-        say(f"oppload: {why}, so the ground is white; --video says where it is")
+        say(f"oppload: {why}, so the ground is white; give the video with --video")
     return figure
 
 

@@ -41,7 +41,7 @@ def report(
     show: bool,
     quiet: bool,
 ) -> int:
-    """Make one HTML page per result; it opens offline in any browser.
+    """Make one HTML page per result; a page opens offline in any browser.
 
     RESULT is a frames.csv of 'oppload run', or a folder of results, searched to any depth.
     The page {stem}.report.html holds the video with its boxes, the responses over their

@@ -126,12 +126,12 @@ def generate(
             jobs=jobs,
             progress=bar.update,
         )
-    for one in results:
-        if isinstance(one, OpploadError):
-            problems.append(one)
+    for result in results:
+        if isinstance(result, OpploadError):
+            problems.append(result)
         else:
-            click.echo(str(one.video))
-    made = len(protocols) - sum(isinstance(one, OpploadError) for one in results)
+            click.echo(str(result.video))
+    made = len(protocols) - sum(isinstance(each, OpploadError) for each in results)
     if problems and not made:
         # `main` prints the last problem and exits with its code.
         _report(problems[:-1])

@@ -96,7 +96,7 @@ def tune(
     STIMULUS is a name of the catalogue ('oppload stimuli list') or a .toml file. DIR
     gets NAME.tuning.csv, a row per condition and detector, NAME.tuning.json with all
     settings, and the plot: polar over directions, a line over one parameter, a heat
-    map over two. With --figure, NAME is that of the figure.
+    map over two. With --figure, NAME is the name of the figure.
     """
     from oppload_cli.tuning.sweeps import sweeps
 
@@ -125,7 +125,7 @@ def _run(
     jobs: int,
     quiet: bool,
 ) -> Sequence[Path]:
-    """Measure one sweep, and write the table, the sidecar and the plot; return those written."""
+    """Measure a sweep; write the table, the sidecar and the plot, and return their paths."""
     from oppload_cli.plots import style, tuning
     from oppload_cli.tuning.run import doubts_about, tune, write_tuning, write_tuning_sidecar
 

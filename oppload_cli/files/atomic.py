@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 
 _DYING_S = 0.5  # time for which a run that was killed may still hold its lock
-# Follow no link, and do not wait for a pipe. On Windows, which lacks these flags, only
-# `_check_alone` refuses them.
+# Flags that follow no link and wait for no pipe. Windows lacks them: there, only `_check_alone`
+# refuses links and pipes.
 _CAUTIOUS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
@@ -61,7 +61,7 @@ def output_errors(path: Path) -> Iterator[None]:
 
 
 def part_of(path: Path) -> Path:
-    """Return the name that a result has while it is written."""
+    """Return the path of the part file of a result."""
     return path.with_name(f"{path.name}.part")
 
 
@@ -169,7 +169,7 @@ class PartFile(_Part):
     part : Path
         The path until `commit`.
     raw, binary : binary files
-        The file without a buffer and with one, for writing and reading bytes.
+        The file without and with a buffer, for writing and reading bytes.
     stream : text file
         The file for writing text, in UTF-8 with ``surrogateescape``; it keeps line ends.
 
@@ -252,8 +252,8 @@ class PartFile(_Part):
 class PartFolder(_Part):
     """A folder that is filled as ``NAME.part`` under a lock, and renamed when it is complete.
 
-    Parameters and errors are those of :class:`PartFile`. An existing file or folder is replaced,
-    and the files in it are those that the caller writes into the folder `part` before `commit`.
+    Parameters and errors are those of :class:`PartFile`. The caller writes files into the folder
+    `part`; `commit` replaces an existing file or folder of the final name.
     """
 
     def __init__(self, path: Path, *, new: bool = False) -> None:
@@ -300,7 +300,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _opened(part: Path) -> tuple[FileIO, bool]:
-    """Open a part file; return whether it was made. An existing one must be a regular file."""
+    """Open a part file, and make it if there is none; return whether it was made."""
 
     def opener(flags: int) -> Callable[[str, int], int]:
         return lambda name, own: os.open(name, own | flags | _CAUTIOUS, 0o666)
@@ -318,7 +318,7 @@ def _opened(part: Path) -> tuple[FileIO, bool]:
 
 
 def _check_alone(status: os.stat_result, part: Path) -> None:
-    """Raise FileExistsError for anything but a regular file with one name."""
+    """Raise FileExistsError unless the part is a regular file without a second hard link."""
     if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
         raise FileExistsError(errno.EEXIST, f"{part.name} is a link, a folder or a device")
 

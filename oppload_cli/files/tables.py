@@ -31,8 +31,8 @@ def formatted(value: Cell) -> str:
 class _PlainEnds:
     """A stream for a CSV writer that replaces its line ends by line feeds.
 
-    Up to Python 3.12, the line end of a CSV writer decides which cells it quotes. With its default
-    line end, it quotes a carriage return in a name. Unquoted, this would end the row.
+    A CSV writer quotes cells with a character of its own line end. The default line end contains
+    the carriage return: so the writer quotes a carriage return in a name, which would end the row.
     """
 
     def __init__(self, stream: IO[str]) -> None:
@@ -118,7 +118,7 @@ def rows_in(path: Path) -> int:
 
 
 def typed(value: Cell, kind: type) -> Cell:
-    """Convert a value, or the text of a number, to the type of its column; an empty one to None.
+    """Convert a value, or the text of a number, to the type of its column; no text becomes None.
 
     Raises TypeError or ValueError if the value is of another type.
     """

@@ -154,7 +154,7 @@ class _Workers:
         with _ctrl_c_held_back():
             process.start()
         self._processes.append(process)
-        theirs.close()  # so that only the process holds this end: when it ends, the pipe closes
+        theirs.close()  # only the process holds this end then: the pipe closes when it ends
         return process, ours
 
     def _heard(self, connection: Connection) -> Iterator[Event]:

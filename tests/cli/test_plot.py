@@ -367,7 +367,7 @@ def test_a_map_without_a_sidecar_says_so(tmp_path: Path, capsys: Capture) -> Non
     assert done.returncode == 0
     assert done.stderr == (
         f"oppload: {table}: no sidecar (a.oppload.json) names its video and its size, so the "
-        "ground is white; --video says where it is\n"
+        "ground is white; give the video with --video\n"
     )
     (tmp_path / "a.oppload.json").write_text(
         json.dumps({"input": {"name": "gone.avi", "kind": "container", "width": 64, "height": 48}})
