@@ -259,10 +259,7 @@ def _content(source: str) -> bytes:
 class Tally:
     """Counts the outcomes of a batch, and keeps its failures and its alarms.
 
-    Parameters
-    ----------
-    failures : iterable of Failure
-        The failures of the plan.
+    `failures` are the failures of the plan.
     """
 
     def __init__(self, failures: Iterable[Failure] = ()) -> None:
@@ -313,20 +310,12 @@ class Tally:
             return ExitCode.INCOMPLETE
         return ExitCode.DONE
 
-    def alarms(self, most: int, place: Path, shown: Mapping[str, str]) -> Iterator[str]:
+    def alarms(self, most: int, place: Path, stems: Mapping[str, str]) -> Iterator[str]:
         """Yield how many inputs alarmed, and the strongest alarms as sentences.
 
-        If there are more detectors than a line can hold, the lines instead count the inputs on
-        which each detector alarmed.
-
-        Parameters
-        ----------
-        most : int
-            How many inputs are listed.
-        place : Path
-            The file that lists all alarms.
-        shown : mapping of str to str
-            The stem of each input.
+        At most `most` inputs are listed, each by its stem; `place` is the file with all alarms. If
+        there are more detectors than a line can hold, the lines instead count the inputs on which
+        each detector alarmed.
         """
         if not self.verdicts:
             return
@@ -347,7 +336,7 @@ class Tally:
             return -max(each.strongest for each in alarmed[name] if each.alarms), name
 
         for name in sorted(alarmed, key=strength)[:most]:
-            yield f"  {shown[name]}: {in_words(alarmed[name])}"
+            yield f"  {stems[name]}: {in_words(alarmed[name])}"
         if len(alarmed) > most:
             yield f"  and {len(alarmed) - most} more: {place}"
 

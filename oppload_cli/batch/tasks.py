@@ -225,33 +225,22 @@ def _check_workers(client: Any, scheduler: str) -> None:
             f"--scheduler {scheduler}: does not answer ({reason_of(error)}); restart it"
         ) from error
     for worker, version in sorted(versions.items()):
+        if version == __version__:
+            continue
         if isinstance(version, ImportError | AttributeError):
-            raise ParameterError(
-                f"worker {worker}: has no oppload; install oppload {__version__} there"
-            )
-        if isinstance(version, BaseException):
-            raise ParameterError(
-                f"worker {worker}: does not answer ({reason_of(version)}); restart it"
-            )
-        if version != __version__:
-            raise ParameterError(
-                f"worker {worker}: has oppload {version}, not {__version__}; install one "
-                f"version everywhere"
-            )
+            fault = f"has no oppload; install oppload {__version__} there"
+        elif isinstance(version, BaseException):
+            fault = f"does not answer ({reason_of(version)}); restart it"
+        else:
+            fault = f"has oppload {version}, not {__version__}; install one version everywhere"
+        raise ParameterError(f"worker {worker}: {fault}")
 
 
 def _run_on_worker(task: Task, topic: str, version: str) -> Outcome | Failure:
     """Run one task on a worker.
 
-    Parameters
-    ----------
-    task : Task
-        The task.
-    topic : str
-        The topic of dask under which the worker reports its progress, and the name of the event
-        that stops the task.
-    version : str
-        The version of oppload that started the batch.
+    `topic` is the topic of dask under which the worker reports its progress, and the name of the
+    event that stops the task. `version` is the version of oppload that has started the batch.
     """
     if version != __version__:  # a worker that joined after `_check_workers`
         message = f"{task.name}: its worker has oppload {__version__}, not {version}; replace it"

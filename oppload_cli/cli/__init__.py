@@ -81,10 +81,6 @@ class _LazyGroup(click.Group):
         except BrokenPipeError as error:
             raise _ReaderGoneError from error
 
-    def list_commands(self, _ctx: click.Context) -> list[str]:
-        """Return the commands' names, in the order of the help."""
-        return list(COMMANDS)
-
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command, or None if none has that name."""
         if cmd_name not in COMMANDS:
@@ -288,18 +284,10 @@ def on_terminal() -> bool:
 
 
 def progress_bar(total: int | None, unit: str, *, quiet: bool, name: str = "") -> tqdm[Never]:
-    """Return a progress bar on standard error, hidden if that is no terminal.
+    """Return a progress bar on standard error, hidden if that is no terminal, or if `quiet`.
 
-    Parameters
-    ----------
-    total : int or None
-        Count at which the bar is full; None if it is not known.
-    unit : str
-        The word for the things that are counted.
-    quiet : bool
-        Whether the bar is hidden on a terminal too.
-    name : str
-        Text before the bar.
+    The bar is full at `total`, which may be unknown. `unit` is the word for the things that it
+    counts, and `name` a text before the bar.
     """
     from tqdm import tqdm  # not for help and completion
 

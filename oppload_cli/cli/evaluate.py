@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -24,11 +23,6 @@ from oppload_cli.errors import ExitCode
 from oppload_cli.files.atomic import claimed, refuse_existing
 from oppload_cli.models.presets import EXAMPLE_SETTING
 from oppload_cli.processes import cores
-
-if TYPE_CHECKING:
-    from oppload_cli.evaluation.detectors import EvaluatedDetector
-    from oppload_cli.evaluation.evaluate import Evaluation
-    from oppload_cli.evaluation.manifest import Manifest
 
 
 @click.command(short_help="measure detection, lead time and false alarms on labelled clips")
@@ -108,6 +102,7 @@ def evaluate(
     luminance. DIR gets evaluation.html, one page with everything, report.json, the figures,
     responses and windows as CSV, and the plots.
     """
+    from oppload_cli.evaluation import evaluate as evaluation
     from oppload_cli.evaluation.detectors import evaluated_detectors
     from oppload_cli.evaluation.manifest import clips_of
     from oppload_cli.evaluation.output import FILES, printed_table, write_evaluation
@@ -117,7 +112,14 @@ def evaluate(
     refuse_existing((output / name for name in FILES), if_exists)
     started = time.perf_counter()
     with claimed(output / "report.json", if_exists) as claim:
-        found = _evaluated(read, detectors, jobs=jobs, draws=draws, quiet=quiet)
+        for fault in (*read.notes, *read.faults):
+            say(f"oppload: {fault}")
+        with progress_bar(len(read.entries), "clip", quiet=quiet) as bar:
+            found = evaluation.evaluate(
+                read, detectors, jobs=jobs or cores(), draws=draws, progress=bar.update
+            )
+        for fault in found.faults[len(read.faults) :]:
+            say(f"oppload: {fault}")
         made = write_evaluation(found, output, claim, lambda: time.perf_counter() - started)
         written = [str(path) for path in made]  # `made` writes each file when it yields its path
     click.echo("\n".join(written))
@@ -125,19 +127,3 @@ def evaluate(
         for line in printed_table(found):
             say(line)
     return ExitCode.INCOMPLETE if found.faults else ExitCode.DONE
-
-
-def _evaluated(
-    manifest: Manifest, detectors: list[EvaluatedDetector], *, jobs: int, draws: int, quiet: bool
-) -> Evaluation:
-    """Evaluate detectors on the clips of a manifest; print the faults of the clips."""
-    from oppload_cli.evaluation.evaluate import evaluate
-
-    for fault in (*manifest.notes, *manifest.faults):
-        say(f"oppload: {fault}")
-    jobs = jobs or cores()
-    with progress_bar(len(manifest.entries), "clip", quiet=quiet) as bar:
-        found = evaluate(manifest, detectors, jobs=jobs, draws=draws, progress=bar.update)
-    for fault in found.faults[len(manifest.faults) :]:
-        say(f"oppload: {fault}")
-    return found

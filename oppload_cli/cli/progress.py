@@ -31,16 +31,9 @@ _WIDEST_NAME, _LABEL, _CELL = 40, 26, 23
 
 
 class Progress:
-    """Shows the progress of one input.
+    """Shows the progress of one input, with the verbosity of `RunOptions`.
 
-    Parameters
-    ----------
-    name : str
-        The input.
-    verbosity : int
-        -1 shows nothing, 0 the progress, 1 also the sizes that the models see.
-    to_end : bool
-        Whether the run reads the input to its end, so that its length is the bar's total.
+    With `to_end`, the run reads the input to its end: the bar's total is the input's length.
     """
 
     def __init__(self, name: str, verbosity: int, *, to_end: bool) -> None:
@@ -77,15 +70,7 @@ class Progress:
 
 
 class BatchProgress:
-    """Shows the progress of a batch: one bar, with the names of the inputs that are running.
-
-    Parameters
-    ----------
-    total : int
-        Number of inputs.
-    verbosity : int
-        -1 shows nothing, 0 the progress.
-    """
+    """Shows the progress of a batch: one bar, with the names of the inputs that are running."""
 
     def __init__(self, total: int, verbosity: int) -> None:
         self._total = total
@@ -180,13 +165,7 @@ class AlarmTable:
 
     If there are too many detectors for one line, each detector has a row. A peak is the largest
     response to an input divided by its threshold. A star marks a peak that cannot cause an alarm.
-
-    Parameters
-    ----------
-    names : iterable of str
-        The texts in the first column.
-    models : sequence of str
-        The detectors.
+    `names` are the texts of the first column.
     """
 
     def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:

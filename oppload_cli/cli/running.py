@@ -332,8 +332,7 @@ class _Batch:
             say(f"oppload: {error}")
         if self._verbosity >= 0:
             wall_s = time.monotonic() - self._begun
-            shown = {each.name: each.stem for each in self._plan.inputs}
-            alarms = self._tally.alarms(_LISTED, self._alarms, shown)
+            alarms = self._tally.alarms(_LISTED, self._alarms, dict(self._plan.inputs))
             for line in (*self._rows.legend(), *self._tally.table(wall_s), *alarms):
                 say(line)
             more = self._remarked - _LISTED

@@ -45,14 +45,7 @@ class _PlainEnds:
 class Table:
     """A CSV stream with a header. It flushes its rows at least once per second.
 
-    Parameters
-    ----------
-    stream : text file
-        A file opened with ``newline=""``.
-    columns : iterable of str
-        The header.
-    cell : callable
-        Returns the text of a value.
+    The stream must be opened with ``newline=""``. `cell` returns the text of a value.
     """
 
     def __init__(

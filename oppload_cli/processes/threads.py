@@ -50,12 +50,7 @@ class Prefetch(Generic[Item]):
     The caller gets an error of the thread after the items before the error. A signal raises
     KeyboardInterrupt in the caller.
 
-    Parameters
-    ----------
-    items : iterator
-        The iterator that the thread advances.
-    ahead : int
-        The number of items that may wait for the caller, at least 1.
+    `ahead` is the number of items that may wait for the caller, at least 1.
     """
 
     def __init__(self, items: Iterator[Item], ahead: int = 4) -> None:
@@ -128,11 +123,8 @@ class _End(NamedTuple):
 class Call(Generic[Value]):
     """A call in a thread of its own, so that Ctrl-C works while the call blocks in a library.
 
-    Parameters
-    ----------
-    call : callable
-        A function without arguments, which begins at once. After a signal or a time limit the
-        caller goes on, and the thread with the call remains.
+    The call begins at once. After a signal or a time limit, the caller goes on, and the thread with
+    the call remains.
     """
 
     def __init__(self, call: Callable[[], Value]) -> None:
