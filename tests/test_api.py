@@ -147,7 +147,7 @@ def test_the_alarm_is_that_of_the_preset() -> None:
 
 
 def test_a_camera_that_is_turned_gives_the_same() -> None:
-    """An upright video is seen at a working width, so that nothing but the place is another."""
+    """The working height is the shorter side of a frame, so that a turn changes only the places."""
     y, x = np.mgrid[:180, :320]
     frames = [
         np.where(

@@ -151,14 +151,9 @@ def names_in(texts: Iterable[str]) -> list[str]:
 
 
 def check_models(names: Iterable[str], command: str) -> None:
-    """Raise ParameterError if a detector is not known, with a hint for the user's own detectors.
+    """Raise ParameterError if a detector of ``--model`` is not known.
 
-    Parameters
-    ----------
-    names : iterable of str
-        The values of ``--model``: ``NAME``, ``NAME:VARIANT``, ``NAME:PRESET`` or ``A,B``.
-    command : str
-        Name of the command, for the message.
+    The message says how `command` loads the user's own detectors.
     """
     from oppload_cli.models.registry import ALL, known_names
 

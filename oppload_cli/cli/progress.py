@@ -151,7 +151,8 @@ def report(task: Task, outcome: Outcome) -> Iterator[str]:
     if task.outputs and not outcome.skipped:
         first, *others = task.outputs.paths()
         names = [str(first), *(each.name for each in others)]
-        yield f"  {outcome.frames} frames{_speed(outcome)} -> {', '.join(names)}"
+        speed = f" at {outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
+        yield f"  {outcome.frames} frames{speed} -> {', '.join(names)}"
     if not outcome.complete:
         yield incomplete(task, outcome)
     elif outcome.notes:
@@ -179,7 +180,17 @@ class AlarmTable:
         if self._is_new:
             yield from self._header()
         self._is_new = False
-        yield from self._rows(name, outcome)
+        cells = {each.model: _cell(each) for each in outcome.verdicts}
+        self._stars = self._stars or any(map(_is_uncounted, outcome.verdicts))
+        shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
+        end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
+        rows = {model: f"{cells.get(model, ''):<{_CELL}}" for model in self._models}
+        if not self._by_row:
+            yield f"{shown:<{self._wide}}  {''.join(rows.values())}{end}"
+            return
+        for model, row in rows.items():
+            yield f"{shown:<{self._wide}}  {label_of(model):<{_LABEL}}{row}{end}".rstrip()
+            shown = end = ""  # only in the row of the first detector
 
     def legend(self) -> Iterator[str]:
         """Yield the meaning of the column of peaks, if there are rows."""
@@ -198,19 +209,6 @@ class AlarmTable:
             titles *= len(self._models)
         yield f"{'input':<{self._wide}}  {titles}frames/s"
 
-    def _rows(self, name: str, outcome: Outcome) -> Iterator[str]:
-        cells = {each.model: _cell(each) for each in outcome.verdicts}
-        self._stars = self._stars or any(map(_is_uncounted, outcome.verdicts))
-        shown = name if len(name) <= self._wide else f"...{name[3 - self._wide :]}"
-        end = "skipped" if outcome.skipped else f"{outcome.frames / (outcome.wall_s or 1):.0f}"
-        rows = {model: f"{cells.get(model, ''):<{_CELL}}" for model in self._models}
-        if not self._by_row:
-            yield f"{shown:<{self._wide}}  {''.join(rows.values())}{end}"
-            return
-        for model, row in rows.items():
-            yield f"{shown:<{self._wide}}  {label_of(model):<{_LABEL}}{row}{end}".rstrip()
-            shown = end = ""  # only in the row of the first detector
-
 
 def _cell(verdict: Verdict) -> str:
     first = f"{verdict.alarms[0].start_s:.2f} s" if verdict.alarms else "-"
@@ -222,10 +220,6 @@ def _is_uncounted(verdict: Verdict) -> bool:
     """Tell whether the peak exceeds the threshold and the peaks of all alarms."""
     peaks_of_alarms = (each.peak_over_threshold for each in verdict.alarms)
     return (verdict.peak or 0.0) > max([1.0, *peaks_of_alarms])
-
-
-def _speed(outcome: Outcome) -> str:
-    return f" at {outcome.frames / outcome.wall_s:.0f} frames/s" if outcome.wall_s else ""
 
 
 def incomplete(task: Task, outcome: Outcome) -> str:

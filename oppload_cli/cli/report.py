@@ -74,16 +74,10 @@ def write_pages(
     quiet: bool,
     videos: Path | None = None,
 ) -> tuple[Path, ExitCode]:
-    """Write pages with a progress bar; print their faults.
+    """Write pages with a progress bar, and print their faults.
 
-    The parameters are those of :func:`~oppload_cli.report.writing.write_report`.
-
-    Returns
-    -------
-    page : Path
-        The index, or the only page.
-    code : ExitCode
-        ``INCOMPLETE`` if a result has no page.
+    The parameters are those of :func:`~oppload_cli.report.writing.write_report`. Returns the index,
+    or the only page, and the exit code: ``INCOMPLETE`` if a result has no page.
     """
     from oppload_cli.report.writing import write_report
 

@@ -102,16 +102,8 @@ def reading(
 def fault_of_stem(stem: str) -> str:
     """Return why a stem is no valid path of a file on every system, or leads out of its folder.
 
-    Parameters
-    ----------
-    stem : str
-        File names separated by ``/``, such as ``cam1/clip``; undecodable bytes are allowed.
-
-    Returns
-    -------
-    str
-        The fault of the first faulty name, as the end of a sentence such as ``holds ':'``; empty
-        if there is no fault.
+    A stem such as ``cam1/clip`` has names between ``/``; undecodable bytes are allowed. The result
+    is the end of a sentence on the first faulty name, such as ``holds ':'``, or empty.
     """
     return next(filter(None, map(_fault_of_name, stem.split("/"))), "")
 

@@ -266,16 +266,9 @@ def results(
     named: Callable[[Item], str],
     progress: Callable[[Result], object] | None = None,
 ) -> list[Result]:
-    """Return the results of items, in their order, or raise the first error.
+    """Return the results of items in their order, as :func:`outcomes`, or raise the first error.
 
-    Parameters
-    ----------
-    function : callable
-        A function of a module; it takes an item and returns a result.
-    items, jobs, named
-        As for :func:`outcomes`.
-    progress : callable, optional
-        Receives each result when it is done.
+    The function takes only an item. `progress` receives each result when it is done.
     """
     done: dict[int, Result] = {}
     with closing(outcomes(partial(_silent, function), items, jobs, named=named)) as coming:

@@ -151,11 +151,10 @@ class Call(Generic[Value]):
             raise TimeoutError(f"no answer within {within_s:.0f} s")
         return self._values[0]
 
-    def wait(self, within_s: float) -> bool:
-        """Wait for the end of the call, also after a signal; return whether it has ended."""
+    def wait(self, within_s: float) -> None:
+        """Wait for the end of the call, also after a signal."""
         if self._thread.is_alive():
             self._thread.join(within_s)
-        return not self._thread.is_alive()
 
     def _run(self) -> None:
         try:

@@ -37,7 +37,7 @@ LOOPBACK = ("--host", "127.0.0.1", "--no-dashboard")
 
 @contextmanager
 def process(module: str, *words: str | Path, path: Path | None = None) -> Iterator[Any]:
-    """Run a part of dask; `path` comes first where it looks for modules."""
+    """Run a program of dask, which looks for modules in `path` first."""
     places = [str(path)] if path else []
     places += [os.environ.get("PYTHONPATH", ""), str(Path(__file__).parents[2])]
     run = subprocess.Popen(
@@ -45,7 +45,7 @@ def process(module: str, *words: str | Path, path: Path | None = None) -> Iterat
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
-        cwd=path,  # where Python looks first of all
+        cwd=path,  # Python looks for modules there first
     )
     try:
         yield run
@@ -56,7 +56,7 @@ def process(module: str, *words: str | Path, path: Path | None = None) -> Iterat
 
 @contextmanager
 def scheduler(folder: Path) -> Iterator[Path]:
-    """Start a scheduler; give its file."""
+    """Start a scheduler; yield its scheduler file."""
     file = folder / "scheduler.json"
     with process("dask_scheduler", *LOOPBACK, "--port", "0", "--scheduler-file", file):
         for _ in range(600):
@@ -73,7 +73,7 @@ def worker(file: Path, folder: Path, path: Path | None = None) -> Any:
 
 @pytest.fixture(scope="module")
 def ten(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten videos, and a file that is none."""
+    """Ten videos, and a file that is no video."""
     folder = tmp_path_factory.mktemp("ten")
     for number in range(10):
         write_video(folder / f"clip{number:02d}.avi", grey_frames(10, seed=number))
@@ -168,7 +168,7 @@ def test_a_scheduler_that_ends_under_way(tmp_path: Path, how: str) -> None:
             time.sleep(0.01)
         if how == "killed":
             chief.kill()
-        else:  # it keeps its connections, and answers nothing
+        else:  # a stopped scheduler keeps its connections and does not answer
             chief.send_signal(signal.SIGSTOP)
             run.send_signal(signal.SIGINT)
         said = run.communicate(timeout=60)[1]

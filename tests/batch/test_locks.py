@@ -68,7 +68,7 @@ def test_a_result_that_another_run_writes_or_has_just_written_is_skipped(tmp_pat
     assert run_task(task).skipped
 
     class Finishing:
-        """The other run finishes while this one opens its input."""
+        """Let another run finish the result while this run opens its input."""
 
         def opened(self, _: object) -> None:
             other.stream.write("theirs\n" * 6)  # a header and a row per frame

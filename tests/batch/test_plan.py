@@ -79,7 +79,7 @@ def test_inputs_whose_results_would_have_one_name_are_refused_but_the_first() ->
 
 
 def test_inputs_of_one_name_have_names_of_their_own_in_the_list_of_failures(tree: Path) -> None:
-    """A name of the plain plan would change with the inputs that join; the list is the user's."""
+    """Without the list, a new stem would change if the user names further inputs."""
     for name in ("b.mkv", "b.avi", "c/b.mp4", "b.mp4.avi", "b/f_1.png", "b/f_2.png"):
         (tree / name).parent.mkdir(exist_ok=True)
         (tree / name).touch()
@@ -220,7 +220,7 @@ def test_a_silent_input_meets_its_condition_whatever_the_others_do() -> None:
         ([silent], 5),
         ([silent, cut], 5),
         ([silent, bad], 5),
-        ([cut], 4),  # it may have had an alarm
+        ([cut], 4),  # the missing frames may belong to an alarm
         ([cut, bad], 4),
         ([bad], 3),
     ):

@@ -25,14 +25,14 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="shell scripts")
 
 
 def example(language: str, word: str) -> str:
-    """The one block of that language that holds a word."""
+    """The only code block of a language that contains a word."""
     (block,) = [text for kind, text in BLOCKS if kind == language and word in text]
     return str(block)
 
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """A folder with videos, and this oppload as a command."""
+    """A folder with videos, and a script that runs the tested oppload."""
     for number in range(5):
         (tmp_path / "videos").mkdir(exist_ok=True)
         write_video(tmp_path / "videos" / f"clip{number}.avi", grey_frames(6, seed=number))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
-ENTRY = "from oppload_cli.__main__ import entry; entry()"  # as the installed script has it
+ENTRY = "from oppload_cli.__main__ import entry; entry()"  # the code of the installed script
 
 
 def oppload(

@@ -47,7 +47,7 @@ def test_the_files_of_a_run(clip: Path, tmp_path: Path) -> None:
     assert frames_of(tmp_path / "loom.annotated.mp4") == 24
     lines = (tmp_path / "loom.detections.jsonl").read_text().splitlines()
     assert all({"frame", "time_s", "id", "time_to_contact_s"} <= set(json.loads(x)) for x in lines)
-    # The table is the same with and without, and so is the video each time.
+    # A second run gives the same video. A run without --annotate gives the same table.
     again = tmp_path / "again"
     assert oppload("run", clip, "-o", again, "--annotate").returncode == 0
     assert oppload("run", clip, "-o", tmp_path / "plain").returncode == 0
@@ -77,7 +77,7 @@ def test_standard_output_holds_no_video(clip: Path) -> None:
 def test_a_result_is_complete_with_every_file_that_is_asked_for(clip: Path, tmp_path: Path) -> None:
     arguments = ("run", clip, "-o", tmp_path, *FAST)
     assert oppload(*arguments).returncode == 0
-    # The first run wrote no video, so the result is not complete.
+    # The first run wrote no annotated video, so --if-exists skip does not skip the input.
     done = oppload(*arguments, "--annotate", "--if-exists", "skip")
     assert "skipped" not in done.stderr
     assert (tmp_path / "loom.annotated.mp4").exists()
@@ -143,5 +143,5 @@ def test_an_interrupted_run_leaves_a_video_that_plays(tmp_path: Path) -> None:
         "film.detections.jsonl.part",
         "film.frames.csv.part",
     ]
-    # What was under way may be missing.
+    # Frames that the encoder still held may be missing.
     assert rows - 8 <= frames_of(out / "film.annotated.mp4.part") <= rows

@@ -56,7 +56,7 @@ def failed(folder: Path) -> list[dict[str, str]]:
 
 
 def written(folder: Path) -> dict[str, int]:
-    """When each file of a result was written; the list of alarms is written by every run."""
+    """The times at which the files of results were written, without the list of alarms."""
     return {
         path.name: path.stat().st_mtime_ns
         for path in folder.iterdir()
@@ -69,7 +69,7 @@ def tables(folder: Path) -> dict[str, bytes]:
 
 
 def sidecars(folder: Path) -> dict[str, Any]:
-    """Everything but what the clock, the command line and the cores say."""
+    """The sidecars without the values that depend on the clock, the command line and the cores."""
     own = ("command", "threads", "wall_s", "frames_per_s")
     content = {path.name: json.loads(path.read_text()) for path in folder.glob("*.oppload.json")}
     return {
@@ -189,7 +189,7 @@ def test_many_workers_on_the_same_inputs_do_no_harm(
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two long ones that no test sees the end of, between two short ones."""
+    """Two videos that are longer than any test waits, between two short videos."""
     folder = tmp_path_factory.mktemp("films")
     short = grey_frames(5)
     for name in ("a.avi", "d.avi"):
@@ -218,7 +218,7 @@ def started(films: Path, out: Path) -> subprocess.Popen[str]:
 
 
 def children(run: subprocess.Popen[str]) -> list[int]:
-    """The processes that a run has started and that do tasks."""
+    """The processes that a run has started for its tasks."""
     listed = subprocess.run(
         ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(run.pid)],
         capture_output=True,
@@ -236,7 +236,7 @@ def test_an_interrupt_ends_every_process_and_keeps_finished_results(
 ) -> None:
     run = started(films, tmp_path)
     workers = children(run)
-    # Ctrl-C reaches every process of the terminal; an end from outside only the first.
+    # A terminal sends Ctrl-C to every process of the group, another program only to the first.
     (os.killpg if whole_group else os.kill)(run.pid, signal.SIGINT)
     said = run.communicate(timeout=120)[1]
     assert run.returncode == 130
@@ -261,7 +261,7 @@ def test_a_process_that_dies_takes_one_input_along(films: Path, tmp_path: Path) 
     said = run.communicate(timeout=60)[1]
     assert run.returncode == 4
     assert said.count("was ended from outside (SIGKILL); check the memory") == 2
-    assert "done                 2" in said  # by a process that took their place
+    assert "done                 2" in said  # by new processes
     rows = failed(tmp_path)
     assert [row["stem"] for row in rows] == ["b", "c"]
 
@@ -392,4 +392,4 @@ def test_an_end_before_the_start_is_refused_before_anything_is_read(tmp_path: Pa
         assert done.returncode == 2
         assert f"--end {end} is not after --start {start}; give a later end" in done.stderr
     done = oppload("run", tmp_path / "any.mp4", "--start", "f5", "--end", "4")
-    assert done.returncode == 3  # no such file: a frame and a time cannot be compared
+    assert done.returncode == 3  # of the missing file: --start and --end were not refused

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(scope="module")
 def results(clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One result with everything, and one of a single model, deeper."""
+    """A result with all files, and a result of a single model in a folder below."""
     folder = tmp_path_factory.mktemp("results")
     assert oppload("run", clip, "-o", folder, "--height", "60").returncode == 0
     words = ("--height", "60", "--model", "dlgmd", "--no-rmo", "--end", "f10")
@@ -120,7 +120,7 @@ def test_a_bad_sidecar_is_named_and_spares_the_others(results: Path, tmp_path: P
 
 @pytest.mark.parametrize("words", [(), ("--frames",)])
 def test_results_of_which_none_can_be_read(tmp_path: Path, words: tuple[str, ...]) -> None:
-    """Exit code 3, as of a run whose inputs cannot be read; no table is left."""
+    """The exit code is 3, as if a run cannot read any input; no table remains."""
     folder = tmp_path / "r"
     folder.mkdir()
     (folder / "cut.oppload.json").write_text('{"schema":')
@@ -158,7 +158,7 @@ def test_a_parquet_that_fails_is_dropped_without_a_word(
     monkeypatch.setattr(sys, "unraisablehook", told.append)
     with pytest.raises(KeyboardInterrupt), open_table(tmp_path / "a.parquet", {"n": int}):
         raise KeyboardInterrupt
-    gc.collect()  # the writer is deleted by now
+    gc.collect()  # now the writer is deleted
     assert (told, list(tmp_path.iterdir())) == ([], [])
 
 
@@ -197,14 +197,14 @@ def test_the_rows_of_each_table_are_checked(
     shutil.copytree(results, folder)
     table = folder / "loom.frames.csv"
     lines = table.read_text().splitlines()
-    # A cut row has no line end.
+    # The last row of an interrupted run has no line end.
     table.write_text("".join(f"{line}\n" for line in change(lines)).removesuffix("CUT\n"))
     done = oppload("collect", folder, "-o", tmp_path / "f.csv", "--frames")
     assert done.returncode == (4 if reason else 0)
     assert (f"{table}: " in done.stderr) == bool(reason)
     assert reason in done.stderr
     assert "1 result could not be collected" in done.stderr or not reason
-    # The summary looks at the number of rows alone.
+    # The summary needs only the number of rows.
     done = oppload("collect", folder, "-o", tmp_path / "all.csv")
     assert done.returncode == (4 if "complete rows" in reason else 0)
     assert (reason in done.stderr) == ("complete rows" in reason or not reason)

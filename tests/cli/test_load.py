@@ -124,7 +124,7 @@ def test_a_step_that_fails_names_the_detector_and_leaves_no_file(tmp_path: Path)
 
 
 def test_a_detector_that_another_file_registers_is_enough(tmp_path: Path) -> None:
-    """As of a file that imports the detectors of a study."""
+    """A file of --load may only import the modules that register detectors."""
     (tmp_path / "study.py").write_text(DETECTOR)
     (tmp_path / "all.py").write_text("import study")
     done = oppload("--load", "all.py", "models", cwd=tmp_path, PYTHONPATH=str(tmp_path))

@@ -198,7 +198,7 @@ def test_one_figure_beside_each_result(tmp_path: Path, capsys: Capture) -> None:
 
 @pytest.mark.parametrize("name", ["alarms.csv", "failures.csv", "alarms-2-of-3.csv"])
 def test_the_lists_of_a_batch_are_no_results(name: str, tmp_path: Path, capsys: Capture) -> None:
-    """As of ``oppload plot results/*.csv``."""
+    """``oppload plot results/*.csv`` names these lists too."""
     own, listed = write_result(tmp_path / "a.frames.csv"), tmp_path / name
     listed.write_text("video,model\n")
     done = run(capsys, "plot", listed, own)
@@ -244,7 +244,7 @@ def test_show_needs_a_display(
     assert (done.returncode, "--show needs a display" in done.stderr) == (2, True)
     shown: list[str] = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr("click.launch", shown.append)  # returns None, as good as 0
+    monkeypatch.setattr("click.launch", shown.append)  # returns None, which counts as exit code 0
     assert run(capsys, "plot", path, "--show").returncode == 0
     assert shown == [str(tmp_path / "a.frames.png")]
 
@@ -307,11 +307,11 @@ def test_a_result_without_a_response_does_not_keep_the_others_from_being_drawn(
     assert done.stderr.startswith(left_out)
     assert "<!-- second" in both.read_text()
     assert "<!-- first" not in both.read_text()
-    # The responses do not matter to RMO, which the second frame has.
+    # A plot of RMO needs no responses; RMO exists from the second frame.
     done = run(capsys, "plot", tmp_path, "--kind", "rmo")
     assert (done.returncode, done.stderr) == (0, "")
     assert short.with_suffix(".rmo.png").exists()
-    # Nothing is left, or one alone fails: an error, as before.
+    # If none of the results can be drawn, the command fails.
     assert run(capsys, "plot", short).returncode == 2
     done = run(capsys, "plot", short, short)
     assert (done.returncode, done.stdout) == (2, "")

@@ -24,7 +24,7 @@ Capture = pytest.CaptureFixture[str]
 
 
 class Page(HTMLParser):
-    """What the page holds, by section."""
+    """The content of the page, by section."""
 
     def __init__(self) -> None:
         super().__init__()

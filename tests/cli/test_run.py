@@ -139,7 +139,7 @@ def test_a_cadence_of_repeats_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("handling", ["near", "exact", "keep"])
 def test_an_input_that_never_changes_is_told(tmp_path: Path, handling: str) -> None:
-    """A dead camera must not pass for a safe way."""
+    """Without a note, the silence of a broken camera would look like a safe way."""
     first, *others = grey_frames(40)
     write_video(tmp_path / "frozen.avi", [first] * 40)
     write_video(tmp_path / "starts.avi", [*[first] * 39, others[0]])
@@ -225,7 +225,11 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
         ("video.avi", (), None),
         ("frames", ("--image-rate", "25", "--if-exists", "overwrite"), None),
         ("video.avi", ("--image-rate", "25", "--if-exists", "overwrite"), ignored),
-        ("video.avi", ("--if-exists", "skip"), ignored),  # also of a result that is kept
+        (
+            "video.avi",
+            ("--if-exists", "skip"),
+            ignored,
+        ),  # also for a result that --if-exists skip keeps
     ):
         done = oppload("run", tmp_path / name, *words, *more)
         assert done.returncode == 0
@@ -237,7 +241,7 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
 
 
 def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
-    """Silence must not pass for safety, also among others."""
+    """Without a note, the missing alarm would look like safety, also in a batch."""
     for name, count in (("short.avi", 5), ("other.avi", 6)):
         write_video(tmp_path / name, grey_frames(count, seed=count))
     said = "short.avi: lasts 0.13 s: too short for an alarm, as the first 0.33 s never count"
@@ -331,7 +335,7 @@ def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
     assert sidecar["decode"]["complete"] is False
     analysed = len(rows((tmp_path / "cut.frames.csv").read_text()))
     assert sidecar["decode"]["missing"] == 40 - analysed
-    # A result that is kept is as incomplete as it was.
+    # --if-exists skip keeps the incomplete result, and says that it is incomplete.
     for inputs in ([cut], [cut, whole]):
         kept = oppload("run", *inputs, "-o", tmp_path, "--if-exists", "skip")
         assert kept.returncode == 4
@@ -346,7 +350,7 @@ def test_a_truncated_input_is_done_but_incomplete(tmp_path: Path) -> None:
 def test_a_condition_on_the_alarm(
     clip: Path, tmp_path: Path, case: tuple[str, str, int], several: bool
 ) -> None:
-    """The disk alarms above low floors, and below high ones it does not."""
+    """The disk causes an alarm if the floor is low, and none if the floor is high."""
     condition, floor, code = case
     options = ["--fail-on", condition, "--no-rmo", "--height", "60", "--jobs", "1"]
     options += ["--set", "alarm.blind_s=0"]

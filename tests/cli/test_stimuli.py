@@ -42,7 +42,7 @@ def run(*words: object) -> Result:
 
 
 def problem(result: Result) -> OpploadError:
-    """The error that the top level would print."""
+    """The error that `main` would print."""
     assert isinstance(result.exception, OpploadError), result.output
     return result.exception
 

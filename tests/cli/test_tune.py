@@ -24,7 +24,7 @@ def stimulus(tmp_path: Path) -> Path:
 
 
 def faint(done: Done) -> list[str]:
-    """The detectors of which the command says that they hardly respond."""
+    """The detectors that hardly respond, according to the messages of the command."""
     return re.findall(
         r"^oppload: (\S+) (?:hardly responds|does not respond)", done.stderr, re.MULTILINE
     )

@@ -27,7 +27,7 @@ def squared(number: int) -> int:
 
 
 def halved(number: int, tell: Callable[[int], object]) -> int:
-    """Tell how far it is; refuse odd numbers."""
+    """Send a message for each step; refuse odd numbers."""
     for half in range(number // 2):
         tell(half)
     if number % 2:
@@ -52,16 +52,16 @@ def work_until_stopped() -> None:
 
 
 def waits(folder: Path, number: int, tell: Callable[[int], object]) -> None:
-    """Begin, and be stopped."""
+    """Work until a signal stops the process."""
     try:
         tell(os.getpid())
         work_until_stopped()
     finally:
-        (folder / str(number)).touch()  # it could still clean up
+        (folder / str(number)).touch()  # the process had time to clean up
 
 
 def stopped_twice(folder: Path, number: int, _tell: Callable[[int], object]) -> None:
-    """Be asked to stop, and once more while cleaning up."""
+    """Get a signal, and a second signal while cleaning up."""
     try:
         os.kill(os.getpid(), signal.SIGTERM)
         work_until_stopped()
@@ -154,7 +154,7 @@ if __name__ == "__main__":
     signal.signal(signal.SIGHUP, lambda *_: None)
     for item in results(abs, [1, -2], 2, named=str):
         os.killpg(0, signal.SIGHUP)
-        time.sleep(0.2)  # a process that is hit has ended by then
+        time.sleep(0.2)  # a process that the signal ends has ended by then
         resource_tracker.register(f"/item-{item}", "shared_memory")
         resource_tracker.unregister(f"/item-{item}", "shared_memory")
 """

@@ -62,6 +62,6 @@ def test_without_a_further_thread_the_caller_does_the_work(monkeypatch: pytest.M
     assert list(items) == []
     assert Call(lambda: 7).result() == 7
     failed = Call(lambda: 1 / 0)
-    assert failed.wait(0)
+    failed.wait(0)
     with pytest.raises(ZeroDivisionError):
         failed.result()

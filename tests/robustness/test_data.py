@@ -166,7 +166,7 @@ def test_pipes_among_files_never_make_a_command_wait(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no links and pipes")
 def test_a_pipe_is_read_once(tmp_path: Path) -> None:
-    """Neither the check of its end nor one thread that decodes again opens it once more."""
+    """The check for a cut end, and decoding again with one thread, do not open the pipe again."""
     whole = make(tmp_path / "clip.mkv", Kind("mkv", "mpeg4")).read_bytes()
     for content, complete in ((whole, True), (whole[: len(whole) // 2], False)):
         pipe = tmp_path / f"{complete}.mkv"

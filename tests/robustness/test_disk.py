@@ -31,7 +31,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def mounted(folder: Path, options: str) -> Iterator[Path]:
-    """Mount a small file system, where that is allowed."""
+    """Mount a small file system, if the system allows it."""
     folder.mkdir()
     done = subprocess.run(
         ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)],
@@ -69,7 +69,7 @@ def test_a_disk_that_an_annotated_video_fills(clip: Path, tmp_path: Path) -> Non
         with mounted(tmp_path / size, f"size={size}") as folder:
             done = oppload("run", film, "-o", folder, "--height", "60", "--annotate", "--no-rmo")
             assert (done.returncode, done.stderr.strip().count("\n")) == (2, 0), done.stderr
-            # Which of the files meets the end of the room first is the system's choice.
+            # The system decides which of the files is written when the disk is full.
             full = r"film\.(annotated\.mp4|detections\.jsonl|frames\.csv): cannot be written"
             assert re.search(full, done.stderr), done.stderr
             names = ["film.detections.jsonl.part", "film.frames.csv.part"]
@@ -198,7 +198,7 @@ def test_a_plot_beside_its_result_on_a_read_only_disk(
 
 
 def put(kind: str, part: Path, target: Path) -> None:
-    """Put something else in the place of a part file."""
+    """Make the named kind of file, such as a link, in place of a part file."""
     target.write_text("mine")
     if kind == "symbolic link":
         part.symlink_to(target)
@@ -248,7 +248,7 @@ def test_a_folder_in_the_place_of_a_result(
 
 
 def without_privilege(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """Run the command; root loses its right to read and write everything."""
+    """Run the command without the right of root to read and write all files."""
     rights = "-dac_override,-dac_read_search"
     drop = ["setpriv", "--bounding-set", rights, "--"] if os.geteuid() == 0 else []
     if drop and not shutil.which("setpriv"):
@@ -345,7 +345,7 @@ def test_two_inputs_with_one_stem_and_one_input_twice(clip: Path, tmp_path: Path
     twice = tmp_path / "b" / ".." / "a.avi"
     done = oppload("run", *paths, twice, "-o", tmp_path / "out", "-j", "1")
     assert done.returncode == 4, done.stderr
-    # Also where "A" and "a" are one name.
+    # Also on systems where "A" and "a" are one name.
     assert done.stderr.count("its results would have the same names as those of") == 2
     assert len(list((tmp_path / "out").glob("*.frames.csv"))) == 1
     failures = (tmp_path / "out" / "failures.csv").read_text().splitlines()

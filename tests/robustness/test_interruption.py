@@ -32,7 +32,7 @@ HANG_S = 120  # no run may outlive a signal by this
 
 @pytest.fixture(scope="module")
 def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Long enough that no test sees its end."""
+    """A video that is longer than any test waits."""
     folder = tmp_path_factory.mktemp("film")
     frames = grey_frames(60, width=96, height=64) * 75
     return write_video(folder / "film.avi", frames, codec="mpeg4", pixel_format="yuv420p")
@@ -40,7 +40,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def table(film: Path) -> bytes:
-    """The rows that an uninterrupted run writes of the first 100 frames."""
+    """The table of an uninterrupted run on the first 100 frames."""
     done = oppload("run", film, "-o", "-", "-q", "--end", "f100")
     return done.stdout.encode()
 
@@ -142,7 +142,7 @@ def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) 
         part = rows_written(tmp_path, run)
     assert oppload("plot", part).returncode == 0
     assert (tmp_path / "film.frames.png").exists()
-    # Rows that a run has left are not overwritten without being asked.
+    # Without --if-exists, a second run does not overwrite the part file.
     before = part.read_bytes()
     refused = oppload("run", film, "-o", tmp_path, "--end", "f30")
     assert (refused.returncode, part.read_bytes()) == (2, before)
@@ -152,7 +152,7 @@ def test_a_part_is_plotted_and_a_rerun_completes_it(film: Path, tmp_path: Path) 
     assert "skipped" not in again.stderr
     assert json.loads((tmp_path / "film.oppload.json").read_text())["decode"]["analysed"] == 30
     assert not part.exists()
-    # Killed between its two files, a result is done again as well.
+    # A result without its sidecar, as after a kill, is computed again.
     (tmp_path / "film.oppload.json").unlink()
     third = oppload("run", film, "-o", tmp_path, "--end", "f20", "--if-exists", "skip")
     assert (third.returncode, "skipped" in third.stderr) == (0, False)
@@ -227,7 +227,7 @@ def test_random_moments(film: Path, table: bytes, tmp_path: Path, name: str) -> 
     for number in range(30):
         folder = tmp_path / str(number)
         with started(film, folder) as run:
-            # Half of them while the decoding process is begun.
+            # Half of the signals come while the decoding process starts.
             time.sleep(random.uniform(0.05, 0.4) if number % 2 else random.uniform(0, 2.5))
             run.send_signal(getattr(signal, name))
             sent = time.monotonic()
@@ -243,7 +243,7 @@ def test_random_moments(film: Path, table: bytes, tmp_path: Path, name: str) -> 
                 known = ("holds no row", "holds one row", "empty in every row", "not a CSV")
                 assert any(each in str(error) for each in known), str(error)  # noqa: PT017
         if name != "SIGKILL" and run.returncode != 130:
-            # Before the program's first line Python itself answers.
+            # Before the program's first line, Python itself handles the signal.
             assert not folder.exists(), said
             assert run.returncode in {-getattr(signal, name), 1}
             early += 1
@@ -260,7 +260,7 @@ KILLS = int(os.environ.get("KILLS", "40"))
 
 @pytest.fixture(scope="module")
 def killed_commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
-    """Commands that end by themselves after a second or two."""
+    """Commands that take a second or two."""
     folder = tmp_path_factory.mktemp("killed")
     frames = grey_frames(60, width=96, height=64)
     for number in range(3):
@@ -284,7 +284,7 @@ def killed_commands(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_kills_at_random_moments(killed_commands: dict[str, list[str]], tmp_path: Path) -> None:
-    """Start-up included, to one process or to all: complete, a readable `.part`, or absent."""
+    """After a kill of one process or all, a result is complete, a readable part, or absent."""
     adopt_orphans()
     random = Random(KILLS)  # noqa: S311
     states: Counter[str] = Counter()
@@ -339,7 +339,7 @@ def test_random_moments_of_several_processes(tmp_path: Path, words: list[str]) -
             start_new_session=True,
         ) as run:
             time.sleep(random.uniform(0.2, 2.0))
-            # Ctrl-C goes to the group, an end from outside to the parent.
+            # A terminal sends Ctrl-C to the group, another program only to the parent.
             end = random.choice([os.killpg, os.kill])
             with suppress(ProcessLookupError):
                 end(run.pid, signal.SIGINT if end is os.killpg else signal.SIGTERM)

@@ -34,7 +34,7 @@ MOST_MEMORY = 1 << 30
 
 
 def png(width: int, height: int) -> bytes:
-    """A grey image of that size, all black, as small as it can be: one row is all there is."""
+    """A black image that declares a size, but has the data of only one row."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         return (
@@ -50,7 +50,7 @@ def png(width: int, height: int) -> bytes:
 
 
 def bomb(folder: Path, name: str) -> Path:
-    """Write a small file that declares 65,535 x 65,535 pixels, or as many as it can."""
+    """Write a small file that declares 65,535 x 65,535 pixels, or the most of its format."""
     if name == "images":
         folder = folder / "images"
         folder.mkdir()
@@ -90,7 +90,7 @@ def test_a_decompression_bomb_is_refused_in_little_memory(tmp_path: Path, name: 
         check=False,
         env={"OPENBLAS_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", **os.environ},
     )
-    # H.264 knows its size better than the container does, and is read.
+    # The size in the H.264 data counts, not the container's, so that the video is read.
     knows = name == "h264-mp4"
     assert done.returncode in ({0, 3, 4} if knows else {3}), done.stderr
     assert "bug" not in done.stderr
@@ -142,7 +142,7 @@ def test_the_limit_by_default(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def tiff_of_two_sizes(first: tuple[int, int], second: tuple[int, int]) -> bytes:
-    """A grey, compressed image whose head states width and height twice."""
+    """A grey, compressed image whose header states width and height twice."""
     strip = zlib.compress(bytes(30000), 9)
     start = 8 + 2 + 12 * 11 + 4
     sizes = [
@@ -159,7 +159,7 @@ def tiff_of_two_sizes(first: tuple[int, int], second: tuple[int, int]) -> bytes:
 
 
 def jpeg_with_a_hidden_head() -> bytes:
-    """30000 x 30000 pixels by a head that some readers do not see."""
+    """30000 x 30000 pixels, according to a header that some readers ignore."""
     data = bytearray(cv2.imencode(".jpg", np.full((16, 16), 128, np.uint8))[1].tobytes())
     head = data.index(b"\xff\xc0")
     length = 2 + int.from_bytes(data[head + 2 : head + 4])
@@ -261,7 +261,7 @@ def test_the_limit_of_pillow_does_not_count(tmp_path: Path) -> None:
 
 
 def test_every_exit_code_from_a_real_process(tmp_path: Path) -> None:
-    """0, 2, 3 and 4 here; 130 in test_interruption, 1 by an error put in on purpose."""
+    """The exit codes 0, 2, 3 and 4, and 1 after a bug; test_interruption has 130."""
     intact = make(tmp_path / "intact.avi", KINDS["mpeg4-avi"])
     cut = tmp_path / "cut.avi"
     data = intact.read_bytes()

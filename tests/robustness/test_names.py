@@ -104,7 +104,7 @@ def test_a_list_with_a_field_beyond_all_bounds(
 def test_a_name_that_is_too_long(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Also where a list or a sidecar gives it."""
+    """The name comes from the command line, a list or a sidecar."""
     long = "n" * 300
     path = listed(tmp_path / "a.csv", [(long, "x"), (clip, "y")])
     done = run(capsys, "run", "--files-from", path, "-o", tmp_path / "out", *QUICK)

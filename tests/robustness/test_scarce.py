@@ -30,7 +30,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def ended(folder: Path, words: list[str], user: int = 0, **limits: int) -> Ended:
-    """Run a command under limits; nothing may be wrong with what it says and leaves."""
+    """Run a command under limits; check its messages and its files."""
     case = prepared("scarce", 0, folder)
     case.words, case.limits, case.user = words, limits, user
     wrong, how = faults(case)
@@ -59,7 +59,7 @@ def test_files_of_limited_size(clip: Path, tmp_path: Path, size: int) -> None:
 
 
 def counted_user() -> int:
-    """Another user, as no limit of processes binds root."""
+    """Another user, since the limit of processes does not apply to root."""
     if os.geteuid() != 0 or not shutil.which("setpriv"):
         pytest.skip("NOT TESTED: needs root and setpriv")
     return USER + os.getpid() % 4000
@@ -104,6 +104,6 @@ def test_little_memory(clip: Path, tmp_path: Path, megabytes: int) -> None:
     [pytest.param(each, marks=() if each == 520 else pytest.mark.slow) for each in (300, 500, 520)],
 )
 def test_little_memory_for_tables(clip: Path, tmp_path: Path, megabytes: int) -> None:
-    # Arrow ends the process, or fails without an error, where it gets a part of what it needs.
+    # With too little memory, Arrow would end the process, or fail without an error.
     done = ended(tmp_path / "case", commands(clip)["tune"], **{"as": megabytes << 20})
     assert (done.code, "memory is short" in done.stderr) == (3, True), done.stderr
