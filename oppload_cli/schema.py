@@ -176,12 +176,10 @@ class Table:
         for name, each in known.items():
             if name not in table and each.default is REQUIRED:
                 raise cls._error(f"{where}: {name} is missing; add it")
-        values = {
-            name: inner.from_table(value, f"{where}: {name}")
-            if (inner := known[name].table)
-            else value
-            for name, value in table.items()
-        }
+        values = {}
+        for name, value in table.items():
+            inner = known[name].table
+            values[name] = inner.from_table(value, f"{where}: {name}") if inner else value
         try:
             return cls(**values)
         except OpploadError as problem:

@@ -192,10 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _help_width() -> int:
-    """Return the width of the help, 50 to 78 characters.
-
-    Click finds the same width with `shutil`, which takes a millisecond to import.
-    """
+    """Return the width of the help, 50 to 78 characters; Click would import `shutil` for it."""
     columns = 0
     with suppress(ValueError):
         columns = int(os.environ.get("COLUMNS") or 0)

@@ -165,8 +165,8 @@ class AlarmTable:
     """The table of a batch: first alarm and peak of every detector, for each input that ends.
 
     If there are too many detectors for one line, each detector has a row. A peak is the largest
-    response to an input divided by its threshold. A star marks a peak that cannot cause an alarm.
-    `names` are the texts of the first column.
+    response to an input divided by its threshold. A star marks a peak above the threshold
+    that is in no alarm. `names` are the texts of the first column.
     """
 
     def __init__(self, names: Iterable[str], models: Sequence[str]) -> None:

@@ -188,7 +188,7 @@ def _ctrl_c_held_back() -> Iterator[None]:
     held = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
     try:
         # Otherwise Python's tracker of resources starts with the first process, and unblocks the
-        # signals.
+        # signals. If SIGHUP kills the tracker, Python prints a warning.
         resource_tracker.getfd()
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         yield
