@@ -59,7 +59,7 @@ COMMANDS = {
     "demo": "show the detectors at work on a looming disk",
     "stimuli": "list, show and make looming stimuli",
     "models": "list the models, their parameters and presets",
-    "config": "print every setting of a run, and where it came from",
+    "config": "print every setting of a run with its origin",
     "info": "print versions, for a bug report",
 }
 

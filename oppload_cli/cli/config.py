@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Command = Callable[..., Any]
 
 
-@click.command(short_help="print every setting of a run, and where it came from")
+@click.command(short_help="print every setting of a run with its origin")
 @settings_options()
 def config(**chosen: Any) -> None:
     """Print every setting as TOML, with its origin as a comment.
