@@ -1,4 +1,4 @@
-"""The detectors that are evaluated: each under the presets that change it."""
+"""The detectors to evaluate, with the parameters of their presets."""
 
 from __future__ import annotations
 
@@ -31,17 +31,11 @@ class EvaluatedDetector:
     name : str
         ``NAME``, or ``NAME:PRESET`` of a detector that presets change.
     meaning : str
-        One line for the reader.
+        One line about the preset or the detector, for the page.
     height : int
         Working height in pixels.
-    params : Parameters
-        Of the detector.
-    alarm : AlarmParams
-        Of its alarm.
-    repeats : RepeatParams
-        Of repeats.
-    time : TimeParams
-        Time base of the detector.
+    params, alarm, repeats, time : Parameters
+        Parameters of the detector, its alarm, its treatment of repeats and its time base.
     """
 
     name: str
@@ -54,11 +48,11 @@ class EvaluatedDetector:
 
     @property
     def detector(self) -> str:
-        """The name of the detector in a frame's record."""
+        """The name of the detector without its preset, as a frame's record has it."""
         return detector_of(self.params).name
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything that its responses and alarms depend on, ready for JSON."""
+        """Return all settings that change the detector's responses or alarms, ready for JSON."""
         return {
             "meaning": self.meaning,
             "height": self.height,
@@ -72,24 +66,24 @@ class EvaluatedDetector:
 def evaluated_detectors(
     names: Iterable[str] = (), repeats: str | None = None, assignments: Sequence[str] = ()
 ) -> list[EvaluatedDetector]:
-    """Return the detectors to evaluate: those chosen, then the baselines.
+    """Return the detectors to evaluate: the chosen ones, then the baselines.
 
     Parameters
     ----------
     names : iterable of str
         ``NAME`` (under preset ``default``), ``NAME:PRESET``, ``NAME:VARIANT``, or ``all``.
-        If no detector that presets change is named, all of these are evaluated under ``default``
-        and ``reference``.
+        If they name no detector that presets change, all such detectors are evaluated under
+        ``default`` and ``reference``.
     repeats : str, optional
-        How all detectors take repeats: ``near``, ``exact`` or ``keep``.
+        Which repeats all detectors leave out: ``near``, ``exact`` or ``keep`` (none).
     assignments : sequence of str
-        ``set.parameter=value`` for all of them, in place of the value of the preset: a parameter of
-        a detector, of ``alarm``, ``repeats`` or ``time``.
+        ``set.parameter=value`` in place of the preset's value, for all detectors; the set is a
+        detector, ``alarm``, ``repeats`` or ``time``.
 
     Raises
     ------
     ParameterError
-        If a name is not known, a value out of range, or a parameter that of no evaluated detector.
+        If a name is unknown, a value is out of range, or a set belongs to no evaluated detector.
     """
     chosen = _full_names(names)
     _, others = _by_presets()
@@ -105,31 +99,23 @@ def evaluated_detectors(
         name = assignment.partition(".")[0].strip()
         if name not in sets:
             raise ParameterError(
-                f"'{assignment}' is of no detector that is evaluated; add it with --model, or "
-                f"choose {', '.join(sorted(sets))}"
+                f"'{assignment}': the evaluation has no parameter set '{name}'; add a detector "
+                f"with --model, or choose {', '.join(sorted(sets))}"
             )
     return changed
 
 
 def chosen_detectors(names: Iterable[str] = ()) -> list[EvaluatedDetector]:
-    """Return some detectors, and no others; all of them where none is named.
+    """Return the named detectors without the baselines; all detectors if none is named.
 
-    Parameters
-    ----------
-    names : iterable of str
-        As for `evaluated_detectors`. If none or ``all`` is named, the detectors that presets change
-        are returned under ``default`` and ``reference``.
-
-    Raises
-    ------
-    ParameterError
-        If a name is not known.
+    The names and the error are those of `evaluated_detectors`; ``all`` gives each detector that
+    presets change twice, under ``default`` and under ``reference``.
     """
     return [_evaluated(name, RepeatParams()) for name in _full_names(list(names) or [ALL])]
 
 
 def _by_presets() -> tuple[list[str], list[str]]:
-    """Return the names of the detectors that presets change, and those of the others."""
+    """Return the names of the detectors that presets change, and of the other detectors."""
     changed = [name for name, each in detectors().items() if each.presets]
     return changed, [name for name in detectors() if name not in changed]
 
@@ -139,7 +125,7 @@ def _usual() -> list[str]:
 
 
 def _full_names(names: Iterable[str]) -> list[str]:
-    """Return each name once, with missing presets filled in and variants by their own names."""
+    """Return each name once, with its preset added, and variants by their own names."""
     with_presets, others = _by_presets()
     full: list[str] = []
     for name in names:
@@ -176,7 +162,7 @@ def _evaluated(full_name: str, repeats: RepeatParams) -> EvaluatedDetector:
 def _with_settings(
     evaluated: EvaluatedDetector, repeats: str | None, assignments: Sequence[str]
 ) -> EvaluatedDetector:
-    """Return an evaluated detector with values in place of those of its preset."""
+    """Return an evaluated detector with the assigned values in place of its preset's values."""
     preset = evaluated.name.partition(":")[2] or DEFAULT_PRESET
     settings = resolve(
         preset=preset, models=[evaluated.detector], repeats=repeats, assignments=assignments
@@ -191,7 +177,7 @@ def _with_settings(
 
 
 def label_of(full_name: str) -> str:
-    """Return the label of an evaluated detector for the reader, e.g. ``OppLoD default``."""
+    """Return the name of an evaluated detector in pages and figures, e.g. ``OppLoD default``."""
     name, _, preset = full_name.partition(":")
     label = detectors()[name].label if name in detectors() else name.replace("_", " ")
     return f"{label} {preset}".rstrip()

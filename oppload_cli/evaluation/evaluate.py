@@ -1,4 +1,4 @@
-"""Detectors run over the clips of a manifest, and their measurements."""
+"""Runs detectors over labelled clips, and measures how often they are right."""
 
 from __future__ import annotations
 
@@ -41,26 +41,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Everything known after all clips were analysed.
+    """The outcome of `evaluate`: the analysed clips and all measurements.
 
     Attributes
     ----------
     manifest : Manifest
-        All clips that were named.
+        The manifest with all of its rows.
     detectors : list of EvaluatedDetector
         The evaluated detectors.
     entries : list of Entry
-        The rows of the manifest that could be used.
+        The rows of the manifest whose clips could be used.
     clips : list of Clip
-        The clip of each of them, with the detectors' outputs.
+        The clip of each entry, with the detectors' outputs.
     performances : dict of str to Performance
-        By detector.
+        The performance of each detector, by name.
     measurements : list of Measurement
-        Of all detectors, and of always pointing at the frame's centre.
+        The measurements of all detectors, then those of ``frame_centre``.
     faults : list of str
-        Faults of the manifest and its clips, a sentence each.
+        A sentence for each fault of the manifest and its clips.
     draws : int
-        Of the bootstrap.
+        Number of draws of the bootstrap.
     """
 
     manifest: Manifest
@@ -90,9 +90,9 @@ def evaluate(
     detectors : sequence of EvaluatedDetector
         The detectors to evaluate.
     jobs : int
-        Processes; the result does not depend on it.
+        Number of processes, which does not change the result.
     draws : int
-        Of the bootstrap.
+        Number of draws of the bootstrap.
     progress : callable, optional
         Called after each clip.
 
@@ -101,7 +101,7 @@ def evaluate(
     SourceError
         If no clip can be used.
     OutputError
-        If a process is ended from outside, for instance for want of memory.
+        If the system ends one of the processes, for example because memory runs out.
     """
     faults = list(manifest.faults)
     entries, clips = [], []
@@ -125,15 +125,7 @@ def evaluate(
 
 
 class _Analysed(NamedTuple):
-    """The analysis of one clip.
-
-    Attributes
-    ----------
-    clip : Clip or None
-        None if the clip cannot be used.
-    faults : list of str
-        Faults of the clip, a sentence each, without its row.
-    """
+    """A clip, or None if it cannot be used, and a sentence for each of its faults."""
 
     clip: Clip | None
     faults: list[str]
@@ -146,22 +138,16 @@ def analyse_clips(
     jobs: int = 1,
     progress: Callable[[], object] | None = None,
 ) -> list[_Analysed]:
-    """Run detectors over clips in up to `jobs` processes; `progress` is called after each clip.
-
-    Raises
-    ------
-    OutputError
-        If a process is ended from outside.
-    """
+    """Run detectors over clips; arguments and OutputError are those of `evaluate`."""
     videos = [list(of_one) for _, of_one in groupby(entries, attrgetter("path"))]
-    threads = 1 if min(jobs, len(videos)) > 1 else 0
+    threads = 1 if min(jobs, len(videos)) > 1 else 0  # of each decoder
 
     def count(analysed: list[_Analysed]) -> None:
         for _ in analysed:
             if progress:
                 progress()
 
-    analysed: list[list[_Analysed]] = results(
+    analysed = results(
         partial(_analyse_video, detectors=detectors, threads=threads),
         videos,
         jobs,
@@ -174,10 +160,10 @@ def analyse_clips(
 def _analyse_video(
     entries: Sequence[Entry], detectors: Sequence[EvaluatedDetector], threads: int = 0
 ) -> list[_Analysed]:
-    """Run detectors over the clips of one video, which is decoded once for each working height.
+    """Run detectors over the clips of one video, and decode it once for each working height.
 
-    A clip that cannot be used is a fault, not an error. With 0 `threads` the decoder
-    chooses their number.
+    A clip that cannot be used is a fault, not an error. If `threads` is 0, the decoder chooses
+    how many threads it uses.
     """
     outputs: dict[str, Output] = {}
     try:
@@ -189,7 +175,7 @@ def _analyse_video(
                 complete, facts = video.decode.complete, video.facts
     except (SourceError, StimulusError) as error:
         return [_Analysed(None, [str(error)]) for _ in entries]
-    except DetectorError as error:  # which knows of no file
+    except DetectorError as error:  # its message does not name the file
         return [_Analysed(None, [f"{entry.label.name}: {error}"]) for entry in entries]
     ordered = {each.name: outputs[each.name] for each in detectors}
     analysed = []
@@ -208,14 +194,14 @@ def _analyse_video(
 def _opened(
     path: Path | Protocol, height: int, threads: int = 0
 ) -> AbstractContextManager[DecodedSource]:
-    """Open a clip, or a stimulus, which is drawn frame by frame."""
+    """Open a video, or a stimulus that is drawn frame by frame."""
     if isinstance(path, Path):
         return open_video(path, height=height, threads=threads)
     return nullcontext(StimulusVideo(path, height))
 
 
 def _fault_of(clip: Clip) -> str:
-    """Return in words why a clip cannot be used; empty if it can."""
+    """Return why a clip cannot be used; empty if it can."""
     contact = clip.label.contact
     if clip.first == len(clip):
         return f"has {len(clip)} frames, too few for any response; leave it out"
@@ -242,21 +228,21 @@ def _boxes_beyond(label: Label, frames: int) -> list[str]:
 def outputs_of(
     video: FrameSource, detectors: Sequence[EvaluatedDetector]
 ) -> tuple[Numbers, dict[str, Output]]:
-    """Run detectors of one working height over a video, in step.
+    """Run detectors over a video; all detectors take each frame before the next one is read.
 
     Parameters
     ----------
     video : FrameSource
-        At that height.
+        The video, at the working height of all detectors.
     detectors : sequence of EvaluatedDetector
-        With their parameters and alarms.
+        The detectors, all with the same working height.
 
     Returns
     -------
     times : ndarray, shape (n,)
-        Of the frames, in seconds.
+        Presentation times of the frames, in seconds.
     outputs : dict of str to Output
-        By the detectors' names.
+        The output of each detector, by name.
     """
     groups = _groups(detectors)
     with ExitStack() as stack:
@@ -283,7 +269,10 @@ def outputs_of(
 
 
 def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetector]]:
-    """Group different detectors that have the same alarm, repeats and time: they share a pass."""
+    """Group detectors that can share one pass: the same alarm, repeats and time base.
+
+    A group has no detector twice.
+    """
     groups: list[list[EvaluatedDetector]] = []
     for each in detectors:
         for group in groups:
@@ -299,19 +288,19 @@ def _groups(detectors: Sequence[EvaluatedDetector]) -> list[list[EvaluatedDetect
 def _output(records: Sequence[FrameRecord], detector: EvaluatedDetector) -> Output:
     name = detector.detector
     found = [record.responses.get(name) for record in records]
-    response = _answered(_numbers(None if each is None else each.response for each in found))
+    response = _with_zeros(_numbers(None if each is None else each.response for each in found))
     alarm = np.array([record.alarms.get(name, False) for record in records], bool)
     if not detector_named(name).places:
         return Output(response, response, alarm)
     objects = [record.objects.get(name) for record in records]
-    left = _numbers(each and each.time_to_contact_s for each in objects)
+    contact_s = _numbers(each and each.time_to_contact_s for each in objects)
     return Output(
         response,
-        _numbers(map(detector.alarm.evidence, response, left)),
+        _numbers(map(detector.alarm.evidence, response, contact_s)),
         alarm,
         _boxes(None if each is None else each.box for each in found),
         _boxes(each and each.box for each in objects),
-        left,
+        contact_s,
     )
 
 
@@ -319,8 +308,8 @@ def _boxes(boxes: Iterable[Box | None]) -> Numbers:
     return np.array([[np.nan] * 4 if box is None else [*box] for box in boxes], float)
 
 
-def _answered(response: Numbers) -> Numbers:
-    """Return responses in which a frame without an answer, after the first one, has a 0."""
+def _with_zeros(response: Numbers) -> Numbers:
+    """Replace each missing response after the first response by 0."""
     known = ~np.isnan(response)
     return np.where(known | ~np.logical_or.accumulate(known), response, 0.0)
 
@@ -329,8 +318,8 @@ def _numbers(values: Iterable[float | None]) -> Numbers:
     return np.array([np.nan if value is None else value for value in values], float)
 
 
-class _Part:
-    """A video for one reader: everything that an analysis asks of a video."""
+class _Reader:
+    """One reader's view of a video: its facts and size, and frames from a shared iterator."""
 
     def __init__(self, video: FrameSource, frames: Iterator[Frame]) -> None:
         self.facts, self.working = video.facts, video.working
@@ -340,13 +329,13 @@ class _Part:
         return self._frames
 
 
-def _readers(video: FrameSource, count: int) -> list[_Part]:
-    """Return one video for several readers, each in a thread of its own.
+def _readers(video: FrameSource, count: int) -> list[_Reader]:
+    """Return several readers of one video, which may be read in different threads.
 
-    The readers go in step, so that few frames wait.
+    Each frame is kept until the slowest reader has taken it.
     """
     frames, lock = iter(video), threading.Lock()
-    waiting: list[deque[Frame]] = [deque() for _ in range(count)]
+    queues: list[deque[Frame]] = [deque() for _ in range(count)]
 
     def read(own: deque[Frame]) -> Iterator[Frame]:
         while True:
@@ -355,8 +344,8 @@ def _readers(video: FrameSource, count: int) -> list[_Part]:
                     frame = next(frames, None)
                     if frame is None:
                         return
-                    for each in waiting:
-                        each.append(frame)
+                    for queue in queues:
+                        queue.append(frame)
             yield own.popleft()
 
-    return [_Part(video, read(own)) for own in waiting]
+    return [_Reader(video, read(own)) for own in queues]

@@ -1,4 +1,4 @@
-"""The clips to evaluate on, with the labels of a manifest or of the ground truth of stimuli."""
+"""The clips of an evaluation, with labels from a manifest or from the ground truth of stimuli."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ class Entry:
     row : int
         Number of the row; the header is row 1.
     path : Path or Protocol
-        The clip, or the stimulus to draw.
+        The clip, or the protocol of the stimulus to draw.
     label : Label
-        From the row, and from the file of boxes.
+        The label from the row, with the boxes of the clip.
     """
 
     row: int
@@ -63,7 +63,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """A manifest, as read.
+    """The content of a manifest, or a list of stimuli in the same form.
 
     Attributes
     ----------
@@ -74,11 +74,11 @@ class Manifest:
     faults : list of str
         A sentence for each row or box that cannot be used.
     rows : int
-        Rows below the header that are not empty.
+        Number of rows below the header that are not empty.
     names : tuple of str
-        Clips that its rows name, those that cannot be used too.
+        The clips of all rows, also of rows that cannot be used.
     notes : tuple of str
-        Sentences on what is ignored.
+        A sentence that names the ignored columns, if there are any.
     """
 
     path: Path
@@ -90,22 +90,22 @@ class Manifest:
 
 
 class _RowError(ValueError):
-    """A row or a box that cannot be used; the message names the fault and its repair."""
+    """A row that cannot be used; the message says why, and what the user can do."""
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read a manifest; a row that is wrong is a fault, not an error.
+    """Read a manifest; a wrong row is a fault of the manifest, not an error.
 
     Parameters
     ----------
     path : Path
         A CSV file with the columns ``file``, ``label``, ``onset_frame`` and
-        ``contact_frame``; clips are relative to its folder.
+        ``contact_frame``; the paths of clips are relative to its folder.
 
     Raises
     ------
     ManifestError
-        If it cannot be read, is no CSV, or lacks a column.
+        If the file cannot be read, is not CSV, or lacks a column.
     """
     if is_folder(path):
         raise ManifestError(f"{path}: is a folder; give its manifest, such as manifest.csv in it")
@@ -129,14 +129,14 @@ def read_manifest(path: Path) -> Manifest:
 
 
 def _notes_of(path: Path, header: Sequence[str]) -> tuple[str, ...]:
-    """Return a sentence on the columns that are ignored; a misspelt one is told."""
+    """Return a sentence that names the unknown columns, if there are any."""
     unknown = [name for name in dict.fromkeys(header) if name not in _KNOWN]
-    told = ", ".join(f"'{name}'{_meant(name, _KNOWN)}" for name in unknown)
-    return (f"{path}: ignores its columns {told}",) if unknown else ()
+    names = ", ".join(f"'{name}'{_meant(name, _KNOWN)}" for name in unknown)
+    return (f"{path}: these columns are not known and are ignored: {names}",) if unknown else ()
 
 
 def _meant(name: str, known: Sequence[str]) -> str:
-    """Return the known name that a misspelt one is near to, in brackets; empty if none is."""
+    """Return the known name that is similar to a misspelt name, in brackets; empty if none is."""
     near = suggestion(name, known)
     return f" ({near.removeprefix('; ')})" if near.startswith("; did you mean") else ""
 
@@ -162,13 +162,13 @@ def _entry(
         raise _RowError(f"has {len(cells)} cells, not {len(header)}; give one for each column")
     row = dict(zip(header, (cell.strip() for cell in cells), strict=True))
     if not row["file"]:
-        raise _RowError("names no file; fill in its first column, file")
+        raise _RowError("names no file; fill in its column 'file'")
     path = manifest.parent / row["file"]
     if is_there(path) and not (is_file(path) or is_folder(path)):
         raise _RowError(f"{row['file']}: is a pipe or a device; give a file or a folder of images")
     if not is_there(path):
         raise _RowError(
-            f"{row['file']}: there is no such file; check the path, from the manifest's folder"
+            f"{row['file']}: there is no such file; give its path from the manifest's folder"
         )
     same = os.path.realpath(path)
     if same in row_of:
@@ -210,22 +210,22 @@ def _frame(name: str, row: dict[str, str], column: str) -> int:
 
 
 def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
-    """Return a manifest with the boxes of its clips; a box that is wrong is a fault, not an error.
+    """Return a manifest with the boxes of its clips; a wrong box is a fault, not an error.
 
     Parameters
     ----------
     manifest : Manifest
-        The clips.
+        The manifest without boxes.
     path : Path, optional
-        A JSON file ``{file: {frame: [left, top, width, height]}}`` in source pixels;
-        else ``boxes.json`` beside the manifest, if it exists. There, clips that are not in
-        the manifest are ignored: several manifests may share the boxes.
+        A JSON file ``{file: {frame: [left, top, width, height]}}`` in source pixels. If left out,
+        the boxes come from ``boxes.json`` beside the manifest, if that file exists. Several
+        manifests may share ``boxes.json``, so clips of other manifests in it are ignored.
 
     Raises
     ------
     ManifestError
-        If the file cannot be read, or is no such JSON, or if `path` names a clip that is not in the
-        manifest.
+        If the file cannot be read or has another form, or if `path` is given and names a clip that
+        the manifest does not have.
     """
     shared = path is None
     path = path or manifest.path.with_name(_USUAL_BOXES)
@@ -270,7 +270,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _fault_of_box(frame: str, box: object) -> str:
-    """Return in words why an entry of the file of boxes is no box of a frame; empty if it is."""
+    """Return why a frame and its box in the file of boxes cannot be used; empty if they can."""
     if not re.fullmatch(r"[0-9]{1,9}", frame):
         return f"frame '{frame}' must be a whole number from 0; correct it"
     if (
@@ -290,23 +290,23 @@ def _fault_of_box(frame: str, box: object) -> str:
 def clips_of(
     inputs: Sequence[str], boxes: Path | None, backgrounds: Sequence[str], changes: Sequence[str]
 ) -> Manifest:
-    """Return the clips to evaluate, of a manifest or of stimuli.
+    """Return the clips to evaluate, from a manifest or from stimuli.
 
     Parameters
     ----------
     inputs : sequence of str
-        A manifest, or stimuli and videos of stimuli, as the user names them.
+        The path of a manifest; or names of stimuli, and videos with their ground truth beside them.
     boxes : Path or None
-        The file of boxes that goes with the manifest.
+        The file with the boxes of the manifest's clips.
     backgrounds : sequence of str
-        Videos to put behind the stimuli.
+        Videos that replace the background of the stimuli.
     changes : sequence of str
         Values of the stimuli to change, each as ``KEY=VALUE``.
 
     Raises
     ------
     ParameterError
-        If an option does not go with the inputs.
+        If an option cannot be used with these inputs.
     ManifestError, StimulusError
         If an input cannot be read.
     """
@@ -316,7 +316,9 @@ def clips_of(
             raise ParameterError("--background and --change go with stimuli, not with a manifest")
         return with_boxes(read_manifest(manifest), boxes)
     if boxes is not None:
-        raise ParameterError("--boxes goes with a manifest; the boxes of stimuli are known")
+        raise ParameterError(
+            "--boxes goes with a manifest; the boxes of stimuli come from their ground truth"
+        )
     settings = dict(parsed_setting(text) for text in changes)
     names = [name for name in inputs if not _is_clip(name)]
     videos = [Path(name) for name in inputs if _is_clip(name)]
@@ -324,18 +326,18 @@ def clips_of(
 
 
 def _is_clip(name: str) -> bool:
-    """Tell whether an input is a file that is no protocol."""
+    """Tell whether an input is a file, but not a protocol."""
     return is_file(Path(name)) and not name.endswith(".toml")
 
 
 def _manifest_in(inputs: Sequence[str]) -> Path | None:
-    """Return the manifest, if one was named: a single input that is no stimulus or its video."""
+    """Return the path of the manifest; None if the inputs are stimuli or their videos."""
     path = Path(inputs[0])
     table = next((name for name in inputs if name.lower().endswith(".csv")), None)
     if len(inputs) > 1 and table is not None:
         raise ManifestError(
-            f"{table}: is a manifest, and one is taken, without other inputs; join the rows of "
-            "several in one table"
+            f"{table}: is a manifest, which must be the only input; to use several manifests, "
+            "join their rows in one file"
         )
     if len(inputs) > 1 or path.suffix == ".toml":
         return None
@@ -354,10 +356,10 @@ def _manifest_in(inputs: Sequence[str]) -> Path | None:
 def _protocols_of(
     names: Sequence[str], settings: Table, backgrounds: Sequence[str] = ()
 ) -> list[Protocol]:
-    """Return the stimuli to evaluate.
+    """Return the protocols of the stimuli to evaluate.
 
-    With videos to put behind them, stimuli whose camera moves are left out, and so are those
-    without a background, and cuts.
+    If videos replace the background, stimuli without a background, with a cut or with a moving
+    camera are left out.
     """
     found = [entry.with_settings(settings) for name in names for entry in stimulus.find(name)]
     if backgrounds:
@@ -387,15 +389,14 @@ def _takes_footage(table: Table) -> bool:
 
 
 def _truth_beside(video: Path) -> Path:
-    """Return the file of a video's ground truth."""
     return video.with_name(video.stem + GROUND_TRUTH)
 
 
 def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest:
-    """Return stimuli, and videos of stimuli, with the labels that their ground truth gives.
+    """Return stimuli, and videos of stimuli, with labels from their ground truth.
 
-    A stimulus is drawn when it is analysed; the truth of a video lies beside it. A stimulus that
-    cannot be drawn, or a video without truth, is a fault, not an error.
+    The ground truth of a video lies beside the video. A stimulus that cannot be drawn, or a video
+    without ground truth, is a fault, not an error.
     """
     entries: list[Entry] = []
     faults = []
@@ -416,16 +417,9 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
 
 
 def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
-    """Return the labels of a video, one for each approach: it lasts while an object looms.
+    """Return the labels of a video: one for each run of frames in which an object looms.
 
-    Parameters
-    ----------
-    name : str
-        Of the video.
-    truth : dict
-        Ground truth of the video.
-    video : int
-        Number of the video.
+    A video without such frames has one label. `video` is the number of the video.
     """
     looming = [frame["frame"] for frame in truth["frames"] if frame["looming"]]
     onsets = [frame for frame in looming if frame - 1 not in looming]
@@ -442,16 +436,16 @@ def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
         for frame in truth["frames"]:
             if not onset <= frame["frame"] <= contact:
                 continue
-            approaching = [one for one in frame["objects"] if one["looming"]]
-            for one in approaching:
-                box = _within(one.get("box_px"), wide, high)
+            approaching = [each for each in frame["objects"] if each["looming"]]
+            for each in approaching:
+                box = _within(each.get("box_px"), wide, high)
                 if box is not None:
                     boxes[frame["frame"]] = box
-            left = [one["time_to_contact_s"] for one in approaching]
-            left = [each for each in left if each is not None]
-            if left:
-                contacts[frame["frame"]] = min(left)
-            times.update(round(frame["time_s"] + each, 6) for each in left)
+            times_to_contact = [each["time_to_contact_s"] for each in approaching]
+            known = [each for each in times_to_contact if each is not None]
+            if known:
+                contacts[frame["frame"]] = min(known)
+            times.update(round(frame["time_s"] + each, 6) for each in known)
         labels.append(
             Label(
                 f"{name}, approach {number} of {len(onsets)}" if len(onsets) > 1 else name,
@@ -470,7 +464,7 @@ def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
 
 
 def _within(box: Sequence[float] | None, wide: int, high: int) -> Box | None:
-    """Return the part of a box on the display; None for no part of at least a pixel."""
+    """Return the part of a box that is on the display; None if it is smaller than a pixel."""
     if box is None:
         return None
     left, top = max(box[0], 0.0), max(box[1], 0.0)
@@ -479,7 +473,7 @@ def _within(box: Sequence[float] | None, wide: int, high: int) -> Box | None:
 
 
 def _conditions_of(protocol: Table) -> dict[str, str]:
-    """Return the conditions by which a clip is grouped, by name, from its resolved protocol."""
+    """Return the values by which clips are grouped, such as the speed, from a resolved protocol."""
     scene, camera = protocol.get("scene", {}), protocol.get("camera", {})
     pictures = [each for each in protocol.get("object", []) if each["kind"] == PICTURE]
     moves = [f"{word} {camera[key]:g}" for key, word in _CAMERA.items() if camera.get(key)]

@@ -229,7 +229,7 @@ def test_faults_are_reported_and_the_rest_runs(
     assert done.returncode == 4
     lines = [line for line in done.stderr.splitlines() if line.startswith("oppload: ")]
     note, *lines = lines
-    assert note.endswith("clips.csv: ignores its columns 'wheather'")
+    assert note.endswith("clips.csv: these columns are not known and are ignored: 'wheather'")
     assert [line.split(": ")[2] for line in lines] == ["row 4", "row 5", "row 6"]
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [clip["row"] for clip in report["clips"]] == [2, 3]

@@ -88,7 +88,8 @@ def test_unknown_columns_are_ignored_with_one_note(folder: Path) -> None:
     assert len(found.entries) == 1
     assert found.faults == []
     assert found.notes == (
-        f"{path}: ignores its columns 'motions' (did you mean 'motion'?), 'weather', 'subject'",
+        f"{path}: these columns are not known and are ignored: 'motions' (did you mean 'motion'?), "
+        "'weather', 'subject'",
     )
     assert read_manifest(written(folder, "a.avi,none,,")).notes == ()
 
@@ -141,7 +142,9 @@ def test_boxes_that_are_asked_for_are_of_clips_of_the_manifest(folder: Path) -> 
 
 def test_one_manifest_is_taken() -> None:
     for inputs in (["a.csv", "b.csv"], ["staged/*", "b.CSV"], ["b.csv", "clip.mp4"]):
-        with pytest.raises(ManifestError, match=r"(?i)\.csv: is a manifest, and one is taken"):
+        with pytest.raises(
+            ManifestError, match=r"(?i)\.csv: is a manifest, which must be the only"
+        ):
             clips_of(inputs, None, [], [])
 
 
@@ -194,8 +197,8 @@ def test_settings_hold_for_all_evaluated_detectors() -> None:
         changed = {k for k, v in stated["parameters"].items() if v != was["parameters"][k]}
         assert changed == ({"cell"} if each.detector == "opplod" else set())
     for wrong, reason in (
-        ("lgmd2.threshold=1", "is of no detector that is evaluated; add it with --model, or"),
-        ("places.most=1", "is of no detector that is evaluated; add it with --model, or choose"),
+        ("lgmd2.threshold=1", "the evaluation has no parameter set 'lgmd2'; add a detector with"),
+        ("places.most=1", "has no parameter set 'places'; add a detector with --model, or choose"),
         ("opplod.cel=10", "did you mean 'cell'"),
         ("opplod.cell=10deg", "opplod.cell=10deg needs the field of view"),
         ("opplod", "'opplod' is no setting; write set.parameter=value"),
