@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _SCHEMA = "oppload.evaluation/1"
 _DPI = 160  # of the plots
 _SIDES = "x", "y", "width", "height"
-# The files call a detector a contender: their readers rely on it.
+# The files name the column of detectors "contender", on which users' programs depend.
 _COLUMNS: dict[str, dict[str, type]] = {
     "evaluation.csv": {
         "contender": str,
@@ -73,31 +73,31 @@ def write_evaluation(
     Parameters
     ----------
     evaluation : Evaluation
-        Of all clips.
+        The evaluation.
     folder : Path
-        For the files.
+        The folder for the files.
     claim : PartFile
-        The file ``report.json`` in it, which keeps other runs away.
+        The part file of ``report.json``, which keeps other runs out of the folder.
     wall_s : callable
-        Returns the seconds that it took so far. They are all that differs from one run
-        over the same clips to the next, under ``timing`` in ``report.json``.
+        Returns the seconds since the start, for ``timing`` in ``report.json``. Two runs over the
+        same clips differ only in ``timing``.
 
     Yields
     ------
     Path
-        Each file once it is written.
+        Each file after it was written.
 
     Raises
     ------
     OutputError
-        If one cannot be written.
+        If a file cannot be written.
     """
     report = report_of(evaluation)
     plots = {
         name: image_bytes(figure_of(name, evaluation.performances), "png", _DPI) for name in PLOTS
     }
     page = page_of(evaluation, report, plots)
-    # Old files must never stand beside new ones, however this ends; the page comes last.
+    # All old files go first: a run that fails must not leave old files beside new ones.
     for name in FILES:
         with output_errors(folder / name):
             remove(folder / name)
@@ -119,10 +119,7 @@ def write_evaluation(
 
 
 def printed_table(evaluation: Evaluation) -> Iterator[str]:
-    """Yield the lines to print: what each detector found, and how often it was wrong.
-
-    Intervals are those of ``evaluation.csv``.
-    """
+    """Yield the lines to print: detections and false alarms of each detector, with intervals."""
     found = {(one.detector, one.measure, one.condition): one for one in evaluation.measurements}
     minutes = sum(clip.seconds(*clip.quiet) for clip in evaluation.clips) / 60
     approaches = sum(clip.label.looming for clip in evaluation.clips)
@@ -152,8 +149,8 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
             )
     yield (
         "These clips: each detector has the lowest threshold with at most one false alarm per "
-        "minute on them. Held out: each clip has the threshold that the other clips give, so "
-        "that new footage is nearer to these figures."
+        "minute on these clips. Held out: the threshold for each clip comes from the other "
+        "videos; expect these results on new footage."
     )
     yield from _by_kind(evaluation, found)
     if any(
@@ -162,15 +159,15 @@ def printed_table(evaluation: Evaluation) -> Iterator[str]:
     ):
         bound = number(RULE_OF_THREE / minutes) if minutes else NOTHING
         yield (
-            f"No false alarm in {number(minutes)} minutes still allows up to {bound} per minute "
-            f"(the rule of three, 95 %)."
+            f"A detector without a false alarm in {number(minutes)} minutes may still have up to "
+            f"{bound} per minute (the rule of three, 95 %)."
         )
 
 
 def _by_kind(
     evaluation: Evaluation, found: dict[tuple[str, str, str], Measurement]
 ) -> Iterator[str]:
-    """Yield lines on clips of stimuli: the share of each kind with an alarm, by detector."""
+    """Yield lines for stimuli: the share of clips of each kind with a false alarm, by detector."""
     start = f"{AT_ONE}, {KIND} "
     kinds = dict.fromkeys(
         one.condition
@@ -205,7 +202,6 @@ def _row(measurement: Measurement) -> dict[str, Cell]:
 
 
 def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
-    """Yield a row per clip, detector and frame."""
     for clip in evaluation.clips:
         for name, output in clip.outputs.items():
             for frame, response in enumerate(output.response):
@@ -223,7 +219,6 @@ def _responses(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
 
 
 def _windows(evaluation: Evaluation) -> Iterator[dict[str, Cell]]:
-    """Yield a row per window and detector, for each use of the window."""
     for clip in evaluation.clips:
         for use, ahead, window in _uses(clip):
             for name, output in clip.outputs.items():
@@ -254,7 +249,7 @@ def _known(value: Cell) -> Cell:
 
 
 def report_of(evaluation: Evaluation) -> dict[str, Any]:
-    """Return the report without its timing: every figure, parameter and fault."""
+    """Return the content of ``report.json`` without ``timing``."""
     clips = evaluation.clips
     return {
         "schema": _SCHEMA,
@@ -287,7 +282,6 @@ def report_of(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def _clips(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
-    """Yield the label and length of each clip, and its outcomes by detector and condition."""
     for index, (entry, clip) in enumerate(zip(evaluation.entries, evaluation.clips, strict=True)):
         outcomes = {
             name: {

@@ -1,7 +1,4 @@
-"""``evaluation.html``: the evaluation as one page that needs no other file.
-
-It shows the measures, the plots, and the frames of the worst misses and false alarms.
-"""
+"""``evaluation.html``: one page with all measures, plots, and the worst misses and false alarms."""
 
 from __future__ import annotations
 
@@ -32,15 +29,15 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.protocol import Protocol
 
 
-_MOST = 4  # stills of each kind, for each detector
-_PICTURE_HEIGHT = 270  # px, of a still
-_QUALITY = 82  # of a still as JPEG
-WIDTH, HEIGHT = 300, 56  # of the strip below a still, in units of its drawing
-_HIGHEST = 3.0  # times the threshold at the top of a strip
+_MOST = 4  # number of misses, and of false alarms, that the page shows for each detector
+_PICTURE_HEIGHT = 270  # height of a still in pixels
+_QUALITY = 82  # JPEG quality of a still
+WIDTH, HEIGHT = 300, 56  # of the strip below a still, in units of its SVG drawing
+_HIGHEST = 3.0  # the top of a strip is at most this multiple of the threshold
 
 
 class _Definition(NamedTuple):
-    """A measure for the reader: its unit is empty for a share, its text says how it is measured."""
+    """The definition of a measure for the page; the unit of a share is empty."""
 
     title: str
     unit: str
@@ -48,133 +45,136 @@ class _Definition(NamedTuple):
 
 
 CONDITIONS = {
-    "at 0.5, 1, 2 per minute": "The alarm is one fixed threshold on its evidence (the response; "
-    "within `contact_s` of contact the response over `contact_share`): the lowest that, like every "
-    "higher one, gives at most this number of false alarms per minute over all footage without "
-    "an approach. It is chosen on the clips on which it is judged, so that its results are better "
-    "than on new clips; in each draw of the bootstrap it is chosen again.",
-    "held out at 0.5, 1, 2 per minute": "The threshold for each clip is chosen on all "
-    "clips of other videos (leave one out): the figures to expect on a new video.",
-    "alarm as shipped": "The detector's own causal alarm, as `oppload run` has it; nothing is "
+    "at 0.5, 1, 2 per minute": "An alarm is evidence above one fixed threshold. Evidence is the "
+    "response; within `contact_s` of contact it is the response divided by `contact_share`. The "
+    "threshold is the lowest one such that neither it nor any higher threshold gives more than "
+    "this number of false alarms per minute, over all footage without an approach. It is chosen "
+    "on the same clips on which it is judged, so the results are better than on new clips. Each "
+    "draw of the bootstrap chooses it again.",
+    "held out at 0.5, 1, 2 per minute": "The threshold for a clip is chosen in the same way, but "
+    "on the clips of all other videos (leave one out). Expect these results on a new video.",
+    "alarm as shipped": "The detector's own alarm, as `oppload run` has it. No threshold is "
     "chosen on these clips.",
 }
 MEASURES = {
     "detection_rate": _Definition(
         "detection rate",
         "",
-        "Share of the approaches with evidence above the threshold, or the alarm on, at some "
-        "frame from onset to contact, both included. n: approaches.",
+        "Share of the approaches in which the evidence is above the threshold, or the alarm is on, "
+        "in at least one frame from onset to contact, both included. n: approaches.",
     ),
     "lead_time_s": _Definition(
         "lead time",
         "s",
         "Time from the first such frame to contact, median over the detected approaches. Compare "
-        "it only at similar detection rates: a detector that finds only the easy approaches finds "
-        "them early. n: detected approaches.",
+        "lead times only at similar detection rates: a detector that detects only the easy "
+        "approaches detects them early. n: detected approaches.",
     ),
     "false_alarms_per_minute": _Definition(
         "false alarms per minute",
         "1/min",
-        "Upward crossings of the threshold, or beginnings of the alarm, in footage without an "
-        "approach: clips labelled none, and the others before their onset, clear of warm-up. "
-        "A crossing without a second of silence before it belongs to the same false alarm. By kind "
-        "of motion, as the manifest names it. n: clips with such footage.",
+        "How often the evidence rises above the threshold, or the alarm goes on, in footage "
+        "without an approach: clips labelled none, and the other clips before onset, both without "
+        "warm-up. If it does so less than a second after the last frame with an alarm, it is the "
+        "same false alarm. Also by kind of motion, as the manifest names it. n: clips with such "
+        "footage.",
     ),
     "threshold": _Definition(
         "threshold",
         "response",
-        "Evidence above it is an alarm; in the detector's own unit. n: clips with footage "
-        "without an approach.",
+        "Evidence above the threshold is an alarm; in the detector's own unit. n: clips with "
+        "footage without an approach.",
     ),
     "roc_auc": _Definition(
         "area under the ROC curve",
         "",
-        "Over one-second windows, scored by their largest response. Positive: the last second "
-        "before contact. Negative: windows that tile the footage without an approach. Half a "
-        "second is enough for a window; ties count half. n: windows.",
+        "The score of a one-second window is its largest response. Positive windows: the last "
+        "second before contact. Negative windows: the footage without an approach, cut into "
+        "windows. A window of half a second also counts. Equal scores count half. n: windows.",
     ),
     "average_precision": _Definition(
         "average precision",
         "",
-        "Precision averaged over the steps of recall, over the same windows; it depends on the "
-        "share of positive windows. n: windows.",
+        "Mean precision over the steps of recall, with the same windows. It depends on the share "
+        "of positive windows. n: windows.",
     ),
     "ordered_pairs": _Definition(
         "ordered pairs within clips",
         "",
         "The one-second window that ends some frames before contact is compared with each earlier "
-        "window of the same clip, tiled back from its start. Share of pairs in which its largest "
-        "response is the larger; ties count half; mean over clips. Chance is 0.5. n: pairs.",
+        "window of the same clip. Share of the pairs in which the later window has the larger "
+        "score; equal scores count half. Mean over clips. Chance gives 0.5. n: pairs.",
     ),
     "distinct_ratio": _Definition(
         "distinct ratio",
         "",
-        "Largest response from onset to contact over the largest before onset; over the median of "
-        "the clips labelled none if less than half a second comes before. Median over clips. The "
-        "responses have different scales (OppLoD's is squared by its enhancing), so that the "
-        "ratio compares clips and settings rather than detectors. n: approaches.",
+        "Largest response from onset to contact, divided by the largest response before onset. If "
+        "less than half a second comes before onset, the divisor is the median of the largest "
+        "responses of the clips labelled none. Median over clips. The responses have different "
+        "scales (OppLoD squares its response), so use the ratio to compare clips and settings, not "
+        "detectors. n: approaches.",
     ),
     "place_inside": _Definition(
         "winning unit inside the box",
         "",
-        "Share of the boxed frames in which the centre of the winning unit's field lies in the "
-        "labelled box, made 1.5 times as large about its centre; a frame without a winner counts "
-        "as outside. "
-        "'frame_centre' always points at the middle of the frame. n: frames.",
+        "Share of the frames with a labelled box in which the centre of the winning unit lies "
+        "inside this box, enlarged 1.5 times about its centre. A frame without a winning unit "
+        "counts as outside. 'frame_centre' always points at the centre of the frame. n: frames.",
     ),
     "place_distance_px": _Definition(
         "distance to the box's centre",
         "source px",
-        "From the centre of the winning unit's field to that of the labelled box, median over the "
-        "boxed frames with a winner. n: these frames.",
+        "From the centre of the winning unit to the centre of the labelled box, median over the "
+        "frames with both. n: these frames.",
     ),
     "place_distance_diagonals": _Definition(
         "distance to the box's centre",
         "box diagonals",
-        "Distance from the centre of the winning unit to that of the box, over the diagonal of the "
-        "box.",
+        "The same distance, divided by the diagonal of the box. n: these frames.",
     ),
     "alarmed_share": _Definition(
         "clips with a false alarm",
         "",
-        "Share of the clips without an approach that have at least one alarm, by kind; clips of "
-        "stimuli only. n: clips.",
+        "Share of the clips without an approach that have at least one alarm, by kind. Only for "
+        "stimuli. n: clips.",
     ),
     "box_overlap": _Definition(
         "overlap of the boxes",
         "",
-        "Intersection over union of the box of the strongest looming object and the true box "
-        "within the frame, 5 frames before contact; 0 without an object. Median over the "
-        "approaches; clips of stimuli only. n: approaches with a true box there.",
+        "Intersection over union of two boxes, 5 frames before contact: that of the strongest "
+        "looming object that the detector finds, and the part of the true box in the frame. 0 if "
+        "the detector finds no object. Median over the approaches. Only for stimuli. n: approaches "
+        "with a true box in this frame.",
     ),
     "contact_within": _Definition(
         "time to contact within 20 %",
         "",
-        "Share of the approaches whose times to contact in the last half second have a median "
-        "error of at most 20 %; an approach for which none is given counts as an error. n: "
-        "approaches.",
+        "Share of the approaches in which the times to contact of the last half second have a "
+        "median error of at most 20 %. An approach without a time to contact counts as a larger "
+        "error. n: approaches.",
     ),
     "contact_error": _Definition(
         "error of the time to contact",
         "",
-        "Error of the time to contact over the true time: median over those frames of the last "
-        "half second that have one, then median over the approaches with such frames. n: these "
-        "approaches.",
+        "Error of the time to contact, divided by the true time. Median over the frames of the "
+        "last half second in which the detector gives a time, then median over the approaches with "
+        "such frames. n: these approaches.",
     ),
 }
 INTERVALS = (
-    "The clips are drawn with replacement, as many with and without an approach as there are "
-    "(`--draws`, 1000 by default, from a fixed seed), and several approaches in one video "
-    "together; 95 % of the draws give a value in the interval. It says how far a figure depends on "
-    "the choice of clips of these kinds, and nothing "
-    "about other kinds. Where the draws do not differ, as of clips that all agree, the interval is "
-    "the exact one: that of Clopper and Pearson for shares, and that of a Poisson process for "
-    "rates; without a false alarm in T minutes the upper bound is 3 / T (the rule of three): a "
-    "detector with a higher rate would have had one with a chance of 95 %."
+    "A bootstrap draws clips with replacement: as many clips with an approach, and as many "
+    "without, as there are. It makes 1000 draws (`--draws`) from a fixed seed, and draws several "
+    "approaches in one video together. 95 % of the draws give a value in the interval. The "
+    "interval says how far a value depends on the choice of clips of these kinds; it says nothing "
+    "about other kinds of clips. If all draws give the same value, the interval is the exact one: "
+    "that of Clopper and Pearson for a share, and that of a Poisson process for a rate. Without a "
+    "false alarm in T minutes, the upper bound of the rate is 3 / T (the rule of three): at a "
+    "higher rate, a false alarm would have come with a probability of more than 95 %."
 )
 
 
 NOTHING = "\N{EN DASH}"
+# Columns of the summary: title, measure, condition.
 _HEADLINE = (
     ("detected", "detection_rate", "at 1 per minute"),
     ("lead (s)", "lead_time_s", "at 1 per minute"),
@@ -194,11 +194,11 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
     Parameters
     ----------
     evaluation : Evaluation
-        Of all clips; their files are read again for the pictures of the worst moments.
+        The evaluation. The clips are decoded again for the pictures of the worst moments.
     report : mapping
         The content of ``report.json``.
     plots : mapping of str to bytes
-        PNG by file name.
+        The plots as PNG, by file name.
     """
     minutes = report["manifest"]["minutes_without_approach"]
     return rendered(
@@ -237,15 +237,14 @@ def number(value: float | None) -> str:
 
 
 def _duration(minutes: float) -> str:
-    """Return a duration with its unit: seconds if it is short."""
     return f"{number(minutes)} minutes" if minutes >= 1.5 else f"{number(60 * minutes)} s"
 
 
 class _Still(NamedTuple):
-    """A moment as the page shows it.
+    """A frame that the page shows, with the evidence over its clip.
 
-    `picture` is an address, or None for a frame that could not be decoded again; `label` and
-    `winner` are the labelled box and the field of the winning unit, in source pixels; `time` is
+    `picture` is an address, or None if the frame could not be decoded again. `label` and `winner`
+    are the labelled box and the receptive field of the winning unit, in source pixels. `time` is
     the time before contact, or the kind of motion.
     """
 
@@ -260,7 +259,7 @@ class _Still(NamedTuple):
 
 
 def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[_Still]]]:
-    """Yield the stills by title: of each detector with units, misses first."""
+    """Yield titles with stills, for each detector with units: misses, then false alarms."""
     moments = [
         moment
         for name in evaluation.performances
@@ -283,10 +282,8 @@ def _stills(evaluation: Evaluation) -> Iterator[tuple[str, list[_Still]]]:
 
 def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
     output = clip.outputs[moment.detector]
-    evidence = float(output.evidence[moment.frame])
-    over = (
-        f"{number(evidence / moment.threshold)} times the threshold" if moment.threshold > 0 else ""
-    )
+    evidence, threshold = float(output.evidence[moment.frame]), moment.threshold
+    multiple = f"{number(evidence / threshold)} times the threshold" if threshold > 0 else ""
     winner = None if output.winner is None else output.winner[moment.frame]
     lead = f"{number(clip.lead(moment.frame))} s before contact"
     return _Still(
@@ -297,7 +294,7 @@ def _still(clip: Clip, moment: _Moment, picture: bytes | None) -> _Still:
         None if winner is None or not np.isfinite(winner).all() else tuple(map(float, winner)),
         _strip(clip, moment),
         lead if moment.missed else clip.label.kind,
-        over or number(evidence),
+        multiple or number(evidence),
     )
 
 
@@ -311,26 +308,15 @@ def _by_measure(figures: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, dic
 
 
 def _parameters(detector: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of one of the report's detectors, with those of its alarm."""
+    """Return the height, parameters and alarm parameters of a detector in the report."""
     alarm = {f"alarm.{name}": value for name, value in detector["alarm"].items()}
     return {"working height": detector["height"], **detector["parameters"], **alarm}
 
 
 class _Moment(NamedTuple):
-    """A frame worth a picture.
+    """A frame in which a detector was wrong: in a missed approach, or at its largest evidence.
 
-    Attributes
-    ----------
-    clip : int
-        Position of the clip.
-    frame : int
-        The frame.
-    detector : str
-        The detector that was wrong.
-    threshold : float
-        Of that detector at 1 false alarm per minute.
-    missed : bool
-        Whether it is a miss; else a false alarm, or the nearest to one.
+    `clip` is the position of the clip; the `threshold` gives the detector 1 false alarm per minute.
     """
 
     clip: int
@@ -341,11 +327,11 @@ class _Moment(NamedTuple):
 
 
 def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
-    """Yield the worst moments of a detector: at most four misses, then four false alarms.
+    """Yield the worst moments of a detector: at most four misses, then at most four false alarms.
 
-    A miss is shown at its largest evidence from onset to contact, the smallest of them
-    first; a clip's false alarm at its largest evidence without an approach, the
-    largest first.
+    The frame of a miss has the largest evidence of the approach; the miss with the smallest such
+    evidence comes first. The frame of a false alarm has the largest evidence of the clip's footage
+    without an approach; the largest comes first.
     """
     decision = evaluation.performances[name].decisions[AT_ONE]
     threshold = float(decision.thresholds[0])
@@ -367,10 +353,7 @@ def _worst_of(evaluation: Evaluation, name: str) -> Iterator[_Moment]:
 
 
 def _pictures(evaluation: Evaluation, moments: Sequence[_Moment]) -> dict[tuple[int, int], bytes]:
-    """Return the frames of moments as JPEG in grey, by clip and frame.
-
-    A frame that cannot be decoded again is left out.
-    """
+    """Return grey JPEGs by clip and frame, without frames that cannot be decoded again."""
     return {
         (clip, frame): jpeg
         for clip in sorted({each.clip for each in moments})
@@ -393,7 +376,7 @@ def _frames(path: Path | Protocol, wanted: set[int]) -> Iterator[tuple[int, byte
                     grey = cv2.convertScaleAbs(frame.luma, alpha=255.0)
                     yield frame.index, _jpeg(grey)
     except SourceError:
-        return  # it could be read a moment ago: the page stands without the picture
+        return  # the file has changed since the evaluation: the page has no picture of it
 
 
 def _jpeg(grey: MatLike) -> bytes:
@@ -402,10 +385,10 @@ def _jpeg(grey: MatLike) -> bytes:
 
 
 class _Strip(NamedTuple):
-    """A detector's evidence over a clip, as a drawing of `WIDTH` x `HEIGHT`.
+    """Coordinates for a drawing of a detector's evidence over a clip, of `WIDTH` x `HEIGHT`.
 
-    `approach` is its left edge and width; `points` and `threshold` are places of the evidence,
-    and `now` is that of the frame shown.
+    `approach` has a left edge and a width, `points` are the evidence (x, y), `threshold` is a
+    height, and `now` is the x of the frame shown.
     """
 
     approach: tuple[float, float] | None
@@ -415,27 +398,27 @@ class _Strip(NamedTuple):
 
 
 def _strip(clip: Clip, moment: _Moment) -> _Strip:
-    """Draw the evidence over a complete clip, up to three times the threshold.
+    """Return the strip of a complete clip; evidence above three times the threshold is cut off.
 
-    Of very many frames, the largest of every few is drawn.
+    In a clip with more than `2 * WIDTH` frames, a point stands for the largest of several frames.
     """
     evidence = np.nan_to_num(clip.outputs[moment.detector].evidence)
     top = float(evidence.max()) or 1.0
     threshold = moment.threshold
     if threshold > 0:
         top = min(max(top, 1.2 * threshold), _HIGHEST * threshold)
-    across = WIDTH / len(clip)
+    frame_width = WIDTH / len(clip)
     start, stop = clip.approach
 
-    def height(value: float) -> float:
+    def y(value: float) -> float:
         return HEIGHT - 2 - (HEIGHT - 6) * min(value / top, 1.0)
 
     step = max(1, math.ceil(len(evidence) / (2 * WIDTH)))
     firsts = range(0, len(evidence), step)
     shown = [first + int(evidence[first : first + step].argmax()) for first in firsts]
     return _Strip(
-        (start * across, (stop - start) * across) if stop > start else None,
-        [((frame + 0.5) * across, height(float(evidence[frame]))) for frame in shown],
-        None if math.isnan(threshold) else height(threshold),
-        (moment.frame + 0.5) * across,
+        (start * frame_width, (stop - start) * frame_width) if stop > start else None,
+        [((frame + 0.5) * frame_width, y(float(evidence[frame]))) for frame in shown],
+        None if math.isnan(threshold) else y(threshold),
+        (moment.frame + 0.5) * frame_width,
     )

@@ -1,4 +1,4 @@
-"""Plots of an evaluation: each takes the axes and the performance of every detector."""
+"""Plots of an evaluation, which compare the performances of all detectors."""
 
 from __future__ import annotations
 
@@ -26,11 +26,10 @@ if TYPE_CHECKING:
     Performances = Mapping[str, Performance]
 
 
-# Of Okabe and Ito's palette, for the presets after the default one.
-_COLOURS = ("#009E73", "#CC79A7")
+_COLOURS = ("#009E73", "#CC79A7")  # of presets other than the default; from Okabe and Ito's palette
 _SIZE = 4.8, 3.5  # inches
-_HIGHEST_RATE = 6.0  # false alarms per minute on the axis
-_SHOWN = 1.6  # times the highest rate that the plot of false alarms shows
+_HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
+_SHOWN = 1.6  # the axis of false alarms ends at this multiple of the highest rate
 
 
 def _detection(axes: Axes, performances: Performances) -> None:
@@ -46,16 +45,16 @@ def _detection(axes: Axes, performances: Performances) -> None:
 
 
 def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
-    """Return rising false alarms per minute, and the detection rate at each of them.
+    """Return rates of false alarms per minute, which rise, and the detection rate at each.
 
-    Both are empty without an approach or without other footage.
+    Both are empty if there is no approach, or no footage without an approach.
     """
     thresholds = performance.thresholds
     once = np.ones(len(thresholds.minutes), np.int64)
     rates = np.maximum.accumulate(thresholds.rates(once))
     if np.isnan(thresholds.peaks).all() or not len(rates) or np.isnan(rates).any():
         return np.empty(0), np.empty(0)
-    # Of the thresholds with as many false alarms the lowest counts.
+    # Several thresholds may give the same rate: the lowest one detects most.
     last = np.append(np.diff(rates) > 0, True)
     detected = [np.nanmean(thresholds.detected(level)) for level in thresholds.levels[last]]
     return np.append(rates[last], rates[-1] + _HIGHEST_RATE), np.append(detected, detected[-1])
@@ -109,7 +108,7 @@ def _leads(axes: Axes, performances: Performances) -> None:
         leads = np.sort(outcomes.lead_s[~np.isnan(outcomes.lead_s)])
         approaches = int((~np.isnan(outcomes.detected)).sum())
         labels.append(f"{look['label']}\n{len(leads)} of {approaches}")
-        # Points of equal leads stand above and below each other, so that all are seen.
+        # Points with equal lead times are drawn above and below each other, so that all are seen.
         y = row + 0.09 * _rank_among_equal(leads)
         axes.plot(leads, y, "o", color=look["color"], markersize=3.5, alpha=0.8)
         if len(leads):
@@ -122,6 +121,7 @@ def _leads(axes: Axes, performances: Performances) -> None:
 
 
 def _rank_among_equal(values: Numbers) -> Numbers:
+    """Return 0, 1, -1, 2, -2, ... for the values that are equal."""
     rounded = np.round(values, 3)
     ranks = np.array([(rounded[:index] == each).sum() for index, each in enumerate(rounded)], float)
     return np.where(ranks % 2, 1, -1) * np.ceil(ranks / 2)
@@ -146,7 +146,7 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         highest = max(highest, values.max(initial=0))
     axes.set_yticks(range(len(kinds)), [f"{kind}\n{_clips(one.n)}" for kind, one in kinds.items()])
     axes.invert_yaxis()
-    axes.set_xlim(0, _SHOWN * highest)  # of few clips the intervals would hide the rates
+    axes.set_xlim(0, _SHOWN * highest)  # intervals of few clips are too long to show completely
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
     axes.set_xlabel("false alarms per minute")
     _say_if_empty(axes, "no false alarm")
@@ -158,7 +158,7 @@ def _clips(count: int) -> str:
 
 
 def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
-    """Return positions and width of bars, so that those of all detectors are side by side."""
+    """Return positions and width of the bars of detector `index` out of `of`, side by side."""
     width = 0.8 / of
     return np.arange(count, dtype=np.float64) + (index - (of - 1) / 2) * width, width
 
@@ -180,8 +180,7 @@ def _colour_of(full_name: str) -> str:
     if preset in {"", DEFAULT_PRESET}:
         return detectors()[name].colour if name in detectors() else INK
     others = [each for each in PRESETS if each != DEFAULT_PRESET]
-    place = others.index(preset) if preset in others else len(_COLOURS)
-    return (*_COLOURS, INK)[min(place, len(_COLOURS))]
+    return dict(zip(others, _COLOURS, strict=False)).get(preset, INK)
 
 
 def _legend(axes: Axes) -> None:
@@ -191,43 +190,42 @@ def _legend(axes: Axes) -> None:
 
 
 def _say_if_empty(axes: Axes, words: str) -> None:
-    """Write some words into axes whose bars have no length, or are not known."""
+    """Write words into axes whose bars all have no length, or an unknown one."""
     if not any(np.nan_to_num(bar.get_bbox().size).all() for bar in axes.patches):  # type: ignore[attr-defined]
         axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", color=FAINT)
 
 
 class _Plot(NamedTuple):
-    """A plot of the page."""
-
     caption: str
     draw: Callable[[Axes, Performances], None]
 
 
 PLOTS = {
     "detection.png": _Plot(
-        "Detection rate over false alarms per minute, for every fixed threshold; "
-        "dotted: the rates of the tables.",
+        "Detection rate over false alarms per minute, for every fixed threshold; dotted: the rates "
+        "of the tables.",
         _detection,
     ),
-    "roc.png": _Plot("ROC over one-second windows; area in brackets.", _roc),
+    "roc.png": _Plot("ROC curve of one-second windows; area in brackets.", _roc),
     "precision-recall.png": _Plot(
-        "Precision over recall of the same windows; average in brackets.", _precision_recall
+        "Precision over recall, of the same windows; average precision in brackets.",
+        _precision_recall,
     ),
     "within-clip.png": _Plot(
         "Correctly ordered pairs of windows within clips; lines: 95 % intervals, dotted: chance.",
         _order,
     ),
-    "lead-time.png": _Plot("Lead of each detected approach.", _leads),
+    "lead-time.png": _Plot("Lead time of each detected approach.", _leads),
     "false-alarms.png": _Plot(
-        "False alarms per minute by kind of motion, at 1 per minute in all; lines: 95 % "
-        "intervals, which may go on beyond the plot.",
+        "False alarms per minute by kind of motion, at 1 per minute over all kinds; lines: 95 % "
+        "intervals, which may be longer than the plot shows.",
         _false_alarms,
     ),
 }
 
 
 def figure_of(plot: str, performances: Performances) -> Figure:
-    """Return one of the `PLOTS`, with the detectors in the order of its legend."""
+    """Return one of the `PLOTS`; `performances` has the order of the legend."""
     with styled_figure(*_SIZE) as figure:
         PLOTS[plot].draw(figure.subplots(), performances)
     return figure

@@ -1,6 +1,6 @@
-"""Alarms, detections and their lead, by a fixed threshold or as the detector has them.
+"""Detections, lead times and false alarms, by a fixed threshold or by the detector's own alarm.
 
-The definitions stand in ``docs/evaluation.md``.
+``docs/evaluation.md`` has the definitions.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.intervals import Weights
 
 
-SILENCE_S = 1.0
+SILENCE_S = 1.0  # crossings of the threshold with less time between them are one alarm
 RATES = (0.5, 1.0, 2.0)  # false alarms per minute
-_HIGHEST_RATE = 10.0  # false alarms per minute up to which they are counted
+_HIGHEST_RATE = 10.0  # false alarms per minute; above this rate alarms are not counted further
 AT_ONE = "at 1 per minute"  # the condition under which the page compares detectors
 SHIPPED = "alarm as shipped"
 HELD_OUT = "held out"
@@ -42,9 +42,9 @@ HELD_OUT = "held out"
 class _Outcomes:
     """Detections and false alarms in every clip, under one rule of alarm.
 
-    `detected` (1 or 0) and `lead_s` (before contact) are NaN for a clip without an approach, and
-    for an alarm that is held from one approach through the next; so is the lead of an approach
-    that is not detected. `false_alarms` are those in the clip's footage without an approach.
+    `detected` (1 or 0) and the lead time `lead_s` are NaN for a clip without an approach, and if an
+    alarm lasts from the approach before through this approach. The lead time is also NaN if the
+    approach is not detected. `false_alarms` counts alarms in footage without an approach.
     """
 
     detected: Numbers
@@ -53,7 +53,7 @@ class _Outcomes:
 
 
 class Thresholds:
-    """The alarms that each fixed threshold on a detector's evidence gives.
+    """The alarms of a detector in clips, if its evidence is compared with a fixed threshold.
 
     Parameters
     ----------
@@ -65,12 +65,12 @@ class Thresholds:
     Attributes
     ----------
     levels : ndarray, shape (m,)
-        Every local maximum of the evidence in the footage without an approach, the largest
-        first: evidence must be above a level to alarm.
+        The thresholds: every local maximum of the evidence in footage without an approach, the
+        largest first. Evidence above a level is an alarm.
     counts : ndarray, shape (clips, m)
-        False alarms of each clip at each level.
+        Number of false alarms in each clip at each level.
     minutes : ndarray, shape (clips,)
-        Footage of each clip without an approach.
+        Minutes of footage without an approach in each clip.
     peaks : ndarray, shape (clips,)
         Largest evidence from onset to contact; NaN without an approach.
     """
@@ -79,16 +79,16 @@ class Thresholds:
         self._clips, self._detector = clips, detector
         self.minutes = _minutes(clips)
         self._evidence = [clip.outputs[detector].evidence for clip in clips]
-        calm = [each[slice(*clip.quiet)] for each, clip in zip(self._evidence, clips, strict=True)]
-        self.levels = np.unique(np.concatenate([_maxima(each) for each in calm]))[::-1]
-        # A clip with more alarms than this is over every rate, however often it is drawn.
+        quiet = [each[slice(*clip.quiet)] for each, clip in zip(self._evidence, clips, strict=True)]
+        self.levels = np.unique(np.concatenate([_maxima(each) for each in quiet]))[::-1]
+        # One clip with more alarms than this exceeds every rate in every draw that contains it.
         most = int(_HIGHEST_RATE * len(clips) * self.minutes.max(initial=0)) + 1
         self.counts = np.array(
             [
                 _counts(each, clip.time_s[slice(*clip.quiet)], self.levels, most)
-                for each, clip in zip(calm, clips, strict=True)
+                for each, clip in zip(quiet, clips, strict=True)
             ],
-            np.float64,  # which NumPy multiplies many times as fast as integers
+            np.float64,  # NumPy multiplies floats many times faster than integers
         ).reshape(len(clips), len(self.levels))
         self.peaks = np.array(
             [
@@ -98,9 +98,9 @@ class Thresholds:
         )
 
     def rates(self, weights: Weights) -> Numbers:
-        """Return the false alarms per minute at each level; NaN without footage.
+        """Return the false alarms per minute at each level; clip i counts `weights[i]` times.
 
-        Each clip counts as often as `weights` say.
+        NaN if there is no footage without an approach.
         """
         minutes = float(weights @ self.minutes)
         if not minutes:
@@ -108,57 +108,51 @@ class Thresholds:
         return np.asarray(weights @ self.counts / minutes, np.float64)
 
     def lowest(self, weights: Weights, rate: float) -> float:
-        """Return the lowest level that keeps to a rate of false alarms.
+        """Return the lowest level such that no level at or above it exceeds a rate.
 
-        Parameters
-        ----------
-        weights : ndarray of int, shape (clips,)
-            How often each clip counts.
-        rate : float
-            False alarms per minute.
-
-        Returns
-        -------
-        float
-            The lowest level at which, as at every higher one, there are no more false alarms; NaN
-            without footage.
+        `rate` is in false alarms per minute; clip i counts `weights[i]` times. NaN if there is no
+        footage without an approach.
         """
-        # Very low thresholds merge alarms into one that never ends, and the rate falls again: only
-        # levels above the first excess count.
+        # At very low thresholds all alarms merge into one that never ends, so the rate falls again.
+        # Therefore the search stops at the first level with too many false alarms.
         over = self.rates(weights) > rate + 1e-9
         if not len(over) or not weights @ self.minutes:
             return float("nan")
         return float(self.levels[int(over.argmax()) - 1 if over.any() else -1])
 
     def detected(self, threshold: float) -> Numbers:
-        """Return which approaches are detected at a threshold, as `outcomes` does but faster.
+        """Return which approaches are detected at a threshold, faster than `outcomes` does.
 
-        Of all clips but the later ones of a video, the largest evidence decides.
+        The largest evidence decides, except for the second and later approaches of a video: an
+        alarm of the approach before may still be on.
         """
         found = np.where(np.isnan(self.peaks), np.nan, self.peaks > threshold)
         for index, clip in enumerate(self._clips):
-            if clip.label.since:  # an alarm may be held from an earlier approach
+            if clip.label.since:
                 found[index], _ = _first_alarm(clip, self._evidence[index] > threshold)
         return found
 
     def outcomes(self, threshold: float | Numbers) -> _Outcomes:
-        """Return the outcomes in every clip at a threshold, or at one for each clip; NaN at NaN."""
-        each = np.broadcast_to(threshold, len(self._clips))
+        """Return the outcomes at one threshold, or at a threshold for each clip.
+
+        The outcomes of a clip whose threshold is NaN are NaN.
+        """
+        thresholds = np.broadcast_to(threshold, len(self._clips))
         above = [
-            None if np.isnan(limit) else evidence > limit
-            for limit, evidence in zip(each, self._evidence, strict=True)
+            None if np.isnan(each) else evidence > each
+            for each, evidence in zip(thresholds, self._evidence, strict=True)
         ]
         return _outcomes(self._clips, above)
 
     def at_rate(self, rate: float, draws: Weights) -> Decision:
-        """Decide by the lowest threshold that keeps to a rate of false alarms per minute.
+        """Decide by the lowest threshold with at most `rate` false alarms per minute in all clips.
 
-        The rate is that over all footage; the threshold is chosen again in each draw.
+        In each draw of the bootstrap the threshold is chosen again.
         """
         clips, condition = self._clips, _condition_of(rate)
         threshold = self.lowest(np.ones(len(clips), np.int64), rate)
         drawn = [self.lowest(each, rate) for each in draws]
-        # Many draws share a threshold.
+        # Many draws have the same threshold.
         known = {each: self.outcomes(each) for each in {threshold, *drawn}}
         own, each_draw = known[threshold], [known[each] for each in drawn]
         measured = _measurements(clips, self._detector, condition, own, draws, drawn=each_draw)
@@ -168,38 +162,39 @@ class Thresholds:
         return Decision(condition, np.full(len(clips), threshold), own, [*measured, level])
 
     def held_out(self, rate: float, draws: Weights) -> Decision:
-        """Decide in each clip by the threshold that keeps to a rate in all other videos.
+        """Decide in each clip by the threshold that `lowest` finds for the clips of other videos.
 
-        The threshold is NaN where the other videos hold no footage without an approach.
+        The threshold is NaN if the other videos have no footage without an approach.
         """
         videos = videos_of(self._clips)
         others = (videos[:, None] != videos).astype(np.int64)
         chosen = np.array([self.lowest(each, rate) for each in others])
         outcomes, condition = self.outcomes(chosen), f"{HELD_OUT} {_condition_of(rate)}"
-        # Each kind of motion has few clips: they are not split by clip again.
-        measurements = _measurements(
+        # No rates by kind of motion: each kind has few clips.
+        measured = _measurements(
             self._clips, self._detector, condition, outcomes, draws, by_kind=False
         )
-        return Decision(condition, chosen, outcomes, list(measurements))
+        return Decision(condition, chosen, outcomes, list(measured))
 
 
 def _minutes(clips: Sequence[Clip]) -> Numbers:
-    """Return the footage of each clip without an approach, in minutes."""
+    """Return the duration of each clip's footage without an approach, in minutes."""
     return np.array([clip.seconds(*clip.quiet) / 60 for clip in clips])
 
 
 def _maxima(evidence: Numbers) -> Numbers:
-    """Return the local maxima, those at the ends included."""
+    """Return the values that are at least as large as both neighbours; an end has only one."""
     padded = np.concatenate([[-np.inf], evidence, [-np.inf]])
     return np.asarray(evidence[(evidence >= padded[:-2]) & (evidence >= padded[2:])], np.float64)
 
 
 def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers, most: int) -> NDArray[np.int64]:
-    """Return the number of alarms at each of the falling levels.
+    """Return the number of a clip's alarms at each of the levels, which fall.
 
-    The number changes only at the clip's own values.
+    Counting stops at a value of the evidence with more than `most` alarms; all lower levels get
+    the count of this value.
     """
-    own = np.unique(evidence)[::-1]
+    own = np.unique(evidence)[::-1]  # the number of alarms changes only at these values
     found: list[int] = []
     for value in own:
         found.append(_alarms_in(evidence > value, time_s))
@@ -207,17 +202,17 @@ def _counts(evidence: Numbers, time_s: Numbers, levels: Numbers, most: int) -> N
             break
     if not found:
         return np.zeros(len(levels), np.int64)
-    # The first own value at or below each level; below all of them one alarm lasts.
+    # The first own value at or below each level; below all own values the alarm is always on.
     at = np.searchsorted(-own[: len(found)], -levels)
     everywhere = 1 if len(found) == len(own) else found[-1]
     return np.append(found, everywhere)[at]
 
 
 def _alarms_in(above: Flags, time_s: Numbers) -> int:
-    """Return how many alarms begin: upward crossings after a second of silence.
+    """Return how many alarms begin: frames above the threshold after a second without any.
 
-    A response that flickers about the threshold is one alarm, not many. One that is above it at
-    the first frame begins there.
+    So evidence that flickers about the threshold is one alarm. Evidence above the threshold in the
+    first frame begins an alarm there.
     """
     silence = np.diff(time_s[above], prepend=-np.inf)
     return int(np.count_nonzero(silence >= SILENCE_S - 1e-6))
@@ -227,16 +222,8 @@ def _alarms_in(above: Flags, time_s: Numbers) -> int:
 class Decision:
     """A rule of alarm with its outcomes.
 
-    Attributes
-    ----------
-    condition : str
-        Such as ``at 1 per minute``.
-    thresholds : ndarray, shape (clips,)
-        The threshold in each clip; NaN for the alarm as shipped.
-    outcomes : _Outcomes
-        Per clip.
-    measurements : list of Measurement
-        Over all clips.
+    `condition` names the rule, such as ``at 1 per minute``. `thresholds` has the threshold in each
+    clip; NaN for the alarm as shipped.
     """
 
     condition: str
@@ -246,19 +233,18 @@ class Decision:
 
 
 def _condition_of(rate: float) -> str:
-    """Return the name of a rate of false alarms per minute."""
     return f"at {rate:g} per minute"
 
 
 def shipped(clips: Sequence[Clip], detector: str, draws: Weights) -> Decision:
-    """Take the detector's own alarm as it ran."""
+    """Decide by the detector's own alarm, as ``oppload run`` has it."""
     outcomes = _outcomes(clips, [clip.outputs[detector].alarm for clip in clips])
     measurements = list(_measurements(clips, detector, SHIPPED, outcomes, draws))
     return Decision(SHIPPED, np.full(len(clips), np.nan), outcomes, measurements)
 
 
 def _outcomes(clips: Sequence[Clip], alarms: Sequence[Flags | None]) -> _Outcomes:
-    """Return the outcomes of alarms that are given for every frame; NaN in clips without them."""
+    """Return the outcomes of an alarm that is on or off in every frame; NaN in a clip with None."""
     detected, leads, false = (np.full(len(clips), np.nan) for _ in range(3))
     for index, (clip, on) in enumerate(zip(clips, alarms, strict=True)):
         if on is None:
@@ -270,10 +256,10 @@ def _outcomes(clips: Sequence[Clip], alarms: Sequence[Flags | None]) -> _Outcome
 
 
 def _first_alarm(clip: Clip, on: Flags) -> tuple[float, float]:
-    """Return whether an alarm begins in a clip's approach (1 or 0), and its lead in seconds.
+    """Return whether an alarm begins in a clip's approach (1 or 0), and its lead time in seconds.
 
-    Both are NaN without an approach, and where an alarm is held from the approach before through
-    this one, so that nobody can tell whether this one would have begun another.
+    Both are NaN without an approach. They are also NaN if an alarm of the approach before lasts
+    through this approach: whether this approach would have begun an alarm is not known.
     """
     start, stop = clip.approach
     during = on[start:stop]
@@ -296,7 +282,7 @@ def _measurements(
     drawn: Sequence[_Outcomes] | None = None,
     by_kind: bool = True,
 ) -> Iterator[Measurement]:
-    """Yield the measurements; each draw has outcomes of its own in `drawn`, or shares them."""
+    """Yield the measurements of a rule, with `drawn` if each draw of the bootstrap has outcomes."""
     each_draw = list(drawn) if drawn is not None else [outcomes] * len(draws)
     once = np.ones(len(clips), np.int64)
 
@@ -314,16 +300,17 @@ def _measurements(
     minutes = _minutes(clips)
     kinds = np.array([clip.label.kind for clip in clips])
     for kind in ("", *(sorted(set(kinds[minutes > 0])) if by_kind else ())):
-        members = (kinds == kind) | (kind == "")
+        of_kind = (kinds == kind) | (kind == "")
 
-        def per_minute(each: _Outcomes, weights: Weights, members: Flags = members) -> float:
-            counts, counted = each.false_alarms, members & ~np.isnan(each.false_alarms)
+        def per_minute(each: _Outcomes, weights: Weights, of_kind: Flags = of_kind) -> float:
+            counted = of_kind & ~np.isnan(each.false_alarms)
             total = float(minutes[counted] @ weights[counted])
-            return float(counts[counted] @ weights[counted]) / total if total else float("nan")
+            count = float(each.false_alarms[counted] @ weights[counted])
+            return count / total if total else float("nan")
 
-        counted = members & ~np.isnan(outcomes.false_alarms)
+        counted = of_kind & ~np.isnan(outcomes.false_alarms)
         estimate = found(per_minute)
-        if estimate.low == estimate.high:  # no draw differs: the bootstrap knows nothing
+        if estimate.low == estimate.high:  # all draws agree: the bootstrap gives no interval
             footage = float(minutes[counted].sum())
             bounds = rate_interval(float(np.nansum(outcomes.false_alarms[counted])), footage)
             estimate = Estimate(estimate.value, *bounds)

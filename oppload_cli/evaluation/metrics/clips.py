@@ -1,6 +1,6 @@
-"""Labelled clips with the output of every detector, and windows of one second of them.
+"""Labelled clips with the outputs of the detectors, and their windows of one second.
 
-The ROC and precision-recall curves go over the windows.
+The ROC curve and the precision-recall curve judge each window.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 _UNSTATED = "not stated"
 _BEFORE = "before an approach"
 WINDOW_S = 1.0
-LEAST_S = 0.5  # the remainder of a clip counts as a window from this length
-EPSILON_S = 1e-6  # times are fractions of a second that were rounded
+LEAST_S = 0.5  # a remaining part of a clip that is at least this long is also a window
+EPSILON_S = 1e-6  # tolerance for times, which are rounded
 AHEAD = (0, 4, 8, 12)  # frames before contact
 
 
@@ -36,26 +36,27 @@ class Label:
     Attributes
     ----------
     name : str
-        The clip, as its manifest names it.
+        The name of the clip in its manifest.
     onset, contact : int or None
-        Frames at which an approach begins and ends, both included; None without one.
+        First and last frame of the approach; None without an approach.
     motion : str
         Kind of motion of a clip without an approach.
     boxes : dict of int to tuple
         By frame, the object's left, top, width and height in source pixels.
     contacts : dict of int to float
-        By frame, the true time to contact in seconds of the looming object that arrives first,
-        where it is known.
+        By frame, the true time to contact in seconds of the looming object that arrives first, if
+        the time is known.
     conditions : dict of str to str
-        Values by which clips of known truth are grouped, such as the speed.
+        Values by which clips of stimuli are grouped, such as the speed.
     contact_times : tuple of float
-        True times of contact of the approaching objects in seconds, rising, where they are known;
-        else the contact is at the time of the frame `contact`. An object may stop growing before.
+        True times of contact of all approaching objects, in seconds and rising; an object may stop
+        growing before its contact. If empty, contact is at the time of the frame `contact`.
     since : int
-        First frame that counts: where a video shows several approaches, one after the other, each
-        is a clip of its own, and only the frames before the first onset are footage without one.
+        First frame that counts. If a video shows several approaches, each of them is a clip. The
+        first clip counts from frame 0, so that it has the footage without an approach. A later
+        clip counts from its onset.
     video : int or None
-        A number that all clips of one video share; None for the only one.
+        A number that all clips of one video share; None if the video has a single clip.
     """
 
     name: str
@@ -89,17 +90,17 @@ class Output:
     response : ndarray, shape (n,)
         Per frame, at least 0; NaN during warm-up.
     evidence : ndarray, shape (n,)
-        The numbers that an alarm compares with its threshold: the responses, or multiples of them
-        shortly before contact.
+        The number that the alarm compares with its threshold: the response, or shortly before
+        contact a multiple of the response.
     alarm : ndarray of bool, shape (n,)
-        The detector's own alarm.
+        Whether the detector's own alarm is on.
     winner : ndarray, shape (n, 4), or None
-        Left, top, width and height of the winning unit's receptive field in source
-        pixels; NaN in frames without a winner; None for a detector without units.
+        Left, top, width and height of the winning unit's receptive field in source pixels; NaN in
+        frames without a winning unit; None for a detector without units.
     box : ndarray, shape (n, 4), or None
-        Box of the strongest looming object that it sees, in the same form.
+        Box of the strongest looming object that the detector finds, in the same form.
     contact_s : ndarray, shape (n,), or None
-        Time to contact of that object; NaN where it is not determined.
+        Time to contact of that object in seconds; NaN if the detector gives none.
     """
 
     response: Numbers
@@ -111,30 +112,30 @@ class Output:
 
 
 class Window(NamedTuple):
-    """Frames `start` to before `stop`."""
+    """The frames from `start` to `stop` - 1."""
 
     start: int
     stop: int
 
     def score(self, response: Numbers) -> float:
-        """Return the largest of a clip's responses within the window."""
+        """Return the largest response in the window."""
         return float(response[self.start : self.stop].max())
 
 
 @dataclass(frozen=True)
 class Clip:
-    """A clip that every detector has analysed.
+    """A clip with the outputs of all detectors.
 
     Attributes
     ----------
     label : Label
-        From the manifest.
+        The label of the clip.
     time_s : ndarray, shape (n,)
-        Presentation time of each frame.
+        Presentation time of each frame in seconds.
     width, height : int
-        Of the source in pixels.
+        Size of the source in pixels.
     outputs : dict of str to Output
-        By detector.
+        The output of each detector, by name.
     """
 
     label: Label
@@ -148,30 +149,34 @@ class Clip:
 
     @cached_property
     def first(self) -> int:
-        """The first frame that counts, with a response of every detector; the length if none has.
+        """The first frame in which every detector has a response, but not before `label.since`.
 
-        The same frames count for all detectors, however long each takes to warm up.
+        So the same frames count for all detectors. The value is the clip's length if there is no
+        such frame.
         """
         valid = np.all([np.isfinite(each.response) for each in self.outputs.values()], axis=0)
         return max(int(valid.argmax()), self.label.since) if valid.any() else len(self)
 
     @property
     def quiet(self) -> tuple[int, int]:
-        """First frame, and the one after the last, of the footage without an approach."""
+        """The first frame of the footage without an approach, and the frame after its last one."""
         stop = len(self) if self.label.onset is None else self.label.onset
         return self.first, max(self.first, stop)
 
     @property
     def approach(self) -> tuple[int, int]:
-        """First frame, and the one after the last, of the approach; empty without one."""
+        """The first frame of the approach that counts, and the frame after contact.
+
+        Both are the clip's length without an approach.
+        """
         if self.label.onset is None or self.label.contact is None:
             return len(self), len(self)
         return max(self.first, self.label.onset), self.label.contact + 1
 
     def seconds(self, start: int, stop: int) -> float:
-        """Return the duration of the frames from `start` to before `stop`, in seconds.
+        """Return the duration of the frames from `start` to `stop` - 1 in seconds.
 
-        The duration runs from the frame before the first one to the last one.
+        A frame lasts from the time of the frame before it to its own time.
         """
         if stop <= start or len(self) < 2:
             return 0.0
@@ -189,9 +194,9 @@ class Clip:
         return (coming[0] if coming else float(self.time_s[self.label.contact])) - now
 
     def windows(self, start: int, stop: int) -> list[Window]:
-        """Return the windows that tile the frames from `start` to before `stop`, the latest first.
+        """Return the windows that tile the frames from `start` to `stop` - 1, the latest first.
 
-        The earliest may be shorter than a second, but has half a second.
+        The earliest window may be shorter than a second, but not shorter than half a second.
         """
         made = []
         while (window := self._window_to(stop, start)) is not None:
@@ -200,49 +205,40 @@ class Clip:
         return made
 
     def window_before_contact(self, frames: int = 0) -> Window | None:
-        """Return the window that ends some frames before contact; 0 includes that of contact.
+        """Return the window whose last frame is `frames` before the frame of contact.
 
-        None without an approach, or if less than half a second is clear of warm-up.
+        None without an approach, or if the window would have less than half a second after warm-up.
         """
         if self.label.contact is None:
             return None
         return self._window_to(self.label.contact + 1 - frames, self.first)
 
     def windows_without_approach(self) -> list[Window]:
-        """Return the windows in which no object approaches.
-
-        These windows share no frame with the last second before contact.
-        """
+        """Return the windows before onset that share no frame with the last second of approach."""
         start, stop = self.quiet
         last = self.window_before_contact()
         return self.windows(start, min(stop, last.start) if last else stop)
 
     def ordered_pairs(self, detector: str, frames: int) -> tuple[float, int]:
-        """Return the share of correctly ordered pairs within the clip.
+        """Return the share of correctly ordered pairs of windows in the clip, and their number.
 
-        The approach's window ends `frames` before contact.
-
-        Returns
-        -------
-        share : float
-            Of the clip's earlier windows, those with a largest response below that of the
-            approach's window; ties count half. NaN without a pair.
-        pairs : int
-            Number of pairs.
+        A pair is the window that ends `frames` before contact and an earlier window. The order is
+        correct if the earlier window has the smaller score; equal scores count half. The share is
+        NaN without a pair.
         """
         approach = self.window_before_contact(frames)
         earlier = self.windows(self.first, approach.start) if approach else []
         if approach is None or not earlier:
             return float("nan"), 0
         response = self.outputs[detector].response
-        own = approach.score(response)
+        last = approach.score(response)
         scores = np.array([each.score(response) for each in earlier])
-        return float(np.mean((scores < own) + 0.5 * (scores == own))), len(earlier)
+        return float(np.mean((scores < last) + 0.5 * (scores == last))), len(earlier)
 
     def _window_to(self, stop: int, least: int) -> Window | None:
-        """Return the window of one second that ends before the frame `stop`.
+        """Return the window of one second, or less, from at least frame `least` to `stop` - 1.
 
-        The window holds no frame before `least`; None if it would be shorter than half a second.
+        None if it would be shorter than half a second.
         """
         if not least < stop <= len(self):
             return None
@@ -256,22 +252,22 @@ class Clip:
 def videos_of(clips: Sequence[Clip]) -> NDArray[np.int64]:
     """Return the number of each clip's video: clips of one video are no independent examples."""
     shared = [clip.label.video for clip in clips]
-    alone = max((each for each in shared if each is not None), default=-1) + 1
-    numbers = [alone + at if each is None else each for at, each in enumerate(shared)]
+    first_free = max((each for each in shared if each is not None), default=-1) + 1
+    numbers = [first_free + at if each is None else each for at, each in enumerate(shared)]
     return np.array(numbers, np.int64)
 
 
 def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Numbers]:
-    """Return the one-second windows of all clips with a detector's scores.
+    """Return the scores of a detector in the windows of all clips.
 
     Returns
     -------
     score : ndarray, shape (n,)
         Largest response in each window.
     positive : ndarray of bool, shape (n,)
-        Whether it is the last second before contact.
+        Whether the window is the last second before contact.
     owner : ndarray, shape (n,)
-        Position of its clip.
+        Position in `clips` of the window's clip.
     """
     rows: list[tuple[float, bool, int]] = []
     for index, clip in enumerate(clips):
@@ -286,14 +282,16 @@ def scored(clips: Sequence[Clip], detector: str) -> tuple[Numbers, Flags, Number
 
 
 class Curve(NamedTuple):
-    """Both curves over all thresholds, from above the largest score to the smallest.
+    """The ROC curve and the precision-recall curve.
+
+    The first threshold is above all scores; the other thresholds are the scores, the largest first.
 
     Attributes
     ----------
     false_rate, true_rate : ndarray, shape (m + 1,)
-        Share of the negative and of the positive windows at or above a threshold.
+        Share of the negative and of the positive windows with a score of at least the threshold.
     precision : ndarray, shape (m + 1,)
-        Share of positives among the windows at or above it; 1 without such a window.
+        Share of positive windows among all windows with such a score; 1 if there are none.
     """
 
     false_rate: Numbers
@@ -302,7 +300,7 @@ class Curve(NamedTuple):
 
     @property
     def auc(self) -> float:
-        """Area under the ROC curve, 0 to 1: ties count half."""
+        """Area under the ROC curve, 0 to 1; equal scores count half."""
         heights = (self.true_rate[1:] + self.true_rate[:-1]) / 2
         return float(np.sum(np.diff(self.false_rate) * heights))
 
@@ -313,25 +311,18 @@ class Curve(NamedTuple):
 
 
 def curve(score: Numbers, positive: Flags, weight: Numbers) -> Curve | None:
-    """Return the curves of some windows.
+    """Return the curves of windows with scores; None without a positive or a negative window.
 
     Parameters
     ----------
-    score : ndarray, shape (n,)
-        Of each window.
-    positive : ndarray of bool, shape (n,)
-        Whether an object approaches in it.
+    score, positive : ndarray, shape (n,)
+        As `scored` returns them.
     weight : ndarray, shape (n,)
-        How often it counts.
-
-    Returns
-    -------
-    Curve or None
-        None without a positive or without a negative window.
+        How often each window counts.
     """
     order = np.argsort(-score, kind="stable")
     score, positive, weight = score[order], positive[order], weight[order]
-    # Equal scores share a threshold.
+    # Windows with equal scores share a threshold: the last window of each score.
     last = np.flatnonzero(np.append(np.diff(score), -1.0)[: len(score)])
     hits = np.append(0, np.cumsum(weight * positive)[last])
     false = np.append(0, np.cumsum(weight * ~positive)[last])

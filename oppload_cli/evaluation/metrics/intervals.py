@@ -1,4 +1,4 @@
-"""Bootstrap over clips: how far a measurement depends on the choice of clips."""
+"""Intervals of measurements, mostly by a bootstrap over the videos of the clips."""
 
 from __future__ import annotations
 
@@ -20,20 +20,14 @@ if TYPE_CHECKING:
 SEED = 20231
 DRAWS = 1000
 LEVEL = 95
-RULE_OF_THREE = 3.0  # upper bound (95 %) of the expected events where none was seen
+RULE_OF_THREE = 3.0  # upper bound (95 %) of the expected number of events if none was seen
 
 
 class Measurement(NamedTuple):
     """One row of ``evaluation.csv``.
 
-    Attributes
-    ----------
-    detector, measure, condition : str
-        The detector, the measure and the condition under which it was taken.
-    value, low, high : float
-        The value with the bounds of its interval; NaN where it is not determined.
-    n : int
-        Number of clips, windows, pairs or frames behind it.
+    `value` has an interval from `low` to `high`; NaN where they are not known. `n` is the number of
+    clips, windows, pairs or frames that were measured.
     """
 
     detector: str
@@ -46,7 +40,7 @@ class Measurement(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """A value with its interval; NaN where it is not determined."""
+    """A value with the bounds of its interval; NaN where they are not known."""
 
     value: float
     low: float
@@ -60,24 +54,24 @@ def draws_of(
     *,
     videos: Sequence[int] | NDArray[np.int64] | None = None,
 ) -> Weights:
-    """Draw videos with replacement; the numbers with and without an approach stay the same.
+    """Draw videos with replacement, those with and those without an approach separately.
 
     Parameters
     ----------
     looming : sequence of bool
-        Of each clip, whether an object approaches.
+        Whether an object approaches in each clip.
     count : int
         Number of draws.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     videos : sequence of int, optional
-        The number of each clip's video; each clip has one of its own if left out. Clips of one
-        video are drawn together.
+        The number of each clip's video; if left out, each clip is a video. Clips of one video are
+        drawn together.
 
     Returns
     -------
     ndarray of int, shape (count, clips)
-        How often each clip is in each draw.
+        How often each draw contains each clip.
     """
     random = np.random.default_rng(seed)
     numbers = np.arange(len(looming)) if videos is None else np.asarray(videos)
@@ -97,7 +91,7 @@ def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
     Parameters
     ----------
     statistic : callable
-        Takes how often each clip counts, and returns a number, or NaN.
+        Takes an array that says how often each clip counts, and returns a number or NaN.
     draws : ndarray of int, shape (count, clips)
         From :func:`draws_of`.
     """
@@ -106,22 +100,22 @@ def estimate(statistic: Callable[[Weights], float], draws: Weights) -> Estimate:
 
 
 def share_interval(share: float, count: int, low: float, high: float) -> tuple[float, float]:
-    """Widen the interval of a share where all outcomes agree, and the bootstrap knows nothing.
+    """Widen the bootstrap's interval of a share if all outcomes agree, as it is empty then.
 
     Parameters
     ----------
     share : float
-        Of `count` outcomes, 0 to 1.
+        Share of `count` outcomes, 0 to 1.
     count : int
-        At least 0.
+        Number of outcomes, at least 0.
     low, high : float
         The interval of the bootstrap.
 
     Returns
     -------
     tuple of float
-        For a share of 0 or 1 at least that of Clopper and Pearson (1934, Biometrika 26:404);
-        else `low` and `high`.
+        For a share of 0 or 1 at least the interval of Clopper and Pearson (1934, Biometrika
+        26:404); else `low` and `high`.
     """
     if not count or share not in {0.0, 1.0}:
         return low, high
@@ -130,20 +124,20 @@ def share_interval(share: float, count: int, low: float, high: float) -> tuple[f
 
 
 def rate_interval(events: float, minutes: float) -> tuple[float, float]:
-    """Return the interval of a rate of events that come by chance, one at a time.
+    """Return the interval of the rate of independent events, in events per minute.
 
     Parameters
     ----------
     events : float
-        Their number, at least 0.
+        Number of events, at least 0.
     minutes : float
-        The time in which they came, above 0.
+        The time in which they were counted, above 0.
 
     Returns
     -------
     tuple of float
-        Per minute: 0 and 3 over the minutes for no event (the rule of three), else the exact
-        interval of a Poisson process (Garwood 1936, Biometrika 28:437).
+        Without an event from 0 to 3 / `minutes` (the rule of three), else the exact interval of a
+        Poisson process (Garwood 1936, Biometrika 28:437).
     """
     if not events:
         return 0.0, RULE_OF_THREE / minutes
@@ -154,48 +148,40 @@ def rate_interval(events: float, minutes: float) -> tuple[float, float]:
 
 
 def _poisson(most: int, mean: float) -> float:
-    """Return the chance of at most so many events where `mean` are expected."""
+    """Return the probability of at most `most` events if `mean` events are expected."""
     logs = [k * math.log(mean) - mean - math.lgamma(k + 1) for k in range(most + 1)]
     return math.fsum(map(math.exp, logs))
 
 
-def _expected(chance: Callable[[float], float], wanted: float) -> float:
-    """Return the expected number of events at which a chance that rises with it is as wanted."""
+def _expected(probability: Callable[[float], float], wanted: float) -> float:
+    """Return the expected number of events at which a rising `probability` reaches `wanted`."""
     low, high = 0.0, 1.0
-    while chance(high) < wanted:
+    while probability(high) < wanted:
         low, high = high, 2 * high
     for _ in range(60):
         middle = (low + high) / 2
-        low, high = (middle, high) if chance(middle) < wanted else (low, middle)
+        low, high = (middle, high) if probability(middle) < wanted else (low, middle)
     return high
 
 
 def interval(values: Numbers) -> tuple[float, float]:
-    """Return the bounds of the central 95 % of values.
+    """Return the bounds of the central 95 % of values, of which there is one for each draw.
 
-    Parameters
-    ----------
-    values : ndarray, shape (count,)
-        One value for each draw; NaN where a draw does not determine it.
-
-    Returns
-    -------
-    tuple of float
-        NaN if fewer than half of the draws determine the value.
+    NaN counts as no value. The bounds are NaN if fewer than half of the draws have a value.
     """
     known = values[~np.isnan(values)]
     if 2 * len(known) < len(values) or not len(known):
         return float("nan"), float("nan")
     tail = (100 - LEVEL) / 2
-    # Ratios may be infinite, and between infinite ones nothing can be interpolated.
+    # Without interpolation, because ratios may be infinite.
     low, high = np.percentile(known, [tail, 100 - tail], method="nearest")
     return float(low), float(high)
 
 
 def weighted_mean(values: Numbers, weights: Weights) -> float:
-    """Return the mean of values that count `weights` times each.
+    """Return the mean of the values without NaN; value i counts `weights[i]` times.
 
-    NaN is left out; the mean is NaN if nothing else counts.
+    NaN if no value counts.
     """
     known = ~np.isnan(values)
     total = weights[known].sum()
@@ -203,9 +189,9 @@ def weighted_mean(values: Numbers, weights: Weights) -> float:
 
 
 def weighted_median(values: Numbers, weights: Weights) -> float:
-    """Return the median of values that count `weights` times each.
+    """Return the median of the values without NaN; value i counts `weights[i]` times.
 
-    NaN is left out, infinite values count; the median is NaN if nothing counts.
+    Infinite values count too. NaN if no value counts.
     """
     known = ~np.isnan(values)
     repeated = np.sort(np.repeat(values[known], weights[known]))

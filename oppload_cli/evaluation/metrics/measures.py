@@ -1,7 +1,8 @@
-"""Every measurement of a detector over labelled clips (``docs/evaluation.md``)."""
+"""All measurements of a detector over labelled clips; ``docs/evaluation.md`` defines them."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -33,11 +34,11 @@ if TYPE_CHECKING:
 
 
 NEAR_CONTACT = 15  # frames before contact
-GROWN = 1.5  # times as large as the box, about its centre
-FRAME_CENTRE = "frame_centre"  # for comparison
+GROWN = 1.5  # factor by which a labelled box is enlarged about its centre
+FRAME_CENTRE = "frame_centre"  # a baseline that always points at the centre of the frame
 KIND = "kind"  # the condition by which clips without an approach are grouped
-_BEFORE_CONTACT = 5  # frames
-_LAST_S, _WITHIN = 0.5, 0.2
+_BEFORE_CONTACT = 5  # frames before contact, of the compared boxes
+_LAST_S, _WITHIN = 0.5, 0.2  # the judged times to contact, and their largest relative error
 _EACH_CLIP = slice(None)
 
 
@@ -45,16 +46,8 @@ _EACH_CLIP = slice(None)
 class Performance:
     """All measurements of one detector.
 
-    Attributes
-    ----------
-    measurements : list of Measurement
-        In the order of the page.
-    decisions : dict of str to Decision
-        By condition, such as ``at 1 per minute``.
-    curve : Curve or None
-        Over one-second windows.
-    thresholds : Thresholds
-        For the curve of detections over false alarms.
+    `decisions` has a rule of alarm by its condition, such as ``at 1 per minute``. `curve` judges
+    the one-second windows. `thresholds` gives detections over false alarms.
     """
 
     measurements: list[Measurement]
@@ -64,7 +57,7 @@ class Performance:
 
 
 def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performance:
-    """Measure one detector over at least one clip, with the draws of the bootstrap."""
+    """Measure one detector over at least one clip, with the draws from `draws_of`."""
     thresholds = Thresholds(clips, detector)
     rules = [
         *(thresholds.at_rate(rate, draws) for rate in RATES),
@@ -100,9 +93,9 @@ def _middle(
     draws: Weights,
     owner: Weights | slice = _EACH_CLIP,
 ) -> tuple[float, float, float, int]:
-    """Return a mean or median with its interval, and the number of values that are known.
+    """Return a mean or median with its interval, and the number of values that are not NaN.
 
-    There is one value for each clip, or for each clip in `owner`.
+    Value i belongs to clip i, or to clip `owner[i]`.
     """
     found = estimate(lambda weights: middle(values, weights[owner]), draws)
     return (*found, int((~np.isnan(values)).sum()))
@@ -118,28 +111,29 @@ def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[
 
 
 def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
-    """Return how far each approach stands out from the footage before it.
+    """Return the largest response of each approach divided by the largest response before onset.
 
-    That is the largest response from onset to contact over the largest one before onset; over
-    the median of the clips without an approach if less than half a second comes before. 1 where
-    both are 0, infinite where only the latter is; NaN without an approach.
+    If less than half a second comes before onset, the divisor is the median of the largest
+    responses of the clips without an approach. The ratio is 1 if both are 0, infinite if only the
+    divisor is 0, and NaN without an approach.
     """
     before = np.array([_largest_before(clip, detector) for clip in clips])
     looming = np.array([clip.label.looming for clip in clips])
-    calm = before[~looming & ~np.isnan(before)]
-    usual = float(np.median(calm)) if len(calm) else float("nan")
+    known = before[~looming & ~np.isnan(before)]
+    median = float(np.median(known)) if len(known) else float("nan")
     ratios = np.full(len(clips), np.nan)
     for index, clip in enumerate(clips):
         start, stop = clip.approach
         if start == stop:
             continue
         peak = float(clip.outputs[detector].response[start:stop].max())
-        base = usual if np.isnan(before[index]) else float(before[index])
-        ratios[index] = peak / base if base else float("inf") if peak else 1.0
+        divisor = median if np.isnan(before[index]) else float(before[index])
+        ratios[index] = peak / divisor if divisor else float("inf") if peak else 1.0
     return ratios
 
 
 def _largest_before(clip: Clip, detector: str) -> float:
+    """Return the largest response without an approach; NaN for less than half a second of it."""
     start, stop = clip.quiet
     if clip.seconds(start, stop) < LEAST_S - EPSILON_S:
         return float("nan")
@@ -149,10 +143,10 @@ def _largest_before(clip: Clip, detector: str) -> float:
 def _of_conditions(
     clips: Sequence[Clip], detector: str, decision: Decision, draws: Weights
 ) -> Iterator[Measurement]:
-    """Yield the outcomes of a rule of alarm by the conditions of the clips.
+    """Yield the outcomes of a rule of alarm, grouped by the conditions of the clips.
 
-    Detection and lead of the approaches by every condition, and the share of the clips without
-    an approach that have an alarm, by kind and over all kinds.
+    Each condition has a detection rate and a lead time. Each kind, and all kinds together, have the
+    share of clips without an approach that have an alarm.
     """
     outcomes = decision.outcomes
     looming = np.array([clip.label.looming for clip in clips])
@@ -176,19 +170,17 @@ def _of_conditions(
 
 
 def _order(text: str) -> tuple[float, str]:
-    """Sort by the first number in a text."""
+    """Return a key that sorts texts by their first number."""
     for word in text.replace(",", " ").split():
-        try:
+        with suppress(ValueError):
             return float(word), text
-        except ValueError:
-            continue
     return 0.0, text
 
 
 def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
-    """Yield how well a detector's boxes and times to contact fit the truth.
+    """Yield how well a detector's boxes and times to contact agree with the ground truth.
 
-    Nothing for a detector without boxes, and for clips without times to contact.
+    A detector without boxes, or clips without true times to contact, give no measurement.
     """
     outputs = [clip.outputs[detector] for clip in clips]
     if not any(clip.label.contacts for clip in clips) or any(one.box is None for one in outputs):
@@ -209,9 +201,9 @@ def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterato
 
 
 def _overlap_of(clip: Clip, detector: str) -> float:
-    """Return the intersection over union of the found and the true box, 5 frames before contact.
+    """Return the intersection over union of the detector's and the true box before contact.
 
-    0 without a found box; NaN without an approach or a true box.
+    0 without a box of the detector; NaN without an approach or a true box.
     """
     box, contact = clip.outputs[detector].box, clip.label.contact
     if contact is None or box is None:
@@ -230,39 +222,38 @@ def _overlap(first: tuple[float, ...], second: Box) -> float:
     for at in (0, 1):
         low = max(first[at], second[at])
         sides.append(max(min(first[at] + first[at + 2], second[at] + second[at + 2]) - low, 0.0))
-    common = sides[0] * sides[1]
-    whole = first[2] * first[3] + second[2] * second[3] - common
-    return common / whole if whole > 0 else 0.0
+    intersection = sides[0] * sides[1]
+    union = first[2] * first[3] + second[2] * second[3] - intersection
+    return intersection / union if union > 0 else 0.0
 
 
-def _is_last(left_s: float) -> bool:
-    """Tell whether so many seconds to contact are of the last half second."""
-    return 0 < left_s <= _LAST_S
+def _is_last(contact_s: float) -> bool:
+    """Tell whether a time to contact lies in the last half second."""
+    return 0 < contact_s <= _LAST_S
 
 
 def _contact_error(clip: Clip, detector: str) -> float:
     """Return the median relative error of the times to contact in the last half second.
 
-    NaN where none is given.
+    NaN if the detector gives no time to contact there.
     """
     times = clip.outputs[detector].contact_s
     if times is None:
         return float("nan")
     errors = [
-        abs(float(times[frame]) / left - 1)
-        for frame, left in clip.label.contacts.items()
-        if _is_last(left) and frame < len(clip) and not np.isnan(times[frame])
+        abs(float(times[frame]) / true - 1)
+        for frame, true in clip.label.contacts.items()
+        if _is_last(true) and frame < len(clip) and not np.isnan(times[frame])
     ]
     return float(np.median(errors)) if errors else float("nan")
 
 
 class _Place(NamedTuple):
-    """A boxed frame of a clip, whose number is `clip`, with the distance of the winning unit.
+    """The distance between the winning unit and the labelled box in one frame of clip `clip`.
 
-    `near` tells whether it is within 15 frames before contact, or at it. The distances are from
-    the centre of the winning unit to that of the box, in source pixels and in diagonals of the
-    box; NaN without a winner. `inside` tells whether the unit's centre is inside the box grown by
-    half its size.
+    `near` tells whether the frame is at most 15 frames before contact. The distances are between
+    the centres of the unit and the box, in source pixels and in diagonals of the box; NaN without a
+    winning unit. `inside` tells whether the unit's centre is in the box enlarged 1.5 times.
     """
 
     clip: int
@@ -274,9 +265,9 @@ class _Place(NamedTuple):
 
 
 def places(clips: Sequence[Clip], detector: str) -> list[_Place]:
-    """Return every boxed frame that is clear of warm-up, for a detector with units.
+    """Return the place of the winning unit in every frame with a labelled box after warm-up.
 
-    ``frame_centre`` stands for a detector that always points at the middle of the frame.
+    The `detector` has units, or is ``frame_centre``, which points at the centre of the frame.
     """
     found = []
     for index, clip in enumerate(clips):
@@ -308,26 +299,26 @@ def _compared(centre: Numbers, box: Box) -> tuple[float, float, bool]:
 def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Measurement]:
     """Return how near a detector's winning unit is to the labelled boxes.
 
-    Empty for a detector without units, and without boxes.
+    The list is empty if the detector has no units or the clips have no boxes.
     """
     has_units = detector == FRAME_CENTRE or any(
         clip.outputs[detector].winner is not None for clip in clips
     )
     boxed = places(clips, detector) if has_units else []
-    made = []
+    near = [each for each in boxed if each.near]
+    middles = {
+        "inside": weighted_mean,
+        "distance_px": weighted_median,
+        "distance_diagonals": weighted_median,
+    }
+    measurements = []
     for condition, part in (
-        (f"within {NEAR_CONTACT} frames of contact", [each for each in boxed if each.near]),
+        (f"within {NEAR_CONTACT} frames of contact", near),
         ("all boxed frames", boxed),
     ):
-        if not part:
-            continue
         owner = np.array([each.clip for each in part])
-        for name, middle in (
-            ("inside", weighted_mean),
-            ("distance_px", weighted_median),
-            ("distance_diagonals", weighted_median),
-        ):
+        for name, middle in middles.items() if part else ():
             values = np.array([getattr(each, name) for each in part], np.float64)
             found = _middle(middle, values, draws, owner)
-            made.append(Measurement(detector, f"place_{name}", condition, *found))
-    return made
+            measurements.append(Measurement(detector, f"place_{name}", condition, *found))
+    return measurements
