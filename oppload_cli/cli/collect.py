@@ -40,7 +40,7 @@ def collect(
         output,
         of_frames=of_frames,
         if_exists=if_exists,
-        told=lambda error: say(f"oppload: {error}"),
+        on_error=lambda error: say(f"oppload: {error}"),
     )
     if not quiet:
         say(f"{_plural(found.good, 'result')}, {_plural(found.rows, 'row')} -> {output}")

@@ -1,4 +1,4 @@
-"""The alarms of a run, one by one: for the sidecar, for ``alarms.csv`` and as sentences."""
+"""The alarms of a run: collected from records, written to ``alarms.csv``, and in words."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ class _AlarmEvent:
         The frame in which the alarm goes on, its presentation time, and the presentation time of
         the last frame with the alarm on.
     peak_over_threshold : float
-        Largest response divided by the threshold.
+        Largest ratio of the response to the threshold.
     box : list of float or None
-        x, y, width and height in source pixels at the largest response; None without a place.
+        x, y, width and height in source pixels of the object at this ratio, if it has a box.
     time_to_contact_s : float or None
-        Time from the start of the alarm to contact, according to the first estimate.
+        Time from the start of the alarm to contact, from the first estimate during the alarm.
     near_contact : bool or None
-        Whether, in the first frame, the response was not above the threshold, but an object had a
-        time to contact; None if that is not known.
+        Whether the alarm began because contact was near: the response was not above the threshold,
+        but an object had a time to contact. Sidecars before 1.0 do not say it (None).
     """
 
     start_frame: int
@@ -80,13 +80,13 @@ class Verdict(NamedTuple):
     model : str
         The detector.
     alarms : tuple of _AlarmEvent
-        The alarms, in the order of time.
+        The alarms, the earliest first.
     peak : float or None
-        The largest response divided by its threshold; None without a response, or if alarms are
+        Largest ratio of the response to its threshold; None without a response, or if alarms are
         switched off.
     peak_blind : str, bool or None
-        Why the frame of the peak does not count, as `blind` of a record; empty if it counts, and
-        None if that is not known. Sidecars before 1.0 say only whether the frame is blind.
+        The cause for which the frame of the peak is blind, as `blind` of a `FrameRecord`; empty if
+        the frame counts for an alarm. Sidecars before 1.0 say only whether it is blind, or nothing.
     """
 
     model: str
@@ -96,7 +96,7 @@ class Verdict(NamedTuple):
 
     @property
     def strongest(self) -> float:
-        """The largest response divided by its threshold; that of an alarm if there are any."""
+        """Largest ratio of the response to its threshold; during alarms only, if there are any."""
         return max((each.peak_over_threshold for each in self.alarms), default=self.peak or 0.0)
 
     def __str__(self) -> str:
@@ -150,12 +150,8 @@ _CAUSES = {
 def uncounted(blind: str | bool | None, *, beside_alarms: bool = False) -> str:
     """Return the end of a sentence: why a response above the threshold caused no alarm.
 
-    Parameters
-    ----------
-    blind : str, bool or None
-        As `peak_blind` of :class:`Verdict`.
-    beside_alarms : bool
-        Whether the detector had alarms in other frames.
+    `blind` is the `peak_blind` of a `Verdict`. `beside_alarms` says whether the detector had alarms
+    in other frames.
     """
     short = "soon after an alarm, or was too short" if beside_alarms else "was too short"
     any_cause = "came at the start, a cut, a flash, the end of a rest or after a gap"
@@ -169,7 +165,7 @@ def uncounted(blind: str | bool | None, *, beside_alarms: bool = False) -> str:
 
 
 class AlarmLog:
-    """Takes the records of one input, and collects the alarms of one detector."""
+    """Collects the alarms of one detector from the records of one input."""
 
     def __init__(self, model: str) -> None:
         self._model = model
@@ -227,7 +223,7 @@ def in_words(verdicts: Iterable[Verdict]) -> str:
 
 
 def times(value: float) -> str:
-    """Return a multiple of a threshold as a text with few digits."""
+    """Return a ratio to a threshold as a text with few digits."""
     if 0 < value < 0.01:
         return "<0.01"
     return f"{value:.0f}" if value >= 99.5 else f"{value:.2g}"
@@ -239,22 +235,10 @@ def label_of(model: str) -> str:
 
 
 def write_alarms(path: Path, found: Mapping[str, Iterable[Verdict]]) -> None:
-    """Write ``alarms.csv``: a row per alarm, sorted by input.
+    """Write ``alarms.csv``: a row per alarm, sorted by input, from the verdicts by input.
 
-    Rows of other inputs that are already in the file stay. So a second batch into the same folder,
-    for example with the inputs that failed, adds to the file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    found : mapping of str to iterable of Verdict
-        The verdicts by input.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    The file keeps its rows of other inputs. So a second batch into the same folder, for example
+    with the inputs that failed, adds to the file. Raises OutputError if it cannot be written.
     """
     names = set(map(printable, found))
     rows = [row for row in _rows_in(path) if row["video"] not in names]

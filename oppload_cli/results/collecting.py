@@ -1,4 +1,4 @@
-"""Collects many results in one table, with a row per input and detector, or per frame."""
+"""Joins many results in one table, with a row per input and detector, or a row per frame."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ _REMEDY = "run its input again"
 
 
 class _Collected(NamedTuple):
-    """Numbers of results that were and were not collected, and of rows."""
+    """Number of results in the table, of results that could not be read, and of rows."""
 
     good: int
     bad: int
@@ -82,27 +82,27 @@ def collect(
     *,
     of_frames: bool,
     if_exists: str,
-    told: Callable[[ResultError], object],
+    on_error: Callable[[ResultError], object],
 ) -> _Collected:
     """Write one table of the results in folders.
 
     Parameters
     ----------
     folders : sequence of Path
-        Folders, searched to any depth.
+        Folders, which are searched to any depth.
     output : Path
         The table, CSV or Parquet.
     of_frames : bool
-        Whether the table has a row per frame; if not it has a row per input and detector.
+        Whether the table has a row per frame; if not, it has a row per input and detector.
     if_exists : str
         ``error`` or ``overwrite``.
-    told : callable
-        Called with the error of each result that cannot be collected. The others are collected.
+    on_error : callable
+        Takes the error of each result that cannot be read; the table has the other results.
 
     Raises
     ------
     NoResultError
-        If there are results, but none can be collected.
+        If there are results, but none can be read.
     ResultError
         If there is no result, or a folder cannot be read.
     OutputError
@@ -121,7 +121,7 @@ def collect(
                     table.write(row)
                     rows += 1
             except ResultError as error:
-                told(error)
+                on_error(error)
                 bad += 1
             else:
                 good += 1
@@ -129,14 +129,14 @@ def collect(
             where = ", ".join(map(str, folders))
             if bad:
                 raise NoResultError(f"{where}: no result could be read; {_REMEDY}")
-            raise ResultError(f"{where}: no result of 'oppload run' in there; check the folder")
+            raise ResultError(f"{where}: holds no result of 'oppload run'; check the folder")
     return _Collected(good, bad, rows)
 
 
 def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
-    """Return the columns of the frames of some results, with the types of their values.
+    """Return the columns for the frames of results, with the types of their values.
 
-    They always include the columns of the detectors that run by default.
+    The columns of the detectors that run by default are always among them.
     """
     used, presets, details, degrees = set(default_names()), set(), False, False
     for path in results:
@@ -147,20 +147,16 @@ def _frame_columns(results: Iterable[Path]) -> dict[str, type]:
             presets.add(str(content.get("preset")))
             details = details or content.get("columns") == "all"
             degrees = degrees or bool(content.get("field_of_view"))
-    named = [name for name in known_names() if name in used]
-    kinds = {
-        column.name: kind_of_column(column.name)
-        for column in columns_for(
-            named, rmo=True, details=details, degrees=degrees, presets=presets
-        )
-    }
+    models = [name for name in known_names() if name in used]
+    columns = columns_for(models, rmo=True, details=details, degrees=degrees, presets=presets)
+    kinds = {column.name: kind_of_column(column.name) for column in columns}
     return {"result": str, "input": str, **kinds}
 
 
 def _found_results(folder: Path) -> Iterator[Path]:
-    """Yield the sidecars in a folder of any depth, and the tables without a sidecar.
+    """Yield the sidecar of each result in a folder, to any depth, or its table without a sidecar.
 
-    They are sorted by name within each folder.
+    The results of one folder are sorted by name.
     """
 
     def refuse(error: OSError) -> None:
@@ -181,15 +177,11 @@ def _name_in(folder: Path, path: Path) -> str:
 
 
 def tables_in(paths: Sequence[Path]) -> list[tuple[Path, Path]]:
-    """Return the tables that names stand for, each after its name.
+    """Return pairs of a path and a table: a file is its own table, a folder has many.
 
-    A file stands for itself, and a folder for the tables in it, to any depth. The lists that a
-    batch writes beside its tables are left out where tables are named too, as by ``results/*.csv``.
-
-    Raises
-    ------
-    ResultError
-        If a folder has no table, or cannot be read.
+    Folders are searched to any depth. ``results/*.csv`` also names the lists that a batch writes
+    beside its tables: they are left out if other paths are given too. Raises ResultError if a
+    folder has no table, or cannot be read.
     """
     others = [path for path in paths if not _LIST_OF_BATCH.fullmatch(path.name)]
     found: list[tuple[Path, Path]] = []
@@ -208,21 +200,20 @@ def _table_of(path: Path) -> Path:
 
 
 def _summary_rows(path: Path, name: str) -> Iterator[Row]:
-    """Yield a row per detector from the sidecar of a result; `name` is the result's name."""
     content, table = _sidecar(path), _table_of(path)
-    if is_file(table):  # a summary needs only the sidecar
+    if is_file(table):  # a summary does not need the table, which may have been deleted
         _check_rows(table, content)
     try:
         yield from list(_summaries(name, content))
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise _lacking(path, error) from error
+        raise _incomplete(path, error) from error
 
 
 def _frame_rows(path: Path, name: str) -> Iterator[Row]:
     content, table = _sidecar(path), _table_of(path)
     facts = content.get("input")
     source = str(facts.get("name", "")) if isinstance(facts, dict) else ""
-    if not is_file(table):  # reading a pipe might never end
+    if not is_file(table):  # also for a pipe, which might never end
         raise ResultError(f"{table}: there is no such file; {_REMEDY}")
     _check_rows(table, content)
     frames = read_table(table, _REMEDY)
@@ -240,14 +231,14 @@ def _check_rows(table: Path, content: dict[str, Any]) -> None:
         with reading(table, ResultError, check="check its rights"):
             fault = fault_of_rows(table, content)
     except (LookupError, TypeError) as error:
-        raise _lacking(table, error) from error
+        raise _incomplete(table, error) from error
     if fault:
         raise ResultError(f"{table}: {fault}; {_REMEDY}")
 
 
-def _lacking(path: Path, error: Exception) -> ResultError:
+def _incomplete(path: Path, error: Exception) -> ResultError:
     return ResultError(
-        f"{path}: lacks something of a sidecar ({type(error).__name__}: {error}); {_REMEDY}"
+        f"{path}: the sidecar is not complete ({type(error).__name__}: {error}); {_REMEDY}"
     )
 
 
@@ -283,8 +274,7 @@ def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:
         summary = content["summary"][model]
         row = {**about, "model": model, **{column: summary[column] for column in _OF_MODEL}}
         for column, kind in _SUMMARY_COLUMNS.items():
-            # A value of a wrong type, or a name with an undecodable byte, is found here, before
-            # any row is written.
+            # `typed` refuses a value of a wrong type here, before any row is written.
             value = typed(row[column], kind)
             row[column] = _text(value) if isinstance(value, str) else row[column]
         yield row

@@ -1,4 +1,4 @@
-"""Reads results: tables, sidecars and detections; finds their thresholds and videos."""
+"""Reads results and tuning tables; finds the video and the thresholds of a result."""
 
 from __future__ import annotations
 
@@ -32,14 +32,13 @@ if TYPE_CHECKING:
 _SUFFIXES = (f"{TABLE}.part", TABLE, ".csv")
 _DIRECTIONS = ("axis_deg", "rotation_deg", "direction_deg")
 CHUNK = 1 << 16  # bytes
-NOTHING = 1e-6  # as a share of the alarm's floor: smaller responses may be rounding errors
+NOTHING = 1e-6  # share of the alarm's floor; a smaller response may be a rounding error
 _COUNTS = ("frame", "flow_vectors", "rom_pairs")
 _TEXTS = ("blind",)
 _ALARM = "_alarm"  # end of the names of columns with alarms
 _LARGEST = 1e15  # largest number in a curve
 _ANOTHER_RESULT = "give a frames.csv of 'oppload run'"
 _ANOTHER_TUNING = "give a table of 'oppload tune'"
-_LOAD_IT = "load it, as in 'oppload --load FILE.py plot"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +48,7 @@ class BaseResult:
     Attributes
     ----------
     path : Path
-        The CSV.
+        The CSV file.
     frames : DataFrame
         A row per frame; empty cells are NaN.
     sidecar : dict
@@ -83,7 +82,7 @@ class BaseResult:
 
     @property
     def shortfall(self) -> str:
-        """A sentence if the table lacks rows that the run wrote, else an empty text."""
+        """A sentence if the table has fewer rows than the run wrote, else an empty text."""
         written = self.part("decode").get("analysed")
         if not isinstance(written, int) or self.path.name.endswith(".part"):
             return ""
@@ -91,11 +90,13 @@ class BaseResult:
         return f"the table lacks {lost} of the run's {written} rows; run it again" * (lost > 0)
 
     def need(self, columns: Sequence[str]) -> None:
-        """Raise a ResultError that names the first of these columns that is missing."""
-        held = ", ".join(self.models)
-        other = f"its detectors are {held}; choose among them, or run the input again with this one"
+        """Raise a ResultError that names the first missing column, if one is missing."""
+        models = ", ".join(self.models)
+        other = (
+            f"its detectors are {models}; choose among them, or run the input again with this one"
+        )
         for name in columns:
-            of_detector = held and name.endswith("_response")
+            of_detector = models and name.endswith("_response")
             _need(self.path, self.frames, [name], other if of_detector else _ANOTHER_RESULT)
 
 
@@ -106,11 +107,11 @@ class Tuning:
     Attributes
     ----------
     path : Path
-        The CSV.
+        The CSV file.
     rows : DataFrame
         A row per condition and detector.
     parameters : tuple of str
-        Columns of swept values: those between ``stimulus`` and ``model``.
+        The swept parameters: the columns between ``stimulus`` and ``model``.
     sidecar : dict
         The content of the sidecar; empty if there is none.
 
@@ -129,18 +130,18 @@ class Tuning:
     @property
     def models(self) -> tuple[str, ...]:
         """The detectors in the table, in the order of the registry."""
-        held = set(self.rows["model"])
-        return tuple(name for name in known_names() if name in held)
+        models = set(self.rows["model"])
+        return tuple(name for name in known_names() if name in models)
 
     @property
     def name(self) -> str:
-        """The name of the stimulus, without the part for the values of the sweep."""
+        """The name of the stimulus, without the part that names the values of the sweep."""
         first = str(self.rows["stimulus"].iloc[0])
         return str(self.sidecar.get("stimulus", {}).get("name") or first.rpartition("/")[0])
 
     @property
     def direction(self) -> str | None:
-        """The parameter that is an axis or a direction, if one is swept."""
+        """The first swept parameter that is an axis or a direction, if there is one."""
         return direction_of(self.parameters)
 
     @property
@@ -168,8 +169,8 @@ def read_result(
     path : Path
         A ``frames.csv``, or the part file of an interrupted run, whose last row may be cut.
     needed : sequence of str
-        Ends of the names of the columns to read, in addition to ``frame``, ``time_s`` and the
-        responses: a table of many hours is large. By default all columns are read.
+        Ends of the names of columns to read, in addition to ``frame``, ``time_s`` and the
+        responses, because a table of many hours is large. By default all columns are read.
     models : sequence of str, optional
         Detectors whose responses must not all be empty; by default all detectors of the result.
 
@@ -183,7 +184,7 @@ def read_result(
     result = BaseResult(path, frames, _sidecar(_beside(path)))
     result.need(("frame", "time_s"))
     if not result.models:
-        _alarm_params(result)  # its error names a detector that is not known
+        _alarm_params(result)  # raises an error that names an unknown detector
         result.need((f"{default_names()[0]}_response",))
     known = {column.name for column in columns_for(result.models, rmo=True, details=True)}
     check_frames(path, frames, known.intersection(frames.columns))
@@ -205,7 +206,7 @@ def read_result(
 
 
 def read_detections(table: Path) -> list[dict[str, Any]] | None:
-    """Read the looming objects of a result: the lines of its ``detections.jsonl``.
+    """Read the ``detections.jsonl`` of a result.
 
     Parameters
     ----------
@@ -215,8 +216,8 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
     Returns
     -------
     list of dict or None
-        The detections with the keys of ``docs/formats.md``; None if there is no such file. A last
-        line without its line end was cut, and is left out.
+        The detections with the keys of ``docs/formats.md``, without a last line that was cut; None
+        if the file does not exist.
 
     Raises
     ------
@@ -239,8 +240,8 @@ def read_detections(table: Path) -> list[dict[str, Any]] | None:
 def _is_detection(found: Any) -> bool:
     if not isinstance(found, dict):
         return False
-    needed = [found.get(key) for key in ("frame", "x", "y", "width", "height")]
-    return None not in needed and all(
+    required = [found.get(key) for key in ("frame", "x", "y", "width", "height")]
+    return None not in required and all(
         value is None or isinstance(value, int | float) for value in found.values()
     )
 
@@ -253,11 +254,11 @@ def read_table(
     Parameters
     ----------
     path : Path
-        The CSV; its last row may be cut.
+        The CSV file; its last row may be cut.
     advice : str
         What the user can do if the file is not a table.
     wanted : callable, optional
-        Takes the name of a column, and returns whether to read it; by default all are read.
+        Returns whether to read the column of a name; by default all columns are read.
 
     Raises
     ------
@@ -275,35 +276,26 @@ def read_table(
             raise
         except ValueError as error:  # all errors of pandas' parser are ValueErrors
             reason = reason_of(error)
-            if "out of memory" in reason:  # the parser has no other error for this case
+            if "out of memory" in reason:  # the parser raises no MemoryError
                 raise MemoryError(reason) from error
             uneven = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
             if uneven:
-                cells, line, held = uneven.groups()
-                reason = f"line {line} has {held} cells, not {cells}"
+                cells, line, found = uneven.groups()
+                reason = f"line {line} has {found} cells, not {cells}"
             raise ResultError(f"{path}: is not a CSV table ({reason}); {advice}") from error
-    if table.empty and len(table.columns):  # without columns, the caller names a missing one
+    if table.empty and len(table.columns):  # without columns, the caller names a missing column
         raise ResultError(f"{path}: holds no row; run the input again")
     return table
 
 
 def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None:
-    """Check that the cells of a table have values that ``oppload run`` can write.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    frames : DataFrame
-        The table.
-    names : iterable of str
-        The columns to check, in addition to ``frame`` and ``time_s``.
+    """Check the cells of ``frame``, ``time_s`` and the columns `names` in the table `frames`.
 
     Raises
     ------
     ResultError
         If a cell is not a finite number, a count is not an integer, or an alarm is neither 0 nor 1,
-        or if frame numbers or times do not increase; the message names the line.
+        or if frame numbers or times do not increase. The message names `path` and the line.
     """
     _need(path, frames, ("frame", "time_s"), _ANOTHER_RESULT)
     for name in ("frame", "time_s", *sorted(set(names) - {"frame", "time_s", *_TEXTS})):
@@ -326,14 +318,14 @@ def kind_of_column(name: str) -> type:
 
 
 def title_and_input(result: BaseResult | Path) -> tuple[str, str]:
-    """Return a result's title, and its input as the run named it; the stem if it is not known.
+    """Return a result's title, and the name of its input in the sidecar, or else its stem.
 
-    The function reads only the sidecar, and raises no error.
+    Of a path, the function reads only the sidecar. It raises no error.
     """
     if isinstance(result, Path):
         try:
             sidecar = _sidecar(_beside(result))
-        except ResultError:  # reading the result later raises it again
+        except ResultError:  # the error comes again when the result is read
             sidecar = {}
         result = BaseResult(result, pd.DataFrame(), sidecar)
     return result.title, str(result.part("input").get("name") or result.stem)
@@ -351,7 +343,7 @@ def _beside(table: Path, suffix: str = SIDECAR) -> Path:
 
 
 def is_tuning(path: Path) -> bool:
-    """Return whether a CSV is a tuning table by its header; False if it cannot be read."""
+    """Tell whether a CSV file has the header of a tuning table; False if it cannot be read."""
     try:
         with path.open(encoding="utf-8") as file:
             header = file.readline().strip().split(",")
@@ -392,31 +384,22 @@ def read_tuning(path: str | Path) -> Tuning:
         )
     unknown = sorted(set(map(str, rows["model"])) - set(known_names()))
     if unknown:
-        raise ResultError(f"{path}: its detector '{unknown[0]}' is not known here; {_LOAD_IT} ...'")
+        raise _unknown_detector(path, unknown[0])
     peaks = check_numbers(path, rows, "peak")
     _check_filled(path, "peak", peaks, "make the stimulus longer than the warm-up of the detector")
     return Tuning(path, rows, parameters, _sidecar(path.with_suffix(".json")))
 
 
 def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.float64]:
-    """Return the numbers of a column, NaN for empty cells.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    table : DataFrame
-        The table.
-    name : str
-        The column.
+    """Return the numbers of a column of a table, NaN for empty cells.
 
     Raises
     ------
     ResultError
-        If a cell is neither empty nor a finite number; the message names its line.
+        If a cell is neither empty nor a finite number. The message names `path` and the line.
     """
     cells = table[name]
-    if cells.dtype in (object, bool):  # very long integers, or words
+    if cells.dtype in (object, bool):  # pandas keeps very long integers, and words, as they are
         cells = cells.where(cells.isna(), cells.astype(str))
     values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
     bad = cells.notna().to_numpy() & ~(np.abs(values) <= _LARGEST)
@@ -425,7 +408,7 @@ def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.floa
 
 
 def _refuse(path: Path, table: pd.DataFrame, name: str, bad: NDArray[np.bool_], why: str) -> None:
-    """If a column has bad cells, raise a ResultError that names the first one and its line."""
+    """Raise a ResultError that names the first bad cell of a column, if there is one."""
     if bad.any():
         row = int(bad.argmax())
         raise ResultError(
@@ -448,25 +431,25 @@ def _need(path: Path, table: pd.DataFrame, columns: Sequence[str], advice: str) 
 
 
 class _Beginning(RawIOBase):
-    """The first bytes of a file."""
+    """The first `size` bytes of a file."""
 
     def __init__(self, file: IO[bytes], size: int) -> None:
-        self._file, self._left = file, size
+        self._file, self._unread = file, size
 
     def readable(self) -> bool:
         return True
 
     def readinto(self, buffer: Any) -> int:
-        chunk = self._file.read(min(len(buffer), self._left))
+        chunk = self._file.read(min(len(buffer), self._unread))
         buffer[: len(chunk)] = chunk
-        self._left -= len(chunk)
+        self._unread -= len(chunk)
         return len(chunk)
 
 
 @contextmanager
 def _complete_lines(path: Path) -> Iterator[IO[str]]:
-    """Open a file, which may be very large or still grow, without a last line that is cut."""
-    if not is_file(path):  # in a pipe or a device nobody can seek to the end
+    """Open a file without its last line if that is cut; it may be very large or still grow."""
+    if not is_file(path):  # the end of a pipe cannot be found before all was read
         yield StringIO(text_of(path, pipes=True))
         return
     with path.open("rb") as file:
@@ -499,20 +482,20 @@ def _sidecar(path: Path) -> dict[str, Any]:
 
 
 def find_video(result: BaseResult, moved: Path | None = None) -> str:
-    """Return the name of the video or of the images that a result was made from.
+    """Return the name of the video or of the images from which a result was made.
 
     Parameters
     ----------
     result : BaseResult
-        Its sidecar names the input as a path from the folder in which the run was started. The
-        input is looked for from the current folder, and beside the result.
+        Its sidecar has the path of the input from the folder in which the run was started. The
+        function looks for this path from the current folder and beside the result.
     moved : Path, optional
-        The input's present place, or the folder that it is in.
+        Where the input is now, or the folder that holds it.
 
     Raises
     ------
     SourceError
-        If the input is not found, or cannot be shown again: a camera, a stream, an unknown input.
+        If the input is not found, is not known, or was a camera or a stream.
     """
     facts = result.part("input")
     name, kind = facts.get("name"), facts.get("kind")
@@ -538,24 +521,24 @@ def _holds_images(path: Path) -> bool:
 
 
 def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
-    """Return the threshold with which a detector's alarm compared each response of a result.
+    """Return the threshold of a detector's alarm in each frame of a result.
 
     Parameters
     ----------
     result : BaseResult
-        Has the detector's responses; its sidecar states the parameters of the alarm.
+        The result; its sidecar has the parameters of the alarm.
     name : str
         Name of the detector.
 
     Returns
     -------
     ndarray, shape (n,)
-        The threshold as defined in ``docs/alarms.md``; NaN during warm-up.
+        The threshold as ``docs/alarms.md`` defines it; NaN during warm-up.
 
     Raises
     ------
     ResultError
-        If the sidecar states parameters of an alarm that do not exist.
+        If the sidecar has an unknown parameter or value of the alarm.
     """
     time_s = result.frames["time_s"].to_numpy(float)
     response = result.frames[f"{name}_response"].to_numpy(float)
@@ -568,7 +551,7 @@ def result_threshold(result: BaseResult, name: str) -> NDArray[np.float64]:
 
 
 def check_schema(result: BaseResult) -> None:
-    """Raise a ResultError if the sidecar of a result has another schema than this version's."""
+    """Raise a ResultError if the sidecar of a result has another schema than `SCHEMA`."""
     schema = result.sidecar.get("schema", SCHEMA)
     if schema != SCHEMA:
         raise ResultError(
@@ -579,14 +562,21 @@ def check_schema(result: BaseResult) -> None:
 
 def _alarm_params(result: BaseResult) -> AlarmParams:
     check_schema(result)
-    stated = result.part("parameters").get("alarm", {})
-    named = result.sidecar.get("models")
-    for name in named if isinstance(named, list) else ():
+    models = result.sidecar.get("models")
+    for name in models if isinstance(models, list) else ():
         if name not in known_names():
-            raise ResultError(
-                f"{result.path}: its detector '{name}' is not known here; {_LOAD_IT} ...'"
-            )
+            raise _unknown_detector(result.path, name)
     try:
-        return alarm_params(**stated)
+        return alarm_params(**result.part("parameters").get("alarm", {}))
     except (OpploadError, TypeError) as error:
-        raise ResultError(f"{result.path}: its sidecar has a wrong alarm ({error})") from error
+        raise ResultError(
+            f"{result.path}: its sidecar has wrong parameters of the alarm ({error}); run the "
+            "input again"
+        ) from error
+
+
+def _unknown_detector(path: Path, name: str) -> ResultError:
+    return ResultError(
+        f"{path}: its detector '{name}' is not known here; load it, as in "
+        "'oppload --load FILE.py plot ...'"
+    )

@@ -1,6 +1,6 @@
-"""The content of a run's files: NAME.frames.csv, NAME.detections.jsonl and NAME.oppload.json.
+"""The content of a run's files: NAME.frames.csv, NAME.detections.jsonl and the sidecar.
 
-The last one is the sidecar. The columns of the table are defined in ``models.columns``.
+The module ``models.columns`` defines the columns of the table.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def columns_for(
     degrees: bool = False,
     presets: Collection[str] | None = None,
 ) -> tuple[Column, ...]:
-    """Return the columns of a result, in their order.
+    """Return the columns of a result: those of all frames, of each detector, then of RMO.
 
     Parameters
     ----------
@@ -46,15 +46,9 @@ def columns_for(
     details : bool
         Whether to include the inner values of the detectors (``--columns all``).
     degrees : bool
-        Whether the field of view is known, so that there are columns in degrees.
+        Whether to include the columns in degrees, which need a known field of view.
     presets : collection of str, optional
-        Leave out columns that exist only under other presets.
-
-    Returns
-    -------
-    tuple of Column
-        ``frame``, ``time_s`` and ``luma_change`` (and ``blind`` among the details), then those of
-        each detector, then those of RMO.
+        If given, columns that exist only under other presets are left out.
     """
     of_models = tuple(
         column
@@ -79,7 +73,7 @@ class FrameRecord:
     luma_change : float or None
         Mean of P; None for the first frame.
     responses : mapping of str to Response or None
-        The answer of each detector; None during warm-up. Boxes are in source pixels.
+        The response of each detector; None during warm-up. Boxes are in source pixels.
     alarms : dict of str to bool
         Whether the alarm of each detector is on; False during warm-up.
     rmo : RmoMetrics or None
@@ -181,20 +175,9 @@ class FrameRecord:
 class ModelSummary:
     """Summary of one detector over one input.
 
-    Attributes
-    ----------
-    frames : int
-        Number of frames with a response.
-    peak : float or None
-        Largest response; None if there was no response.
-    peak_frame, peak_time_s
-        Frame and time at which the peak was first reached.
-    first_response_frame, first_response_time_s
-        Frame and time at which the response was first above 0.
-    first_alarm_frame, first_alarm_time_s
-        Frame and time at which the alarm first went on.
-    alarm_frames : int
-        Number of frames with the alarm on.
+    `frames` is the number of frames with a response, `alarm_frames` that of frames with the alarm
+    on. `peak` is the largest response, and `first_response` the first one above 0. Each frame and
+    time is None if there was no such response or alarm.
     """
 
     frames: int = 0
@@ -209,14 +192,14 @@ class ModelSummary:
 
     def add(self, record: FrameRecord, model: str) -> None:
         """Take one frame's record; `model` is the detector that this summary describes."""
-        answer = record.responses[model]
-        if answer is None:
+        response = record.responses[model]
+        if response is None:
             return
         self.frames += 1
-        if self.peak is None or answer.response > self.peak:
-            self.peak = answer.response
+        if self.peak is None or response.response > self.peak:
+            self.peak = response.response
             self.peak_frame, self.peak_time_s = record.frame, record.time_s
-        if answer.response > 0 and self.first_response_frame is None:
+        if response.response > 0 and self.first_response_frame is None:
             self.first_response_frame, self.first_response_time_s = record.frame, record.time_s
         if record.alarms[model]:
             self.alarm_frames += 1
@@ -234,68 +217,42 @@ TABLE, DETECTIONS, SIDECAR = ".frames.csv", ".detections.jsonl", ".oppload.json"
 
 
 def read_sidecar(path: Path, kind: type[OpploadError], remedy: str) -> dict[str, Any]:
-    """Read a sidecar; it must have the schema of this version.
+    """Read a sidecar of schema `SCHEMA`.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    kind : type
-        Class of the error if the file cannot be read, is not JSON, or has another schema.
-    remedy : str
-        What the user can do then, such as ``run its input again``.
+    The function raises an error of class `kind` if the file cannot be read, is not JSON or has
+    another schema. `remedy` tells the user what to do then, such as ``run its input again``.
     """
     with reading(path, kind, form="JSON", check="check its rights", repair=remedy):
         content = json.loads(text_of(path))
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        raise kind(f"{path}: is no sidecar of schema {SCHEMA}; {remedy}")
+        raise kind(f"{path}: is not a sidecar of schema {SCHEMA}; {remedy}")
     return content
 
 
 def fault_of_rows(table: Path, sidecar: Mapping[str, Any]) -> str:
     """Return a text if a table has more or fewer rows than its run wrote, else an empty text.
 
-    A row without its line end was cut, and does not count.
-
-    Raises
-    ------
-    OSError, KeyError, TypeError
-        If the table cannot be read, or the sidecar does not state the rows.
+    A row without its line end was cut, and does not count. Raises OSError, KeyError or TypeError if
+    the table cannot be read, or the sidecar lacks the number of rows.
     """
-    held, written = rows_in(table), sidecar["decode"]["analysed"]
-    return "" if held == written else f"holds {held} complete rows, but its run wrote {written}"
+    found, written = rows_in(table), sidecar["decode"]["analysed"]
+    return "" if found == written else f"holds {found} complete rows, but its run wrote {written}"
 
 
 def write_sidecar(path: Path, content: dict[str, Any]) -> None:
-    """Write the sidecar, which has all that is needed to check or repeat a result.
+    """Write `content` as JSON, with the schema of a result unless it has a schema.
 
-    Parameters
-    ----------
-    path : Path
-        Its final name.
-    content : dict
-        Values for JSON; ``schema`` is added if it is missing.
-
-    Raises
-    ------
-    OutputError
-        If the sidecar cannot be written.
+    Raises OutputError if the file cannot be written.
     """
     text = json.dumps({"schema": SCHEMA, **content}, indent=2, allow_nan=False)
     write_atomic(path, text + "\n")
 
 
 class DetectionsFile(PartFile):
-    """A part file with one line of JSON per detection."""
+    """The part file of ``detections.jsonl``."""
 
     def write(self, record: FrameRecord) -> None:
-        """Write a line for each detection of a frame, without delay.
-
-        Raises
-        ------
-        OutputError
-            If the file cannot be written.
-        """
+        """Write a line for each detection of a frame to the disk; raises OutputError."""
         if record.detections:
             with output_errors(self.path):
                 values = (detection_values(record, each) for each in record.detections)
@@ -326,6 +283,6 @@ def detection_line(values: Mapping[str, Value]) -> str:
 
 
 def _json(value: Value) -> str:
-    if value is None or not math.isfinite(value):  # JSON has no infinity
+    if value is None or not math.isfinite(value):
         return "null"
     return str(value).lower() if isinstance(value, bool) else formatted(value)

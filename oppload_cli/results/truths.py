@@ -19,27 +19,26 @@ if TYPE_CHECKING:
 
 
 _FACTS = ("name", "looming", "contact_time_s", "display")  # the facts that a sidecar keeps
-# Differences that are allowed. Scaled videos have even sides, and so another ratio of the sides.
-# A video may also be cut by a few frames.
+# Allowed differences between a video and its ground truth: scaling rounds the sides to even numbers
+# of pixels, and a few frames may be cut off.
 _OTHER_SIDES = 0.03  # as a share of the ratio of the sides
 _OTHER_LENGTH = 0.1  # as a share of the frames
 _FEW_FRAMES = 5
 
 
 def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth:
-    """Read the ground truth beside a video.
+    """Read the ground truth of a video, and check that it belongs to this video.
 
-    A video may have been scaled, and cut by a few frames. So it counts as another video only if the
-    ratio of its sides differs by more than 3 %, or if its number of frames differs by more than a
-    tenth and by more than 5 frames.
+    It belongs to another video if the ratio of the sides differs by more than 3 %, or if the number
+    of frames differs by more than a tenth and by more than 5 frames.
 
     Parameters
     ----------
     path : Path
-        The file.
+        The ground truth.
     width, height, frames : int or None
-        Sides of the displayed video, and its declared number of frames. They come from a sidecar:
-        a value that is not a number above 0 is not compared.
+        Sides of the displayed video, and its declared number of frames. A value that is not an
+        integer above 0, as in a damaged sidecar, is not compared.
 
     Raises
     ------
@@ -54,28 +53,16 @@ def read_truth(path: Path, width: Any, height: Any, frames: Any = None) -> Truth
 
 
 def facts_of_truth(path: Path, truth: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the main facts of a ground truth and its file, for the sidecar."""
+    """Return the path and the main facts of a ground truth, for the sidecar."""
     return {"path": str(path), **{key: truth[key] for key in _FACTS}}
 
 
 def find_truth(result: BaseResult) -> Truth | None:
-    """Read the ground truth that belongs to a result.
+    """Return the ground truth of a result; None if there is none, or if the run left it out.
 
-    Parameters
-    ----------
-    result : Result
-        Its sidecar may have the path of a file under ``stimulus.path``, or the content under
-        ``stimulus``. Otherwise the file ``{stem}.stimulus.json`` may be beside the result.
-
-    Returns
-    -------
-    dict or None
-        None if there is no ground truth, or if the run left it out according to the sidecar.
-
-    Raises
-    ------
-    StimulusError
-        If the file is not a ground truth, or belongs to another video.
+    The sidecar may have the ground truth under ``stimulus``, or the path of its file under
+    ``stimulus.path``. Otherwise ``NAME.stimulus.json`` may be beside the result. Raises
+    StimulusError if the file is not a ground truth, or belongs to another video.
     """
     stated = result.sidecar.get("stimulus")
     if isinstance(stated, dict):
@@ -94,7 +81,7 @@ def find_truth(result: BaseResult) -> Truth | None:
 
 
 def usable_truth(result: BaseResult) -> Truth | None:
-    """Return the ground truth of a result; None if it has no usable one."""
+    """Return the ground truth of a result; None if it has none that can be used."""
     try:
         return find_truth(result)
     except StimulusError:  # `truth_fault` gives the reason
@@ -123,11 +110,11 @@ def _fault(truth: Truth, width: Any, height: Any, frames: Any) -> str:
         ratio = wide / high
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         return "lacks the size of its display; generate the stimulus again"
-    own, other = f"{wide:g} x {high:g} and {length} frames", f"{width} x {height}"
+    other = f"belongs to another video, of {wide:g} x {high:g} and {length} frames: this one has"
     known = isinstance(width, int) and isinstance(height, int) and width > 0 and height > 0
     if known and abs(width / height / ratio - 1) > _OTHER_SIDES:
-        return f"is that of another video, of {own}: this one has {other}"
+        return f"{other} {width} x {height}"
     most = max(_FEW_FRAMES, _OTHER_LENGTH * length)
     if isinstance(frames, int) and frames > 0 and abs(frames - length) > most:
-        return f"is that of another video, of {own}: this one has {frames} frames"
+        return f"{other} {frames} frames"
     return ""

@@ -67,7 +67,7 @@ def test_a_damaged_or_foreign_ground_truth_is_left_out(stimulus: Path, tmp_path:
     for name, text, told in (
         ("own", json.dumps(own), ""),
         ("cut", json.dumps(own)[:50], "is not valid JSON"),
-        ("tall", json.dumps(tall), f"is that of another video, of 300 x 600 and {count} frames"),
+        ("tall", json.dumps(tall), f"belongs to another video, of 300 x 600 and {count} frames"),
     ):
         beside.write_text(text)
         _, sidecar = done(video, tmp_path / name)

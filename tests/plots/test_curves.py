@@ -428,7 +428,7 @@ def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> No
         assert np.nanmax(curve(panel, 0)) == pytest.approx(1 / floor)
     wrong = {"parameters": {"alarm": {"factor": -1}}}
     path.with_name("clip.oppload.json").write_text(json.dumps(wrong))
-    with pytest.raises(ResultError, match="wrong alarm"):
+    with pytest.raises(ResultError, match="wrong parameters of the alarm"):
         plot_curves(read_result(path))
     older = {"schema": "oppload.result/1", "parameters": {"alarm": {"enough": 3}}}
     path.with_name("clip.oppload.json").write_text(json.dumps(older))

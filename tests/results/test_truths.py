@@ -52,7 +52,7 @@ def test_another_shape_or_length_is_that_of_another_video(
     shown: tuple[int | None, int | None, int | None], fault: str, tmp_path: Path
 ) -> None:
     found = fault_of(tmp_path, TRUTH, *shown)
-    assert found == (f"is that of another video, of {fault}" if fault else "")
+    assert found == (f"belongs to another video, of {fault}" if fault else "")
 
 
 def test_a_short_truth_may_differ_by_five_frames(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_a_result_leaves_out_a_damaged_or_foreign_truth(tmp_path: Path) -> None:
     facts = {"input": {"width": 320, "height": 600, "frames_declared": 40}}
     for text, sidecar, fault in (
         ("{", {}, "clip.stimulus.json: is not valid JSON"),
-        (own, facts, "clip.stimulus.json: is that of another video, of "),
+        (own, facts, "clip.stimulus.json: belongs to another video, of "),
         (own, {}, ""),
     ):
         beside.write_text(text)
@@ -96,7 +96,7 @@ def test_a_result_leaves_out_a_damaged_or_foreign_truth(tmp_path: Path) -> None:
         assert bool(truth_fault(result)) == bool(fault)
         assert (usable_truth(result) is None) == bool(fault)
         if fault:
-            with pytest.raises(StimulusError, match=r"clip\.stimulus\.json: is "):
+            with pytest.raises(StimulusError, match=r"clip\.stimulus\.json: (is|belongs) "):
                 find_truth(result)
 
 
@@ -104,11 +104,11 @@ def test_what_the_run_left_out_stays_left_out(tmp_path: Path) -> None:
     path = write_result(tmp_path / "clip.frames.csv")
     truth = ground_truth(load("klapoetke2017/loom-l-over-v/l-over-v-40"))
     (tmp_path / "clip.stimulus.json").write_text(json.dumps(truth))
-    sidecar = {"stimulus": {"path": "clip.stimulus.json", "error": "is that of another video"}}
+    sidecar = {"stimulus": {"path": "clip.stimulus.json", "error": "belongs to another video"}}
     (tmp_path / "clip.oppload.json").write_text(json.dumps(sidecar))
     result = read_result(path)
     assert find_truth(result) is None
-    assert truth_fault(result) == "its ground truth is left out (is that of another video)"
+    assert truth_fault(result) == "its ground truth is left out (belongs to another video)"
 
 
 def with_sidecar(tmp_path: Path, stimulus: object) -> Path:
