@@ -1,4 +1,4 @@
-"""Every detector on one battery of stimuli; its measures are kept in files."""
+"""Shows one battery of stimuli to all detectors, and keeps the measurements in files."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 LOOM = "klapoetke2017/loom-l-over-v"
 L_OVER_V = "disk.growth.l_over_v_ms"
 LOOMING, CONTROL = "looming", "control"
-SELECTIVITY, POLARITY, CONTRAST, NOISE = "selectivity", "polarity", "contrast", "noise"
-SPEED, SIZE, PLACE, BACKGROUND = "speed", "size", "place", "background"
+SELECTIVITY, _POLARITY, _CONTRAST, _NOISE = "selectivity", "polarity", "contrast", "noise"
+_SPEED, _SIZE, _PLACE, _BACKGROUND = "speed", "size", "place", "background"
 
 
 class Table(NamedTuple):
-    """One table of the benchmark: `axis` is the quantity that its columns vary, with its unit."""
+    """One table of the benchmark; `axis` is the quantity in which its columns differ."""
 
     name: str
     title: str
@@ -48,19 +48,19 @@ class Table(NamedTuple):
 
 TABLES = (
     Table(SELECTIVITY, "Kinds of motion", "kind of motion"),
-    Table(POLARITY, "Polarity: a dark and a bright approach", "polarity"),
-    Table(CONTRAST, "Contrast of the approaching disk", "contrast with the ground"),
-    Table(NOISE, "Noise over an approach", "standard deviation of the noise, share of white"),
-    Table(SPEED, "Speed of the approach", "l/v (ms)"),
-    Table(SIZE, "Angular size at which the approach ends", "size (deg)"),
-    Table(PLACE, "Place of the approach", "right, up of the centre (deg)"),
-    Table(BACKGROUND, "Motion behind the approach", "ground"),
+    Table(_POLARITY, "Polarity: a dark and a bright approach", "polarity"),
+    Table(_CONTRAST, "Contrast of the approaching disk", "contrast with the ground"),
+    Table(_NOISE, "Noise over an approach", "standard deviation of the noise, share of white"),
+    Table(_SPEED, "Speed of the approach", "l/v (ms)"),
+    Table(_SIZE, "Angular size at which the approach ends", "size (deg)"),
+    Table(_PLACE, "Place of the approach", "right, up of the centre (deg)"),
+    Table(_BACKGROUND, "Motion behind the approach", "ground"),
 )
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table: stimuli of one kind.
+    """One column of a table, with one stimulus or several.
 
     Attributes
     ----------
@@ -69,11 +69,11 @@ class Column:
     label : str
         Heading of the column.
     stimulus : str
-        Name in the catalogue.
+        Name of the stimulus in the catalogue.
     settings : dict
-        Values of its keys; a list of values is a sweep over them, and all of its members count.
+        Changed values of the protocol by key; a list of values gives a stimulus for each value.
     kind : str
-        ``looming``, where an alarm is right, or ``control``, where it is false.
+        ``looming`` if an alarm is right, ``control`` if it is a false alarm.
     """
 
     table: str
@@ -83,9 +83,8 @@ class Column:
     kind: str = LOOMING
 
     def protocols(self) -> list[Protocol]:
-        """Return the protocols of its stimuli, one per value of the sweep."""
-        entry = find(self.stimulus)[0]
-        return entry.with_settings(self.settings).protocols()
+        """Return the protocols of the stimuli."""
+        return find(self.stimulus)[0].with_settings(self.settings).protocols()
 
 
 def _control(label: str, stimulus: str, settings: dict[str, Any] | None = None) -> Column:
@@ -121,12 +120,12 @@ BATTERY = (
     _control("dimming, brightening", "controls/luminance-ramp"),
     _control("appearing disk", "controls/appearing-disk"),
     _control("noise", "controls/static-texture", {"effects.noise": 0.05}),
-    Column(POLARITY, "dark", LOOM, _DISK),
-    Column(POLARITY, "bright", "klapoetke2017/loom-bright", _DISK),
-    Column(PLACE, "0, 0", LOOM, _SMALL_DISK),
+    Column(_POLARITY, "dark", LOOM, _DISK),
+    Column(_POLARITY, "bright", "klapoetke2017/loom-bright", _DISK),
+    Column(_PLACE, "0, 0", LOOM, _SMALL_DISK),
     *(
         Column(
-            CONTRAST,
+            _CONTRAST,
             f"{contrast:g}",
             "controls/looming-contrast",
             {"display.background": 0.5, "disk.luminance": round(0.5 * (1 - contrast), 6)},
@@ -134,49 +133,46 @@ BATTERY = (
         for contrast in (0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
     ),
     *(
-        Column(NOISE, f"{noise:g}", "controls/looming-noise", {"effects.noise": noise})
+        Column(_NOISE, f"{noise:g}", "controls/looming-noise", {"effects.noise": noise})
         for noise in (0.0, 0.02, 0.05, 0.1, 0.2)
     ),
     *(
-        Column(SPEED, f"{ratio}", LOOM, {L_OVER_V: ratio})
+        Column(_SPEED, f"{ratio}", LOOM, {L_OVER_V: ratio})
         for ratio in (10, 20, 40, 60, 80, 100, 140, 200)
     ),
     *(
-        Column(SIZE, f"{size}", LOOM, {**_DISK, "disk.growth.most_deg": size})
+        Column(_SIZE, f"{size}", LOOM, {**_DISK, "disk.growth.most_deg": size})
         for size in (10, 20, 30, 45, 60)
     ),
     *(
-        Column(PLACE, f"{x}, {y}", LOOM, {**_SMALL_DISK, "disk.centre_deg": [x, y]})
+        Column(_PLACE, f"{x}, {y}", LOOM, {**_SMALL_DISK, "disk.centre_deg": [x, y]})
         for x, y in ((10, 0), (20, 0), (0, 10), (-10, 0), (0, -10), (14, 14))
     ),
-    Column(BACKGROUND, "still texture", "controls/looming-on-static-texture"),
+    Column(_BACKGROUND, "still texture", "controls/looming-on-static-texture"),
     *(
         Column(
-            BACKGROUND,
+            _BACKGROUND,
             f"pan {speed} deg/s",
             "controls/looming-on-moving-texture",
             {"ground.motion.speed_deg_s": speed, "ground.motion.direction_deg": 0},
         )
         for speed in (5, 15, 30)
     ),
-    Column(BACKGROUND, "forward motion", "controls/looming-on-zooming-texture"),
-    Column(BACKGROUND, "shake", "controls/looming-with-shake"),
+    Column(_BACKGROUND, "forward motion", "controls/looming-on-zooming-texture"),
+    Column(_BACKGROUND, "shake", "controls/looming-with-shake"),
 )
 
 
 def columns_of(tables: Sequence[str]) -> list[Column]:
-    """Return the columns of some tables, in their order; of all where none is named.
+    """Return the columns of the named tables; of all tables if none is named.
 
-    Raises
-    ------
-    ParameterError
-        If a table has no such name.
+    Raises ParameterError if no table has such a name.
     """
     names = [table.name for table in TABLES]
     for name in tables:
         if name not in names:
             raise ParameterError(f"no table '{name}'; choose from {', '.join(names)}")
-    # Responses are given over that to the looming disk, which is always shown.
+    # The looming disk is always shown, because the response to it is the unit of all responses.
     return [
         column for column in BATTERY if not tables or column.table in tables or column is BATTERY[0]
     ]
@@ -184,18 +180,10 @@ def columns_of(tables: Sequence[str]) -> list[Column]:
 
 @dataclass(frozen=True)
 class Measured:
-    """The measurement of one detector on one stimulus.
+    """The measurement of one detector, ``NAME`` or ``NAME:PRESET``, on one stimulus.
 
-    Attributes
-    ----------
-    detector : str
-        ``NAME`` or ``NAME:PRESET``.
-    peak, peak_time_s : float or None
-        Largest response, and when it was first reached; None if the detector gave none.
-    alarms : int
-        How often its alarm began.
-    first_alarm_s : float or None
-        When it first began.
+    `peak` is the largest response, at `peak_time_s`; None if there was no response. `alarms` is
+    how often the alarm went on, first at `first_alarm_s`.
     """
 
     detector: str
@@ -206,9 +194,9 @@ class Measured:
 
 
 class Shown(NamedTuple):
-    """One stimulus of the battery with the measures of every detector.
+    """One stimulus of the battery with the measurements of all detectors.
 
-    `key` is the same for stimuli of several columns that are one.
+    Two columns may have the same stimulus; then `key` is the same too.
     """
 
     column: Column
@@ -219,7 +207,7 @@ class Shown(NamedTuple):
 
 
 class _Task(NamedTuple):
-    """A stimulus, the file that keeps its measures, and the checksum of all that decides them."""
+    """A stimulus, the file of its measurements, and a checksum of all on which they depend."""
 
     protocol: Protocol
     kept: Path
@@ -234,27 +222,27 @@ def show(
     jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> list[Shown]:
-    """Show the battery to the detectors, but for the stimuli whose results the folder holds.
+    """Show stimuli to the detectors, except those whose measurements the folder has already.
 
     Parameters
     ----------
     columns : sequence of Column
-        Of the battery.
+        Columns of the battery.
     detectors : sequence of EvaluatedDetector
-        With their parameters and alarms.
+        The detectors.
     folder : Path
-        Keeps the measures of each stimulus, in a file of its own.
+        The folder for the measurements, with a file for each stimulus.
     jobs : int
-        Processes; the result does not depend on it.
+        Number of processes, which does not change the result.
     progress : callable, optional
-        Called with the number of stimuli done and the number of all.
+        Takes the number of stimuli that are done, and the number of all stimuli.
 
     Raises
     ------
     StimulusError
-        If a stimulus cannot be rendered.
+        If a stimulus cannot be drawn.
     OutputError
-        If a file cannot be written, or a process is ended from outside.
+        If a file cannot be written, or the system ends one of the processes.
     """
     code = _code(detectors)
     listed = [
@@ -284,16 +272,16 @@ def show(
     ]
 
 
-# Rooms whose code responses and alarms depend on.
+# The responses and alarms depend on the code of these rooms.
 _ROOMS = "compute", "detection", "models", "motion", "pipeline", "stimulus", "video"
 _SOURCES = {".py", ".c", ".h", ".csv"}
 
 
 def _code(detectors: Sequence[EvaluatedDetector]) -> str:
-    """Return a checksum of the code of detectors, so that no measure outlives a change of it."""
+    """Return a checksum of the code: after a change, all measurements are made again."""
     package = Path(__file__).parents[1]
     files = {path for room in _ROOMS for path in (package / room).rglob("*.*")}
-    # A detector of the user's own lies elsewhere.
+    # A user's own detector lies outside the package.
     files |= {Path(inspect.getfile(detector_named(each.detector))) for each in detectors}
     code = hashlib.sha256()
     for path in sorted(path for path in files if path.suffix in _SOURCES):
@@ -312,7 +300,7 @@ def _task(
     }
     text = json.dumps(content, sort_keys=True, default=str)
     key = hashlib.sha256(text.encode()).hexdigest()
-    # Two columns may show one stimulus with other settings under one name.
+    # Stimuli that differ only in settings have the same name.
     kept = folder / f"{file_stem(protocol.name)}.{key[:8]}.json"
     return _Task(protocol, kept, key)
 
@@ -342,7 +330,7 @@ def _measure(name: str, times: Numbers, response: Numbers, alarm: Flags) -> Meas
 
 
 def _kept(task: _Task) -> list[Measured] | None:
-    """Return the measures that the folder holds, if they are of the same task."""
+    """Return the measurements of a task from its file; None without a file for this task."""
     try:
         content = json.loads(task.kept.read_text("utf-8"))
         rows = [Measured(**row) for row in content["measured"]]

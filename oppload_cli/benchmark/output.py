@@ -1,4 +1,4 @@
-"""The files of a benchmark: tidy tables, figures and one page."""
+"""The files of a benchmark: tables, figures and one page."""
 
 from __future__ import annotations
 
@@ -59,8 +59,8 @@ _SUMMARY: dict[str, type] = {
     "cost_ms": float,
 }
 _DOTS = "dots: alarm, half a dot: for some stimuli"
-_LEAST, _MOST = 1e-3, 10.0  # the shades end here at most: response over that to the looming disk
-_ROOM = 6  # rows beside which the bar has room for its label
+_LEAST, _MOST = 1e-3, 10.0  # widest range of the shades, in responses to the looming disk
+_ROWS_FOR_LABEL = 6  # from this number of rows on, the colour bar is high enough for its long label
 _SIDECAR = "benchmark.json"
 _FILES = ("stimuli.csv", "summary.csv", _SIDECAR, "benchmark.html")
 
@@ -68,8 +68,8 @@ _FILES = ("stimuli.csv", "summary.csv", _SIDECAR, "benchmark.html")
 class _Cells(NamedTuple):
     """One column of a table for one detector.
 
-    `over_loom` is the largest response to its stimuli over that to the looming disk: 0 without a
-    response to them, infinite without a response to the disk alone.
+    `over_loom` is the largest response to the stimuli of the column, divided by the response to the
+    looming disk. `alarmed` is the number of these `stimuli` with an alarm.
     """
 
     over_loom: float
@@ -78,11 +78,11 @@ class _Cells(NamedTuple):
 
 
 class _Summary(NamedTuple):
-    """The figures of one detector over the complete battery: a row of ``summary.csv``.
+    """The results of one detector over all stimuli shown: a row of ``summary.csv``.
 
-    A stimulus of several tables counts once. `auc` is the chance that its peak is larger for a
-    looming stimulus than for a control; 0.5 tells nothing apart. `largest_control` is the column
-    of that control. `cost_ms` is per frame of 427 x 240 on one core.
+    `auc` is the probability that the peak for a looming stimulus is larger than that for a control;
+    0.5 is chance. `largest_control` is the label of the control with the largest response.
+    `cost_ms` is the time for a frame of 427 x 240 on one core.
     """
 
     auc: float
@@ -96,16 +96,16 @@ class _Summary(NamedTuple):
 
 
 class Benchmark:
-    """Everything that was measured.
+    """All measurements of a benchmark.
 
     Parameters
     ----------
     shown : sequence of Shown
-        Every stimulus, in the order of the battery.
+        The stimuli with their measurements, in the order of the battery.
     evaluated : sequence of EvaluatedDetector
         The detectors.
     clips : Evaluation, optional
-        On labelled clips.
+        The evaluation of the detectors on labelled clips.
     """
 
     def __init__(
@@ -132,13 +132,16 @@ class Benchmark:
         return list(dict.fromkeys(column.label for column in columns))
 
     def over_loom(self, name: str, peak: float) -> float:
-        """Return a response over that to the looming disk; infinite where that is 0."""
+        """Return a response divided by the response to the looming disk.
+
+        0 if the first is 0, infinite if only the second is 0.
+        """
         if peak == 0:
             return 0.0
         return peak / self.loom[name] if self.loom[name] else math.inf
 
     def cells(self, table: Table, label: str, name: str) -> _Cells:
-        """Return one cell of a table."""
+        """Return the results of one detector in the column `label` of a table."""
         part = [
             (each.column.table, each.column.label) == (table.name, label) for each in self.shown
         ]
@@ -146,7 +149,7 @@ class Benchmark:
         return _Cells(self.over_loom(name, float(peaks.max())), int(alarmed.sum()), len(alarmed))
 
     def summary(self, name: str) -> _Summary:
-        """Return the figures of one detector over the complete battery, each stimulus once."""
+        """Return the results of one detector over all stimuli; each stimulus counts once."""
         once = np.sort(np.unique([each.key for each in self.shown], return_index=True)[1])
         shown, peaks = [self.shown[place] for place in once], self._peaks[name][once]
         kinds = np.array([each.column.kind for each in shown])
@@ -154,28 +157,27 @@ class Benchmark:
         looming, control = kinds == LOOMING, kinds == CONTROL
         higher = peaks[looming][:, None] - peaks[control]
         auc = float(np.mean(higher > 0) + np.mean(higher == 0) / 2) if higher.size else math.nan
-        worst, over = "", math.nan
+        largest, over_loom = "", math.nan
         if control.any():
             place = int(np.argmax(np.where(control, peaks, -1)))
-            over = self.over_loom(name, float(peaks[place]))
-            worst = shown[place].column.label
-        cost = detectors()[name.partition(":")[0]].cost_ms
+            over_loom = self.over_loom(name, float(peaks[place]))
+            largest = shown[place].column.label
         return _Summary(
             auc,
             int(alarmed[looming].sum()),
             int(looming.sum()),
             int(alarmed[control].sum()),
             int(control.sum()),
-            over,
-            worst,
-            cost,
+            over_loom,
+            largest,
+            detectors()[name.partition(":")[0]].cost_ms,
         )
 
 
 def settings_of(
     detectors: Sequence[EvaluatedDetector], tables: Sequence[str], manifest: Path | None
 ) -> dict[str, Any]:
-    """Return what decides the files of a benchmark, as ``benchmark.json`` holds it."""
+    """Return the settings of a benchmark for ``benchmark.json``."""
     return {
         "detectors": {each.name: each.as_dict() for each in detectors},
         "tables": list(tables),
@@ -184,30 +186,29 @@ def settings_of(
 
 
 def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
-    """Raise OutputError if a folder holds a benchmark of other settings."""
-    path = folder / _SIDECAR
-    there = _kept(folder)
-    if there is None:
+    """Raise OutputError if a folder holds a benchmark with other settings."""
+    earlier = _kept(folder)
+    if earlier is None:
         return
-    # As it would be read again: tuples are lists there.
-    asked = json.loads(json.dumps(settings, default=str))
-    other = [key for key, value in asked.items() if there.get(key, value) != value or not there]
+    # Through JSON, as `earlier` was: it makes lists of tuples.
+    wanted = json.loads(json.dumps(settings, default=str))
+    other = [key for key in wanted if not earlier or earlier.get(key, wanted[key]) != wanted[key]]
     if other:
         raise OutputError(
-            f"{path}: is a benchmark with other {' and '.join(other)}; choose --if-exists "
-            "overwrite, or another --output"
+            f"{folder / _SIDECAR}: is a benchmark with other {' and '.join(other)}; choose "
+            "--if-exists overwrite, or another --output"
         )
 
 
 def _kept(folder: Path) -> dict[str, Any] | None:
-    """Return the ``benchmark.json`` of a folder; None without one, empty if it is damaged."""
+    """Return the content of a folder's ``benchmark.json``; None without it, empty if damaged."""
     try:
-        held = json.loads((folder / _SIDECAR).read_text("utf-8"))
+        content = json.loads((folder / _SIDECAR).read_text("utf-8"))
     except FileNotFoundError:
         return None
     except (OSError, ValueError):
         return {}
-    return held if isinstance(held, dict) else {}
+    return content if isinstance(content, dict) else {}
 
 
 def write_benchmark(
@@ -220,7 +221,7 @@ def write_benchmark(
     benchmark : Benchmark
         The measurements.
     folder : Path
-        For the files.
+        The folder for the files.
     command : sequence of str
         The command line, for ``benchmark.json``.
     settings : mapping
@@ -229,23 +230,23 @@ def write_benchmark(
     Yields
     ------
     Path
-        Each file once it is written.
+        Each file after it was written.
 
     Raises
     ------
     OutputError
-        If one cannot be written.
+        If a file cannot be written.
     """
-    # Also figures of an earlier benchmark there that this one does not make.
+    # Delete the files of an earlier benchmark, also figures that this benchmark does not make.
     earlier = () if _kept(folder) is None else (f"{table.name}.pdf" for table in TABLES)
     for name in (*earlier, *_FILES):
         with output_errors(folder / name):
             remove(folder / name)
     summaries = {name: benchmark.summary(name) for name in benchmark.names}
-    figures = ({"detector": name, **each._asdict()} for name, each in summaries.items())
+    summary_rows = ({"detector": name, **each._asdict()} for name, each in summaries.items())
     for name, columns, rows in (
         ("stimuli.csv", _STIMULI, _rows(benchmark)),
-        ("summary.csv", _SUMMARY, figures),
+        ("summary.csv", _SUMMARY, summary_rows),
     ):
         with open_table(folder / name, columns) as table:
             for row in rows:
@@ -288,7 +289,7 @@ def _known(value: Cell) -> Cell:
 
 
 def _drawn(benchmark: Benchmark, table: Table) -> Figure:
-    """Draw one table as a heat map: response over that to the looming disk, dots for alarms."""
+    """Draw one table as a heat map of responses, with dots for alarms."""
     labels, names = benchmark.labels(table), benchmark.names
     cells = [[benchmark.cells(table, label, name) for label in labels] for name in names]
     values = np.array([[cell.over_loom for cell in row] for row in cells])
@@ -304,17 +305,12 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
         for y, row in enumerate(cells):
             for x, cell in enumerate(row):
                 if cell.alarmed:
-                    whole = cell.alarmed == cell.stimuli
                     bright = norm(np.clip(cell.over_loom, least, most)) > 0.5
+                    fill = "full" if cell.alarmed == cell.stimuli else "left"
                     axes.plot(
-                        x,
-                        y,
-                        "o",
-                        markersize=4,
-                        markeredgewidth=0.5,
-                        color="black" if bright else "white",
-                        fillstyle="full" if whole else "left",
-                    )
+                        x, y, "o", markersize=4, markeredgewidth=0.5,
+                        color="black" if bright else "white", fillstyle=fill,
+                    )  # fmt: skip
         axes.set_xticks(range(len(labels)), labels, rotation=60, ha="right", rotation_mode="anchor")
         axes.set_yticks(range(len(names)), [label_of(name) for name in names])
         axes.set_xlabel(table.axis)
@@ -327,14 +323,15 @@ def _drawn(benchmark: Benchmark, table: Table) -> Figure:
         shown = [tick for tick in ticks if 0.999 * least <= tick <= 1.001 * most]
         bar.set_ticks(shown, labels=[f"{tick:g}" for tick in shown])
         bar.ax.minorticks_off()
-        bar.set_label("over the disk" if len(names) < _ROOM else "over the looming disk")
+        long_label = len(names) >= _ROWS_FOR_LABEL
+        bar.set_label("over the looming disk" if long_label else "over the disk")
     return figure
 
 
 def _limits(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the ends of the shades: those of the responses, but of three decades at most.
+    """Return the ends of the shades: the least and largest response, within `_LEAST` and `_MOST`.
 
-    They are apart by a factor of two at least, so that equal responses look alike.
+    Their ratio is at least 2, so that nearly equal responses have similar shades.
     """
     known = values[np.isfinite(values) & (values > 0)]
     most = float(np.clip(known.max(initial=0), 2 * _LEAST, _MOST))

@@ -163,8 +163,9 @@ MEASURES = {
 }
 INTERVALS = (
     "A bootstrap draws clips with replacement: as many clips with an approach, and as many "
-    "without, as there are. It makes 1000 draws (`--draws`) from a fixed seed, and draws several "
-    "approaches in one video together. 95 % of the draws give a value in the interval. The "
+    "without, as there are. Several approaches in one video are drawn together. The seed is fixed; "
+    "`--draws` sets the number of draws, 1000 by default. 95 % of them give a value in the "
+    "interval. The "
     "interval says how far a value depends on the choice of clips of these kinds; it says nothing "
     "about other kinds of clips. If all draws give the same value, the interval is the exact one: "
     "that of Clopper and Pearson for a share, and that of a Poisson process for a rate. Without a "
