@@ -47,33 +47,36 @@ if TYPE_CHECKING:
     from oppload_cli.tuning.present import Responses
 
 
-# 60 degrees across, as LPLC2's: 5 px/deg at a height of 360, so 200 px at 240.
+# A field of 60 degrees, as that of LPLC2: 5 px/deg at a height of 360, so 200 px at 240.
 _FIELD = ("opplod.receptive_field=200",)
 _BAR, _LOOM = "klapoetke2017/bar-expand-{}", "klapoetke2017/loom"
-_END_DEG = 35.0  # of each end of the bar
-# The bar of the catalogue stops at the edge of the largest field, which would hide this edge.
+_END_DEG = 35.0  # largest distance of each end of the bar from its middle
+# The bar of the catalogue stops at the edge of the largest field. A longer bar shows what the
+# response does beyond the edge.
 _LONGER = {"bar.growth.end_deg": 2 * _END_DEG, "timing.motion_s": 1.5}
-_BEYOND = 1.1  # of the way to the edge
-_OFF_DIAGONAL = [0, 15, 30, 45]  # of an axis, in degrees from the nearest diagonal
-_LIGHTEST = 0.8  # of the shades
+_BEYOND = 1.1  # distance beyond the edge, as a multiple of the distance of the edge
+_OFF_DIAGONAL = [0, 15, 30, 45]  # angle between an axis and the nearest diagonal, in degrees
+_LIGHTEST = 0.8  # end of the colour map, so that the lightest line can be seen on white
 _OVER_TIME = (
     "\u201cthe reactions reach maximum in the middle of the receptive field while dropping to "
     "zero at the edge\u201d (comparison with LPLC2, (a) and (c))"
 )
 _FIELD_NOTE = (
-    "Preset reference has its receptive field set to 60 degrees here, that of LPLC2. The stimuli "
-    "start without a pause: after one, the first moving frames meet no delayed inhibition yet."
+    "In preset reference, the receptive field is set to 60 degrees here, as that of LPLC2. The "
+    "stimuli start without a pause: after a pause, the first moving frames have no delayed "
+    "inhibition yet."
 )
 
 
 @dataclass(frozen=True)
 class _Tunings:
-    """Responses of one preset to both bars, by width and axis, and its peak for the disk."""
+    """The responses of one preset to both bars, and its peak for the looming disk."""
 
-    bars: dict[int, dict[int, Responses]]
+    bars: dict[int, dict[int, Responses]]  # by width and axis in degrees
     loom: float
     edge_deg: float  # from the middle of a receptive field to its edge
-    reach: NDArray[np.float64]  # of the ends of the bars by frame, in degrees; NaN once they stand
+    # Distance of the ends of the bars from the middle by frame, in degrees; NaN after the growth.
+    reach: NDArray[np.float64]
     settings: Settings
 
     def peaks(self, width: int) -> dict[int, float]:
@@ -81,14 +84,14 @@ class _Tunings:
         return {axis: peak_of(each) for axis, each in self.bars[width].items()}
 
     def over_loom(self, width: int) -> dict[int, float]:
-        """Return the peak over that for the disk by axis in degrees."""
+        """Return the peak divided by that for the disk, by axis in degrees."""
         loom = self.loom or math.nan
         return {axis: peak / loom for axis, peak in self.peaks(width).items()}
 
     def finding(
         self, text: str, verdict: Verdict, numbers: dict[str, float], *widths: int
     ) -> Finding:
-        """Return what the bars of some widths show; unknown numbers mean that nothing responded."""
+        """Return a finding from the bars of some widths; a number is NaN without a response."""
         if any(map(math.isnan, numbers.values())):
             return Finding(NO_RESPONSE, verdict, numbers)
         faint = (
@@ -99,7 +102,7 @@ class _Tunings:
 
 
 def bar_figures() -> list[Built]:
-    """Show both bars along several axes to both presets: over time, and in polar form."""
+    """Show both bars along several axes to both presets; return the figures of time and peaks."""
     longer = {preset: _tunings(preset, _LONGER) for preset in PRESETS}
     return [_over_time(longer), _polar({preset: _tunings(preset, {}) for preset in PRESETS})]
 
@@ -109,7 +112,7 @@ def _tunings(preset: str, changes: Mapping[str, float]) -> _Tunings:
     changes = {**NO_PAUSE, **changes}
     bars = {}
     for width in BAR_WIDTHS:
-        # Along all axes of the catalogue: with some left out, a curve can look like a needle.
+        # Along all axes of the catalogue: with few axes, a curve can look like a needle.
         shown = presented(_BAR.format(width), settings, changes)
         bars[width] = {int(name.rpartition("-")[2]): each["opplod"] for name, each in shown.items()}
     loom = presented(_LOOM, settings, NO_PAUSE)[_LOOM]["opplod"]
@@ -130,15 +133,16 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
         Claim(
             "The response is largest while the ends of the bar are in the middle of the "
             "receptive field.",
-            "share of axes and widths whose peak falls while the ends are in the middle half of "
-            "the way to the edge of the field; holds: at least 90 %, in part: at least half",
+            "share of the axes and widths at whose peak the ends are between a quarter and three "
+            "quarters of the way to the edge of the field; holds: at least 90 %, in part: at least "
+            "half",
             {preset: _middle(each) for preset, each in tunings.items()},
             _OVER_TIME,
         ),
         Claim(
             "The response drops to zero at the edge of the field.",
-            "response with the ends a tenth of the way beyond the edge, over the peak, the median "
-            "over axes and widths; holds: at most 5 %, in part: at most 25 %",
+            "response when the ends are a tenth beyond the edge, divided by the peak; median over "
+            "axes and widths; holds: at most 5 %, in part: at most 25 %",
             {preset: _edge(each) for preset, each in tunings.items()},
             _OVER_TIME,
         ),
@@ -146,8 +150,8 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
     return Built(
         "bar-time",
         "Directional tuning with the 10 and the 60 degree bar, over time",
-        "Responses to an expanding bar along several axes; each panel over its largest response. "
-        "Dashed: the edge of a receptive field.",
+        "Responses to an expanding bar along several axes, divided by the largest response of the "
+        "panel. Dashed: the edge of a receptive field.",
         claims,
         _draw_over_time(tunings),
         tuple(
@@ -163,12 +167,13 @@ def _over_time(tunings: dict[str, _Tunings]) -> Built:
             )
         ),
         (
-            f"The bar grows until its ends are {_END_DEG:g} degrees out, beyond the fields. The "
-            "fields of preset reference end at 30 degrees. Those of preset paper, 200 px of 600, "
-            "end at 12, and there are 25 of them over the display, whose responses add up. Fields "
-            "are squares: along a diagonal they end 1.4 times as far out.",
-            "The response to the 10 degree bar changes little before the edge of the fields, so "
-            "that the place of its peak says little.",
+            f"The bar grows until its ends are {_END_DEG:g} degrees from its middle, beyond the "
+            "edge of the receptive fields. The field of preset reference ends 30 degrees from its "
+            "middle. The fields of preset paper, 200 px of 600, end after 12 degrees; 25 of them "
+            "cover the display, and their responses are added. The fields are squares: along a "
+            "diagonal the edge is 1.4 times as far.",
+            "The response to the 10 degree bar is nearly constant inside the fields, so the place "
+            "of its peak says little.",
             _FIELD_NOTE,
         ),
         _described(tunings),
@@ -182,8 +187,8 @@ def _middle(tunings: _Tunings) -> Finding:
     good = int(np.sum((ends >= 0.25 * edge) & (ends <= 0.75 * edge)))
     low, high = (float(np.quantile(ends, q)) if ends.size else math.nan for q in (0.25, 0.75))
     return tunings.finding(
-        f"{good} of {count}; half of the peaks come with the ends {low:.0f} to {high:.0f} "
-        "degrees out.",
+        f"{good} of {count}; at half of the peaks the ends are {low:.0f} to {high:.0f} degrees "
+        "from the middle.",
         at_least(good / count, 0.9, 0.5),
         {"share": good / count, "lower_quartile_deg": low, "upper_quartile_deg": high},
         *BAR_WIDTHS,
@@ -210,7 +215,7 @@ def _responding(tunings: _Tunings) -> list[Responses]:
 
 
 def _reach(protocol: Protocol) -> NDArray[np.float64]:
-    """Return how far the ends of the bar are out in each frame, in degrees, while it grows."""
+    """Return half the length of the bar in each frame, in degrees; NaN after the growth."""
     truths = [frame_truth(protocol, frame) for frame in range(protocol.frame_count)]
     reach = np.array([each.objects[0].angular_size_deg for each in truths], float) / 2
     grows = [each.time_s <= protocol.timing.end_s + 1e-9 for each in truths]
@@ -221,7 +226,7 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
     claims = (
         Claim(
             "The 10 degree bar gives about the same response along every axis.",
-            "holds: the least peak is at least 75 % of the largest; in part: at least 50 %",
+            "holds: the smallest peak is at least 75 % of the largest; in part: at least 50 %",
             {preset: _evenness(each) for preset, each in tunings.items()},
             "\u201cthe response intensity of our model to the 10\u00b0 one-dimensional bar "
             "expansion stimuli are alike\u201d (comparison with LPLC2, (a))",
@@ -236,8 +241,9 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
         ),
         Claim(
             "Tuning to both bars is like that of LPLC2 neurons.",
-            "peaks relative to the looming disk, against the neurons' at their 12 bars; holds: "
-            "root mean square difference at most 0.1 (in part: 0.25)",
+            "root mean square difference between the peaks of the model and of the neurons for 12 "
+            "bars, each divided by the peak for the looming disk; holds: at most 0.1, in part: at "
+            "most 0.25",
             {preset: _likeness(each) for preset, each in tunings.items()},
             "\u201cthe proposed model behaves quite similarly to LPLC2 neurons on many different "
             "types of stimuli\u201d (comparison with LPLC2)",
@@ -248,7 +254,7 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
     return Built(
         "bar-polar",
         "Peak responses to the bars in polar form, beside LPLC2",
-        "Peak response over the axis of the bar, each curve over its own peak.",
+        "Peak response over the axis of the bar; each curve is divided by its maximum.",
         claims,
         _draw_polar(tunings),
         tuple(
@@ -257,17 +263,18 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
             for axis, peak in peaks.items()
         ),
         (
-            f"LPLC2: {SOURCE}. Shapes are overlaid in the picture; the last claim compares sizes.",
+            f"LPLC2: {SOURCE}. The figure shows only the shapes of the curves; the last statement "
+            "also compares their sizes.",
             "The paper's sentence on the diagonals names the 10 degree bar twice; we take the "
-            "second as the 60 degree one. Real LPLC2 neurons do the opposite there: their "
-            f"diagonals respond {ratio:.2f} times as much as their other axes.",
-            "Under preset reference the axes 15 degrees beside a diagonal come next, and those "
-            "along the sides of the display respond least.",
-            "The product of opposite motions is neither compressed nor normalised, so that a "
-            "longer edge along a pathway's axis counts with a power of its length: up to "
-            f"{plain(enhanced)} times the looming disk in preset reference, {plain(enhanced**0.5)} "
-            "times before enhancing squares it. A normalising stage and suppression "
-            "across axes are missing.",
+            "second name for the 60 degree bar. LPLC2 neurons do the opposite for this bar: along "
+            f"the diagonals they respond {ratio:.2f} times as much as along their other axes.",
+            "In preset reference the axes at 15 degrees to a diagonal have the next largest "
+            "responses, and the axes along the sides of the display the smallest.",
+            "The product of opposite motions is neither compressed nor normalised. So a longer "
+            "edge along a pathway's axis counts with a power of its length: the response is up to "
+            f"{plain(enhanced)} times that to the looming disk in preset reference, and "
+            f"{plain(enhanced**0.5)} times before enhancing squares it. The model has no "
+            "normalising stage and no suppression across axes.",
             _FIELD_NOTE,
         ),
         _described(tunings),
@@ -275,7 +282,7 @@ def _polar(tunings: dict[str, _Tunings]) -> Built:
 
 
 def _relative(tunings: dict[str, _Tunings]) -> Iterator[tuple[str, int, Mapping[Any, float]]]:
-    """Yield name, width of the bar, and peaks over the loom by axis, for presets and neurons."""
+    """Yield a name (preset or neurons), the bar's width, and peaks over the loom by axis."""
     for width in BAR_WIDTHS:
         for preset, each in tunings.items():
             yield preset, width, each.over_loom(width)
@@ -286,7 +293,7 @@ def _evenness(tunings: _Tunings) -> Finding:
     peaks = tunings.peaks(10).values()
     share = min(peaks) / max(peaks) if max(peaks) > 0 else math.nan
     return tunings.finding(
-        f"The least peak is {100 * share:.2g} % of the largest (LPLC2: 78 %).",
+        f"The smallest peak is {100 * share:.2g} % of the largest (LPLC2: 78 %).",
         at_least(share, 0.75, 0.5),
         {"least_over_largest": share},
         10,
@@ -297,8 +304,8 @@ def _diagonal(tunings: _Tunings) -> Finding:
     mean, largest = _diagonal_ratios(tunings.peaks(60))
     partly = Verdict.IN_PART if mean > 1 else Verdict.DOES_NOT
     return tunings.finding(
-        f"The diagonals' mean peak is {plain(mean)} times the mean and {plain(largest)} times the "
-        "largest of the other axes.",
+        f"The mean peak of the diagonals is {plain(mean)} times the mean peak and "
+        f"{plain(largest)} times the largest peak of the other axes.",
         Verdict.HOLDS if largest > 1 else partly,
         {"diagonal_over_mean": mean, "diagonal_over_largest": largest},
         60,
@@ -306,7 +313,7 @@ def _diagonal(tunings: _Tunings) -> Finding:
 
 
 def _diagonal_ratios(peaks: Mapping[int, float] | Mapping[float, float]) -> tuple[float, float]:
-    """Return the diagonals' mean peak over the mean and the largest of the other axes."""
+    """Return the diagonals' mean peak, divided by the mean and by the largest of other axes."""
     diagonal = float(np.mean([value for axis, value in peaks.items() if axis in {45, 135}]))
     others = np.array([value for axis, value in peaks.items() if axis not in {45, 135}])
     if not others.max() > 0:
@@ -339,7 +346,6 @@ def _likeness(tunings: _Tunings) -> Finding:
 def _draw_over_time(tunings: dict[str, _Tunings]) -> Figure:
     with styled_figure(WIDE, 4.4) as figure:
         axes = figure.subplots(2, 2, sharex=True)
-        # From dark to a shade that can be seen on white.
         shades = mpl.colormaps["viridis"](np.linspace(0, _LIGHTEST, len(_OFF_DIAGONAL)))
         for row, (preset, each) in zip(axes, tunings.items(), strict=True):
             for panel, width in zip(row, BAR_WIDTHS, strict=True):
@@ -376,18 +382,10 @@ def _draw_polar(tunings: dict[str, _Tunings]) -> Figure:
 def draw_beside_neurons(
     panel: PolarAxes, width: int, models: Mapping[str, Mapping[Any, float]], unit: str
 ) -> None:
-    """Draw the peaks for an expanding bar in polar form, those of LPLC2 neurons beside them.
+    """Draw the peaks for an expanding bar in polar form, beside those of LPLC2 neurons.
 
-    Parameters
-    ----------
-    panel : PolarAxes
-        To draw on.
-    width : int
-        Of the bar in degrees, 10 or 60.
-    models : mapping of str to mapping of float to float
-        Two curves by their names in the legend: peaks by axis in degrees, 0 to 180.
-    unit : str
-        Of these peaks.
+    The bar has a `width` of 10 or 60 degrees. `models` has two curves by their names in the legend:
+    peaks in `unit` by axis in degrees, 0 to 180.
     """
     looks = (CYCLE[0], "-"), (CYCLE[2], "--")
     curves = [

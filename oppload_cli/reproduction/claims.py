@@ -1,6 +1,6 @@
-"""Statements of the paper, our measurements, the verdicts that follow, and the report on them.
+"""Statements of the paper, our measurements and verdicts, and the report on them.
 
-Every figure shows stimuli of the catalogue to the paper's own model, and judges the responses.
+Each figure shows stimuli of the catalogue to the paper's own model, and judges the responses.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ if TYPE_CHECKING:
 
 
 NO_PRESET = "any preset"
-# The presets that are the paper's own model; preset default departs from it.
+# The presets with the paper's own model; preset default has a changed model.
 TITLES = {STUDY_PRESET: "preset reference", "paper": "preset paper (literal)"}
 PRESETS = tuple(TITLES)
-# Without a pause before the motion: after one, the first moving frames meet no delayed
-# inhibition yet, and give a transient that is the same for every direction.
+# No pause before the motion: after a pause, the first moving frames have no delayed inhibition,
+# and the same transient response follows for every direction.
 NO_PAUSE = {"timing.before_s": 0}
-NO_RESPONSE = "No response to compare."  # in place of a sentence whose numbers are not known
-_DPI = 130  # of a figure
-WIDE = 7.2  # inches, of a figure
+NO_RESPONSE = "No response to compare."  # replaces a sentence if its numbers are not known
+_DPI = 130  # of a figure as PNG
+WIDE = 7.2  # width of a figure in inches
 
 
 class Verdict(StrEnum):
@@ -57,37 +57,29 @@ class Verdict(StrEnum):
 
 
 def at_most(value: float, holds: float, in_part: float) -> Verdict:
-    """Judge a measurement that should be small by the limits of the two better verdicts."""
+    """Return the verdict on a value that should be small, by the largest value for each verdict."""
     if value <= holds:
         return Verdict.HOLDS
-    return Verdict.IN_PART if value <= in_part else Verdict.DOES_NOT  # as for NaN
+    return Verdict.IN_PART if value <= in_part else Verdict.DOES_NOT  # also for NaN
 
 
 def at_least(value: float, holds: float, in_part: float) -> Verdict:
-    """Judge a measurement that should be large by the limits of the two better verdicts."""
+    """Return the verdict on a value that should be large, by the least value for each verdict."""
     return at_most(-value, -holds, -in_part)
 
 
 def _overall(verdicts: Iterable[Verdict]) -> Verdict:
-    """Sum up at least one verdict: all hold, none does, or in part."""
+    """Return the common verdict of at least one verdict, or "in part" if they differ."""
     different = set(verdicts)
     return different.pop() if len(different) == 1 else Verdict.IN_PART
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The measurement for one preset.
+    """The measurement for one preset, with its verdict by the rule of the claim.
 
-    Attributes
-    ----------
-    text : str
-        A sentence with the numbers.
-    verdict : Verdict
-        Follows from the numbers by the claim's rule.
-    numbers : mapping of str to float
-        By name.
-    faint : str
-        Sentences on detectors that hardly respond, from :func:`hardly`; mostly empty.
+    `text` is a sentence with the numbers. `faint` has sentences on detectors that hardly respond,
+    from :func:`hardly`; it is empty if all detectors respond.
     """
 
     text: str
@@ -110,18 +102,18 @@ class Finding:
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper, or our reading of it.
+    """One statement of the paper, or our reading of the paper.
 
     Attributes
     ----------
     statement : str
-        In our own words.
+        The statement in our own words.
     rule : str
         How the verdict follows from the measurement.
     findings : dict of str to Finding
-        By preset, or under `NO_PRESET`.
+        The finding for each preset, or one under `NO_PRESET`.
     source : str
-        The paper's own words, and their place; empty for a reading of ours, which it does not say.
+        The paper's own words, and their place; empty for our reading.
     """
 
     statement: str
@@ -136,24 +128,20 @@ class Built:
 
     Attributes
     ----------
-    name : str
-        For ``--only``.
-    title : str
-        For the page.
-    shows : str
-        The content of the picture.
+    name, title, shows : str
+        Name for ``--only``, title on the page, and a sentence on the content of the figure.
     claims : tuple of Claim
-        At least one.
+        At least one claim.
     figure : Figure or None
-        As drawn; :func:`build` makes the pictures of it, and returns none.
+        The drawn figure; None after :func:`build` made `pictures` of it.
     rows : tuple of dict
-        The numbers behind the picture, for its CSV: one observation in a row, by column.
+        The numbers of the figure, for its CSV file: an observation per row, by column.
     notes : tuple of str
         Further remarks for the reader.
     settings : dict of str to str
-        By preset, the working height and the parameters that differ from the preset's.
+        By preset, the working height and the changed parameters.
     pictures : dict of str to bytes
-        By suffix, ``png`` among them.
+        The files of the figure by suffix, always with ``png``.
     """
 
     name: str
@@ -175,11 +163,11 @@ class Built:
         return text.getvalue()
 
     def files(self, form: str) -> dict[str, str | bytes]:
-        """Return the picture in a format, and the table, by name."""
+        """Return the figure in a format, and its table, by file name."""
         return {f"{self.name}.{form}": self.pictures[form], f"{self.name}.csv": self.table()}
 
     def as_dict(self, form: str = "png") -> dict[str, Any]:
-        """Return all but the picture, ready for JSON, with the verdict over all claims."""
+        """Return all but the figure, ready for JSON, with the common verdict of all claims."""
         found: dict[str, list[Verdict]] = {}
         for claim in self.claims:
             for preset, finding in claim.findings.items():
@@ -209,31 +197,25 @@ class Built:
 
 
 def _cell(value: Any) -> str:
-    """Return a value of a table; unknown and infinite numbers are empty."""
-    unknown = isinstance(value, float) and not math.isfinite(value)
-    return "" if unknown else formatted(value)
+    """Return the text of a value in a table; empty for NaN and infinity."""
+    return "" if isinstance(value, float) and not math.isfinite(value) else formatted(value)
 
 
 def hardly(
     detector: str, responses: Collection[Responses], settings: Settings, stimuli: str
 ) -> str:
-    """Say whether a detector hardly responds, as ``oppload tune`` judges it.
+    """Return a sentence if a detector hardly responds, else an empty text.
 
     Parameters
     ----------
     detector : str
-        Its name.
+        Name of the detector.
     responses : collection of Responses
-        To all stimuli of a measurement.
+        Its responses to all stimuli of a measurement.
     settings : Settings
-        Under which they were measured.
+        The settings of the measurement.
     stimuli : str
-        For the reader, such as ``to the disk``.
-
-    Returns
-    -------
-    str
-        A sentence; empty for a detector that responds.
+        The stimuli in words, such as ``to the disk``.
     """
     measured = [Condition("", {}, {detector: measure(each)}) for each in responses]
     peak = max(map(peak_of, responses))
@@ -245,7 +227,7 @@ def hardly(
 
 
 def described_settings(settings: Settings, assignments: Sequence[str] = ()) -> str:
-    """Return the working height and the assignments that :func:`settings_of` took."""
+    """Return the working height and the assignments of :func:`settings_of` as a text."""
     height = "native size" if settings.height is None else f"{settings.height} px"
     return ", ".join((height, *(assignments if settings.preset != "paper" else ())))
 
@@ -255,16 +237,8 @@ def settings_of(
 ) -> Settings:
     """Return the settings of preset ``reference`` or ``paper``.
 
-    Parameters
-    ----------
-    preset : str
-        Its name.
-    assignments : sequence of str
-        As for ``--set``; preset ``paper`` takes none, as it is literal.
-    height : str, optional
-        Working height; else the preset's.
-    detector : str
-        The only detector to run; OppLoD and D-LGMD if empty.
+    The preset ``reference`` takes the assignments, which are as for ``--set``; the literal preset
+    ``paper`` ignores them. By default the height is the preset's, and OppLoD and D-LGMD run.
     """
     return resolve(
         preset=preset,
@@ -277,27 +251,27 @@ def settings_of(
 def presented(
     name: str, settings: Settings, changes: dict[str, Any] | None = None
 ) -> dict[str, dict[str, Responses]]:
-    """Show all members of a stimulus of the catalogue, some of its values changed.
+    """Show all stimuli of a family with changed values.
 
-    Returns the responses by the member's name, then by detector.
+    Return the responses by the stimulus's name, then by detector.
     """
     return {each.name: present(each, settings) for each in load_all(name, changes)}
 
 
 def peak_of(responses: Responses) -> float:
-    """Return the largest response, 0 if nothing responded."""
+    """Return the largest response; 0 without a response."""
     best = responses.peak
     return 0.0 if best is None else float(responses.response[best])
 
 
 def plain(value: float) -> str:
-    """Return a number in few digits, without an exponent unless it is very small."""
+    """Return a number with few digits, and without an exponent unless it is very small."""
     return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.2g}"
 
 
-# By figure, in the order of the page: the function that makes it (one makes two figures) and
-# its seconds on one core, so that the long ones start first. Modules are imported when they
-# run: they need matplotlib.
+# The figures in the order of the page. Each has the function that makes it (one function makes two
+# figures) and its time in s on one core, so that the long ones start first. The modules need
+# matplotlib, so they are imported when they run.
 FIGURES = {
     "up-down": ("direction.up_and_down", 5),
     "diagonals": ("direction.diagonals", 3),
@@ -316,16 +290,13 @@ _PAPER = (
     "OppLoD: the Opponency based Looming Detector, Model Extension of Looming Sensitivity from "
     "LGMD to LPLC2"
 )
-MARKS = {Verdict.HOLDS: "yes", Verdict.IN_PART: "part", Verdict.DOES_NOT: "no"}  # CSS classes
+_MARKS = {Verdict.HOLDS: "yes", Verdict.IN_PART: "part", Verdict.DOES_NOT: "no"}  # CSS classes
 
 
 def chosen(names: Collection[str]) -> list[str]:
-    """Return the names of the figures to make, in the order of the page; all for no name.
+    """Return the named figures in the order of the page, or all figures if none is named.
 
-    Raises
-    ------
-    ParameterError
-        If no figure has such a name.
+    Raises ParameterError if no figure has such a name.
     """
     for name in names:
         if name not in FIGURES:
@@ -340,28 +311,23 @@ def build(
     form: str = "png",
     done: Callable[[Built], object] | None = None,
 ) -> list[Built]:
-    """Make figures.
+    """Make figures, and return them in the order of `names`.
 
     Parameters
     ----------
     names : sequence of str
-        From :func:`chosen`.
+        Names from :func:`chosen`.
     jobs : int
-        Processes; the result does not depend on it.
+        Number of processes, which does not change the result.
     form : str
-        ``png``, ``svg`` or ``pdf``: the format of the pictures; the page needs PNG as well.
+        Format of the pictures, ``png``, ``svg`` or ``pdf``; PNG is made too, for the page.
     done : callable, optional
-        Called with each figure once it is made.
-
-    Returns
-    -------
-    list of Built
-        In the order of `names`.
+        Takes each figure when it is made.
 
     Raises
     ------
     OutputError
-        If a process is ended from outside, for instance because memory ran out.
+        If the system ends one of the processes, for example because memory runs out.
     """
     makers = {FIGURES[name] for name in names}
     ordered = [maker for maker, _ in sorted(makers, key=lambda each: (-each[1], each[0]))]
@@ -379,7 +345,7 @@ def build(
 
 
 def _make(form: str, maker: str) -> list[Built]:
-    """Return what a maker of `FIGURES` makes, with its pictures in place of its figure."""
+    """Return the figures of a function in `FIGURES`, with pictures in place of the drawn figure."""
     module, _, function = maker.partition(".")
     built = getattr(importlib.import_module(f"oppload_cli.reproduction.{module}"), function)()
     style = importlib.import_module("oppload_cli.plots.style")  # loads matplotlib
@@ -397,16 +363,9 @@ def _made_by(maker: str) -> str:
 
 
 def pages_of(figures: Sequence[Built], wall_s: float, form: str) -> tuple[dict[str, str], str]:
-    """Return ``report.json`` and ``index.html`` by name, and how often each verdict was given.
+    """Return ``report.json`` and ``index.html`` by name, and the counts of verdicts in words.
 
-    Parameters
-    ----------
-    figures : sequence of Built
-        In the order of the page.
-    wall_s : float
-        Time that it took to make them, in s.
-    form : str
-        Format of the pictures.
+    `wall_s` is the time in s for making the figures, `form` the format of the pictures.
     """
     report = {
         "schema": _SCHEMA,
@@ -422,7 +381,7 @@ def pages_of(figures: Sequence[Built], wall_s: float, form: str) -> tuple[dict[s
         pictures=pictures,
         presets=presets_of(report),
         introduction=introduction(report),
-        marks=MARKS,
+        marks=_MARKS,
         tally=tally,
         stated=stated,
         embedded=embedded,
@@ -438,22 +397,22 @@ def presets_of(report: Mapping[str, Any]) -> list[str]:
 
 
 def introduction(report: Mapping[str, Any]) -> str:
-    """Return the first paragraph for a reader, of the page and of the docs alike."""
+    """Return the first paragraph of the page and of ``docs/reproduction.md``."""
     return (
-        "Every synthetic figure of the OppLoD paper, made by oppload alone. Each statement is in "
-        "our words, with the sentence of the paper that it goes by, or marked as our reading where "
-        "the paper does not say it. Our measurement follows, and the verdict follows from the "
-        "measurement by the rule that is printed with it. Preset 'paper' is the paper to the "
-        "letter, preset 'reference' the same model made to work; each figure names the working "
-        "height and the parameters that it changes. Where a detector hardly responds (below a "
+        "This page has every synthetic figure of the OppLoD paper, made by oppload alone. Each "
+        "statement is in our words, with the sentence of the paper on which it is based. A "
+        "statement that the paper does not make is marked as our reading. Our measurement follows, "
+        "with a verdict by the rule above it. Preset 'paper' follows the paper to the letter; "
+        "preset 'reference' is the same model, with changes that make it work. Each figure names "
+        "the working height and the changed parameters. If a detector hardly responds (below a "
         "tenth of the floor of its alarm), the shape of its curve means little, and the verdict "
-        f"says so. Verdicts: {_verdicts(report)}. The table gives each figure's verdict, and those "
-        "of its statements."
+        f"says so. Verdicts: {_verdicts(report)}. The table has the verdict on each figure, and "
+        "counts the verdicts on its statements."
     )
 
 
 def _verdicts(report: Mapping[str, Any]) -> str:
-    """Return how often each verdict was given, over all statements and presets."""
+    """Return how often each verdict occurs, over all statements and presets."""
     findings = [
         finding
         for figure in report["figures"]
@@ -462,20 +421,22 @@ def _verdicts(report: Mapping[str, Any]) -> str:
     ]
     counts = []
     for verdict in Verdict:
-        doubted = [each["hardly_responds"] for each in findings if each["verdict"] == verdict]
-        note = f" ({sum(doubted)} hardly responding)" * any(doubted)
-        counts.append(f"{len(doubted)} '{verdict}'{note}")
+        faint = [each["hardly_responds"] for each in findings if each["verdict"] == verdict]
+        note = f" ({sum(faint)} hardly responding)" * any(faint)
+        counts.append(f"{len(faint)} '{verdict}'{note}")
     return ", ".join(counts)
 
 
 def tally(figure: Mapping[str, Any], preset: str) -> str:
-    """Return the verdicts of a figure for a preset, e.g. ``3 hold, 1 in part``."""
-    judged = [claim["measured"] for claim in figure["claims"] if preset in claim["measured"]]
-    given = [measured[preset]["verdict"] for measured in judged]
-    held, part, failed = (given.count(verdict) for verdict in Verdict)
-    return f"{held} hold" + f", {part} in part" * bool(part) + f", {failed} not" * bool(failed)
+    """Return the counts of the verdicts on a figure for a preset, e.g. ``3 hold, 1 in part``."""
+    findings = [
+        claim["measured"][preset] for claim in figure["claims"] if preset in claim["measured"]
+    ]
+    verdicts = [finding["verdict"] for finding in findings]
+    hold, part, failed = (verdicts.count(verdict) for verdict in Verdict)
+    return f"{hold} hold" + f", {part} in part" * bool(part) + f", {failed} not" * bool(failed)
 
 
 def stated(finding: Mapping[str, Any]) -> str:
-    """Return the verdict of a finding of a report, for the reader."""
+    """Return the verdict of a finding in a report, and whether a detector hardly responds."""
     return f"{finding['verdict']}{', hardly responds' * finding['hardly_responds']}"

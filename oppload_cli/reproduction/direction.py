@@ -1,8 +1,4 @@
-"""Figures of motion direction extracting: up and down, the diagonals, and inward motion.
-
-The paper says that the pathways together suppress inward motion, and that inward motion at the
-periphery suppresses the response to outward motion.
-"""
+"""Figures of motion direction extracting: up and down, the diagonals, and inward motion."""
 
 from __future__ import annotations
 
@@ -56,7 +52,7 @@ _SHOWN_FRAME = {_BAR: 24, _BLOCK: 34}
 _SPEEDS = (1, 2, 3, 4, 6, 8, 10, 15)
 _VERTICAL = {90: "upward", 270: "downward"}
 _DIAGONALS = (45, 135, 225, 315)
-_CARDINAL = ("opplod.axes=0",)  # pathways along 0 and 90 degrees, not along diagonals
+_CARDINAL = ("opplod.axes=0",)  # pathways along 0 and 90 degrees instead of diagonals
 
 _STIMULI = {
     "outward": "opplod2023/bar-10",
@@ -65,13 +61,13 @@ _STIMULI = {
 }
 _OUTWARD, _BOTH, _INWARD = _STIMULI
 _ANGLES = [0, 45]
-# 60 degrees across, as LPLC2's: 8 px/deg at a height of 600, so 192 px at 240.
+# A field of 60 degrees, as that of LPLC2: 8 px/deg at a height of 600, so 192 px at 240.
 _FIELD_OF_60 = ("opplod.receptive_field=192",)
-_FILTERS = {"reference": -1, "paper": 1}  # weight of inward motion
+_FILTERS = {"reference": -1, "paper": 1}  # weight of inward motion in the filter of each preset
 
 
 def up_and_down() -> Built:
-    """Extract upward and downward motion of the expanding bar."""
+    """Measure how well the pathways separate upward and downward motion of the expanding bar."""
     findings, shown, described = {}, {}, {}
     for preset in PRESETS:
         settings = resolve(preset=preset, assignments=_CARDINAL)
@@ -81,16 +77,18 @@ def up_and_down() -> Built:
         )
         speed, wrong = _speed(load(_BAR), settings), float(leaks.mean(axis=0).max())
         findings[preset] = Finding(
-            f"At its working size an end of the bar moves {speed:.2g} px/frame; the pathway of "
-            f"the other direction keeps {100 * wrong:.1f} % of the S that the right one passes.",
+            f"At the working size, an end of the bar moves {speed:.2g} px/frame; the pathway of "
+            f"the opposite direction keeps {100 * wrong:.1f} % of the S that the right pathway "
+            "passes.",
             at_most(wrong, 0.01, 0.1),
             {"speed_px_frame": speed, "wrong_over_right": wrong},
         )
     by_speed = {speed: _leak_at(speed) for speed in _SPEEDS}
     claim = Claim(
-        "One pathway extracts the upward end of the bar, the other the downward one; each "
+        "One pathway extracts the upward end of the bar, and one the downward end; each pathway "
         "suppresses the opposite motion to zero.",
-        "holds: the wrong direction keeps at most 1 % of the right one; in part: at most 10 %",
+        "holds: S of the wrong pathway is at most 1 % of that of the right one; in part: at most "
+        "10 %",
         findings,
         "\u201cthe proposed module suppresses the opposite motion to zero with lateral "
         "inhibition\u201d (upward and downward motion, (b) and (c))",
@@ -99,25 +97,25 @@ def up_and_down() -> Built:
         "up-down",
         "Extracting upward and downward motion",
         "The expanding bar with S of the upward and the downward pathway, the inhibition kernels "
-        "of both pathways, and how much of the wrong direction remains over speed.",
+        "of both pathways, and the share of S that the wrong pathway keeps, over speed.",
         (claim,),
         _draw_up_down(shown, by_speed),
         tuple(
             {"speed_px_frame": speed, "wrong_over_right": leak} for speed, leak in by_speed.items()
         ),
         (
-            "Suppression is complete up to 3 px/frame of the working frame and fades above: at "
-            f"{_SPEEDS[-1]} px/frame {100 * by_speed[_SPEEDS[-1]]:.0f} % remains. The working size "
-            "and the frame rate therefore decide whether this statement holds.",
-            "The paper's formula for theta = 90 and 270 degrees gives diagonals; here a pathway "
-            "is named by the direction that it passes.",
+            "Suppression is complete up to 3 px/frame of the working frame, and weaker above: at "
+            f"{_SPEEDS[-1]} px/frame {100 * by_speed[_SPEEDS[-1]]:.0f} % remains. So the working "
+            "size and the frame rate decide whether this statement holds.",
+            "The paper's formula gives diagonals for theta = 90 and 270 degrees. Here the name of "
+            "a pathway is the direction of motion that it passes.",
         ),
         described,
     )
 
 
 def diagonals() -> Built:
-    """Extract the four diagonal directions of the approaching block."""
+    """Measure how well the pathways separate the four diagonals of the approaching block."""
     findings, shown, described = {}, {}, {}
     rows: list[dict[str, Any]] = []
     for preset in PRESETS:
@@ -135,14 +133,14 @@ def diagonals() -> Built:
         share, last = float(shares.mean(axis=0).min()), float(shares[-1].min())
         findings[preset] = Finding(
             f"On average over the frames, {100 * share:.1f} % of the worst pathway's S lies on "
-            f"the side of the block that moves its way; {100 * last:.1f} % in the last and "
-            f"fastest frame.",
+            f"the side of the block that moves in the pathway's direction; {100 * last:.1f} % in "
+            "the last frame, which has the fastest motion.",
             at_least(share, 0.95, 0.75),
             {"least_mean_share_on_side": share, "least_share_in_last_frame": last},
         )
     claim = Claim(
-        "Each of the four pathways shows the part of the block's outline that moves along its "
-        "own diagonal.",
+        "Each of the four pathways shows the part of the block's outline that moves along the "
+        "pathway's diagonal.",
         "holds: at least 95 % of S lies on that side, for every pathway; in part: at least 75 %",
         findings,
         "\u201cshows the diagonal motion preference\u201d (diagonal motions, (b))",
@@ -156,7 +154,7 @@ def diagonals() -> Built:
         tuple(rows),
         (
             "A square has no edge that moves along a diagonal: each pathway passes the two edges "
-            "that move within 45 degrees of it.",
+            "whose direction of motion is within 45 degrees of the pathway's direction.",
         ),
         described,
     )
@@ -165,9 +163,9 @@ def diagonals() -> Built:
 def _wrong_sides(
     protocol: Protocol, settings: Settings, directions: tuple[int, ...], shown_frame: int
 ) -> tuple[NDArray[np.float64], Shown]:
-    """Return S on the wrong side over S on the right one, and the maps of one frame.
+    """Return S on the wrong side divided by S on the right side, and the maps of one frame.
 
-    The ratios are of shape (frames, directions), for the frames in which S is not 0.
+    The ratios have the shape (frames, directions). They leave out frames without S on a right side.
     """
     ratios: list[list[float]] = []
     shown: Shown = {}
@@ -182,14 +180,14 @@ def _wrong_sides(
         right = [float(maps[phi][right_side[phi]].sum()) for phi in directions]
         wrong = [float(maps[phi][wrong_side[phi]].sum()) for phi in directions]
         if min(right) > 0:
-            ratios.append([one / other for one, other in zip(wrong, right, strict=True)])
+            ratios.append([w / r for w, r in zip(wrong, right, strict=True)])
         if frame.index == shown_frame:
             shown = {"luma": frame.luma, "maps": {phi: maps[phi].copy() for phi in directions}}
     return np.array(ratios), shown
 
 
 def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
-    """Return the pixels that lie from the middle towards phi."""
+    """Return a mask of the half of the frame that lies from the centre in the direction phi."""
     rows, columns = np.indices(shape)
     x, y = columns - (shape[1] - 1) / 2, rows - (shape[0] - 1) / 2
     angle = np.deg2rad(phi)
@@ -197,13 +195,13 @@ def _side(shape: tuple[int, int], phi: int) -> NDArray[np.bool_]:
 
 
 def _speed(protocol: Protocol, settings: Settings) -> float:
-    """Return how fast an end of the bar moves, in px/frame of the working size."""
+    """Return the speed of an end of the bar in px/frame of the working size."""
     speed = frame_truth(protocol, _SHOWN_FRAME[_BAR]).objects[0].edge_speed_px_frame
     return speed * (settings.height or protocol.display.height) / protocol.display.height
 
 
 def _leak_at(speed: int) -> float:
-    """Return the share that the wrong direction keeps at a speed in px/frame."""
+    """Return the share of S that the wrong pathway keeps at a speed in px/frame."""
     display = {"display.width": 300, "display.height": 300}
     timing = {"timing.motion_s": 0.6}
     protocol = load(_BAR, {**display, **timing, "bar.growth.speed_deg_s": 3 * speed})
@@ -229,8 +227,8 @@ def _draw_up_down(shown: dict[str, Shown], by_speed: dict[int, float]) -> Figure
         panel.plot(list(by_speed), [100 * leak for leak in by_speed.values()], "o-",
                    color=detector_named("opplod").colour, markersize=3)  # fmt: skip
         panel.axhline(1, color=FAINT, lw=0.6, linestyle="--")
-        panel.set(title="wrong direction left over", xlabel="speed (px/frame)",
-                  ylabel="of the right one (%)")  # fmt: skip
+        panel.set(title="S of the wrong pathway", xlabel="speed (px/frame)",
+                  ylabel="over the right one (%)")  # fmt: skip
     return figure
 
 
@@ -246,7 +244,7 @@ def _draw_diagonals(shown: dict[str, Shown]) -> Figure:
 
 
 def _picture(axes: Axes, luma: Map, title: str) -> None:
-    rows, columns = luma.shape  # cut to the middle, where the object is
+    rows, columns = luma.shape  # the object is in the middle
     middle = luma[rows // 5 : -(rows // 5), columns // 5 : -(columns // 5)]
     axes.imshow(middle, cmap="gray", vmin=0, vmax=1)
     axes.set(title=title, xticks=[], yticks=[])
@@ -260,21 +258,21 @@ def _map(axes: Axes, values: Map, title: str) -> None:
 
 
 def inward_motion() -> Built:
-    """Show outward motion, inward motion and both to both presets."""
+    """Measure how inward motion suppresses the response to outward motion."""
     shown = {preset: _shown(preset) for preset in PRESETS}
     claims = (
         Claim(
             "The pathways together suppress inward motion.",
-            "peak for two bars growing inward over that for one growing outward, the worse of two "
-            "axes; holds: at most 5 %, in part: at most 25 %",
+            "peak for two bars that grow inward, divided by the peak for one bar that grows "
+            "outward, for the worse of two axes; holds: at most 5 %, in part: at most 25 %",
             {preset: _inward(each, preset) for preset, each in shown.items()},
             "\u201cthey cooperate to suppress inward motions toward the center\u201d (motion "
             "direction extracting)",
         ),
         Claim(
             "Inward motion at the periphery suppresses the response to outward motion.",
-            "mean response with inward motion at the periphery over that without; holds: at most "
-            "50 % along both axes, in part: at most 90 % along one",
+            "mean response with inward motion at the periphery, divided by the mean response "
+            "without it; holds: at most 50 % along both axes, in part: at most 90 % along one axis",
             {preset: _suppression(each, preset) for preset, each in shown.items()},
             "\u201cmotion signals appearing at the periphery of the receptive field suppress the "
             "activity\u201d (comparison with LPLC2, (b))",
@@ -283,8 +281,8 @@ def inward_motion() -> Built:
     return Built(
         "inward",
         "Inward motion, periphery inhibition and the inhibitory filter",
-        "Responses over time to outward, inward and both motions, the axis of the bar along a "
-        "cardinal and a diagonal direction; and the weights of the filter.",
+        "Responses over time to outward motion, inward motion and both together, along a cardinal "
+        "and a diagonal axis; and the weights of the filter.",
         claims,
         _draw_inward(shown),
         tuple(
@@ -298,13 +296,14 @@ def inward_motion() -> Built:
             for time, response in zip(each.time_s, each.response, strict=True)
         ),
         (
-            "The paper shows a filter with negative weights but gives no equation. Preset "
-            "reference subtracts, at every unit and axis, inward from outward opponency; preset "
-            "paper has no filter, and a product of opposite motions is the same for both.",
-            "Per axis the difference is cut off at zero before the axes are summed. So inward "
-            "motion across the outward motion's axis suppresses nothing: suppression across axes "
-            "is missing.",
-            "Preset reference has its receptive field set to 60 degrees here, that of LPLC2.",
+            "The paper shows a filter with negative weights but gives no equation. At every unit "
+            "and axis, preset reference subtracts the inward opponency from the outward opponency. "
+            "Preset paper has no filter, and its product of opposite motions is the same for "
+            "outward and inward motion.",
+            "On each axis a negative difference counts as zero before the axes are summed. So "
+            "inward motion on one axis does not suppress outward motion on another: the model has "
+            "no suppression across axes.",
+            "In preset reference, the receptive field is set to 60 degrees here, as that of LPLC2.",
         ),
         {
             preset: described_settings(settings_of(preset), _FIELD_OF_60) for preset in PRESETS
@@ -328,7 +327,7 @@ def _inward(shown: Inward, preset: str) -> Finding:
         for angle in _ANGLES
     }
     return Finding(
-        f"Inward motion gives {_stated(ratios)}.",
+        f"Peak for inward motion over the peak for outward motion: {_stated(ratios)}.",
         at_most(max(ratios.values()), 0.05, 0.25),
         {f"ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
         _faint(shown, preset),
@@ -343,7 +342,7 @@ def _suppression(shown: Inward, preset: str) -> Finding:
     ratios = {angle: both[angle] / outward[angle] for angle in _ANGLES}
     holds = at_most(max(ratios.values()), 0.5, np.inf)
     return Finding(
-        f"With inward motion there remain {_stated(ratios)}.",
+        f"Mean response with inward motion over that without it: {_stated(ratios)}.",
         holds if min(ratios.values()) <= 0.9 else Verdict.DOES_NOT,
         {f"mean_ratio_{angle}_deg": ratio for angle, ratio in ratios.items()},
         _faint(shown, preset),

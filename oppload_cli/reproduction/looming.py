@@ -1,4 +1,4 @@
-"""Figures of looming: disks with the winning unit's field, and first crossings of a threshold."""
+"""Figures of looming: disks with the winning unit, and first crossings of a threshold."""
 
 from __future__ import annotations
 
@@ -51,17 +51,17 @@ if TYPE_CHECKING:
 
 
 _CENTRE, _OFF_CENTRE = "opplod2023/looming-disk-centre", "opplod2023/looming-disk-off-centre"
-# The paper's field of 200 px, at the size at which the disk is drawn.
+# The paper's field of 200 px, as the disk is shown at its native size.
 _FIELD = ("opplod.receptive_field=200", "opplod.cell=10")
-_PAPER = {"opplod": 22, "dlgmd": 43}  # frame of the peak, for the disk in the middle only
-_SPEED = 4.0  # px/frame, of the edge of the disk: chosen here, as the paper prints none
+_PAPER = {"opplod": 22, "dlgmd": 43}  # frames of the peaks, which the paper gives for one disk
+_SPEED = 4.0  # px/frame of the disk's edge; chosen here, because the paper gives no speed
 _SPEEDS = 3.0, 3.5, _SPEED, 4.25, 4.5, 5.0, 6.0
 _EARLIER = (
     "\u201cour model responds to the looming objects stronger and earlier\u201d; off the middle "
     "\u201cour model also performs much better\u201d (looming disk, (c) and (d))"
 )
-_EARLY = 0.1  # of the peak
-# Some are shorter than in the catalogue: a slow beginning, a crossing or a full disk adds nothing.
+_EARLY = 0.1  # a response begins at this share of its peak
+# Some stimuli are shorter than in the catalogue, without the parts in which nothing new happens.
 _CONTROLS: Changes = {
     "controls/receding-disk": {"disk.growth.l_over_v_ms": [10, 100], "timing.motion_s": 1.0},
     "controls/translating-disk-speed": {"disk.motion.speed_deg_s": [20, 40]},
@@ -88,12 +88,12 @@ _DETECTORS = ("opplod", "dlgmd")
 
 
 def looming_centre() -> Built:
-    """Show the disk in the middle of the field."""
+    """Show the disk in the middle of the display."""
     return _figure("looming-centre", "Looming disk in the middle of the field", _CENTRE)
 
 
 def looming_off_centre() -> Built:
-    """Show the disk off the middle."""
+    """Show the disk off the middle of the display."""
     return _figure("looming-off-centre", "Looming disk off the middle of the field", _OFF_CENTRE)
 
 
@@ -104,29 +104,31 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
     protocol = load(stimulus)
     centre = Projection.of(protocol.display).to_px(*protocol.objects[0].centre_deg)
     notes = [
-        f"The paper prints no size and no speed: radius 5 + {_SPEED:g} t px at 600 x 600, t in "
-        "frames, is chosen here. The detectors see it at this native size, and preset reference "
-        "has the paper's field: oppload run --height native --preset reference "
-        "--set opplod.receptive_field=200 --set opplod.cell=10 gives these curves.",
-        "The peak comes when the edge of the disk leaves the receptive field, and D-LGMD sees the "
-        "entire frame: an earlier peak is a statement about the size of the field. Figure "
-        "'thresholds' compares at equal false alarms.",
+        "The paper gives neither the size nor the speed of the disk. Here its radius is "
+        f"5 + {_SPEED:g} t px in a frame of 600 x 600, with t in frames. The detectors see it at "
+        "this native size, and preset reference has the paper's field: oppload run --height "
+        "native --preset reference --set opplod.receptive_field=200 --set opplod.cell=10 gives "
+        "these curves.",
+        "OppLoD's response peaks when the edge of the disk leaves the receptive field, but D-LGMD "
+        "sees the entire frame. So an earlier peak only reflects the size of the field. The figure "
+        "'thresholds' compares the detectors at equal false alarms.",
     ]
     claim = functools.partial(_claim, by_speed=by_speed, settings=settings)
     claims = [
         claim(
             _earlier,
             "OppLoD responds earlier than D-LGMD.",
-            "holds: earlier both at 10 % of the own peak and at the peak; in part: at one of them",
+            "holds: OppLoD reaches both its peak and 10 % of its peak earlier than D-LGMD does; in "
+            "part: one of them",
             _EARLIER,
             _PAPER,
         ),
         claim(
             _stronger,
             "OppLoD responds more strongly than D-LGMD.",
-            "share of the frames up to OppLoD's peak in which its response over its own peak is "
-            "above that of D-LGMD (our reading of stronger, as the paper compares normalised "
-            "curves); holds: at least 90 %, in part: at least half",
+            "share of the frames up to OppLoD's peak in which its response is above that of "
+            "D-LGMD, each response divided by its own peak (our reading of stronger, as the paper "
+            "compares normalised curves); holds: at least 90 %, in part: at least half",
             _EARLIER,
             _PAPER,
         ),
@@ -144,9 +146,9 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
             claim(
                 functools.partial(_near, name),
                 f"{detector_named(name).label}'s response peaks near frame {frame}.",
-                "holds: within 1 frame of the paper's, in part: within 3; at "
-                f"{_SPEED:g} px/frame and over 45 frames, which were chosen here and set this "
-                "frame",
+                "holds: within 1 frame of the paper's peak, in part: within 3 frames. We chose the "
+                f"speed of {_SPEED:g} px/frame and the length of 45 frames, which determine the "
+                "frame of the peak",
                 "\u201cour model's output reaches the peak at near frame 22, while the baseline "
                 "model at near frame 43\u201d (looming disk, (c))",
                 [name],
@@ -155,18 +157,19 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
         ]
         claims = near + claims
         notes.append(
-            "The speed decides when the peak comes: at 4 px/frame the disk reaches the edge of "
-            "the field of 200 px in frame (100 - 5) / 4 = 23.75. The agreement with frame 22 "
-            "therefore says that the speed was well chosen, and no more; the paper does not print "
-            "its own. D-LGMD's response grows until the stimulus ends, after 45 frames, a length "
-            "that was chosen here as well."
+            "The speed determines the frame of the peak: at 4 px/frame the disk reaches the edge "
+            "of the field of 200 px in frame (100 - 5) / 4 = 23.75. So the agreement with frame 22 "
+            "says only that our speed is near to that of the paper, which the paper does not give. "
+            "D-LGMD's response grows until the stimulus ends, after 45 frames; we chose this "
+            "length too."
         )
     else:
-        notes.append("D-LGMD's curve turns where the disk first reaches the frame's border.")
+        notes.append("D-LGMD's curve bends when the disk first reaches the border of the frame.")
     return Built(
         name,
         title,
-        "Both detectors' curves for both presets, and the field of the winning unit at its peak.",
+        "The responses of both detectors under both presets, and the receptive field of the "
+        "winning unit at OppLoD's peak.",
         tuple(claims),
         _draw(protocol, shown, _PAPER if stimulus == _CENTRE else {}),
         tuple(
@@ -186,7 +189,7 @@ def _figure(name: str, title: str, stimulus: str) -> Built:
 
 
 def _shown_at(stimulus: str, speed: float, settings: dict[str, Settings]) -> Shown:
-    """Show the disk with an edge of so many px/frame."""
+    """Show the disk at a speed of its edge in px/frame."""
     protocol = load(stimulus)
     per_second = speed * float(protocol.display.frame_rate) / protocol.display.scale
     protocol = load(stimulus, {"disk.growth.speed_deg_s": per_second})
@@ -203,7 +206,7 @@ def _claim(
     by_speed: dict[float, Shown],
     settings: dict[str, Settings],
 ) -> Claim:
-    """Judge a statement on detectors at the chosen speed; say the verdicts at other speeds."""
+    """Return a claim judged at the chosen speed; its text has the verdicts at other speeds."""
     findings = {}
     for preset in PRESETS:
         chosen = by_speed[_SPEED][preset]
@@ -212,7 +215,7 @@ def _claim(
         for speed, shown in by_speed.items():
             if speed != _SPEED:
                 speeds[judge(shown[preset]).verdict].append(f"{speed:g}")
-        others = "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in speeds.items() if at)
+        others = "; ".join(f"{each} at {', '.join(at)}" for each, at in speeds.items() if at)
         faint = (
             hardly(name, [chosen[name]], settings[preset], "to the disk") for name in detectors
         )
@@ -247,8 +250,8 @@ def _earlier(each: dict[str, Responses]) -> Finding:
     }
     earlier = sum(at["opplod"] < at["dlgmd"] for at in (onset, peak))
     return Finding(
-        f"10 % of its own peak: OppLoD {words['opplod']} {onset['opplod']}, D-LGMD "
-        f"{words['dlgmd']} {onset['dlgmd']}; peaks at {peak['opplod']} and {peak['dlgmd']}.",
+        f"OppLoD reaches 10 % of its peak {words['opplod']} {onset['opplod']}, D-LGMD "
+        f"{words['dlgmd']} {onset['dlgmd']}; they peak at {peak['opplod']} and {peak['dlgmd']}.",
         (Verdict.DOES_NOT, Verdict.IN_PART, Verdict.HOLDS)[earlier],
         {f"{name}_onset_frame": frame for name, frame in onset.items()},
     )
@@ -262,8 +265,8 @@ def _stronger(each: dict[str, Responses]) -> Finding:
     known = np.isfinite(opplod) & np.isfinite(dlgmd)
     share = float(np.mean(opplod[known] > dlgmd[known])) if known.any() else np.nan
     return Finding(
-        f"Over its own peak, OppLoD's response is above that of D-LGMD in {100 * share:.0f} % of "
-        "the frames up to OppLoD's peak.",
+        f"Divided by its own peak, OppLoD's response is above that of D-LGMD in "
+        f"{100 * share:.0f} % of the frames up to OppLoD's peak.",
         at_least(share, 0.9, 0.5),
         {"share_above": share},
     )
@@ -274,7 +277,7 @@ def _onset(responses: Responses) -> int:
 
 
 def _first(responses: Responses) -> int:
-    """Return the first frame that has a response."""
+    """Return the first frame with a response."""
     return int(responses.frame[np.argmax(np.isfinite(responses.response))])
 
 
@@ -317,7 +320,7 @@ def _draw(protocol: Protocol, shown: Shown, paper: dict[str, int]) -> Figure:
 
 
 def thresholds() -> Built:
-    """Set each detector's threshold by the controls, and compare first crossings."""
+    """Compare when the detectors first exceed their largest response to the controls."""
     controls, looming = (
         {preset: _shown(preset, stimuli) for preset in PRESETS} for stimuli in (_CONTROLS, _LOOMING)
     )
@@ -330,9 +333,9 @@ def thresholds() -> Built:
     claim = Claim(
         "OppLoD responds to looming objects stronger and earlier than D-LGMD, which leaves more "
         "time to avoid them.",
-        "each detector's threshold is its largest response to any control, so that neither alarms "
-        "falsely; share of looming stimuli in which OppLoD crosses its own first, or alone; "
-        "holds: at least 90 %, in part: at least 50 %",
+        "each detector's threshold is its largest response to any control, so that none has a "
+        "false alarm; share of the looming stimuli in which OppLoD exceeds its threshold before "
+        "D-LGMD does, or D-LGMD never does; holds: at least 90 %, in part: at least 50 %",
         {preset: _finding(first[preset], limits[preset]) for preset in PRESETS},
         "\u201cour model responds to the looming objects stronger and earlier, which means that "
         "can attain more time avoiding obstacles\u201d (looming disk)",
@@ -340,8 +343,8 @@ def thresholds() -> Built:
     return Built(
         "thresholds",
         "First crossing of a threshold at equal false alarms",
-        "For each looming stimulus, when each detector first exceeds its largest response to any "
-        "control stimulus; in the grey strip: never.",
+        "For each looming stimulus, the time at which each detector first exceeds its largest "
+        "response to any control. A mark in the grey strip: never.",
         (claim,),
         _draw_first(first),
         tuple(
@@ -356,16 +359,16 @@ def thresholds() -> Built:
             for detector in _DETECTORS
         ),
         (
-            "Peaks alone flatter OppLoD: they come when the edge leaves its field, which is "
-            "smaller than the frame that D-LGMD sees. This figure compares first crossings, on "
-            "which an alarm depends.",
+            "A comparison of peaks favours OppLoD: its response peaks when the edge leaves the "
+            "receptive field, which is smaller than the frame that D-LGMD sees. This figure "
+            "compares first crossings of a threshold, because an alarm depends on them.",
             f"Controls: {len(controls[PRESETS[0]])} stimuli of {len(_CONTROLS)} kinds (receding, "
-            "translating, panning, rotating, gratings, edges), none of which looms, at each "
-            "preset's own working height and without a pause before the motion. They are a part "
-            "of the catalogue's sweeps: not all of its directions, sizes and speeds.",
+            "translating, panning, rotating, gratings, edges) without looming, at each preset's "
+            "own working height and without a pause before the motion. They have only some of the "
+            "directions, sizes and speeds of the catalogue.",
             *(
                 f"{TITLES[preset].capitalize()}: the threshold of {detector_named(detector).label} "
-                f"is set by {name} ({plain(value)})."
+                f"is its response to {name} ({plain(value)})."
                 for preset, each in worst.items()
                 for detector, (name, value) in each.items()
             ),
@@ -394,7 +397,7 @@ def _worst(controls: Shown) -> dict[str, tuple[str, float]]:
 
 
 def _crossings(looming: Shown, limits: dict[str, float]) -> First:
-    """Return when each detector first exceeds its limit."""
+    """Return the time at which each detector first exceeds its limit, in s."""
     first: First = {}
     for name, each in looming.items():
         first[name] = {}
@@ -454,12 +457,11 @@ def _draw_crossings(axes: Axes, first: First) -> None:
     end = 1.2 * last
     for times, name, marker, shift in zip(table.T, _DETECTORS, "os", (-0.12, 0.12), strict=True):
         detector, places = detector_named(name), np.arange(len(times)) + shift
-        seen = np.isfinite(times)
-        axes.plot(times[seen], places[seen], marker,
+        crossed = np.isfinite(times)
+        axes.plot(times[crossed], places[crossed], marker,
                   color=detector.colour, markersize=4, label=detector.label)  # fmt: skip
-        # A strip of their own, without a time: at the end of the axis they would look like late
-        # alarms.
-        axes.plot(np.full(np.sum(~seen), (last + end) / 2), places[~seen], "x",
+        # In a strip of their own: at the end of the time axis they would look like late alarms.
+        axes.plot(np.full(np.sum(~crossed), (last + end) / 2), places[~crossed], "x",
                   color=detector.colour, ms=4)  # fmt: skip
     axes.axvspan(last, end, color=FAINT, alpha=0.25, lw=0)
     axes.annotate("no alarm", ((last + end) / 2, 1), xycoords=("data", "axes fraction"),

@@ -1,4 +1,4 @@
-"""The battery of an LPLC2 study: presets and models beside the neurons (``docs/lplc2.md``)."""
+"""The stimuli of an LPLC2 study: presets and models compared with neurons (``docs/lplc2.md``)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from oppload_cli.reproduction.claims import (
     Claim,
     Finding,
     Verdict,
+    at_least,
     described_settings,
 )
 from oppload_cli.stimulus.catalogue import load_all
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     Series = NDArray[np.float64]
 
 _PRESET = "lplc2"
-# One unit in the middle of the stimulus, as the neuron that an electrode or a dye is in.
+# One unit in the middle of the stimulus, because the study recorded from one neuron.
 _CENTRE = ("opplod.units=1x1",)
 _FIELD = ("opplod.receptive_field=200",)  # 60 degrees, as that of preset lplc2
 _SETTINGS = {_PRESET: _CENTRE, "reference": (*_CENTRE, *_FIELD), "paper": ()}
@@ -48,15 +49,16 @@ _MODELS = "mlplc2", "emd_lplc2_gf", "zhou_lrf"
 
 
 class _Family(NamedTuple):
-    """Stimuli of the catalogue that differ in their axis alone."""
+    """Stimuli of the catalogue that differ only in their axis."""
 
-    name: str  # in the catalogue, without its folder
-    width_deg: int | None = None  # of its bars
-    published: str = ""  # name among the published peaks; empty if none were published
+    name: str  # in the catalogue, without the folder
+    width_deg: int | None = None  # of the bars
+    published: str = ""  # name in the table of published peaks; empty if none were published
 
 
 LOOM = "loom"
-# Places in degrees, 15 from the centre, where neurons give the loom at least half of their answer.
+# Places at 15 degrees from the centre. There, neurons respond to the loom with at least half of
+# their response at the centre.
 OFF_CENTRE = ((15.0, 0.0), (10.6, 10.6))
 BATTERY = (
     _Family(LOOM, None, "loom"),
@@ -70,11 +72,11 @@ BATTERY = (
     _Family("edge", None, "edge"),
     _Family("grating", None, "grating"),
 )
-_NAMED_DIRECTIONS = "right", "down"  # at the end of published names, beside their axis
+_NAMED_DIRECTIONS = "right", "down"  # ends of published names; the table also has the axis
 
 
 class Row(NamedTuple):
-    """The peak of one preset or model for one stimulus; the columns of ``lplc2.csv``."""
+    """A row of ``lplc2.csv``: the peak of one preset or model for one stimulus."""
 
     stimulus: str
     axis_deg: float | None
@@ -85,21 +87,21 @@ class Row(NamedTuple):
 
 
 class _Shown(NamedTuple):
-    """The responses of one preset or model to the battery, in its order."""
+    """The responses of one preset or model, in the order of the stimuli."""
 
     rows: tuple[Row, ...]
-    # Times in s and calcium signals over the peak for the loom, by stimulus, for a figure.
+    # Times in s and calcium signals divided by the peak for the loom, by stimulus, for a figure.
     courses: dict[str, tuple[Series, Series]]
 
 
 def axis_of(name: str) -> float | None:
-    """Return the axis in degrees that stands at the end of a stimulus's name, None without one."""
+    """Return the axis in degrees at the end of a stimulus's name; None without an axis."""
     end = name.rpartition("/")[2].rpartition("-")[2]
     return float(end) if end.isdigit() else None
 
 
 def _published() -> dict[tuple[str, float | None], float]:
-    """Return the published peaks over that of the loom, by stimulus and axis."""
+    """Return the published peaks divided by that for the loom, by stimulus and axis."""
     known = {}
     for peak in lplc2_peaks():
         kind, _, word = peak.stimulus.rpartition("_")
@@ -119,13 +121,13 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
     name : str
         ``lplc2``, ``reference``, ``paper``, or a model.
     families : iterable of _Family
-        The loom among them.
+        The families to show; the loom must be one of them.
 
     Returns
     -------
     _Shown
-        Peaks of the calcium signal over that for the loom; the time constant is that of
-        preset ``lplc2`` for all.
+        The peaks of the calcium signal, divided by the peak for the loom. The calcium signal always
+        has the time constant of preset ``lplc2``.
     """
     settings = _settings(name)
     signals = {
@@ -154,27 +156,22 @@ def show(name: str, families: Iterable[_Family] = BATTERY) -> _Shown:
 
 
 def _settings(name: str) -> Settings:
-    """Return the settings of a preset of OppLoD, or of another model."""
     if name in _SETTINGS:
         return resolve(preset=name, models=["opplod"], assignments=_SETTINGS[name])
     return resolve(models=[name])
 
 
 def _signal(protocol: Protocol, settings: Settings) -> tuple[Series, Series]:
-    """Return times in s and the calcium signal of the one detector of the settings."""
+    """Return times in s and the calcium signal of the only detector in the settings."""
     params = cast("OpplodParams", parameters_of("opplod", _PRESET))
     (found,) = present(protocol, settings, indicator_s=params.calcium_s).values()
     return found.time_s, np.nan_to_num(found.response)
 
 
 def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
-    """Measure the phenomena of LPLC2 neurons, as ratios of peaks.
+    """Return ratios of peaks by name, each with its least and largest value in LPLC2 neurons.
 
-    Returns
-    -------
-    dict of str to (float, float, float)
-        By phenomenon: the measurement, and its least and largest value in neurons
-        (``docs/lplc2.md`` gives the reasons).
+    ``docs/lplc2.md`` explains the ratios and the values in neurons.
     """
     peak = {(row.stimulus, row.axis_deg): row.peak_over_loom for row in rows}
 
@@ -195,7 +192,7 @@ def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
     ]
     corners = over("bar-expand-inward-corners", "bar-expand-10", quarter)
     periphery = over("bar-expand-inward-periphery", "bar-expand-10", quarter)
-    return {  # np.min and np.max give NaN where one value is NaN, min and max may not
+    return {  # unlike min and max, np.min and np.max give NaN if any value is NaN
         "both ends over one end, least": (np.min(ends), 2.5, math.inf),
         "outward cross": (peak["cross-outward", None], 0.35, 0.6),
         "inward cross": (peak["cross-inward", None], 0, 0.05),
@@ -210,7 +207,7 @@ def phenomena(rows: Sequence[Row]) -> dict[str, tuple[float, float, float]]:
 
 
 def _ratio(one: float, other: float) -> float:
-    """Divide two peaks; NaN, which is in no range, where both are 0 or one is unknown."""
+    """Return the ratio of two peaks; NaN, which is in no range, if both are 0 or one is NaN."""
     if other > 0:
         return one / other
     return math.inf if one > 0 and other == 0 else math.nan
@@ -221,18 +218,18 @@ def battery() -> Built:
     shown = {name: show(name) for name in (*_SETTINGS, *_MODELS)}
     claims = (
         Claim(
-            "Responses to bars, crosses, edges and gratings over that to the looming disk are "
-            "those of LPLC2 neurons.",
-            "over the 21 published peaks; holds: r at least 0.95 and rms at most 0.08; in part: "
-            "r at least 0.5 and rms at most 0.25",
+            "Divided by the response to the looming disk, the responses to bars, crosses, edges "
+            "and gratings agree with those of LPLC2 neurons.",
+            "Pearson's r and root mean square difference (rms) over the 21 published peaks; holds: "
+            "r at least 0.95 and rms at most 0.08; in part: r at least 0.5 and rms at most 0.25",
             {name: _alike(each.rows) for name, each in shown.items()},
             "\u201cthe proposed model behaves quite similarly to LPLC2 neurons on many different "
             "types of stimuli\u201d (comparison with LPLC2); crosses, edges and gratings are added "
             "here",
         ),
         Claim(
-            "Ends, crosses, inward motion and wide fields have the effects that they have on LPLC2 "
-            "neurons.",
+            "Bars with one or two ends, crosses, inward motion and wide fields have the same "
+            "effects as on LPLC2 neurons.",
             "holds: all ratios are in the range of the neurons; in part: at least half of them",
             {name: _does(each.rows) for name, each in shown.items()},
         ),
@@ -240,29 +237,30 @@ def battery() -> Built:
     return Built(
         "lplc2",
         "The battery of an LPLC2 study, beside the neurons",
-        "Peaks over the looming disk's for expanding bars by axis, for the other stimuli, and "
-        "calcium signals over time of preset lplc2.",
+        "Peaks divided by that for the looming disk, for expanding bars by axis and for the other "
+        "stimuli; and calcium signals of preset lplc2 over time.",
         claims,
         _draw(shown),
         tuple(row._asdict() for each in shown.values() for row in each.rows),
         (
             f"Neurons: {SOURCE}.",
-            "Response of the one unit in the middle of the stimulus (preset paper and the other "
-            "models: of the complete detector), low-passed with the time constant of preset lplc2.",
+            "The calcium signal is the response, low-passed with the time constant of preset "
+            "lplc2. Presets lplc2 and reference have one unit, in the middle of the stimulus; in "
+            "preset paper and the other models the complete detector responds.",
         ),
         {name: described_settings(_settings(name), _SETTINGS.get(name, ())) for name in shown},
     )
 
 
 def _alike(rows: Sequence[Row]) -> Finding:
-    """Compare published peaks: Pearson's r without the loom, and the rms difference with it."""
+    """Compare the peaks with published ones: r without the loom, rms difference with the loom."""
     pairs = [(row.peak_over_loom, row.published) for row in rows if row.published is not None]
     model, neurons = np.array(pairs, float).T
     others = np.array([row.stimulus != LOOM for row in rows if row.published is not None])
     rms = float(np.sqrt(np.mean((model - neurons) ** 2)))
     if math.isnan(rms):
         r, text = math.nan, NO_RESPONSE
-    elif np.ptp(model[others]) == 0:  # equal peaks have a difference, but no correlation
+    elif np.ptp(model[others]) == 0:  # r of equal values is not defined
         r, text = math.nan, f"All peaks are equal: no r; rms {rms:.3g}."
     else:
         r = float(np.corrcoef(model[others], neurons[others])[0, 1])
@@ -274,22 +272,23 @@ def _alike(rows: Sequence[Row]) -> Finding:
 
 
 def _does(rows: Sequence[Row]) -> Finding:
-    found = phenomena(rows)
-    kept = [low <= value <= high for value, low, high in found.values()]
-    parts = "; ".join(f"{name}: {_in_words(value)}" for name, (value, _, _) in found.items())
-    in_part = Verdict.IN_PART if 2 * sum(kept) >= len(kept) else Verdict.DOES_NOT
+    ratios = phenomena(rows)
+    in_range = [low <= value <= high for value, low, high in ratios.values()]
+    parts = "; ".join(f"{name}: {_in_words(value)}" for name, (value, _, _) in ratios.items())
     return Finding(
-        f"{sum(kept)} of {len(kept)}. {parts}.",
-        Verdict.HOLDS if all(kept) else in_part,
-        {name: value for name, (value, _, _) in found.items()},
+        f"{sum(in_range)} of {len(in_range)}. {parts}.",
+        at_least(sum(in_range) / len(in_range), 1, 0.5),
+        {name: value for name, (value, _, _) in ratios.items()},
     )
 
 
 def _in_words(value: float) -> str:
-    """Return a ratio of peaks, also where there is none to divide, or none to divide by."""
+    """Return the text of a ratio of peaks, which may be NaN or infinite."""
     if math.isnan(value):
         return "no response to compare"
-    return "infinite, as the second gives no response" if math.isinf(value) else f"{value:.2g}"
+    if math.isinf(value):
+        return "infinite, because the second stimulus gives no response"
+    return f"{value:.2g}"
 
 
 def _draw(shown: Mapping[str, _Shown]) -> Figure:
@@ -317,7 +316,7 @@ def _others(axes: Axes, rows: Sequence[Row]) -> None:
         if row.published is not None and not row.stimulus.startswith(("bar-expand", LOOM))
     ]  # fmt: skip
     place = np.arange(len(other))
-    # The axis runs downwards: the bars have the order of the legend.
+    # The axis is inverted below, so that the bars have the order of the legend.
     axes.barh(place - 0.2, [row.peak_over_loom for row in other], 0.4, color=CYCLE[0],
               label="preset lplc2")  # fmt: skip
     axes.barh(place + 0.2, [row.published or 0 for row in other], 0.4, color=LPLC2, label="LPLC2")

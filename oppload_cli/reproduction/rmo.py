@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
 
 _PAIRS, _SAMPLES, _SEED = 300, 20001, 7
-# Starts and vectors, x right and y down, of the typical patterns.
+# Typical pairs of motion vectors: start and vector of one, start and vector of the other; x points
+# right and y down.
 _PATTERNS = {
     "outward, equal": ((-1, 0), (-2, 0), (1, 0), (2, 0)),
     "outward, unequal": ((-1, 0), (-1, 0), (1, 0), (2.5, 0)),
@@ -48,7 +49,7 @@ _PATTERNS = {
     "rotation": ((-1.2, 0), (0, 2), (1.2, 0), (0, -2)),
     "across": ((-1, 0), (-2, 0), (0, 1), (0, 2)),
 }
-_HEIGHT, _SLOWEST = 240, 0.5  # px, px/frame
+_HEIGHT, _SLOWEST = 240, 0.5  # working height in px, least speed of an edge in px/frame
 _LOOMING = {
     "opplod2023/looming-disk-centre": {},
     "opplod2023/looming-disk-off-centre": {},
@@ -67,20 +68,21 @@ _OTHERS = {
 
 
 def definition() -> Built:
-    """Draw the paper's construction, and compare it with the closed form."""
+    """Compare the paper's construction of the degree of opponency with the closed form."""
     largest, literal = _differences()
     both = float(rmo((-1.0, 0.0), (1.0, 0.0)))
     one_side = float(rmo((-1.0, 0.0), (1.0, 0.0), sides=1))
     counted = Verdict.HOLDS if one_side >= 0.99 else Verdict.IN_PART
     claims = (
         Claim(
-            "The degree of opponency follows from projecting both motions on the line that they "
-            "share, and integrating their symmetric part.",
-            "largest difference between the steps and integral done numerically and the closed "
-            "form sides x min(|v1|, |v2|) / (|v1| + |v2|); holds: at most 0.001, in part: 0.05",
+            "The degree of opponency follows from projecting both motions on a common line, and "
+            "integrating their symmetric part.",
+            "largest difference between the numerical steps and integral of the paper, and the "
+            "closed form sides x min(|v1|, |v2|) / (|v1| + |v2|); holds: at most 0.001, in part: "
+            "at most 0.05",
             {
                 NO_PRESET: Finding(
-                    f"Over {_PAIRS} random pairs the two differ by at most {largest:.1g}.",
+                    f"Over {_PAIRS} random pairs, they differ by at most {largest:.1g}.",
                     at_most(largest, 1e-3, 0.05),
                     {"largest_difference": largest},
                 )
@@ -89,8 +91,8 @@ def definition() -> Built:
         ),
         Claim(
             "Two motions that mirror each other have a degree of 100 %.",
-            "degree of two equal opposite vectors; holds: at least 99 % as the paper's integral "
-            "has it, in part: only if both sides of the centre are counted",
+            "degree of two equal opposite vectors; holds: at least 99 % by the paper's integral, "
+            "in part: only if the integral counts both sides of the centre",
             {
                 NO_PRESET: Finding(
                     f"The integral as printed gives {100 * one_side:.0f} %; with both sides of "
@@ -104,8 +106,8 @@ def definition() -> Built:
     return Built(
         "rmo-definition",
         "Definition of radial motion opponency",
-        "Left: the construction for a pair of vectors. Right: typical patterns with their RMO; "
-        "a cross marks a pair that is no outward ROM pair.",
+        "Left: the construction for a pair of vectors. Right: typical patterns with their RMO; a "
+        "cross marks a pair that is not an outward ROM pair.",
         claims,
         _draw_definition(),
         tuple(
@@ -116,19 +118,21 @@ def definition() -> Built:
             for name, metrics in ((each, _pattern(each)) for each in _PATTERNS)
         ),
         (
-            "The paper's integral counts the symmetric part on one side of the centre, while the "
-            "ratio's denominator counts both motions: its largest value is 50 %. We count both "
-            f"sides; the literal half is an option and agrees too (within {literal:.1g}).",
+            "The paper's integral counts the symmetric part on one side of the centre, but the "
+            "denominator counts both motions, so the largest ratio is 50 %. We count both sides. "
+            "The literal integral over one side is an option; it also agrees with its closed form "
+            f"(within {literal:.1g}).",
             "Exactly antiparallel vectors are the perfect case, but their lines never meet, so "
-            "that step 1 fails for them; we take the shared line from the unit vectors.",
-            "The delta of the integral is read as an indicator.",
+            "step 1 of the paper fails. We take the direction of the common line from the unit "
+            "vectors.",
+            "We read the delta in the integral as an indicator function.",
         ),
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Construction:
-    """The lines and points of the paper's steps for one pair of vectors, and the ratio."""
+    """The common line, the points of the paper's steps for one pair of vectors, and the ratio."""
 
     line: Point
     meeting: Point
@@ -140,18 +144,18 @@ class _Construction:
 def _construct(s1: Point, v1: Point, s2: Point, v2: Point, sides: int = 2) -> _Construction:
     """Carry out the paper's four steps and its integral for one pair of vectors.
 
-    The vectors `v1` and `v2` with the starts `s1` and `s2` are opposite, but not exactly
-    antiparallel; `sides` is the number of sides of the centre that are counted.
+    The vectors `v1` and `v2` start at `s1` and `s2`. They are opposite, but not exactly
+    antiparallel. The integral counts 1 or 2 `sides` of the centre.
     """
     # (1) extend both vectors until they meet
     steps = np.linalg.solve(np.column_stack([v1, -v2]), s2 - s1)
     meeting = s1 + steps[0] * v1
-    # (2) the line through it that divides the angle equally, for vectors pointing apart
+    # (2) the common line goes through this point and halves the angle between v1 and -v2
     line = v1 / np.hypot(*v1) - v2 / np.hypot(*v2)
     line /= np.hypot(*line)
-    # (4) the midpoint of the starts, projected on the line, is its centre
+    # (4) the centre of the line is the projection of the midpoint of the starts
     middle = meeting + line * float((s1 + s2) / 2 @ line - meeting @ line)
-    # (3) both vectors projected on the line, from there
+    # (3) project both vectors on the line; positions count from the centre
     ends = [float((point - middle) @ line) for point in (s1, s1 + v1, s2, s2 + v2)]
     x = np.linspace(-1.01, 1.01, _SAMPLES) * max(map(abs, ends))
     in_first = (x >= min(ends[:2])) & (x <= max(ends[:2]))
@@ -163,7 +167,7 @@ def _construct(s1: Point, v1: Point, s2: Point, v2: Point, sides: int = 2) -> _C
 
 
 def _differences() -> tuple[float, float]:
-    """Return the largest differences from the closed form, two-sided and literal."""
+    """Return the largest differences from the closed form, for two sides and for one side."""
     random = np.random.default_rng(_SEED)
     worst = {1: 0.0, 2: 0.0}
     for _ in range(_PAIRS):
@@ -251,7 +255,7 @@ def _xy(point: Point) -> tuple[float, float]:
 
 
 def stimuli() -> Built:
-    """Measure the RMO index of looming and other stimuli."""
+    """Compare the RMO index of looming and other stimuli."""
     by_frame = {"looming": _indices(_LOOMING), "other": _indices(_OTHERS)}
     looming, others = (
         {name: np.array(list(each.values())) for name, each in shown.items()}
@@ -263,9 +267,11 @@ def stimuli() -> Built:
     typical, other = (np.median(np.concatenate(list(each.values()))) for each in (looming, others))
     overlap = Verdict.IN_PART if typical > other else Verdict.DOES_NOT
     claim = Claim(
-        "Radial opponent motion comes with looming, and is stronger in it than in other motion.",
-        "RMO index per frame while an edge moves over 0.5 px/frame at a height of 240; holds: "
-        "every looming frame is above every other frame; in part: the medians are",
+        "Radial opponent motion occurs in looming, and is stronger in looming than in other "
+        "motion.",
+        "RMO index of each frame in which an edge moves more than 0.5 px/frame at a height of 240; "
+        "holds: every looming frame has a larger index than every other frame; in part: the median "
+        "of the looming frames is larger",
         {
             NO_PRESET: Finding(
                 f"Looming frames give at least {least:.2f}, the others at most {most:.2f} "
@@ -285,7 +291,7 @@ def stimuli() -> Built:
     return Built(
         "rmo-stimuli",
         "RMO index of looming and other stimuli",
-        "The range over the frames (line), and the median (dot), per stimulus.",
+        "For each stimulus, the range over the frames (line) and the median (dot).",
         (claim,),
         _draw_stimuli(looming, others),
         tuple(
@@ -295,19 +301,19 @@ def stimuli() -> Built:
             for frame, index in each.items()
         ),
         (
-            "The paper does not say where motion vectors come from; here they are dense optical "
+            "The paper does not say how motion vectors are measured; here they are dense optical "
             "flow on a grid.",
-            "An index of 0 while something looms is a frame without vectors: the very first one "
-            "of the paper's disk, in which its radius grows from 2 to 4 px at a height of 240.",
-            "A turning bar on a plain ground is the hard case: a straight edge shows only motion "
-            "across itself (the aperture problem).",
+            "The looming frame with an index of 0 has no motion vectors: it is the first frame of "
+            "the paper's disk, in which its radius grows from 2 to 4 px at a height of 240.",
+            "A turning bar on a plain ground is the hardest stimulus: of a straight edge, only "
+            "motion across the edge can be seen (the aperture problem).",
         ),
         {NO_PRESET: f"{_HEIGHT} px"},
     )
 
 
 def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, dict[int, float]]:
-    """Return the RMO index by frame of each stimulus that moves fast enough, by its name."""
+    """Return the RMO index by stimulus and frame, of stimuli that move fast enough."""
     found = {
         protocol.name: _index(protocol)
         for name, changed in changes.items()
@@ -317,7 +323,7 @@ def _indices(changes: dict[str, dict[str, list[int]]]) -> dict[str, dict[int, fl
 
 
 def _index(protocol: Protocol) -> dict[int, float]:
-    """Return the RMO index of the frames in which something moves fast enough."""
+    """Return the RMO index by frame, of frames in which an edge moves fast enough."""
     flow, scale = DenseFlow(), _HEIGHT / protocol.display.height
     turning = any(each.motion and each.motion.rotation_deg_s for each in protocol.objects)
     values = {}

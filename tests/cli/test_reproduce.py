@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from oppload_cli.reproduction import claims
-from oppload_cli.reproduction.claims import FIGURES, MARKS
+from oppload_cli.reproduction.claims import FIGURES, Verdict
 from tests.cli.inside import oppload, run
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def check_page(folder: Path, names: list[str]) -> None:
         assert picture.std() > 5
         assert len(parts["statement"]) >= 1
         assert len(parts["measured"]) == len(parts["verdict"]) >= len(parts["statement"])
-        assert {each.removesuffix(", hardly responds") for each in parts["verdict"]} <= set(MARKS)
+        assert {each.removesuffix(", hardly responds") for each in parts["verdict"]} <= set(Verdict)
         assert parts["command"] == [f"oppload reproduce --only {name}"]
     # Nothing is fetched: pictures are in the page, and links stay in it.
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in page.links)
@@ -85,7 +85,7 @@ def one_figure(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.returncode == 0
     judged = json.loads((folder / "report.json").read_text())["figures"][0]["claims"]
     given = [finding["verdict"] for claim in judged for finding in claim["measured"].values()]
-    counts = ", ".join(f"{given.count(each)} '{each}'" for each in MARKS)
+    counts = ", ".join(f"{given.count(each)} '{each}'" for each in Verdict)
     assert done.stderr == f"verdicts on the statements of the paper: {counts}\n"
     assert done.stdout.split() == [str(folder / name) for name in names]
     assert sorted(path.name for path in folder.iterdir()) == sorted(names)
@@ -169,4 +169,4 @@ def test_every_figure_of_the_paper(tmp_path: Path, browser: Browser) -> None:
     verdicts = {figure["name"]: figure["verdicts"] for figure in report["figures"]}
     assert verdicts["up-down"]["reference"] == "holds"
     assert verdicts["inward"]["paper"] == "does not hold"
-    assert {one for each in verdicts.values() for one in each.values()} == set(MARKS)
+    assert {one for each in verdicts.values() for one in each.values()} == set(Verdict)

@@ -81,7 +81,7 @@ def test_phenomena_of_a_silent_model_are_in_no_range() -> None:
         row._replace(peak_over_loom=0.5) if "corners" in row.stimulus else row for row in rows
     ]
     text = _does(inward).text
-    assert "corners over the bar, largest: infinite, as the second gives no response;" in text
+    assert "corners over the bar, largest: infinite, because the second stimulus" in text
 
 
 def test_likeness_of_equal_and_of_unknown_peaks_in_words() -> None:
