@@ -35,7 +35,6 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.reproduction.lplc2 import (
     BATTERY,
     LOOM,
-    OFF_CENTRE,
     Row,
     axis_of,
     phenomena,
@@ -69,6 +68,9 @@ RANGES: dict[str, tuple[float, float, bool]] = {
     "arm_power": (0.5, 5, False),
     "calcium_s": (0.05, 1, True),
 }
+# Places at 15 degrees from the centre. There, neurons respond to the loom with at least half of
+# their response at the centre.
+OFF_CENTRE = ((15.0, 0.0), (10.6, 10.6))
 # The value of a parameter that switches its part off.
 ABLATIONS: dict[str, dict[str, object]] = {
     "graded direction": {"graded": False},

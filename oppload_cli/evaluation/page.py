@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _MOST = 4  # number of misses, and of false alarms, that the page shows for each detector
 _PICTURE_HEIGHT = 270  # height of a still in pixels
 _QUALITY = 82  # JPEG quality of a still
-WIDTH, HEIGHT = 300, 56  # of the strip below a still, in units of its SVG drawing
+_WIDTH, _HEIGHT = 300, 56  # of the strip below a still, in units of its SVG drawing
 _HIGHEST = 3.0  # the top of a strip is at most this multiple of the threshold
 
 
@@ -219,7 +219,7 @@ def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[st
         label_of=label_of,
         number=number,
         nothing=NOTHING,
-        strip_size=(WIDTH, HEIGHT),
+        strip_size=(_WIDTH, _HEIGHT),
     )
 
 
@@ -386,7 +386,7 @@ def _jpeg(grey: MatLike) -> bytes:
 
 
 class _Strip(NamedTuple):
-    """Coordinates for a drawing of a detector's evidence over a clip, of `WIDTH` x `HEIGHT`.
+    """Coordinates for a drawing of a detector's evidence over a clip, of `_WIDTH` x `_HEIGHT`.
 
     `approach` has a left edge and a width, `points` are the evidence (x, y), `threshold` is a
     height, and `now` is the x of the frame shown.
@@ -401,20 +401,20 @@ class _Strip(NamedTuple):
 def _strip(clip: Clip, moment: _Moment) -> _Strip:
     """Return the strip of a complete clip; evidence above three times the threshold is cut off.
 
-    In a clip with more than `2 * WIDTH` frames, a point stands for the largest of several frames.
+    In a clip with more than `2 * _WIDTH` frames, a point stands for the largest of several frames.
     """
     evidence = np.nan_to_num(clip.outputs[moment.detector].evidence)
     top = float(evidence.max()) or 1.0
     threshold = moment.threshold
     if threshold > 0:
         top = min(max(top, 1.2 * threshold), _HIGHEST * threshold)
-    frame_width = WIDTH / len(clip)
+    frame_width = _WIDTH / len(clip)
     start, stop = clip.approach
 
     def y(value: float) -> float:
-        return HEIGHT - 2 - (HEIGHT - 6) * min(value / top, 1.0)
+        return _HEIGHT - 2 - (_HEIGHT - 6) * min(value / top, 1.0)
 
-    step = max(1, math.ceil(len(evidence) / (2 * WIDTH)))
+    step = max(1, math.ceil(len(evidence) / (2 * _WIDTH)))
     firsts = range(0, len(evidence), step)
     shown = [first + int(evidence[first : first + step].argmax()) for first in firsts]
     return _Strip(

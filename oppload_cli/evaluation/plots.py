@@ -30,6 +30,7 @@ _COLOURS = ("#009E73", "#CC79A7")  # of presets other than the default; from Oka
 _SIZE = 4.8, 3.5  # inches
 _HIGHEST_RATE = 6.0  # false alarms per minute at the end of the axis
 _SHOWN = 1.6  # the axis of false alarms ends at this multiple of the highest rate
+_SHARES: dict[str, Any] = {"xlim": (-0.01, 1.01), "ylim": (0, 1.02)}  # limits for two shares
 
 
 def _detection(axes: Axes, performances: Performances) -> None:
@@ -61,7 +62,7 @@ def _detection_curve(performance: Performance) -> tuple[Numbers, Numbers]:
 
 
 def _roc(axes: Axes, performances: Performances) -> None:
-    _shares(axes, "false positive rate", "true positive rate", "ROC")
+    axes.set(xlabel="false positive rate", ylabel="true positive rate", title="ROC", **_SHARES)
     axes.plot([0, 1], [0, 1], color=FAINT, lw=0.7, linestyle=":")
     for each, look in _looks(performances):
         if each.curve is not None:
@@ -71,7 +72,7 @@ def _roc(axes: Axes, performances: Performances) -> None:
 
 
 def _precision_recall(axes: Axes, performances: Performances) -> None:
-    _shares(axes, "recall", "precision", "precision and recall")
+    axes.set(xlabel="recall", ylabel="precision", title="precision and recall", **_SHARES)
     for each, look in _looks(performances):
         if each.curve is not None:
             look["label"] += f" ({each.curve.average_precision:.2f})"
@@ -144,7 +145,8 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
         axes.barh(y, values, height * 0.9, color=look["color"], label=look["label"])
         axes.errorbar(values, y, xerr=spread, fmt="none", ecolor=look["color"], elinewidth=0.9)
         highest = max(highest, values.max(initial=0))
-    axes.set_yticks(range(len(kinds)), [f"{kind}\n{_clips(one.n)}" for kind, one in kinds.items()])
+    labels = [f"{kind}\n{one.n} clip{'s' * (one.n != 1)}" for kind, one in kinds.items()]
+    axes.set_yticks(range(len(kinds)), labels)
     axes.invert_yaxis()
     axes.set_xlim(0, _SHOWN * highest)  # intervals of few clips are too long to show completely
     axes.set_title("false alarms by kind of motion, at 1 per minute in all")
@@ -153,18 +155,10 @@ def _false_alarms(axes: Axes, performances: Performances) -> None:
     _legend(axes)
 
 
-def _clips(count: int) -> str:
-    return "1 clip" if count == 1 else f"{count} clips"
-
-
 def _beside(count: int, index: int, of: int) -> tuple[Numbers, float]:
     """Return positions and width of the bars of detector `index` out of `of`, side by side."""
     width = 0.8 / of
     return np.arange(count, dtype=np.float64) + (index - (of - 1) / 2) * width, width
-
-
-def _shares(axes: Axes, x: str, y: str, title: str) -> None:
-    axes.set(xlim=(-0.01, 1.01), ylim=(0, 1.02), xlabel=x, ylabel=y, title=title)
 
 
 def _looks(performances: Performances) -> Iterator[tuple[Performance, dict[str, Any]]]:

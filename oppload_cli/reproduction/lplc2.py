@@ -57,9 +57,6 @@ class _Family(NamedTuple):
 
 
 LOOM = "loom"
-# Places at 15 degrees from the centre. There, neurons respond to the loom with at least half of
-# their response at the centre.
-OFF_CENTRE = ((15.0, 0.0), (10.6, 10.6))
 BATTERY = (
     _Family(LOOM, None, "loom"),
     *(_Family(f"bar-expand-{width}", width, "bar_expand") for width in (10, 20, 60)),

@@ -144,30 +144,26 @@ class FrameRecord:
         }
         for name, response in self.responses.items():
             detector = detector_named(name)
-            values[f"{name}_response"] = None if response is None else response.response
-            values[f"{name}_alarm"] = self.alarms.get(name, False)
+            own: dict[str, Cell] = {
+                "response": None if response is None else response.response,
+                "alarm": self.alarms.get(name, False),
+            }
             if detector.places:
                 found = self.objects.get(name)
                 box = (None,) * 4 if found is None else found.box
-                unit = (
-                    (None,) * 2 if response is None or response.box is None else response.box.centre
-                )
-                values.update(
-                    (f"{name}_{each.name}", value)
-                    for each, value in zip(PLACE, (*box, *unit), strict=True)
-                )
+                unit = None if response is None else response.box
+                centre = (None,) * 2 if unit is None else unit.centre
+                own.update(zip((each.name for each in PLACE), (*box, *centre), strict=True))
                 view = None if found is None else found.view
-                values.update(
-                    (f"{name}_{each.name}", getattr(view, each.name, None)) for each in VIEW
-                )
-                evidence = self._multiple(name, self.evidence.get(name))
-                values[f"{name}_evidence_over_threshold"] = evidence
+                own.update((each.name, getattr(view, each.name, None)) for each in VIEW)
+                own["evidence_over_threshold"] = self._multiple(name, self.evidence.get(name))
                 for key in ("time_to_contact_s", "time_to_contact_error_s"):
-                    values[f"{name}_{key}"] = getattr(found, key, None)
-            values[f"{name}_over_threshold"] = self.over_threshold(name)
+                    own[key] = getattr(found, key, None)
+            own["over_threshold"] = self.over_threshold(name)
             for column in (*detector.columns, *detector.details):
-                values[f"{name}_{column.name}"] = getattr(response, column.name, None)
-        values.update({each.name: getattr(self.rmo, each.name, None) for each in RMO})
+                own[column.name] = getattr(response, column.name, None)
+            values.update((f"{name}_{key}", value) for key, value in own.items())
+        values.update((each.name, getattr(self.rmo, each.name, None)) for each in RMO)
         return values
 
 

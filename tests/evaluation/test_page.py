@@ -16,7 +16,7 @@ from oppload_cli.evaluation.manifest import Entry, Manifest
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from oppload_cli.evaluation.output import FILES, report_of, write_evaluation
-from oppload_cli.evaluation.page import HEIGHT, WIDTH, number, page_of
+from oppload_cli.evaluation.page import number, page_of
 from oppload_cli.evaluation.plots import PLOTS
 from oppload_cli.files.atomic import claimed
 from tests.evaluation.make import NAME, clip, peaks
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from oppload_cli.evaluation.metrics.clips import Clip
 
 OPPLOD = "opplod:reference"
+WIDTH, HEIGHT = 300, 56  # of the strips
 
 
 def renamed(made: Clip, name: str) -> Clip:
@@ -113,6 +114,7 @@ def points_of(page: str) -> list[tuple[float, float]]:
 def test_boxes_and_strips_are_drawn_on_the_page(evaluation: Evaluation) -> None:
     _, missed, false, _ = page(evaluation).split('<figure class="still">')
     assert 'viewBox="0 0 400 200"' in missed
+    assert f'viewBox="0 0 {WIDTH} {HEIGHT}"' in missed
     assert 'class="label" x="1.0" y="2.0" width="3.0" height="4.0"' in missed
     assert 'class="winner" x="50.0" y="60.0" width="100.0" height="80.0"' in missed
     # The approach, the threshold and the frame shown, and a point for each frame.

@@ -12,7 +12,6 @@ from oppload_cli.pipeline.settings import resolve
 from oppload_cli.reproduction.claims import Built, Verdict
 from oppload_cli.reproduction.lplc2 import (
     BATTERY,
-    OFF_CENTRE,
     Row,
     _alike,
     _does,
@@ -121,7 +120,7 @@ def off_centre(
 
 
 def test_a_loom_off_the_centre() -> None:
-    *near, far = off_centre((*OFF_CENTRE, (30.0, 0.0)))
+    *near, far = off_centre(((15.0, 0.0), (10.6, 10.6), (30.0, 0.0)))
     assert all(0.5 <= each <= 0.9 for each in near)
     assert far <= 0.3
 
