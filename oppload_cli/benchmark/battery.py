@@ -210,7 +210,7 @@ class _Task(NamedTuple):
     """A stimulus, the file of its measurements, and a checksum of all on which they depend."""
 
     protocol: Protocol
-    kept: Path
+    file: Path
     key: str
 
 
@@ -250,8 +250,8 @@ def show(
         for column in columns
         for protocol in column.protocols()
     ]
-    tasks = {task.kept: task for _, task in listed}
-    waiting = [task for task in tasks.values() if _kept(task) is None]
+    tasks = {task.file: task for _, task in listed}
+    waiting = [task for task in tasks.values() if _measurements_of(task) is None]
     done = itertools.count(len(tasks) - len(waiting))
 
     def count(_: object = None) -> None:
@@ -267,7 +267,13 @@ def show(
         progress=count,
     )
     return [
-        Shown(column, task.key, task.protocol.name, task.protocol.timing.end_s, _kept(task) or [])
+        Shown(
+            column,
+            task.key,
+            task.protocol.name,
+            task.protocol.timing.end_s,
+            _measurements_of(task) or [],
+        )
         for column, task in listed
     ]
 
@@ -301,8 +307,8 @@ def _task(
     text = json.dumps(content, sort_keys=True, default=str)
     key = hashlib.sha256(text.encode()).hexdigest()
     # Stimuli that differ only in settings have the same name.
-    kept = folder / f"{file_stem(protocol.name)}.{key[:8]}.json"
-    return _Task(protocol, kept, key)
+    file = folder / f"{file_stem(protocol.name)}.{key[:8]}.json"
+    return _Task(protocol, file, key)
 
 
 def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
@@ -317,7 +323,7 @@ def _show(detectors: Sequence[EvaluatedDetector], task: _Task) -> None:
     except OpploadError as error:
         raise type(error)(f"{task.protocol.name}: {error}") from error
     rows = [asdict(measured[each.name]) for each in detectors]
-    write_atomic(task.kept, json.dumps({"key": task.key, "measured": rows}, indent=1) + "\n")
+    write_atomic(task.file, json.dumps({"key": task.key, "measured": rows}, indent=1) + "\n")
 
 
 def _measure(name: str, times: Numbers, response: Numbers, alarm: Flags) -> Measured:
@@ -329,10 +335,10 @@ def _measure(name: str, times: Numbers, response: Numbers, alarm: Flags) -> Meas
     return Measured(name, float(response[best]), float(times[best]), len(begins), first)
 
 
-def _kept(task: _Task) -> list[Measured] | None:
+def _measurements_of(task: _Task) -> list[Measured] | None:
     """Return the measurements of a task from its file; None without a file for this task."""
     try:
-        content = json.loads(task.kept.read_text("utf-8"))
+        content = json.loads(task.file.read_text("utf-8"))
         rows = [Measured(**row) for row in content["measured"]]
     except (OSError, ValueError, KeyError, TypeError):
         return None

@@ -187,7 +187,7 @@ def settings_of(
 
 def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
     """Raise OutputError if a folder holds a benchmark with other settings."""
-    earlier = _kept(folder)
+    earlier = _earlier_sidecar(folder)
     if earlier is None:
         return
     # Through JSON, as `earlier` was: it makes lists of tuples.
@@ -200,7 +200,7 @@ def refuse_other(folder: Path, settings: Mapping[str, Any]) -> None:
         )
 
 
-def _kept(folder: Path) -> dict[str, Any] | None:
+def _earlier_sidecar(folder: Path) -> dict[str, Any] | None:
     """Return the content of a folder's ``benchmark.json``; None without it, empty if damaged."""
     try:
         content = json.loads((folder / _SIDECAR).read_text("utf-8"))
@@ -238,7 +238,7 @@ def write_benchmark(
         If a file cannot be written.
     """
     # Delete the files of an earlier benchmark, also figures that this benchmark does not make.
-    earlier = () if _kept(folder) is None else (f"{table.name}.pdf" for table in TABLES)
+    earlier = () if _earlier_sidecar(folder) is None else (f"{table.name}.pdf" for table in TABLES)
     for name in (*earlier, *_FILES):
         with output_errors(folder / name):
             remove(folder / name)

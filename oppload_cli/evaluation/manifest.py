@@ -9,6 +9,7 @@ import math
 import os.path
 import re
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -436,13 +437,12 @@ def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
         for frame in truth["frames"]:
             if not onset <= frame["frame"] <= contact:
                 continue
-            approaching = [each for each in frame["objects"] if each["looming"]]
-            for each in approaching:
-                box = _within(each.get("box_px"), wide, high)
-                if box is not None:
+            known = []
+            for each in filter(itemgetter("looming"), frame["objects"]):
+                if box := _within(each.get("box_px"), wide, high):
                     boxes[frame["frame"]] = box
-            times_to_contact = [each["time_to_contact_s"] for each in approaching]
-            known = [each for each in times_to_contact if each is not None]
+                if each["time_to_contact_s"] is not None:
+                    known.append(each["time_to_contact_s"])
             if known:
                 contacts[frame["frame"]] = min(known)
             times.update(round(frame["time_s"] + each, 6) for each in known)

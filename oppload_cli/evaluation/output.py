@@ -169,24 +169,22 @@ def _by_kind(
 ) -> Iterator[str]:
     """Yield lines for stimuli: the share of clips of each kind with a false alarm, by detector."""
     start = f"{AT_ONE}, {KIND} "
-    kinds = dict.fromkeys(
-        one.condition
-        for one in evaluation.measurements
-        if one.measure == "alarmed_share" and one.condition.startswith(start)
-    )
+    conditions = (condition for _, measure, condition in found if measure == "alarmed_share")
+    kinds = [
+        each.removeprefix(start) for each in dict.fromkeys(conditions) if each.startswith(start)
+    ]
     if not kinds:
         return
     yield "share of clips with a false alarm, at 1 per minute"
-    names = [kind.removeprefix(start) for kind in kinds]
-    wide_kind = max(map(len, names))
-    labels = [label_of(each.name) for each in evaluation.detectors]
-    yield "  ".join([" " * wide_kind, *labels])
-    for name, condition in zip(names, kinds, strict=True):
-        shares = [found.get((one.name, "alarmed_share", condition)) for one in evaluation.detectors]
+    width = max(map(len, kinds))
+    labels = {each.name: label_of(each.name) for each in evaluation.detectors}
+    yield "  ".join([" " * width, *labels.values()])
+    for kind in kinds:
         cells = [
-            f"{_value(share):<{len(label)}}" for share, label in zip(shares, labels, strict=True)
+            f"{_value(found.get((name, 'alarmed_share', start + kind))):<{len(label)}}"
+            for name, label in labels.items()
         ]
-        yield "  ".join([f"{name:<{wide_kind}}", *cells])
+        yield "  ".join([f"{kind:<{width}}", *cells])
 
 
 def _value(one: Measurement | None) -> str:

@@ -167,7 +167,7 @@ def _wrong_sides(
 
     The ratios have the shape (frames, directions). They leave out frames without S on a right side.
     """
-    ratios: list[list[float]] = []
+    ratios: list[NDArray[np.float64]] = []
     shown: Shown = {}
     video = StimulusVideo(protocol, settings.height)
     model = Opplod(video.working.shape, cast("OpplodParams", settings.groups["opplod"]))
@@ -180,7 +180,7 @@ def _wrong_sides(
         right = [float(maps[phi][right_side[phi]].sum()) for phi in directions]
         wrong = [float(maps[phi][wrong_side[phi]].sum()) for phi in directions]
         if min(right) > 0:
-            ratios.append([w / r for w, r in zip(wrong, right, strict=True)])
+            ratios.append(np.divide(wrong, right))
         if frame.index == shown_frame:
             shown = {"luma": frame.luma, "maps": {phi: maps[phi].copy() for phi in directions}}
     return np.array(ratios), shown

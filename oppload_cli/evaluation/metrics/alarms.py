@@ -263,11 +263,11 @@ def _first_alarm(clip: Clip, on: Flags) -> tuple[float, float]:
     """
     start, stop = clip.approach
     during = on[start:stop]
-    held = bool(clip.label.since and len(during) and on[start - 1])
-    if not len(during) or (held and during.all()):
+    still_on = bool(clip.label.since and len(during) and on[start - 1])
+    if not len(during) or (still_on and during.all()):
         return np.nan, np.nan
     frames = np.flatnonzero(during)
-    if held:
+    if still_on:
         frames = frames[frames > int(during.argmin())]
     return float(len(frames) > 0), clip.lead(start + int(frames[0])) if len(frames) else np.nan
 
