@@ -226,10 +226,8 @@ def show(
 
     Parameters
     ----------
-    columns : sequence of Column
-        Columns of the battery.
-    detectors : sequence of EvaluatedDetector
-        The detectors.
+    columns, detectors
+        Columns of the battery, and the detectors.
     folder : Path
         The folder for the measurements, with a file for each stimulus.
     jobs : int

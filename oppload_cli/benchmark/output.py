@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -98,14 +99,8 @@ class _Summary(NamedTuple):
 class Benchmark:
     """All measurements of a benchmark.
 
-    Parameters
-    ----------
-    shown : sequence of Shown
-        The stimuli with their measurements, in the order of the battery.
-    evaluated : sequence of EvaluatedDetector
-        The detectors.
-    clips : Evaluation, optional
-        The evaluation of the detectors on labelled clips.
+    `shown` has the stimuli with their measurements, in the order of the battery. `clips` is an
+    evaluation of the same detectors on labelled clips, if there is one.
     """
 
     def __init__(
@@ -214,28 +209,10 @@ def _earlier_sidecar(folder: Path) -> dict[str, Any] | None:
 def write_benchmark(
     benchmark: Benchmark, folder: Path, *, command: Sequence[str], settings: Mapping[str, Any]
 ) -> Iterator[Path]:
-    """Write all files of a benchmark.
+    """Write all files of a benchmark into a folder; yield each path after the file was written.
 
-    Parameters
-    ----------
-    benchmark : Benchmark
-        The measurements.
-    folder : Path
-        The folder for the files.
-    command : sequence of str
-        The command line, for ``benchmark.json``.
-    settings : mapping
-        From :func:`settings_of`.
-
-    Yields
-    ------
-    Path
-        Each file after it was written.
-
-    Raises
-    ------
-    OutputError
-        If a file cannot be written.
+    ``benchmark.json`` gets the command line and the settings from :func:`settings_of`. Raises
+    OutputError if a file cannot be written.
     """
     # Delete the files of an earlier benchmark, also figures that this benchmark does not make.
     earlier = () if _earlier_sidecar(folder) is None else (f"{table.name}.pdf" for table in TABLES)
@@ -274,13 +251,9 @@ def _rows(benchmark: Benchmark) -> Iterator[dict[str, Cell]]:
                 "column": each.column.label,
                 "kind": each.column.kind,
                 "stimulus": each.stimulus,
-                "detector": found.detector,
-                "peak": found.peak,
-                "peak_over_loom": benchmark.over_loom(found.detector, found.peak or 0.0),
-                "peak_time_s": found.peak_time_s,
                 "motion_end_s": each.motion_end_s,
-                "alarms": found.alarms,
-                "first_alarm_s": found.first_alarm_s,
+                "peak_over_loom": benchmark.over_loom(found.detector, found.peak or 0.0),
+                **asdict(found),
             }
 
 

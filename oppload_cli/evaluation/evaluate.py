@@ -83,18 +83,8 @@ def evaluate(
 ) -> Evaluation:
     """Run detectors over the clips of a manifest, and measure them.
 
-    Parameters
-    ----------
-    manifest : Manifest
-        The clips, with their boxes.
-    detectors : sequence of EvaluatedDetector
-        The detectors to evaluate.
-    jobs : int
-        Number of processes, which does not change the result.
-    draws : int
-        Number of draws of the bootstrap.
-    progress : callable, optional
-        Called after each clip.
+    `jobs` is the number of processes, which does not change the result; `draws` is the number of
+    draws of the bootstrap. `progress` is called after each clip.
 
     Raises
     ------
@@ -228,21 +218,9 @@ def _boxes_beyond(label: Label, frames: int) -> list[str]:
 def outputs_of(
     video: FrameSource, detectors: Sequence[EvaluatedDetector]
 ) -> tuple[Numbers, dict[str, Output]]:
-    """Run detectors over a video; all detectors take each frame before the next one is read.
+    """Run detectors over a video, which has the working height of all of them.
 
-    Parameters
-    ----------
-    video : FrameSource
-        The video, at the working height of all detectors.
-    detectors : sequence of EvaluatedDetector
-        The detectors, all with the same working height.
-
-    Returns
-    -------
-    times : ndarray, shape (n,)
-        Presentation times of the frames, in seconds.
-    outputs : dict of str to Output
-        The output of each detector, by name.
+    Return the presentation times of the n frames in seconds, and each detector's output by name.
     """
     groups = _groups(detectors)
     with ExitStack() as stack:

@@ -213,20 +213,15 @@ def _frame(name: str, row: dict[str, str], column: str) -> int:
 def with_boxes(manifest: Manifest, path: Path | None = None) -> Manifest:
     """Return a manifest with the boxes of its clips; a wrong box is a fault, not an error.
 
-    Parameters
-    ----------
-    manifest : Manifest
-        The manifest without boxes.
-    path : Path, optional
-        A JSON file ``{file: {frame: [left, top, width, height]}}`` in source pixels. If left out,
-        the boxes come from ``boxes.json`` beside the manifest, if that file exists. Several
-        manifests may share ``boxes.json``, so clips of other manifests in it are ignored.
+    The boxes come from `path`, a JSON file ``{file: {frame: [left, top, width, height]}}`` in
+    source pixels. By default they come from ``boxes.json`` beside the manifest, if it exists.
+    Several manifests may share ``boxes.json``, so clips of other manifests in it are ignored.
 
     Raises
     ------
     ManifestError
-        If the file cannot be read or has another form, or if `path` is given and names a clip that
-        the manifest does not have.
+        If the file cannot be read or has another form, or if the file `path` names a clip that the
+        manifest does not have.
     """
     shared = path is None
     path = path or manifest.path.with_name(_USUAL_BOXES)

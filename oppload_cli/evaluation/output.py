@@ -68,24 +68,17 @@ FILES = (*_COLUMNS, *PLOTS, "report.json", "evaluation.html")
 def write_evaluation(
     evaluation: Evaluation, folder: Path, claim: PartFile, wall_s: Callable[[], float]
 ) -> Iterator[Path]:
-    """Write all files of an evaluation.
+    """Write all files of an evaluation into a folder; yield each path after the file was written.
 
     Parameters
     ----------
-    evaluation : Evaluation
-        The evaluation.
-    folder : Path
-        The folder for the files.
+    evaluation, folder
+        The evaluation and the folder.
     claim : PartFile
         The part file of ``report.json``, which keeps other runs out of the folder.
     wall_s : callable
         Returns the seconds since the start, for ``timing`` in ``report.json``. Two runs over the
         same clips differ only in ``timing``.
-
-    Yields
-    ------
-    Path
-        Each file after it was written.
 
     Raises
     ------

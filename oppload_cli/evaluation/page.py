@@ -192,14 +192,8 @@ _HEADLINE = (
 def page_of(evaluation: Evaluation, report: Mapping[str, Any], plots: Mapping[str, bytes]) -> str:
     """Return the page as HTML, with every picture in it.
 
-    Parameters
-    ----------
-    evaluation : Evaluation
-        The evaluation. The clips are decoded again for the pictures of the worst moments.
-    report : mapping
-        The content of ``report.json``.
-    plots : mapping of str to bytes
-        The plots as PNG, by file name.
+    `report` is the content of ``report.json``, and `plots` has PNG files by name. For the pictures
+    of the worst moments, the function decodes the clips of the evaluation again.
     """
     minutes = report["manifest"]["minutes_without_approach"]
     return rendered(

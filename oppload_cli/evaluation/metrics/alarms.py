@@ -55,13 +55,6 @@ class _Outcomes:
 class Thresholds:
     """The alarms of a detector in clips, if its evidence is compared with a fixed threshold.
 
-    Parameters
-    ----------
-    clips : sequence of Clip
-        All clips.
-    detector : str
-        Name of the detector.
-
     Attributes
     ----------
     levels : ndarray, shape (m,)

@@ -3,9 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oppload_cli.evaluation.metrics.clips import (
-    curve,
-)
+from oppload_cli.evaluation.metrics.clips import curve
 from tests.evaluation.make import NAME, clip, peaks
 
 
