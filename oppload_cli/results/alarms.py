@@ -106,25 +106,21 @@ class Verdict(NamedTuple):
         first, count = self.alarms[0], len(self.alarms)
         many = f", {count} alarms" if count > 1 else ""
         contact_s = first.time_to_contact_s
-        contact = (
-            "" if contact_s is None else f", contact about {contact_s:.1f} s later by its estimate"
-        )
-        strongest = f", strongest {times(self.strongest)} times the threshold"
+        contact = "" if contact_s is None else f", contact estimated {contact_s:.1f} s later"
+        largest = f", response up to {times(self.strongest)} times the threshold"
         if (self.peak or 0.0) > max(self.strongest, 1.0):
             why = uncounted(self.peak_blind, beside_alarms=True)
-            strongest += f" (the peak is {times(self.peak or 0.0)} times, {why})"
+            largest += f" (the peak is {times(self.peak or 0.0)} times, {why})"
         if not self.strongest:
-            strongest = ", above a threshold of 0"
+            largest = ", response above a threshold of 0"
         elif self.strongest <= 1:
             best = max(self.alarms, key=lambda each: each.peak_over_threshold)
-            strongest += {
-                True: ", which is enough so near to a contact",
-                False: ", but above it when the alarm began",
+            largest += {
+                True: ", which is enough shortly before contact",
+                False: ", but above the threshold when the alarm began",
                 None: "",
             }[best.near_contact]
-        return (
-            f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{strongest}"
-        )
+        return f"alarm at {first.start_s:.2f} s (frame {first.start_frame}{contact}){many}{largest}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the verdict for JSON."""

@@ -61,8 +61,8 @@ def test_an_alarm_has_its_times_its_peak_its_box_and_the_time_to_contact() -> No
     assert (second.start_frame, second.end_s, second.peak_over_threshold) == (7, 0.7, 2)
     assert second.time_to_contact_s is None
     assert str(found) == (
-        "alarm at 0.20 s (frame 2, contact about 0.8 s later by its estimate), 2 alarms, "
-        "strongest 4 times the threshold"
+        "alarm at 0.20 s (frame 2, contact estimated 0.8 s later), 2 alarms, "
+        "response up to 4 times the threshold"
     )
 
 
@@ -73,33 +73,33 @@ def test_of_equal_peaks_the_first_one_gives_the_box() -> None:
 
 def test_an_alarm_below_its_threshold_has_its_reason() -> None:
     assert str(verdict([0, 1.2, 1], on=[1, 2], contacts=(1,))) == (
-        "alarm at 0.10 s (frame 1, contact about 0.9 s later by its estimate), strongest 0.6 times "
-        "the threshold, which is enough so near to a contact"
+        "alarm at 0.10 s (frame 1, contact estimated 0.9 s later), response up to 0.6 times "
+        "the threshold, which is enough shortly before contact"
     )
     # A response must be above its threshold: at it, the contact made the alarm.
     assert str(verdict([0, 2, 1], on=[1, 2], contacts=(1,))).endswith(
-        ", strongest 1 times the threshold, which is enough so near to a contact"
+        ", response up to 1 times the threshold, which is enough shortly before contact"
     )
     # A peak outside of it that is below its threshold too is no response that did not count.
     assert str(verdict([0, 1.8, 1.2], on=[2], contacts=(2,))).endswith(
-        ", strongest 0.6 times the threshold, which is enough so near to a contact"
+        ", response up to 0.6 times the threshold, which is enough shortly before contact"
     )
 
 
 def test_an_alarm_without_a_contact_does_not_speak_of_one() -> None:
     constant = [0.25, 0.25, 0.25]  # with a floor of 0 it alarms before a background is known
     assert str(verdict(constant, on=[0, 1, 2], threshold=(0.0, 2.0, 2.0))) == (
-        "alarm at 0.00 s (frame 0), strongest 0.12 times the threshold, but above it when the "
-        "alarm began"
+        "alarm at 0.00 s (frame 0), response up to 0.12 times the threshold, but above the "
+        "threshold when the alarm began"
     )
     assert str(verdict(constant, on=[0, 1, 2], threshold=0.0)) == (
-        "alarm at 0.00 s (frame 0), above a threshold of 0"
+        "alarm at 0.00 s (frame 0), response above a threshold of 0"
     )
     older = {"opplod": verdict([0, 1.2, 1], on=[1, 2]).as_dict()}
     for alarm in older["opplod"]["alarms"]:
         del alarm["near_contact"]  # as before 1.0
     assert str(*verdicts_in({"alarms": older})) == (
-        "alarm at 0.10 s (frame 1), strongest 0.6 times the threshold"
+        "alarm at 0.10 s (frame 1), response up to 0.6 times the threshold"
     )
 
 
@@ -131,7 +131,7 @@ def test_no_alarm_tells_how_near_it_came() -> None:
 
 def test_a_peak_outside_the_alarms_is_told_with_its_reason() -> None:
     """The strongest alarm is not the peak, which the table of many inputs shows."""
-    begin = "alarm at 0.20 s (frame 2), strongest 1.5 times the threshold"
+    begin = "alarm at 0.20 s (frame 2), response up to 1.5 times the threshold"
     found = [verdict([0, 9, 3], on=[2], blind=blind, cause="start") for blind in ((1,), ())]
     found.append(found[0]._replace(peak_blind=None))
     assert list(map(str, found)) == [
@@ -147,7 +147,7 @@ def test_a_peak_outside_the_alarms_is_told_with_its_reason() -> None:
 
 def test_many_verdicts_are_one_line() -> None:
     assert in_words([verdict([0], []), verdict([3], [0])]) == (
-        "OppLoD no alarm; OppLoD alarm at 0.00 s (frame 0), strongest 1.5 times the threshold"
+        "OppLoD no alarm; OppLoD alarm at 0.00 s (frame 0), response up to 1.5 times the threshold"
     )
 
 
