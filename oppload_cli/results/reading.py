@@ -306,10 +306,10 @@ def check_frames(path: Path, frames: pd.DataFrame, names: Iterable[str]) -> None
         if alarm:
             _refuse(path, frames, name, ~np.isin(values, (0, 1)), "is neither 0 nor 1")
         elif kind_of_column(name) is int:
-            _refuse(path, frames, name, values % 1 > 0, "is no whole number")
+            _refuse(path, frames, name, values % 1 > 0, "is not an integer")
         if name in {"frame", "time_s"}:
             back = np.diff(values, prepend=-np.inf) <= 0
-            _refuse(path, frames, name, back, "is not above the one in the row before")
+            _refuse(path, frames, name, back, "is not above the value in the row before")
 
 
 def kind_of_column(name: str) -> type:
@@ -403,7 +403,7 @@ def check_numbers(path: Path, table: pd.DataFrame, name: str) -> NDArray[np.floa
         cells = cells.where(cells.isna(), cells.astype(str))
     values = np.asarray(pd.to_numeric(cells, errors="coerce"), float)
     bad = cells.notna().to_numpy() & ~(np.abs(values) <= _LARGEST)
-    _refuse(path, table, name, bad, "is no finite number")
+    _refuse(path, table, name, bad, "is not a finite number")
     return values
 
 
@@ -513,7 +513,7 @@ def find_video(result: BaseResult, moved: Path | None = None) -> str:
     for place in places:
         if is_file(place) or (kind == "images" and _holds_images(place)):
             return f"./{place}" if is_camera(str(place)) else str(place)
-    raise SourceError(f"{name}: is gone; --video says where it is now")
+    raise SourceError(f"{name}: is not found; say where it is with --video")
 
 
 def _holds_images(path: Path) -> bool:

@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 @pytest.mark.parametrize(
     ("column", "text", "reason"),
     [
-        ("frame", "8", "'8' in line 11, which is not above the one in the row before"),
-        ("frame", "9.5", "'9.5' in line 11, which is no whole number"),
-        ("time_s", "0.4", "'0.4' in line 11, which is not above the one in the row before"),
-        ("time_s", "-1", "'-1.0' in line 11, which is not above the one in the row before"),
+        ("frame", "8", "'8' in line 11, which is not above the value in the row before"),
+        ("frame", "9.5", "'9.5' in line 11, which is not an integer"),
+        ("time_s", "0.4", "'0.4' in line 11, which is not above the value in the row before"),
+        ("time_s", "-1", "'-1.0' in line 11, which is not above the value in the row before"),
         ("opplod_alarm", "2", "'2' in line 11, which is neither 0 nor 1"),
         ("dlgmd_alarm", "0.5", "'0.5' in line 11, which is neither 0 nor 1"),
         ("dlgmd_alarm", "", "is empty in line 11"),
-        ("rom_pairs", "4.5", "'4.5' in line 11, which is no whole number"),
-        ("opplod_response", "1e300", "'1e+300' in line 11, which is no finite number"),
+        ("rom_pairs", "4.5", "'4.5' in line 11, which is not an integer"),
+        ("opplod_response", "1e300", "'1e+300' in line 11, which is not a finite number"),
     ],
 )
 def test_a_cell_that_no_run_writes(tmp_path: Path, column: str, text: str, reason: str) -> None:
@@ -48,7 +48,9 @@ def test_rows_out_of_order_and_twice(tmp_path: Path) -> None:
 
 def test_alarms_in_words_in_every_row(tmp_path: Path) -> None:
     rows = [row | {"opplod_alarm": "True"} for row in frame_rows()]
-    with pytest.raises(ResultError, match="'opplod_alarm' holds 'True' in line 2, which is no fin"):
+    with pytest.raises(
+        ResultError, match="'opplod_alarm' holds 'True' in line 2, which is not a fin"
+    ):
         read_result(write_rows(tmp_path / "a.frames.csv", rows))
 
 

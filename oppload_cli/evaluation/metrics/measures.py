@@ -80,15 +80,15 @@ def measured(clips: Sequence[Clip], detector: str, draws: Weights) -> Performanc
         condition = "last second before contact"
         measurements.append(Measurement(detector, measure, condition, *found, len(score)))
     measurements += _of_order(clips, detector, draws)
-    ratio = _middle(weighted_median, _distinct_ratios(clips, detector), draws)
+    ratio = _averaged(weighted_median, _distinct_ratios(clips, detector), draws)
     measurements.append(Measurement(detector, "distinct_ratio", "median over clips", *ratio))
     measurements += of_places(clips, detector, draws)
     complete = curve(score, positive, np.ones(len(score)))
     return Performance(measurements, decisions, complete, thresholds)
 
 
-def _middle(
-    middle: Callable[[Numbers, Weights], float],
+def _averaged(
+    average: Callable[[Numbers, Weights], float],
     values: Numbers,
     draws: Weights,
     owner: Weights | slice = _EACH_CLIP,
@@ -97,17 +97,17 @@ def _middle(
 
     Value i belongs to clip i, or to clip `owner[i]`.
     """
-    found = estimate(lambda weights: middle(values, weights[owner]), draws)
+    found = estimate(lambda weights: average(values, weights[owner]), draws)
     return (*found, int((~np.isnan(values)).sum()))
 
 
 def _of_order(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterator[Measurement]:
     for frames in AHEAD:
         shares, pairs = zip(*(clip.ordered_pairs(detector, frames) for clip in clips), strict=True)
-        share, low, high, known = _middle(weighted_mean, np.array(shares), draws)
+        share, low, high, known = _averaged(weighted_mean, np.array(shares), draws)
         bounds = share_interval(share, known, low, high)
-        where = f"{frames} frames before contact"
-        yield Measurement(detector, "ordered_pairs", where, share, *bounds, sum(pairs))
+        condition = f"{frames} frames before contact"
+        yield Measurement(detector, "ordered_pairs", condition, share, *bounds, sum(pairs))
 
 
 def _distinct_ratios(clips: Sequence[Clip], detector: str) -> Numbers:
@@ -156,16 +156,16 @@ def _of_conditions(
         values = np.array([clip.label.conditions.get(name, "") for clip in clips])
         for value in sorted(set(values.tolist()) - {""}, key=_order):
             where = f"{decision.condition}, {name} {value}"
-            for measure, numbers, middle in (
+            for measure, numbers, average in (
                 ("detection_rate", outcomes.detected, weighted_mean),
                 ("lead_time_s", outcomes.lead_s, weighted_median),
                 ("alarmed_share", alarmed, weighted_mean),
             ):
                 part = np.where(values == value, numbers, np.nan)
                 if not np.isnan(part).all() and (measure != "alarmed_share" or name == KIND):
-                    yield Measurement(detector, measure, where, *_middle(middle, part, draws))
+                    yield Measurement(detector, measure, where, *_averaged(average, part, draws))
     if names and not np.isnan(alarmed).all():
-        share = _middle(weighted_mean, alarmed, draws)
+        share = _averaged(weighted_mean, alarmed, draws)
         yield Measurement(detector, "alarmed_share", decision.condition, *share)
 
 
@@ -189,14 +189,14 @@ def _of_objects(clips: Sequence[Clip], detector: str, draws: Weights) -> Iterato
     errors = np.array([_contact_error(clip, detector) for clip in clips])
     if not np.isnan(overlaps).all():
         where = f"{_BEFORE_CONTACT} frames before contact"
-        overlap = _middle(weighted_median, overlaps, draws)
+        overlap = _averaged(weighted_median, overlaps, draws)
         yield Measurement(detector, "box_overlap", where, *overlap)
     timed = np.array([any(map(_is_last, clip.label.contacts.values())) for clip in clips])
     within = np.where(timed, np.nan_to_num(errors, nan=np.inf) <= _WITHIN, np.nan)
     where = f"last {_LAST_S:g} s"
-    share = _middle(weighted_mean, within, draws)
+    share = _averaged(weighted_mean, within, draws)
     yield Measurement(detector, "contact_within", where, *share)
-    error = _middle(weighted_median, errors, draws)
+    error = _averaged(weighted_median, errors, draws)
     yield Measurement(detector, "contact_error", where, *error)
 
 
@@ -306,7 +306,7 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
     )
     boxed = places(clips, detector) if has_units else []
     near = [each for each in boxed if each.near]
-    middles = {
+    averages = {
         "inside": weighted_mean,
         "distance_px": weighted_median,
         "distance_diagonals": weighted_median,
@@ -317,8 +317,8 @@ def of_places(clips: Sequence[Clip], detector: str, draws: Weights) -> list[Meas
         ("all boxed frames", boxed),
     ):
         owner = np.array([each.clip for each in part])
-        for name, middle in middles.items() if part else ():
+        for name, average in averages.items() if part else ():
             values = np.array([getattr(each, name) for each in part], np.float64)
-            found = _middle(middle, values, draws, owner)
+            found = _averaged(average, values, draws, owner)
             measurements.append(Measurement(detector, f"place_{name}", condition, *found))
     return measurements
