@@ -14,12 +14,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oppload_cli import stimulus
-from oppload_cli.errors import ManifestError, ParameterError, StimulusError, suggestion
+from oppload_cli.errors import (
+    ManifestError,
+    ParameterError,
+    SourceError,
+    StimulusError,
+    suggestion,
+)
 from oppload_cli.evaluation.metrics.clips import Label
 from oppload_cli.files.reading import is_file, is_folder, is_there, reading, text_of
+from oppload_cli.results.truths import read_truth
 from oppload_cli.stimulus.catalogue import parsed_setting
 from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.video.inputs import GROUND_TRUTH, is_video
+from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -392,7 +400,7 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
     """Return stimuli, and videos of stimuli, with labels from their ground truth.
 
     The ground truth of a video lies beside the video. A stimulus that cannot be drawn, or a video
-    without ground truth, is a fault, not an error.
+    without a ground truth of its own, is a fault, not an error.
     """
     entries: list[Entry] = []
     faults = []
@@ -401,21 +409,26 @@ def _labelled(protocols: Sequence[Protocol], videos: Sequence[Path]) -> Manifest
         name = source.name
         try:
             if isinstance(source, Path):
-                truth = stimulus.read_ground_truth(_truth_beside(source))
+                with open_video(source) as opened:
+                    facts = opened.facts
+                size, path = (facts.width, facts.height), _truth_beside(source)
+                truth = read_truth(path, *size, facts.frames_declared)
             else:
+                size = source.display.width, source.display.height
                 truth = stimulus.ground_truth(source)
-        except StimulusError as problem:
+        except (SourceError, StimulusError) as problem:
             faults.append(f"{name}: {problem}")
             continue
-        for label in _labels_of(name, truth, video):
+        for label in _labels_of(name, truth, video, size):
             entries.append(Entry(len(entries) + 1, source, label))
     return Manifest(Path("stimuli"), entries, faults, len(entries) + len(faults))
 
 
-def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
+def _labels_of(name: str, truth: Table, video: int, size: tuple[int, int]) -> list[Label]:
     """Return the labels of a video: one for each run of frames in which an object looms.
 
-    A video without such frames has one label. `video` is the number of the video.
+    A video without such frames has one label. `video` is the number of the video, and `size` its
+    width and height, which may be a multiple of the display's.
     """
     looming = [frame["frame"] for frame in truth["frames"] if frame["looming"]]
     onsets = [frame for frame in looming if frame - 1 not in looming]
@@ -423,7 +436,7 @@ def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
     conditions = _conditions_of(truth["protocol"])
     if not onsets:
         return [Label(name, motion=conditions["kind"], conditions=conditions)]
-    wide, high = truth["display"]["width"], truth["display"]["height"]
+    display = truth["display"]["width"], truth["display"]["height"]
     labels = []
     for number, (onset, contact) in enumerate(zip(onsets, ends, strict=True), 1):
         boxes: dict[int, Box] = {}
@@ -434,7 +447,7 @@ def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
                 continue
             known = []
             for each in filter(itemgetter("looming"), frame["objects"]):
-                if box := _within(each.get("box_px"), wide, high):
+                if box := _within(each.get("box_px"), display, size):
                     boxes[frame["frame"]] = box
                 if each["time_to_contact_s"] is not None:
                     known.append(each["time_to_contact_s"])
@@ -458,13 +471,19 @@ def _labels_of(name: str, truth: Table, video: int) -> list[Label]:
     return labels
 
 
-def _within(box: Sequence[float] | None, wide: int, high: int) -> Box | None:
-    """Return the part of a box that is on the display; None if it is smaller than a pixel."""
+def _within(
+    box: Sequence[float] | None, display: tuple[int, int], size: tuple[int, int]
+) -> Box | None:
+    """Return the part of a box on the display, in pixels of a video of another size.
+
+    None if this part is smaller than a pixel of the display.
+    """
     if box is None:
         return None
     left, top = max(box[0], 0.0), max(box[1], 0.0)
-    width, height = min(box[0] + box[2], wide) - left, min(box[1] + box[3], high) - top
-    return (left, top, width, height) if min(width, height) >= 1 else None
+    width, height = min(box[0] + box[2], display[0]) - left, min(box[1] + box[3], display[1]) - top
+    x, y = size[0] / display[0], size[1] / display[1]
+    return (x * left, y * top, x * width, y * height) if min(width, height) >= 1 else None
 
 
 def _conditions_of(protocol: Table) -> dict[str, str]:

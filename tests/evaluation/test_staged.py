@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from oppload_cli.evaluation.metrics.clips import Clip, Label, Output
 from oppload_cli.evaluation.metrics.intervals import draws_of
 from oppload_cli.evaluation.metrics.measures import measured
 from tests.cli.inside import oppload
+from tests.media import grey_frames, write_video
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -330,3 +332,18 @@ def test_what_does_not_go_together_is_refused(arguments: list[str], said: str) -
     done = oppload("evaluate", *arguments)
     assert done.returncode == 2
     assert said in done.stderr
+
+
+def test_the_boxes_of_a_scaled_video_are_in_its_own_pixels(tmp_path: Path) -> None:
+    truth = stimulus.ground_truth(stimulus.load(HIT, SMALL))
+    for name, width, frames in (("half", 32, 30), ("other", 48, 30), ("long", 32, 60)):
+        write_video(tmp_path / f"{name}.avi", grey_frames(frames, width, 24))
+        (tmp_path / f"{name}.stimulus.json").write_text(json.dumps(truth))
+    videos = [str(tmp_path / f"{name}.avi") for name in ("half", "other", "long")]
+    found = clips_of(videos, None, [], [])
+    (label,) = (entry.label for entry in found.entries)
+    complete = label_of(HIT, *CHANGES)
+    assert label.boxes == {
+        frame: tuple(side / 2 for side in box) for frame, box in complete.boxes.items()
+    }
+    assert ["belongs to another video" in fault for fault in found.faults] == [True, True]
