@@ -24,18 +24,11 @@ _USUAL_PRESETS = (DEFAULT_PRESET, "reference")
 
 @dataclass(frozen=True)
 class EvaluatedDetector:
-    """A detector with its parameters, its alarm and its working height.
+    """A detector with its working height in pixels and all of its parameters.
 
-    Attributes
-    ----------
-    name : str
-        ``NAME``, or ``NAME:PRESET`` of a detector that presets change.
-    meaning : str
-        One line about the preset or the detector, for the page.
-    height : int
-        Working height in pixels.
-    params, alarm, repeats, time : Parameters
-        Parameters of the detector, its alarm, its treatment of repeats and its time base.
+    `name` is ``NAME``, or ``NAME:PRESET`` of a detector that presets change; `meaning` describes
+    the preset or the detector in a line. `repeats` says how the detector treats repeats, and `time`
+    is its time base.
     """
 
     name: str

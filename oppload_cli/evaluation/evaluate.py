@@ -43,24 +43,10 @@ if TYPE_CHECKING:
 class Evaluation:
     """The outcome of `evaluate`: the analysed clips and all measurements.
 
-    Attributes
-    ----------
-    manifest : Manifest
-        The manifest with all of its rows.
-    detectors : list of EvaluatedDetector
-        The evaluated detectors.
-    entries : list of Entry
-        The rows of the manifest whose clips could be used.
-    clips : list of Clip
-        The clip of each entry, with the detectors' outputs.
-    performances : dict of str to Performance
-        The performance of each detector, by name.
-    measurements : list of Measurement
-        The measurements of all detectors, then those of ``frame_centre``.
-    faults : list of str
-        A sentence for each fault of the manifest and its clips.
-    draws : int
-        Number of draws of the bootstrap.
+    `entries` are the rows of the manifest whose clips could be used, and `clips` has the clip of
+    each entry. `performances` has the performance of each detector by name; `measurements` has the
+    measurements of all detectors, then those of ``frame_centre``. `faults` has a sentence for each
+    fault of the manifest and its clips. `draws` is the number of draws of the bootstrap.
     """
 
     manifest: Manifest

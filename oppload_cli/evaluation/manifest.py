@@ -53,16 +53,9 @@ _CAMERA = {"pan_deg_s": "pan", "shake_deg": "shake", "forward_m_s": "forward"}
 
 @dataclass(frozen=True)
 class Entry:
-    """A usable row of a manifest.
+    """A usable row of a manifest, with its number (the header is row 1) and its label.
 
-    Attributes
-    ----------
-    row : int
-        Number of the row; the header is row 1.
-    path : Path or Protocol
-        The clip, or the protocol of the stimulus to draw.
-    label : Label
-        The label from the row, with the boxes of the clip.
+    `path` is the clip, or the protocol of a stimulus to draw.
     """
 
     row: int
@@ -74,20 +67,9 @@ class Entry:
 class Manifest:
     """The content of a manifest, or a list of stimuli in the same form.
 
-    Attributes
-    ----------
-    path : Path
-        The file.
-    entries : list of Entry
-        The usable rows, in the order of the file.
-    faults : list of str
-        A sentence for each row or box that cannot be used.
-    rows : int
-        Number of rows below the header that are not empty.
-    names : tuple of str
-        The clips of all rows, also of rows that cannot be used.
-    notes : tuple of str
-        A sentence that names the ignored columns, if there are any.
+    `entries` are the usable rows, and `faults` has a sentence for each row or box that cannot be
+    used. `rows` counts the rows below the header that are not empty; `names` has the clips of all
+    these rows. `notes` may have a sentence that names the ignored columns.
     """
 
     path: Path

@@ -102,18 +102,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Claim:
-    """One statement of the paper, or our reading of the paper.
+    """One statement of the paper, or our reading of the paper, in our own words.
 
-    Attributes
-    ----------
-    statement : str
-        The statement in our own words.
-    rule : str
-        How the verdict follows from the measurement.
-    findings : dict of str to Finding
-        The finding for each preset, or one under `NO_PRESET`.
-    source : str
-        The paper's own words, and their place; empty for our reading.
+    `rule` says how the verdict follows from the measurement. `findings` has the finding for each
+    preset, or one under `NO_PRESET`. `source` has the paper's own words, and their place; it is
+    empty for our reading.
     """
 
     statement: str
@@ -130,18 +123,12 @@ class Built:
     ----------
     name, title, shows : str
         Name for ``--only``, title on the page, and a sentence on the content of the figure.
-    claims : tuple of Claim
-        At least one claim.
     figure : Figure or None
-        The drawn figure; None after :func:`build` made `pictures` of it.
+        The drawn figure; None after :func:`build` made `pictures` of it, which are files by suffix.
     rows : tuple of dict
         The numbers of the figure, for its CSV file: an observation per row, by column.
-    notes : tuple of str
-        Further remarks for the reader.
     settings : dict of str to str
         By preset, the working height and the changed parameters.
-    pictures : dict of str to bytes
-        The files of the figure by suffix, always with ``png``.
     """
 
     name: str

@@ -95,7 +95,7 @@ def collect(
     of_frames : bool
         Whether the table has a row per frame; if not, it has a row per input and detector.
     if_exists : str
-        ``error`` or ``overwrite``.
+        ``error`` or ``overwrite``, if the table exists already.
     on_error : callable
         Takes the error of each result that cannot be read; the table has the other results.
 

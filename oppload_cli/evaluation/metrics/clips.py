@@ -124,18 +124,10 @@ class Window(NamedTuple):
 
 @dataclass(frozen=True)
 class Clip:
-    """A clip with the outputs of all detectors.
+    """A clip with its label, and the output of each detector by name.
 
-    Attributes
-    ----------
-    label : Label
-        The label of the clip.
-    time_s : ndarray, shape (n,)
-        Presentation time of each frame in seconds.
-    width, height : int
-        Size of the source in pixels.
-    outputs : dict of str to Output
-        The output of each detector, by name.
+    `time_s`, of shape (n,), has the presentation times of the frames in seconds; `width` and
+    `height` are the size of the source in pixels.
     """
 
     label: Label
