@@ -5,7 +5,6 @@ Each figure shows stimuli of the catalogue to the paper's own model, and judges 
 
 from __future__ import annotations
 
-import csv
 import importlib
 import json
 import math
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.environment import environment
 from oppload_cli.errors import ParameterError, suggestion
 from oppload_cli.files.html import embedded, rendered
-from oppload_cli.files.tables import formatted
+from oppload_cli.files.tables import Table, formatted
 from oppload_cli.models.presets import STUDY_PRESET
 from oppload_cli.models.registry import detector_named
 from oppload_cli.pipeline.settings import resolve
@@ -144,9 +143,9 @@ class Built:
     def table(self) -> str:
         """Return the rows as CSV."""
         text = StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(self.rows[0])
-        writer.writerows(map(_cell, row.values()) for row in self.rows)
+        table = Table(text, self.rows[0], _cell)
+        for row in self.rows:
+            table.write(row)
         return text.getvalue()
 
     def files(self, form: str) -> dict[str, str | bytes]:
@@ -236,7 +235,7 @@ def settings_of(
 
 
 def presented(
-    name: str, settings: Settings, changes: dict[str, Any] | None = None
+    name: str, settings: Settings, changes: dict[str, Any]
 ) -> dict[str, dict[str, Responses]]:
     """Show all stimuli of a family with changed values.
 
