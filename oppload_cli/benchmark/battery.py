@@ -60,20 +60,11 @@ TABLES = (
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a table, with one stimulus or several.
+    """One column of a table, with one stimulus of the catalogue or several.
 
-    Attributes
-    ----------
-    table : str
-        Name of the table.
-    label : str
-        Heading of the column.
-    stimulus : str
-        Name of the stimulus in the catalogue.
-    settings : dict
-        Changed values of the protocol by key; a list of values gives a stimulus for each value.
-    kind : str
-        ``looming`` if an alarm is right, ``control`` if it is a false alarm.
+    `table` is the name of the table, and `label` the heading of the column. `settings` has changed
+    values of the protocol by key; a list of values gives a stimulus for each value. The `kind` is
+    ``looming`` if an alarm is right, ``control`` if it is a false alarm.
     """
 
     table: str

@@ -33,28 +33,19 @@ _COLUMNS: dict[str, type] = {
 class _AlarmEvent:
     """One alarm of one detector.
 
-    Attributes
-    ----------
-    start_frame, start_s, end_s
-        The frame in which the alarm goes on, its presentation time, and the presentation time of
-        the last frame with the alarm on.
-    peak_over_threshold : float
-        Largest ratio of the response to the threshold.
-    box : list of float or None
-        x, y, width and height in source pixels of the object at this ratio, if it has a box.
-    time_to_contact_s : float or None
-        Time from the start of the alarm to contact, from the first estimate during the alarm.
-    near_contact : bool or None
-        Whether the alarm began because contact was near: the response was not above the threshold,
-        but an object had a time to contact. Sidecars before 1.0 do not say it (None).
+    The alarm goes on in the frame `start_frame`, at the time `start_s`; `end_s` is the time of the
+    last frame with the alarm on.
     """
 
     start_frame: int
     start_s: float
     end_s: float
-    peak_over_threshold: float = 0.0
-    box: list[float] | None = None
+    peak_over_threshold: float = 0.0  # largest ratio of the response to the threshold
+    box: list[float] | None = None  # of the object at this ratio: x, y, width, height in source px
+    # From the start of the alarm to contact, by the first estimate during the alarm.
     time_to_contact_s: float | None = None
+    # Whether the alarm began because contact was near: the response was not above the threshold,
+    # but an object had a time to contact. Sidecars before 1.0 do not say it (None).
     near_contact: bool | None = None
 
     def add(self, record: FrameRecord, model: str) -> None:
@@ -73,20 +64,11 @@ class _AlarmEvent:
 
 
 class Verdict(NamedTuple):
-    """The alarms of one detector for one input.
+    """The alarms of one detector for one input, the earliest first.
 
-    Attributes
-    ----------
-    model : str
-        The detector.
-    alarms : tuple of _AlarmEvent
-        The alarms, the earliest first.
-    peak : float or None
-        Largest ratio of the response to its threshold; None without a response, or if alarms are
-        switched off.
-    peak_blind : str, bool or None
-        The cause for which the frame of the peak is blind, as `blind` of a `FrameRecord`; empty if
-        the frame counts for an alarm. Sidecars before 1.0 say only whether it is blind, or nothing.
+    `peak` is the largest ratio of the response to its threshold; None without a response, or if
+    alarms are switched off. `peak_blind` is the `blind` of the peak's `FrameRecord`. In sidecars
+    before 1.0 it says only whether the frame is blind, or is missing (None).
     """
 
     model: str

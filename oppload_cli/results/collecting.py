@@ -259,16 +259,12 @@ def _summaries(name: str, content: dict[str, Any]) -> Iterator[Row]:
         "frame_rate": float(parsed_fraction(rate)) if rate else None,
         "working_width": working["width"],
         "working_height": working["height"],
-        "preset": content["preset"],
-        **{key: decode[key] for key in ("decoded", "analysed", "missing", "repeats")},
+        **{key: content[key] for key in ("preset", "wall_s", "frames_per_s")},
+        **{key: decode[key] for key in ("decoded", "analysed", "missing", "repeats", "complete")},
         **{key: decode.get(key) for key in ("near_repeats", "pictures_per_s")},
-        "complete": decode["complete"],
-        "wall_s": content["wall_s"],
-        "frames_per_s": content["frames_per_s"],
         "oppload": content["tool"]["oppload"],
         "stimulus": stimulus.get("name"),
-        "looming": stimulus.get("looming"),
-        "contact_time_s": stimulus.get("contact_time_s"),
+        **{key: stimulus.get(key) for key in ("looming", "contact_time_s")},
     }
     for model in content["models"]:
         summary = content["summary"][model]

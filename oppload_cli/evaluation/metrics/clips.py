@@ -31,7 +31,7 @@ AHEAD = (0, 4, 8, 12)  # frames before contact
 
 @dataclass(frozen=True)
 class Label:
-    """The facts that a manifest or a ground truth states about a clip.
+    """The facts about a clip from a manifest or a ground truth.
 
     Attributes
     ----------
