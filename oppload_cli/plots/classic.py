@@ -48,9 +48,9 @@ if TYPE_CHECKING:
 
     Series = NDArray[np.float64]
 
-_NARROW = 28  # characters in a line above one of two panels
+_NARROW = 28  # characters in a line above one of two panels side by side
 _HALF = 0.5
-_MOST_RATIO = 1000
+_MOST_RATIO = 1000  # the number means little above it
 
 
 class TuningCurve(NamedTuple):
@@ -58,28 +58,12 @@ class TuningCurve(NamedTuple):
 
     tuning: Tuning
     detector: type[Detector]
-    name: str  # of the detector, after that of the table if there are several
+    name: str  # of the detector, after that of the table if there are several tables
     look: dict[str, Any]  # line properties of matplotlib
-
-    @property
-    def rows(self) -> pd.DataFrame:
-        """The rows of the detector."""
-        return self.tuning.of(self.detector.name)
-
-    @property
-    def peaks(self) -> Series:
-        """The peak in each row."""
-        return self.rows["peak"].to_numpy(float)
-
-    @property
-    def largest(self) -> float:
-        """The largest peak."""
-        return float(self.peaks.max())
-
-    @property
-    def doubts(self) -> str:
-        """Why the curve means little, each reason after a line break."""
-        return doubts_of(self.tuning, self.detector.name)
+    rows: pd.DataFrame  # of the detector
+    peaks: Series  # in each row
+    largest: float  # the largest peak
+    doubts: str  # why the curve means little; a line break before each reason
 
     @property
     def label(self) -> str:
@@ -89,52 +73,53 @@ class TuningCurve(NamedTuple):
 
 
 class Request(NamedTuple):
-    """Tables to draw, at least one."""
+    """Tables to draw, at least one, and how to draw them."""
 
     tunings: Sequence[Tuning]
     models: Sequence[str]  # the detectors to draw; none for all
     names: Sequence[str]  # a name for each table
     title: str = ""
     published: bool = False  # whether published neurons are drawn too
-    raw: bool = False  # whether peaks are drawn in their unit, not over the largest
+    raw: bool = False  # whether peaks are drawn in their unit, not over the largest one
 
     def curves(self) -> list[TuningCurve]:
-        """Return the curves, table by table; raise ResultError if a detector is in none."""
+        """Return the curves, table by table; raise ResultError if no table has a detector."""
         for model in self.models:
             if all(tuning.of(model).empty for tuning in self.tunings):
                 raise ResultError(
                     f"{self.tunings[0].path}: column 'model' never holds '{model}'; leave it out"
                 )
         shown = [
-            (tuning, detector_named(model), table)
-            for tuning, table in zip(self.tunings, self.names, strict=True)
+            (tuning, detector_named(model), f"{name}: " * (len(self.tunings) > 1), rows)
+            for tuning, name in zip(self.tunings, self.names, strict=True)
             for model in self.models or tuning.models
-            if len(tuning.of(model))
+            if len(rows := tuning.of(model))
         ]
-        looks = looks_of([detector.name for _, detector, _ in shown])
-        several = len(self.tunings) > 1
-        return [
-            TuningCurve(tuning, detector, f"{table}: " * several + detector.label, look)
-            for (tuning, detector, table), look in zip(shown, looks, strict=True)
-        ]
+        looks = looks_of([detector.name for _, detector, _, _ in shown])
+        curves = []
+        for (tuning, detector, table, rows), look in zip(shown, looks, strict=True):
+            peaks = rows["peak"].to_numpy(float)
+            name, doubts = table + detector.label, doubts_of(tuning, detector.name)
+            largest = float(peaks.max())
+            curves.append(TuningCurve(tuning, detector, name, look, rows, peaks, largest, doubts))
+        return curves
 
     def of_one_table(self, figure: str) -> list[TuningCurve]:
         """Return the curves in the table's order; raise ResultError if there are more tables."""
         tuning, *others = self.tunings
         if others:
             raise ResultError(f"{others[0].path}: {figure} shows one table; plot them separately")
-        held = [name for name in tuning.models if name in self.models]
-        absent = [name for name in self.models if name not in held]  # the first one is an error
-        return self._replace(models=[*held, *absent]).curves()
+        return sorted(self.curves(), key=lambda curve: tuning.models.index(curve.detector.name))
 
 
 def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
-    """Return the swept column with an ending, in a table with so many swept columns.
+    """Return the one swept column with an ending, in a table with `of` swept columns.
 
     Raises
     ------
     ResultError
-        If there is not one such column, or others are swept too; it names what was `wanted`.
+        If not exactly one column has the ending, or the number of swept columns is another; the
+        message says that the figure needs `wanted`.
     """
     found = [name for name in tuning.parameters if name.endswith(ending)]
     if len(found) != 1 or len(tuning.parameters) != of:
@@ -147,10 +132,10 @@ def column_of(tuning: Tuning, ending: str, wanted: str, *, of: int = 1) -> str:
 def _panels(
     count: int, labels: tuple[str, str], shape: float, above: float
 ) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Open a figure with a panel for each of some detectors, whose titles the caller writes.
+    """Make a figure with `count` panels, and set its height after the caller has drawn it.
 
     The labels are those of the two axes, `shape` is the height of a panel over its width, and
-    `above` the height of the legend in inches.
+    `above` is the height of the legend in inches.
     """
     columns = min(count, 2 if count <= FEW else 4)
     width = COLUMN if count <= FEW else PAGE
@@ -169,7 +154,7 @@ def _panels(
 
 @contextmanager
 def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[Figure, Axes]]:
-    """Open a figure with one panel for some curves; their legend is drawn at the end."""
+    """Make a figure with one panel; the legend is added after the caller has drawn the curves."""
     few = len(curves) <= FEW
     lines = sum(1 + curve.doubts.count("\n") for curve in curves)
     height = 2.2 + 0.14 * lines / (1 if few else 2)
@@ -180,7 +165,7 @@ def _single(request: Request, curves: Sequence[TuningCurve]) -> Iterator[tuple[F
 
 
 def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> None:
-    """Write title and legend above the panels, where they cover no point."""
+    """Write title and legend above the panels, so that they cover no point of a curve."""
     figure.legend(
         *axes.get_legend_handles_labels(), loc="outside upper left", ncols=columns,
         title=wrapped(title, TITLE_WIDTH) or None, title_fontsize=8, alignment="left",
@@ -192,7 +177,7 @@ def legend_above(figure: Figure, axes: Axes, title: str, columns: int = 1) -> No
 
 
 def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
-    """Draw a map of the peak over the object's position, with the line of half the largest."""
+    """Draw a map of the peak over the object's position, with a contour at half the largest."""
     curves = request.of_one_table("a map of positions")
     tuning = curves[0].tuning
     wanted = "a position; run 'oppload tune --figure position'"
@@ -213,49 +198,45 @@ def _plot_position(request: Request) -> tuple[Figure, list[Axes]]:
             panel.set_aspect("equal")
             if share.min() < _HALF <= share.max():
                 panel.contour(x, y, share, levels=[_HALF], colors="white", linewidths=0.9)
-            label = f"{curve.name}{curve.doubts}\n{_half(x, y, share)}"
+            label = f"{curve.name}{curve.doubts}\n{_half_distance(x, y, share)}"
             panel.set_title(wrapped(label, across), fontsize=7)
         write_title(figure, request.title)
         colour_bar(figure, image, axes, "peak / largest peak", shrink=0.7, pad=0.02)
     return figure, axes
 
 
-def _half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> float | None:
-    """Return the mean distance from its peak at which a map has fallen to half.
+def _half_distance(x: Series, y: Series, share: NDArray[np.float64]) -> str:
+    """Return in words the mean distance from its peak at which a map has fallen to half.
 
-    Along each of the directions right, up, left and down the first crossing of half is taken,
-    between two places linearly; None if there is none in some direction. `share` is the map over
-    its largest value, with a row for each `y` and a column for each `x`.
+    The distance is the mean over the directions right, left, up and down. In each of them, a line
+    between two places gives the first crossing of half. `share` is the map over its largest value,
+    with a row for each `y` and a column for each `x`.
     """
+    if not share.max() > 0:
+        return "no response"
+    if share.min() >= _HALF:
+        return "never falls to half"
     row, column = np.unravel_index(int(share.argmax()), share.shape)
-    found = []
+    distances = []
     for places, values in (
         (x[column:], share[row, column:]), (x[column::-1], share[row, column::-1]),
         (y[row:], share[row:, column]), (y[row::-1], share[row::-1, column]),
     ):  # fmt: skip
         below = np.flatnonzero(values < _HALF)
         if not below.size:
-            return None
+            return "half on some sides only"
         at = int(below[0])
         part = (values[at - 1] - _HALF) / (values[at - 1] - values[at])
-        found.append(abs(places[at - 1] + part * (places[at] - places[at - 1]) - places[0]))
-    return float(np.mean(found))
-
-
-def _half(x: Series, y: Series, share: NDArray[np.float64]) -> str:
-    if not share.max() > 0:
-        return "no response"
-    distance = _half_distance(x, y, share)
-    if distance is None:
-        return "never falls to half" if share.min() >= _HALF else "half on some sides only"
-    return f"half at {distance:.0f} deg"
+        crossing = places[at - 1] + part * (places[at] - places[at - 1])
+        distances.append(abs(crossing - places[0]))
+    return f"half at {np.mean(distances):.0f} deg"
 
 
 # ---- One end and both -----------------------------------------------------------------------
 
 
 def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
-    """Draw the peak for a bar that grows at both ends, at one, and the sum of two single ends."""
+    """Draw the peak for a bar that grows at both ends, at one, and the sum of both single ends."""
     curves = request.of_one_table("one end and both")
     tuning = curves[0].tuning
     wanted = "the sides and the axis of a bar; run 'oppload tune --figure bar-ends'"
@@ -273,65 +254,67 @@ def _plot_ends(request: Request) -> tuple[Figure, list[Axes]]:
                 dict(zip(some[axis].astype(float), some["peak"].astype(float), strict=True))
                 for some in (curve.rows[curve.rows[sides] == side] for side in ("both", "forward"))
             )
-            _draw_ends(panel, both, one, curve.detector.colour)
             largest = max(*both.values(), *one.values())
+            _draw_ends(panel, both, one, largest, curve.detector.colour)
             label = f"{curve.name}, peak {largest:.2g}\n({curve.detector.unit})\n"
-            label += f"both / one {_range(_both_over_one(both, one))}"
+            label += f"both / one {_both_over_one(both, one)}"
             panel.set_title(wrapped(label + curve.doubts, across), fontsize=7)
-        # The highest comes last: they share the axis.
+        # The panels share an axis, whose range is that of the last call: for the highest panel.
         for panel in sorted(axes, key=lambda panel: panel.dataLim.y1):
             begin_at_zero(panel)
         legend_above(figure, axes[0], wrapped(request.title, TITLE_WIDTH) + note)
         for handle in figure.legends[0].legend_handles:
-            if isinstance(handle, Line2D) and len(axes) > 1:  # it is for all colours
+            if isinstance(handle, Line2D) and len(axes) > 1:  # for all colours
                 handle.set_color(INK)
     return figure, axes
 
 
 def _draw_ends(
-    axes: Axes, both: Mapping[float, float], one: Mapping[float, float], colour: str
+    axes: Axes,
+    both: Mapping[float, float],
+    one: Mapping[float, float],
+    largest: float,
+    colour: str,
 ) -> None:
-    largest = max(*both.values(), *one.values()) or 1.0
     look: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5}
     open_look = look | {"linestyle": "--", "markerfacecolor": "white"}
-    total = {axis: peak + one[_across(axis)] for axis, peak in one.items() if _across(axis) in one}
+    total = {
+        axis: peak + one[_opposite(axis)] for axis, peak in one.items() if _opposite(axis) in one
+    }
     for label, peaks, each in (
         ("both ends", both, look),
         ("the end in the direction of the axis", one, open_look),
         ("sum of the two single ends", total, {"color": INK, "lw": 0.9, "linestyle": ":"}),
     ):
-        axes.plot(list(peaks), [peak / largest for peak in peaks.values()], label=label, **each)
+        shares = [peak / (largest or 1.0) for peak in peaks.values()]
+        axes.plot(list(peaks), shares, label=label, **each)
     axes.set_xticks(range(0, 361, 90))
 
 
-def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> list[float]:
-    """Return the peak for both ends over that for the better single end, for each axis.
+def _both_over_one(both: Mapping[float, float], one: Mapping[float, float]) -> str:
+    """Return the range over axes of the peak for both ends over the larger peak for one end.
 
-    The peaks are by axis in degrees; those of one end by the direction in which it grows. The
-    ratio is infinite where only both ends give a response; axes without any are left out.
+    The peaks are given by axis in degrees; for one end, this is the direction of its growth. The
+    ratio is infinite if only both ends together give a response. An axis without any response does
+    not count.
     """
-    made = []
+    ratios = []
     for axis, peak in both.items():
-        single = max((one[each] for each in (axis, _across(axis)) if each in one), default=0.0)
+        single = max(one.get(axis, 0.0), one.get(_opposite(axis), 0.0))
         if peak > 0 or single > 0:
-            made.append(peak / single if single > 0 else math.inf)
-    return made
-
-
-def _across(axis: float) -> float:
-    return (axis + 180) % 360
-
-
-def _range(values: Sequence[float]) -> str:
-    """Return a range of ratios in words; above `_MOST_RATIO` the number means little."""
-    if not values:
+            ratios.append(peak / single if single > 0 else math.inf)
+    if not ratios:
         return "not known: no response"
-    least, most = (_ratio(value) for value in (min(values), max(values)))
+    least, most = _ratio(min(ratios)), _ratio(max(ratios))
     return least if least == most else f"{least} to {most}"
 
 
+def _opposite(axis: float) -> float:
+    return (axis + 180) % 360
+
+
 def _ratio(value: float) -> str:
-    """Return a ratio with two digits, and without an exponent where it is of three or four."""
+    """Return a ratio with two digits below 100, without an exponent, and as ``over 1000`` above."""
     if value > _MOST_RATIO:
         return f"over {_MOST_RATIO}"
     return f"{value:.2g}" if value < 99.5 else f"{value:.0f}"
@@ -341,7 +324,7 @@ def _ratio(value: float) -> str:
 
 
 def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
-    """Draw the peak over the contrast of an object against the ground, as a share of the ground."""
+    """Draw the peak over the contrast of an object, as a share of the luminance of the ground."""
     advice = "a luminance; run 'oppload tune --figure contrast'"
     curves = request.curves()
     columns = [column_of(curve.tuning, ".luminance", advice) for curve in curves]
@@ -349,7 +332,7 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
     with _single(request, curves) as (figure, panel):
         for curve, column, ground in zip(curves, columns, grounds, strict=True):
             x, y = 100 * (curve.rows[column].to_numpy(float) - ground) / ground, curve.peaks
-            if 0 not in x:  # no line over what was not measured
+            if 0 not in x:  # a gap, so that no line crosses a contrast that was not measured
                 x, y = np.append(x, 0), np.append(y, np.nan)
             order = np.argsort(x)
             share = y[order] / (curve.largest or 1.0)
@@ -362,6 +345,7 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
 
 
 def _background(tuning: Tuning) -> float:
+    """Return the luminance of the ground; raise ResultError if it is not known, or black."""
     first = tuning.sidecar.get("stimulus", {}).get("first")
     try:
         ground = float(first["display"]["background"])
@@ -390,7 +374,7 @@ def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
                 continue
             share = peaks / peaks[0]
             most = max(most, float(share.max()))
-            # Curves that lie on one another are all seen: the first ones are drawn larger.
+            # Markers of earlier curves are larger, so that curves in one place are all visible.
             size = 3.0 + 2.0 * (len(curves) - 1 - number) * (len(curves) <= FEW)
             label = f"{curve.name}: last / first {share[-1]:.3f}{curve.doubts}"
             panel.plot(
@@ -404,7 +388,7 @@ def _plot_habituation(request: Request) -> tuple[Figure, list[Axes]]:
     return figure, [panel]
 
 
-# By kind: the figures that are drawn here.
+# By the kind of the plot.
 FIGURES = {
     "position": _plot_position,
     "ends": _plot_ends,

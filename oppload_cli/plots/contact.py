@@ -1,4 +1,4 @@
-"""Time of the peak before contact over l/v: the line through it, and published neurons."""
+"""The plot of the time of the peak before contact over l/v, with a line and published neurons."""
 
 from __future__ import annotations
 
@@ -41,19 +41,18 @@ if TYPE_CHECKING:
 
 
 class PeakTimes(NamedTuple):
-    """A line through the times of peaks before contact over l/v.
+    """A line through the times t of peaks before contact, over l/v: ``t = a l/v - d``.
 
-    ``t = a l/v - d``: an object is seen under the angle 2 atan(1/a) at the delay d before its peak
-    (Gabbiani, Krapp and Laurent 1999, J Neurosci 19:1122).
-
-    An error is half of the interval of 95 %.
+    The slope a gives the angular threshold 2 atan(1/a): the peak comes a delay d after the object
+    has reached this angular size (Gabbiani, Krapp and Laurent 1999, J Neurosci 19:1122). An error
+    is half of the confidence interval of 95 %.
     """
 
     slope: float
     slope_error: float
     delay_s: float
     delay_error_s: float
-    middle_s: float = 0.0  # mean of l/v, where the line is known best
+    middle_s: float = 0.0  # mean of l/v, where the error of the line is smallest
 
     @property
     def angle_deg(self) -> float:
@@ -62,12 +61,12 @@ class PeakTimes(NamedTuple):
 
     @property
     def angle_limits_deg(self) -> tuple[float, float]:
-        """The interval of 95 % of the angular threshold, which is not even about it."""
+        """The confidence interval of 95 % of the angular threshold; it is not symmetric."""
         return _threshold(self.slope + self.slope_error), _threshold(self.slope - self.slope_error)
 
     @property
     def text(self) -> str:
-        """The line in words, with its intervals."""
+        """Slope, angular threshold and delay in words, with their confidence intervals."""
         low, high = self.angle_limits_deg
         delay, error = round(1000 * self.delay_s), 1000 * self.delay_error_s
         return (
@@ -76,7 +75,7 @@ class PeakTimes(NamedTuple):
         )
 
     def error_s(self, l_over_v_s: Series) -> Series:
-        """Return half of the interval of 95 % of the line itself, in s."""
+        """Return half of the confidence interval of 95 % of the line at some l/v, in s."""
         scatter = self.delay_error_s**2 - (self.slope_error * self.middle_s) ** 2
         along = self.slope_error * (l_over_v_s - self.middle_s)
         return np.sqrt(np.maximum(scatter + along**2, 0))
@@ -85,9 +84,9 @@ class PeakTimes(NamedTuple):
     def through(cls, l_over_v_s: ArrayLike, before_s: ArrayLike, step_s: float = 0.0) -> PeakTimes:
         """Fit the line to at least three points by least squares; times in s.
 
-        The intervals are those of Student's t distribution for normal, equal errors. Times that
-        are multiples of `step_s`, that of a frame, may lie on a line by chance: their errors are
-        taken to be at least those of rounding.
+        The confidence intervals follow from Student's t distribution for normal, equal errors.
+        Times that are rounded to multiples of `step_s`, the time of a frame, may lie on a line by
+        chance. So the errors are at least those of the rounding.
         """
         x, t = np.asarray(l_over_v_s, float), np.asarray(before_s, float)
         about = x - x.mean()
@@ -100,7 +99,7 @@ class PeakTimes(NamedTuple):
 
 
 def _threshold(slope: float) -> float:
-    """Return the angle in degrees that belongs to a slope; 180 for one that is not above 0."""
+    """Return the angular threshold of a slope in degrees; 180 if the slope is not above 0."""
     return math.degrees(2 * math.atan2(1, max(slope, 0.0)))
 
 
@@ -117,22 +116,26 @@ _NORMAL = 1.959964
 
 
 def contact_lines(request: Request) -> list[str]:
-    """Return a line of text with the fit of each curve of :func:`plot_contact`."""
-    made = []
-    for curve in request.curves():
-        fit = fit_of(curve.tuning, curve.detector.name)
-        made.append(f"{curve.name}: {fit.text if fit else 'fewer than three peaks, no line'}")
-    return made
+    """Return the fit of each curve of :func:`plot_contact`, as a line of text."""
+    curves = request.curves()
+    fits = [fit_of(curve.tuning, curve.detector.name) for curve in curves]
+    return [
+        f"{curve.name}: {fit.text if fit else 'fewer than three peaks, no line'}"
+        for curve, fit in zip(curves, fits, strict=True)
+    ]
 
 
 def fit_of(tuning: Tuning, model: str) -> PeakTimes | None:
-    """Return the line through the peaks of one detector; None with fewer than three l/v."""
+    """Return the line through the peaks of one detector; None if fewer than three l/v have one."""
     x, before, _ = _peaks(tuning, model)
     return _line(tuning, x, before)
 
 
 def _peaks(tuning: Tuning, model: str) -> tuple[Series, Series, Series | None]:
-    """Return l/v in ms, times before contact in s, and sizes in deg if they are known."""
+    """Return l/v in ms, times of peaks before contact in s, and sizes at the peaks in degrees.
+
+    The sizes are None if the table has no column of them.
+    """
     advice = "l/v; for --kind contact run 'oppload tune --figure peak-time'"
     names = [column_of(tuning, "l_over_v_ms", advice), "peak_before_contact_s"]
     if names[1] not in tuning.rows:
@@ -147,7 +150,7 @@ def _peaks(tuning: Tuning, model: str) -> tuple[Series, Series, Series | None]:
 
 
 def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
-    """Draw the time of the peak before contact over l/v with a line, and the size at the peak."""
+    """Draw the times of peaks before contact over l/v with a line, and the sizes at the peaks."""
     curves = request.curves()
     few = len(curves) <= FEW
     known = [_peaks(curve.tuning, curve.detector.name) for curve in curves]
@@ -168,7 +171,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
                 _draw_line(axes[0], fit, x.max(), curve.look, limits=few)
             if top is not None and len(x) and 1000 * before.min() > top:
                 label += " (above)"
-            if few and curve.doubts:  # two columns of many detectors have no room
+            if few and curve.doubts:  # the legend of many detectors has no room for them
                 label += f"\n{wrapped(curve.doubts, LEGEND_WIDTH)}"
             dots: dict[str, Any] = {"marker": "o", "markersize": 3}
             points = {"color": curve.look["color"], "linestyle": "", **dots}
@@ -182,7 +185,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
         axes[0].set_ylabel("peak before contact (ms)")
         if sized:
             axes[-1].set_ylabel("size at peak (deg)")
-            axes[-1].set_ylim(0, 190)  # a point at 180 is not cut
+            axes[-1].set_ylim(0, 190)  # above 180, so that no point is cut
             axes[-1].set_yticks(range(0, 181, 45))
         axes[-1].set_xlabel(described("l_over_v_ms"))
         axes[-1].set_xlim(left=0)
@@ -193,16 +196,15 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
 
 
 def _top(l_over_v_ms: Iterable[Series]) -> float:
-    """Return the time before contact in ms at which an object spans 10 deg.
+    """Return the upper end of the axis for many detectors, in ms before contact.
 
-    With many detectors, peaks before this time do not stretch the axis.
+    At this time, the object with the largest l/v spans 10 degrees.
     """
     longest = max((float(each.max()) for each in l_over_v_ms if len(each)), default=1.0)
     return longest / math.tan(math.radians(5))
 
 
 def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | None:
-    """Return the line through the peaks of one detector; None with fewer than three l/v."""
     if len(np.unique(l_over_v_ms)) < 3:
         return None
     try:
@@ -213,7 +215,7 @@ def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | 
 
 
 def _first(tuning: Tuning) -> dict[str, Any]:
-    """Return the first stimulus of a table, as its sidecar has it; empty where it has none."""
+    """Return the protocol of a table's first stimulus from the sidecar; empty without a sidecar."""
     first = tuning.sidecar.get("stimulus", {}).get("first")
     return first if isinstance(first, dict) else {}
 
@@ -221,7 +223,7 @@ def _first(tuning: Tuning) -> dict[str, Any]:
 def _draw_line(
     axes: Axes, fit: PeakTimes, longest: float, look: dict[str, Any], *, limits: bool
 ) -> None:
-    """Draw the line through the peaks of one detector, and its limits of 95 %."""
+    """Draw the line through the peaks of one detector and, if wanted, its confidence interval."""
     x = np.linspace(0, longest, 50)
     line = fit.slope * x - 1000 * fit.delay_s
     error = 1000 * fit.error_s(x / 1000)
@@ -231,7 +233,10 @@ def _draw_line(
 
 
 def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
-    """Mark where the object fills the display or stops growing: no peak can come much later."""
+    """Draw the time at which the object fills the display or stops growing.
+
+    Peaks cannot come much later.
+    """
     largest = _largest_angle(tuning)
     if not largest or largest >= 180:
         return
@@ -246,7 +251,7 @@ def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
 
 
 def _largest_angle(tuning: Tuning) -> float | None:
-    """Return the angle at which the object fills the display, or stops growing if that is less."""
+    """Return the smaller of two angles: of the display, and at which the object stops growing."""
     first = _first(tuning)
     try:
         display = Display.from_table(first["display"], "display")
@@ -260,14 +265,13 @@ def _largest_angle(tuning: Tuning) -> float | None:
 
 
 def _draw_published(axes: Sequence[Axes], longest: float) -> None:
-    """Draw the neurons: a range over animals as a band, single ones as lines."""
+    """Draw published neurons: a range over animals as a band, a single value as a line."""
     x = np.array([0.0, longest])
     peaks = {(each.neuron, each.kind): each for each in angular_thresholds()}
     for (neuron, kind), each in peaks.items():
         line = each.slope * x - each.delay_ms
         if kind == "upper limit":
             low = peaks[neuron, "lower limit"]
-            # The slope falls with the angle, and a longer delay makes the peak later.
             early = low.slope * x - low.delay_ms
             shade: dict[str, Any] = {"color": FAINT, "alpha": 0.25, "lw": 0}
             axes[0].fill_between(x, line, early, **shade, zorder=0, label=_named(each, low))
@@ -283,7 +287,7 @@ def _draw_published(axes: Sequence[Axes], longest: float) -> None:
 
 
 def _named(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
-    """Return the label of a published threshold, or of a range that begins at `low`."""
+    """Return the label of a published threshold, or of the range from `low` to `peak`."""
     study = peak.source.rsplit(", ", 1)[0]
     what = "range over animals" if low else peak.kind
     angle = f"{low.angle_deg:g} to {peak.angle_deg:g}" if low else f"{peak.angle_deg:g}"

@@ -1,4 +1,4 @@
-"""Figures of responses over time: curves, small multiples of many, or a heat map of very many."""
+"""Figures of responses over time: curves, small panels for more, or a heat map for very many."""
 
 from __future__ import annotations
 
@@ -56,15 +56,15 @@ if TYPE_CHECKING:
     Truth = dict[str, Any]
 
 
-_MOST_CURVES = 6  # in a figure with a legend for each; more are small multiples
-_MOST_PANELS = 24  # of small multiples; more results are a heat map
-_MOST_LONGER = 4  # times as long as the shortest input of panels with one time axis
+_MOST_CURVES = 6  # in a figure with a line of the legend for each curve
+_MOST_PANELS = 24  # results with a small panel each; more results are a heat map
+_MOST_LONGER = 4  # longest input over the shortest one, for one time axis
 _MOST_BINS = 400  # of time, in a heat map
 _MOST_NAMES = 60  # along a heat map
 _ALARM = "#D55E00"
 _NAME_WIDTH = 16  # characters in a line of an object's name
 _NOTE_WIDTH = 41  # characters in a line of a note, in a legend of three columns
-_LINE = 0.09  # inches of height for each line of a legend
+_LINE = 0.09  # inches: the height of a line of a legend
 
 
 def plot_curves(
@@ -83,27 +83,27 @@ def plot_curves(
 ) -> tuple[Figure, list[Axes]]:
     """Draw responses over time.
 
-    Up to six curves: several detectors over one input share a panel, and one detector over
-    several inputs shares one too; else each input gets a panel. More curves are small multiples,
-    and more than 24 results a heat map, a row for each.
+    Several detectors over one input share a panel, and so do several inputs of one detector.
+    Several detectors over several inputs have a panel for each input. More than six curves have
+    small panels. More than 24 results are a heat map with a row for each result.
 
     Parameters
     ----------
     results : Result or sequence of Result
         At least one.
     models : sequence of str
-        The detectors to draw; none for all that a result holds.
+        The detectors to draw; empty for all detectors of each result.
     scale : str
-        ``threshold``: over the threshold of the alarm in each frame, logarithmic, responses
-        below 0.01 of it at 0.01; ``peak``: each curve over its peak; ``raw``: in their unit.
+        ``threshold``: over the alarm's threshold in each frame, on a logarithmic axis from 0.01;
+        ``peak``: each curve over its peak; ``raw``: in the detector's unit.
     align : str, optional
-        ``contact``: time counts from the contact that a ground truth or `marks` state.
+        ``contact``: time counts from the contact, which `marks` or a ground truth states.
     xlim : tuple of float, optional
         First and last time of the axis, in seconds.
     title : str, optional
-        Of the figure.
+        Title of the figure.
     labels : sequence of str
-        Names of the results; else what differs between them.
+        Names of the results; by default what differs between their names.
     marks : mapping of str to sequence of float or None
         Labelled times in seconds, one for each result, such as ``{"onset": [0.5]}``.
     threshold : bool
@@ -111,17 +111,17 @@ def plot_curves(
     any_length : bool
         Whether results of different lengths may share a panel.
     axes : Axes, optional
-        Draw here, where one panel is enough.
+        Axes to draw into; only if the curves share one panel.
 
     Returns
     -------
     matplotlib.figure.Figure, list of Axes
-        Not saved yet; the panels and strips of ground truth from top to bottom.
+        The figure, not saved yet, and its panels and strips of ground truth from top to bottom.
 
     Raises
     ------
     ParameterError
-        If an option has no such value, or one panel is not enough for `axes`.
+        If an option has no such value, or if `axes` are given for several panels.
     ResultError
         If a result lacks a detector, lengths differ, a contact is not known, or a sidecar is
         wrong.
@@ -154,7 +154,7 @@ def plot_curves(
 
 
 def _check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | None) -> None:
-    """Raise a ParameterError if an axis has no length, or shows no frame of any curve."""
+    """Raise a ParameterError if the axis has no length, or shows no frame of any curve."""
     if xlim is None:
         return
     begin, end = xlim
@@ -171,7 +171,7 @@ def _draw_few(
     options: CurveOptions,
     own: Axes | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Draw curves with a legend, each panel above the ground truth of its input."""
+    """Draw panels with a legend each, and below a panel the ground truth of its input."""
     _check_lengths(panels, options)
     if own is not None:
         if len(panels) > 1:
@@ -183,7 +183,7 @@ def _draw_few(
         draw_marks([own], panels[0], options)
         return own.figure.figure, [own]
     strips = [shared_truth(curves) for curves in panels]
-    if options.scale == "raw":  # one strip, under the last panel of each result
+    if options.scale == "raw":  # of the panels of a result, the last one has a strip
         last = {curves[-1].number: at for at, curves in enumerate(panels)}
         strips = [truth if at in last.values() else None for at, truth in enumerate(strips)]
     heights: list[float] = []
@@ -194,11 +194,12 @@ def _draw_few(
         free, lines = iter(axes), 0
         one_time = _of_like_length(panels)
         drawn: list[list[Axes]] = []
-        for curves, strip, apart in zip(panels, strips, _apart(panels, options), strict=True):
+        suffixes = _suffixes(panels, options)
+        for curves, strip, suffix in zip(panels, strips, suffixes, strict=True):
             panel = [next(free)]
             if drawn and one_time:
                 panel[0].sharex(axes[0])
-            lines += _draw_panel(panel[0], curves, options, apart, title=len(panels) == 1)
+            lines += _draw_panel(panel[0], curves, options, suffix, title=len(panels) == 1)
             if strip is not None:
                 panel.append(next(free))
                 panel[1].sharex(panel[0])
@@ -213,8 +214,8 @@ def _draw_few(
     return figure, axes
 
 
-def _apart(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
-    """Return what tells each panel's result from the others of one input, if there are several."""
+def _suffixes(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
+    """Return the text after each panel's title: the settings, if results have the same input."""
     titles = {curves[0].number: curves[0].result.title for curves in panels}
     if options.labels or len(set(titles.values())) == len(titles):
         return [""] * len(panels)
@@ -222,9 +223,9 @@ def _apart(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str
 
 
 def _of_like_length(panels: Sequence[Sequence[Curve]]) -> bool:
-    """Tell whether the inputs can share a time axis: the shortest one is still seen on it."""
-    lasting = [float(np.ptp(curve.time)) for curves in panels for curve in curves]
-    return max(lasting) <= _MOST_LONGER * min(lasting)
+    """Return whether one time axis suits all inputs: the shortest one remains visible on it."""
+    durations = [float(np.ptp(curve.time)) for curves in panels for curve in curves]
+    return max(durations) <= _MOST_LONGER * min(durations)
 
 
 def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> None:
@@ -245,14 +246,15 @@ def _draw_panel(
     axes: Axes,
     curves: Sequence[Curve],
     options: CurveOptions,
-    apart: str = "",
+    suffix: str = "",
     *,
     title: bool = True,
     own: bool = False,
 ) -> int:
-    """Draw the curves of a panel with its legend, and return the lines of text above it.
+    """Draw the curves of a panel with its legend, and return the lines of the legend above it.
 
-    With `title`, the figure's title is above it too. `apart` tells the input's result from others.
+    The panel's title is the figure's title if `title` is set, or else the input's name with
+    `suffix`. With `own`, the axes are the user's: they have no title, and a legend inside.
     """
     scale = options.scale_of(curves)
     notes = draw_curves(axes, curves, options, scale)
@@ -261,42 +263,39 @@ def _draw_panel(
     one_input = len({curve.number for curve in curves}) == 1
     label = detector_named(curves[0].detector).label
     name = labels_of([curves[0].result], options.labels[curves[0].number :][:1])[0]
-    named = (f"{name}: {apart}" if apart else name) if one_input else label
+    text = (f"{name}: {suffix}" if suffix else name) if one_input else label
     if title and options.title:
-        named = options.title
+        text = options.title
     axes.set_ylabel(_value_label(scale, curves[0]))
     if own:
         axes.legend(fontsize="small")
         axes.set_xlabel(options.time_label)
         return 0
     texts: list[str] = axes.get_legend_handles_labels()[1]
-    lines = sum(text.count("\n") + 1 for text in texts)
-    axes.set_title(wrapped(named, TITLE_WIDTH), pad=4 + 9 * lines)
+    lines = sum(each.count("\n") + 1 for each in texts)
+    axes.set_title(wrapped(text, TITLE_WIDTH), pad=4 + 9 * lines)
     legend = axes.legend(
         loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1,
         labelspacing=0.25, handlelength=1.8,
     )  # fmt: skip
-    legend.set_in_layout(False)  # a long name must not squeeze the curves
+    legend.set_in_layout(False)  # a long name must not make the panel smaller
     return lines
 
 
 def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
-    """Draw the angular size of every object over time, on grey where an object looms.
-
-    Several objects have names and dashes.
-    """
+    """Draw the angular size of each object over time, on a grey ground while an object looms."""
     frames = truth["frames"]
     time = np.array([frame["time_s"] for frame in frames], float) - zero_s
     looming = np.array([bool(frame["looming"]) for frame in frames])
     names = dict.fromkeys(each["id"] for frame in frames for each in frame["objects"])
     sizes = {name: np.array([_size(frame, name) for frame in frames]) for name in names}
-    seen = {name: size for name, size in sizes.items() if np.isfinite(size).any()}
-    for number, (name, size) in enumerate(seen.items()):
+    visible = {name: size for name, size in sizes.items() if np.isfinite(size).any()}
+    for number, (name, size) in enumerate(visible.items()):
         dash = DASHES[number % len(DASHES)]
         axes.plot(time, size, color=INK, lw=1, linestyle=dash, label=wrapped(name, _NAME_WIDTH))
-    if 1 < len(seen) <= len(DASHES):
+    if 1 < len(visible) <= len(DASHES):
         axes.legend(
-            loc="lower left", bbox_to_anchor=(0, 1), ncols=len(seen), borderaxespad=0.1,
+            loc="lower left", bbox_to_anchor=(0, 1), ncols=len(visible), borderaxespad=0.1,
             borderpad=0.1, fontsize=6, handlelength=2.2, columnspacing=1,
         )  # fmt: skip
     axes.set_ylim(bottom=0)
@@ -310,13 +309,14 @@ def _draw_truth(axes: Axes, truth: Truth, zero_s: float) -> None:
 
 
 def _size(frame: dict[str, Any], name: str) -> float:
+    """Return the angular size of an object in degrees; NaN while the object is not visible."""
     found = next((each for each in frame["objects"] if each["id"] == name), None)
     size = found["angular_size_deg"] if found and found["visible"] else None
     return np.nan if size is None else float(size)
 
 
 def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
-    """Return panels that show one input each, or one detector each of a single input.
+    """Return panels of one input each, or, of a single input, panels of one detector each.
 
     The curves have the colours of their detectors.
     """
@@ -329,7 +329,7 @@ def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
 
 
 def _names(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
-    """Return the name of each panel's input, or of its detector where there is one input."""
+    """Return the name of each panel's input; if all panels have one input, of its detector."""
     if len(panels) > 1 and len({curves[0].number for curves in panels}) == 1:
         return [curves[0].name for curves in panels]
     results = {curves[0].number: curves[0].result for curves in panels}
@@ -342,7 +342,7 @@ def _names(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str
 def _draw_multiples(
     panels: Sequence[Sequence[Curve]], options: CurveOptions
 ) -> tuple[Figure, list[Axes]]:
-    """Draw a small panel for each input, all on one scale."""
+    """Draw small panels, all on one scale."""
     columns = 2 if len(panels) <= 4 else 3
     rows = -(-len(panels) // columns)
     scales = [options.scale_of(curves) for curves in panels]
@@ -377,7 +377,7 @@ def _draw_multiples(
             shown_notes.append(NOT_DOTTED)
         _legend(figure, legend, shown_notes, wrapped(title, 2 * TITLE_WIDTH))
         label = "response" * any(units) or _value_label(scale, panels[0][0])
-        if rows == 1:  # in two lines, as one would be longer than the panel is high
+        if rows == 1:  # in two lines, as one line would be longer than the panel is high
             axes[0].set_ylabel(label.replace(" / ", " /\n").replace(" (", "\n("))
         else:
             figure.supylabel(label, fontsize=7.5)
@@ -386,11 +386,11 @@ def _draw_multiples(
 
 
 def _units(panels: Sequence[Sequence[Curve]], scale: str) -> list[str]:
-    """Return the unit of each panel, for its title; empty where one label is true for all."""
+    """Return the unit of each panel, for its title; empty if all panels have the same unit."""
     units = [detector_named(curves[0].detector).unit for curves in panels]
     several = scale == "raw" and len(set(units)) > 1
-    whole = [unit.replace(" ", "\xa0") for unit in units]  # not parted at the end of a line
-    return [f" ({unit})" * several for unit in whole]
+    unbroken = [unit.replace(" ", "\xa0") for unit in units]  # in one line of the title
+    return [f" ({unit})" * several for unit in unbroken]
 
 
 def _value_label(scale: str, curve: Curve) -> str:
@@ -405,13 +405,13 @@ def _value_label(scale: str, curve: Curve) -> str:
 def _legend(
     figure: Figure, panels: Sequence[Sequence[Curve]], notes: Sequence[str], title: str
 ) -> None:
-    """Write the title and explain the colours of the detectors once, above all panels."""
+    """Write the title, the colours of the detectors and the notes above all panels."""
     lines = {
         curve.name: Line2D([], [], color=curve.colour, label=curve.name)
         for curves in panels
         for curve in curves
     }
-    # Four columns of short names fit into a page, or three with notes.
+    # The page has room for four columns of short names, or three columns with notes.
     columns = 3 if notes else 4
     blank = [Line2D([], [], linestyle="none", label=wrapped(note, _NOTE_WIDTH)) for note in notes]
     entries = [*lines.values(), *blank]
@@ -419,14 +419,15 @@ def _legend(
         handles=entries, loc="outside upper left", ncols=columns,
         title=title or None, title_fontsize=8, alignment="left",
     )  # fmt: skip
-    more = _LINE * 1.5 * (-(-len(entries) // columns) - 1)  # lines; the panels keep their height
+    # The figure grows by the lines of the legend, so that the panels keep their height.
+    more = _LINE * 1.5 * (-(-len(entries) // columns) - 1)
     figure.set_figheight(min(MOST_HEIGHT, figure.get_figheight() + more))
 
 
 def _draw_heat(
     panels: Sequence[Sequence[Curve]], options: CurveOptions
 ) -> tuple[Figure, list[Axes]]:
-    """Draw a row for each input over time; a panel beside the other for each detector."""
+    """Draw a heat map for each detector, side by side, with a row for each input."""
     detectors = list(dict.fromkeys(curve.detector for curves in panels for curve in curves))
     by_input: dict[int, dict[str, Curve]] = {}
     for curves in panels:
@@ -444,8 +445,8 @@ def _draw_heat(
             panel.set_xlabel(options.time_label)
         step = -(-len(names) // _MOST_NAMES)
         shown = range(0, len(names), step)
-        lines = [wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two at most
-        axes[0].set_yticks(shown, [lines[at] for at in shown])
+        texts = [wrapped(name, max(36, len(name) // 2 + 8)) for name in names]  # two lines at most
+        axes[0].set_yticks(shown, [texts[at] for at in shown])
         axes[0].tick_params(axis="y", labelsize=6, length=0)
         for label in axes[0].get_yticklabels():
             if "\n" in label.get_text():
@@ -492,14 +493,14 @@ def _draw_rows(
 
 def _binned(time: Series, value: Series, begin: float, end: float, bins: int) -> Series:
     """Return the largest value in each bin of time; NaN before the first and after the last."""
-    made = np.full(bins, np.nan)
+    largest = np.full(bins, np.nan)
     at = np.floor((time - begin) / max(end - begin, 1e-9) * bins).astype(int)
     at[time == end] = bins - 1
     inside = (at >= 0) & (at < bins) & np.isfinite(value)
-    np.fmax.at(made, at[inside], value[inside])
+    np.fmax.at(largest, at[inside], value[inside])
     # A bin between two frames shows the frame before it.
-    filled = np.flatnonzero(np.isfinite(made))
+    filled = np.flatnonzero(np.isfinite(largest))
     if filled.size:
         span = np.arange(filled[0], filled[-1] + 1)
-        made[span] = made[filled[np.searchsorted(filled, span, side="right") - 1]]
-    return made
+        largest[span] = largest[filled[np.searchsorted(filled, span, side="right") - 1]]
+    return largest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -35,22 +36,23 @@ if TYPE_CHECKING:
 
 
 SCALES = ("threshold", "peak", "raw")
-FLOOR = 0.01  # of the threshold; responses below it are drawn at it
-_HEADROOM = 1.25  # over the peak
-_SAME_S = 1e-6  # between two times of one contact: rounding
-_LETTER = 0.02  # of a panel's width, for each letter of a label
-_ROW, _ROW_POINTS = 0.066, 7.5  # of a panel's height, and in points, for a row of labels
-_ROWS = 4  # that are tried; further down, a label is far from the top of its line
-_RING = 0.03  # of a panel's height and width: half of a ring around a peak
-_MARGIN = 0.02  # of a panel's height, between labels and curves
-_BAR, _BAR_STEP = 0.97, 0.035  # of the panel: the highest bar of an alarm, and the next one
+FLOOR = 0.01  # of the threshold; smaller responses are drawn at this level
+_HEADROOM = 1.25  # upper end of an axis over the peak
+_SAME_S = 1e-6  # contacts that differ by less are the same one
+# Lengths as shares of a panel's width or height.
+_LETTER = 0.02  # width of a letter of a label
+_ROW, _ROW_POINTS = 0.066, 7.5  # height of a row of labels, and the same in points
+_ROWS = 4  # rows from the top in which a label may stand
+_RING = 0.03  # half the size of the ring around a peak
+_MARGIN = 0.02  # between labels and curves
+_BAR, _BAR_STEP = 0.97, 0.035  # height of an alarm's highest bar, and from a bar to the next one
 NOT_DOTTED = "no dotted line: threshold above the panel"
 _UNCOUNTED = "above the threshold without an alarm: start, cut, flash, after rest, too short"
 
 
 @dataclass(frozen=True)
 class CurveOptions:
-    """How curves are drawn; arguments as of :func:`oppload_cli.plot_curves`."""
+    """How curves are drawn; the fields are arguments of :func:`oppload_cli.plot_curves`."""
 
     models: tuple[str, ...] = ()
     scale: str = "threshold"
@@ -61,7 +63,7 @@ class CurveOptions:
     marks: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
     threshold: bool = True
     any_length: bool = False
-    bars: bool = False  # at the top for alarms, where shades would mix their colours
+    bars: bool = False  # whether alarms are bars at the top of a panel, not shades
 
     @property
     def time_label(self) -> str:
@@ -69,7 +71,7 @@ class CurveOptions:
         return "time from contact (s)" if self.align else "time (s)"
 
     def with_bars(self, panels: Sequence[Sequence[Curve]]) -> CurveOptions:
-        """Return the options with bars for alarms where curves of a panel would share a shade."""
+        """Return the options, with bars if the shades of alarms would mix in some panel."""
         bars = any(
             len({curve.number for curve in curves}) > 1
             or sum(bool(curve.alarms()) for curve in curves) > 1
@@ -78,12 +80,15 @@ class CurveOptions:
         return replace(self, bars=bars)
 
     def bars_of(self, curves: Sequence[Curve]) -> dict[Curve, float]:
-        """Return the height of the bar of each curve with an alarm, as a share of its panel."""
+        """Return the upper end of each curve's alarm bar, as a share of the panel's height.
+
+        Curves without an alarm have no bar.
+        """
         alarming = [curve for curve in curves if self.bars and curve.alarms()]
         return {curve: _BAR - _BAR_STEP * order for order, curve in enumerate(alarming)}
 
     def scale_of(self, curves: Sequence[Curve]) -> str:
-        """Return the scale of a panel: over the peak where a curve has no threshold."""
+        """Return the scale of a panel: ``peak`` in place of ``threshold`` if a curve has none."""
         if self.scale == "threshold" and any(curve.threshold is None for curve in curves):
             return "peak"
         return self.scale
@@ -91,20 +96,20 @@ class CurveOptions:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The responses of a detector in one of the results, as a line of a panel."""
+    """The responses of a detector in one of the results: a line of a panel."""
 
     result: BaseResult
     number: int  # of the result, in the order in which the results were given
     detector: str
     name: str  # in the legend
     colour: str
-    truth: Truth | None  # of the result's stimulus, if it is known
-    zero_s: float  # the time that is 0 on the axis
+    truth: Truth | None  # ground truth of the result's stimulus, if it is known
+    zero_s: float  # the time of the result that is 0 on the axis
     dash: object = "-"
 
     @property
     def time(self) -> Series:
-        """Time of each frame on the axis."""
+        """Time of each frame, as on the axis."""
         return self.result.frames["time_s"].to_numpy(float) - self.zero_s
 
     @property
@@ -114,7 +119,7 @@ class Curve:
 
     @cached_property
     def threshold(self) -> Series | None:
-        """The alarm's threshold in each frame; None where there is no alarm."""
+        """The alarm's threshold in each frame; None if the alarms were off."""
         if f"{self.detector}_alarm" not in self.result.frames.columns:
             return None
         threshold = result_threshold(self.result, self.detector)
@@ -122,7 +127,7 @@ class Curve:
         return np.where(known, threshold, np.nan) if known.any() else None
 
     def scaled(self, scale: str) -> Series:
-        """Return the responses over the threshold, over their peak, or as they are."""
+        """Return the responses over the threshold, over their peak, or in their unit."""
         response = self.response
         if scale == "threshold" and self.threshold is not None:
             return np.asarray(response / self.threshold, np.float64)
@@ -130,7 +135,7 @@ class Curve:
         return response / peak if scale == "peak" and peak > 0 else response
 
     def alarms(self) -> list[tuple[float, float]]:
-        """Return the begin and the duration of each alarm, on the axis."""
+        """Return the beginning of each alarm, as on the axis, and its duration, in seconds."""
         column = f"{self.detector}_alarm"
         if column not in self.result.frames.columns:
             return []
@@ -143,14 +148,14 @@ class Curve:
 def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list[Curve]]:
     """Return the curves of each panel.
 
-    Several detectors over one input share a panel; one detector over several inputs shares one
-    too, in the order of their numbers. Several detectors over several inputs get a panel for each
-    input, and raw responses a panel for each curve.
+    Several detectors over one input share a panel, and so do several inputs of one detector, in
+    the order of the numbers in their names. Several detectors over several inputs have a panel for
+    each input. Raw responses have a panel for each curve.
 
     Raises
     ------
     ResultError
-        If a result lacks a chosen detector, or its contact is not known.
+        If a result lacks a chosen detector, or curves are aligned and a contact is not known.
     """
     for result in results:
         result.need([f"{name}_response" for name in options.models])
@@ -183,8 +188,9 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
 def _contact(
     result: BaseResult, truth: Truth | None, given: Sequence[float | None] | None, at: int
 ) -> float:
-    stated = given[at] if given else None
-    contact = _contact_of(truth) if stated is None else stated
+    """Return the time of contact of result `at`: from the user, or else from the ground truth."""
+    contact = given[at] if given else None
+    contact = _contact_of(truth) if contact is None else contact
     if contact is None:
         raise ResultError(
             f"{result.path}: its time of contact is not known; leave the result out, or give "
@@ -197,16 +203,10 @@ def _contact(
 def draw_curves(
     axes: Axes, curves: Sequence[Curve], options: CurveOptions, scale: str
 ) -> list[str]:
-    """Draw curves, thresholds and alarms into one panel, and set its axes.
-
-    Returns
-    -------
-    list of str
-        Marks that the legend has to explain.
-    """
+    """Draw curves, thresholds and alarms into a panel; return the notes for its legend."""
     values = [curve.scaled(scale) for curve in curves]
     notes: list[str] = []
-    if options.xlim:  # before the curves, so that a peak outside is not drawn beside the panel
+    if options.xlim:  # before the curves, so that the axes cut the ring of a peak outside
         axes.set_xlim(options.xlim)
     bars = options.bars_of(curves)
     for order, (curve, value) in enumerate(zip(curves, values, strict=True)):
@@ -242,7 +242,7 @@ def _alarm_notes(curves: Sequence[Curve], options: CurveOptions) -> list[str]:
 
 
 def _draw_alarms(axes: Axes, curve: Curve, height: float | None) -> None:
-    """Shade the frames in which the alarm is on, or draw a bar at a height of the panel."""
+    """Shade the frames in which the alarm is on, or draw a bar with an upper end at `height`."""
     for begin, duration in curve.alarms():
         if height is None:
             axes.axvspan(begin, begin + duration, color=curve.colour, alpha=0.18, lw=0)
@@ -263,7 +263,7 @@ def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int)
     axes.plot(time, shown, **look, label=wrapped(_described(curve, scale, best), LEGEND_WIDTH))
     if scale == "threshold" and largest < FLOOR:
         return
-    # Hollow and of two sizes, so that two peaks in one place are both seen.
+    # Hollow rings of two sizes, so that two peaks in one place are both visible.
     size = 6 - 2 * (order % 2)
     axes.plot(
         time[best], largest, "o", markersize=size, mfc="none", mec=curve.colour, zorder=3,
@@ -272,21 +272,21 @@ def _draw_curve(axes: Axes, curve: Curve, value: Series, scale: str, order: int)
 
 
 def _described(curve: Curve, scale: str, best: int) -> str:
-    """Return a curve's line in the legend: its name, its peak and when it was."""
+    """Return a curve's line in the legend: its name, its peak and the time of the peak."""
     peak, value = float(curve.response[best]), float(curve.scaled(scale)[best])
     when = f"{curve.time[best]:.2f} s" if curve.zero_s else f"{curve.time[best]:.3g} s"
     if scale == "threshold" and value < FLOOR:
         return f"{curve.name}, below {FLOOR:g} of the threshold"
     times = f"{value:,.0f}" if value >= 100 else f"{value:.3g}"
     height = f"{times} times threshold" if scale == "threshold" else f"peak {peak:.3g}"
-    said = f"{curve.name}, {height} at {when}"
+    text = f"{curve.name}, {height} at {when}"
     frame = f" (frame {int(curve.result.frames['frame'].iloc[best])})"
-    fits = len(said + frame) <= LEGEND_WIDTH and not curve.zero_s
-    return said + frame if fits else said
+    fits = len(text + frame) <= LEGEND_WIDTH and not curve.zero_s
+    return text + frame if fits else text
 
 
 def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
-    """Draw the threshold of an alarm where it is in the panel; return the notes for the legend."""
+    """Draw an alarm's threshold where it lies in the panel; return the notes for the legend."""
     threshold, peak = curve.threshold, float(np.nanmax(curve.response))
     if threshold is None:
         return []
@@ -306,7 +306,7 @@ def _draw_threshold(axes: Axes, curve: Curve, scale: str) -> list[str]:
 
 
 def log_axis(axes: Axes, top: float) -> None:
-    """Make the axis logarithmic, from the floor to a top, with plain numbers."""
+    """Make the vertical axis logarithmic, from the floor up to `top`, with plain numbers."""
     axes.set_yscale("log")
     axes.set_ylim(0.75 * FLOOR, top)
     last = int(np.floor(np.log10(top)))
@@ -325,13 +325,15 @@ def _contact_of(truth: Truth | None) -> float | None:
 
 
 def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOptions) -> None:
-    """Draw labelled times as vertical lines; the label alone where a time is outside.
+    """Draw the labelled times in `axes`, a panel and perhaps the ground truth below it.
 
-    Where the inputs of a panel have different times, each line has the colour of its curve.
+    Each time is a vertical line with a label at the top of the panel. If the time is outside the
+    panel, only its label is drawn. If inputs of the panel have different times, each line has the
+    colour of its curve.
     """
     truth = shared_truth(curves)
     of_inputs = {curve.number: curve for curve in curves}.values()
-    other_contacts: list[float] = []  # of the objects after the first, in the ground truth
+    other_contacts: list[float] = []  # of other objects in the ground truth
     marks = {
         label: {curve: times[curve.number] for curve in of_inputs}
         for label, times in options.marks.items()
@@ -350,31 +352,32 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
             each.axvline(time, color=colour, lw=0.7, linestyle=(0, (4, 2)))
 
     below = max((1 - bar + _BAR_STEP for bar in options.bars_of(curves).values()), default=0.0)
-    taken: list[_Box] = []  # by labels and curves
+    taken: list[_Place] = []  # the places of labels
     lines = _curves_of(axes[0])
     for label, times in marks.items():
         known = {c: time - c.zero_s for c, time in times.items() if time is not None}
         alike = len({round(time, 6) for time in known.values()}) == 1
         for number, (curve, time) in enumerate(known.items()):
             draw_line(time, INK if alike else curve.colour)
-            if number or (label == "contact" and options.align):  # the axis says where it is
+            if number or (label == "contact" and options.align):  # "time from contact" says it
                 continue
             several = label == "contact" and bool(other_contacts)
             inside = first <= time <= last
             text = label + "s" * several if inside else f"{label} at {time:.3g} s"
             share = min(max((time - first) / (last - first), 0.0), 1.0)
             wide = _LETTER * len(text)
-            # The second label goes to the right, away from the first and from peaks before it.
+            # A second label stands to the right of its line, away from the first label.
             right = share < 0.2 or (bool(taken) and share + wide < 1)
-            box = _free_box(share, wide, 1 - below, right=right, taken=taken, lines=lines)
-            upright = box is None  # beside the line there is always room for a narrow label
+            place = _free_place(share, wide, 1 - below, right=right, taken=taken, lines=lines)
+            upright = place is None  # an upright label is narrow, and may cover a curve
             begin = min(share, 1 - 2 * _LETTER)
-            box = box or _Box(begin, begin + 2 * _LETTER, 0)
-            right = box.left >= share
-            taken.append(box)
+            place = place or _Place(begin, begin + 2 * _LETTER, 0)
+            right = place.left >= share
+            taken.append(place)
             axes[0].annotate(
                 text, (share, 1 - below), xycoords="axes fraction",
-                xytext=(2 if right else -2, -1 - _ROW_POINTS * box.row), textcoords="offset points",
+                xytext=(2 if right else -2, -1 - _ROW_POINTS * place.row),
+                textcoords="offset points",
                 ha="left" if right else "right", va="top", fontsize=6, color=INK,
                 rotation=90 if upright else 0,
             )  # fmt: skip
@@ -388,14 +391,14 @@ def _contacts_of(truth: Truth | None) -> dict[str, float]:
     contacts: dict[str, float] = {}
     for frame in truth["frames"] if truth else ():
         for each in frame["objects"]:
-            left = each.get("time_to_contact_s")
-            if left is not None:
-                contacts.setdefault(each["id"], frame["time_s"] + left)
+            remaining_s = each.get("time_to_contact_s")
+            if remaining_s is not None:
+                contacts.setdefault(each["id"], frame["time_s"] + remaining_s)
     return contacts
 
 
-class _Box(NamedTuple):
-    """The place of a label, as shares of the panel's width, and its row from the top."""
+class _Place(NamedTuple):
+    """The place of a label: its ends as shares of the panel's width, and its row from the top."""
 
     left: float
     right: float
@@ -405,7 +408,8 @@ class _Box(NamedTuple):
 def _curves_of(axes: Axes) -> list[Series]:
     """Return the curves of a panel as rows of (x, y), in shares of its width and height.
 
-    The ring around a peak is a line along its top. Lines of two points are marks.
+    A line of one point is a peak, and becomes a line along the top of its ring. A line of two
+    points is not a curve, but a labelled time or a threshold.
     """
     place = axes.transData + axes.transAxes.inverted()
     lines = [place.transform(np.asarray(line.get_xydata(), float)) for line in axes.lines]
@@ -414,43 +418,46 @@ def _curves_of(axes: Axes) -> list[Series]:
     return [line for line in lines if len(line) > 2] + tops
 
 
-def _free_box(
+def _free_place(
     share: float,
     wide: float,
     top: float,
     *,
     right: bool,
-    taken: Sequence[_Box],
+    taken: Sequence[_Place],
     lines: Sequence[Series],
-) -> _Box | None:
-    """Return the first place beside a mark where a label covers no other one and no curve, if any.
+) -> _Place | None:
+    """Return the first place beside a vertical line where a label covers no label and no curve.
 
-    The mark at `share` and the width of the label are shares of the panel's width, the `top` of
-    the first row is one of its height. The side that is tried first is `right`; places of other
-    labels are `taken`, and `lines` are the curves from :func:`_curves_of`.
+    Parameters
+    ----------
+    share, wide : float
+        Place of the vertical line and width of the label, as shares of the panel's width.
+    top : float
+        Upper end of the first row, as a share of the panel's height.
+    right : bool
+        Whether the right side of the line is tried first.
+    taken, lines
+        Places of other labels, and the curves from :func:`_curves_of`.
     """
     sides = [right, not right] if wide <= share <= 1 - wide else [right]
-    tried = [
-        _Box(share, share + wide, row) if side else _Box(share - wide, share, row)
-        for row in range(_ROWS)
-        for side in sides
-    ]
-    for box in tried:
-        covered = any(
-            box.row == other.row and box.left < other.right and other.left < box.right
-            for other in taken
+    for row, side in product(range(_ROWS), sides):
+        left = share if side else share - wide
+        place = _Place(left, left + wide, row)
+        covers_label = any(
+            row == other.row and left < other.right and other.left < place.right for other in taken
         )
-        high = top - _ROW * box.row
-        x = np.linspace(box.left, box.right, 50)
-        for line in () if covered else lines:
-            y = np.interp(x, line[:, 0], line[:, 1], left=np.nan, right=np.nan)
-            covered |= bool(np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)))
-        if not covered:
-            return box
+        high = top - _ROW * row
+        x = np.linspace(left, place.right, 50)
+        heights = (np.interp(x, each[:, 0], each[:, 1], np.nan, np.nan) for each in lines)
+        if not covers_label and not any(
+            np.any((y > high - _ROW - _MARGIN) & (y < high + _MARGIN)) for y in heights
+        ):
+            return place
     return None
 
 
 def shared_truth(curves: Sequence[Curve]) -> Truth | None:
-    """Return the ground truth of a panel, if all its inputs have the same one."""
+    """Return the ground truth of a panel; None if its inputs have different ones."""
     truth = curves[0].truth
     return truth if all(curve.truth == truth for curve in curves) else None

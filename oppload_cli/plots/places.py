@@ -1,4 +1,4 @@
-"""Places of the winning units, over a frame of the video."""
+"""The plot of the places of winning units, over a frame of the video."""
 
 from __future__ import annotations
 
@@ -28,34 +28,34 @@ if TYPE_CHECKING:
     Still = NDArray[np.float32]
 
 
-_WEAKEST = 0.05  # response over the peak of the frames shown
+_WEAKEST = 0.05  # of the peak; frames with smaller responses have no dot
 
 
 def still_of(
     result: BaseResult, video: str | None = None, *, model: str | None = None
 ) -> Still | None:
-    """Read the frame of the peak from the video that a result was made from.
+    """Read the frame of the peak from the input of a result.
 
     Parameters
     ----------
     result : Result
-        With its sidecar, which names the input.
+        A result whose sidecar names the input.
     video : str, optional
-        The input, where it has moved.
+        The present name of the input, if it has moved.
     model : str, optional
-        The detector whose peak it is; else the first of the result that has places.
+        The detector of the peak; by default the first detector of the result that has places.
 
     Returns
     -------
     ndarray of float32, shape (height, width), or None
-        Luminance at the source's size; None if the input is not known.
+        Luminance at the source's size; None if no video is found.
 
     Raises
     ------
     SourceError
         If the video cannot be read.
     ResultError
-        If it ends before that frame, or if the result has no places of the detector.
+        If the video ends before the peak, or if the result has no places of the detector.
     """
     detector = _detector(result, model)
     try:
@@ -72,14 +72,13 @@ def still_of(
 
 def why_no_still(result: BaseResult) -> str:
     """Return in a few words why :func:`still_of` finds no video."""
-    if not isinstance(result.part("input").get("name"), str):
-        return (
-            f"no sidecar ({result.stem}{SIDECAR}) names its video and its size"
-            if result.part("input").get("width") is None
-            else "no sidecar names its video"
-        )
-    kept = result.part("input").get("kind") in {"container", "images"}
-    return "its video is gone" if kept else "frames of a camera or a stream are not kept"
+    facts = result.part("input")
+    if isinstance(facts.get("name"), str):
+        kept = facts.get("kind") in {"container", "images"}
+        return "its video is gone" if kept else "frames of a camera or a stream are not kept"
+    if facts.get("width") is None:
+        return f"no sidecar ({result.stem}{SIDECAR}) names its video and its size"
+    return "no sidecar names its video"
 
 
 def plot_places(
@@ -89,24 +88,26 @@ def plot_places(
     title: str | None = None,
     model: str | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Draw the centre of every winning unit, and the looming object's box at the peak.
+    """Draw the centres of the winning units, and the looming object's box at the peak.
+
+    Each frame with a response of at least 5 % of the peak has a dot. The dot's area shows the
+    response, its colour the time.
 
     Parameters
     ----------
     result : Result
-        With the places of a detector.
+        A result with the places of a detector.
     still : ndarray of float32, shape (height, width), optional
-        A frame to draw on; else the ground is white.
+        A frame to draw on; by default the ground is white.
     title : str, optional
-        Of the figure; else the input's name.
+        Title of the figure; by default the input's name.
     model : str, optional
-        The detector whose places are drawn; else the first of the result that has places.
+        The detector whose places are drawn; by default the first of the result that has places.
 
     Returns
     -------
     matplotlib.figure.Figure, list of Axes
-        Not saved yet. A dot for each frame with at least 5 % of the peak: its area is the
-        response, its shade the time.
+        The figure, not saved yet, and its panel.
 
     Raises
     ------
@@ -149,10 +150,10 @@ def plot_places(
             axes.add_patch(
                 Rectangle((left, top), width, height, fill=False, lw=1.2, ec=detector.colour)
             )
-        what = "box: looming object" if np.isfinite(left) else "no looming object"
-        told = f"{title or result.title}\n{detector.label}, peak in frame {frame}; {what}"
-        told += _over_threshold(result, detector.name, best)
-        axes.set_title(wrapped(told, TITLE_WIDTH), fontsize=7)
+        box_text = "box: looming object" if np.isfinite(left) else "no looming object"
+        text = f"{title or result.title}\n{detector.label}, peak in frame {frame}; {box_text}"
+        text += _over_threshold(result, detector.name, best)
+        axes.set_title(wrapped(text, TITLE_WIDTH), fontsize=7)
         axes.set(
             xlim=(0, columns), ylim=(rows, 0), xlabel="x (px)", ylabel="y (px)", aspect="equal"
         )
@@ -162,7 +163,7 @@ def plot_places(
 
 
 def _over_threshold(result: BaseResult, detector: str, row: int) -> str:
-    """Return the response over its threshold in words; noise has large dots too."""
+    """Return the peak over its threshold in words, as the dots of noise can be large too."""
     threshold = result_threshold(result, detector)[row]
     if f"{detector}_alarm" not in result.frames.columns or not threshold > 0:
         return ""
@@ -171,7 +172,7 @@ def _over_threshold(result: BaseResult, detector: str, row: int) -> str:
 
 
 def _detector(result: BaseResult, model: str | None) -> type[Detector]:
-    """Return the detector whose places are drawn: a named one, or the first that has some."""
+    """Return the detector `model`, or the first one of the result, that has places."""
     if model is not None:
         detector = detector_named(model)
         result.need([f"{model}_response"])
@@ -192,7 +193,7 @@ def _peak(result: BaseResult, detector: type[Detector]) -> int:
 
 
 def _size(result: BaseResult, detector: type[Detector], still: Still | None) -> tuple[int, int]:
-    """Return the rows and columns of the source, or those that the places reach."""
+    """Return height and width of the source, or of the part that the places reach."""
     if still is not None:
         return still.shape[0], still.shape[1]
     facts = result.part("input") or (usable_truth(result) or {}).get("display", {})

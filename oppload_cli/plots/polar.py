@@ -1,4 +1,4 @@
-"""Tuning over direction, in polar form."""
+"""Polar plots of tuning over direction."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from oppload_cli.plots.style import (
     PAGE,
     TITLE_WIDTH,
     doubts_of,
+    labels_of,
     looks_of,
-    names_of,
     panel_grid,
     styled_figure,
     wrapped,
@@ -48,49 +48,32 @@ if TYPE_CHECKING:
 _TURN = 2 * np.pi
 _POLAR = {"projection": "polar"}
 _NARROW = 30  # characters in a line above a small plot
-_MOST_CURVES = 6  # in one plot; more get a small plot each
-_LABEL_POINTS, _LINE_POINTS = 28, 10  # from the circle down to below the label, or its first line
+_MOST_CURVES = 6  # in one plot; of more curves, each has a small plot
+_LABEL_POINTS = 28  # from the circle down to the lower end of an axis label of one line
+_LINE_POINTS = 10  # the height of a second line of the label
 _SCENE = "scene.rotation_deg"
 _MOTION, _TURNED = "direction of motion", "rotation of the scene"
-_ROUNDING = 1e-6  # of a peak: equal responses differ by less
+_ROUNDING = 1e-6  # as a share of the peak: responses that differ by less are equal
 
 
 @dataclass(frozen=True)
 class _Selectivity:
-    """How strongly responses depend on direction (``docs/plots.md``).
+    """How strongly responses depend on direction (``docs/plots.md``)."""
 
-    Attributes
-    ----------
-    peak, preferred_deg : float
-        Largest response, and its direction.
-    direction_index : float or None
-        (R_p - R_o) / (R_p + R_o), with R_o the response to the opposite direction; None if
-        that direction was not shown or nothing responded.
-    axis_index : float or None
-        |sum R exp(2 i theta)| / sum R: 1 for one axis, 0 for none; None if nothing responded or
-        the axes shown are not spread evenly.
-    least : float
-        Smallest response over the largest.
-    """
-
-    peak: float
-    preferred_deg: float
+    peak: float  # the largest response
+    preferred_deg: float  # the direction of the peak
+    # (peak - R) / (peak + R) with the response R to the opposite direction; None if that direction
+    # was not shown, or if no response is above 0.
     direction_index: float | None
+    # |sum R exp(2 i theta)| / sum R: 1 for one axis, 0 for none; None if no response is above 0, or
+    # if the axes are not spread evenly.
     axis_index: float | None
-    least: float
+    least: float  # smallest response over the peak
 
 
 def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
-    """Measure directional tuning.
-
-    Parameters
-    ----------
-    angles_deg : ndarray, shape (n,)
-        Directions, evenly spread over the circle or a half of it.
-    responses : ndarray, shape (n,)
-        At least 0.
-    """
-    # The first of the peaks that differ by rounding only.
+    """Measure directional tuning, from n directions and n responses of at least 0."""
+    # Of peaks that are equal but for rounding, the first one counts.
     best = int(np.argmax(responses >= (1 - _ROUNDING) * responses.max()))
     peak, preferred = float(responses[best]), float(angles_deg[best])
     if peak <= 0:
@@ -111,17 +94,17 @@ def selectivity(angles_deg: Series, responses: Series) -> _Selectivity:
 
 
 def full_circle(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
-    """Repeat a half circle of directions half a turn on, where that gives the same stimulus.
+    """Complete the tuning to a stimulus that looks the same after half a turn.
 
-    Takes and returns directions and responses, one-dimensional; the returned directions are
-    there once each, in rising order from 0 to 360.
+    The responses to the directions of a half circle are repeated for the opposite directions. Each
+    returned direction occurs once, in rising order from 0 to 360.
     """
     angles = np.concatenate([angles_deg, angles_deg + 180])
     return _in_order(angles, np.concatenate([responses, responses]))
 
 
 def _in_order(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
-    """Return each direction once, in rising order, 0 to 360: 360 degrees are those of 0."""
+    """Return each direction once, in rising order from 0; 360 degrees count as 0."""
     _, first = np.unique(np.round(angles_deg, 6) % 360, return_index=True)
     return angles_deg[first] % 360, responses[first]
 
@@ -130,18 +113,18 @@ def _in_order(angles_deg: Series, responses: Series) -> tuple[Series, Series]:
 class DirectionTuning:
     """One closed or open curve of a polar plot."""
 
-    name: str  # for the legend
+    name: str  # in the legend
     angles_deg: Series  # rising
     responses: Series
     unit: str  # of the responses
     look: dict[str, Any]  # line properties of matplotlib
-    symmetric: bool = False  # half a turn gives the same stimulus: half of the curve is a copy
-    angle: str = _MOTION
-    doubts: str = ""  # why the curve means little, each reason after a line break
+    symmetric: bool = False  # whether half a turn gives the same stimulus
+    angle: str = _MOTION  # the meaning of the angle
+    doubts: str = ""  # why the curve means little; a line break before each reason
 
     @property
     def numbers(self) -> _Selectivity:
-        """Peak and selectivity; a symmetric stimulus tells nothing of opposite directions."""
+        """Peak and selectivity; a symmetric stimulus has no index of direction."""
         found = selectivity(self.angles_deg, self.responses)
         return replace(found, direction_index=None) if self.symmetric else found
 
@@ -179,22 +162,22 @@ def direction_tunings(
     lplc2: str = "auto",
     labels: Sequence[str] = (),
 ) -> list[DirectionTuning]:
-    """Return the curves of a polar plot of tables over a direction.
+    """Return the curves of a polar plot of tuning tables.
 
     Parameters
     ----------
     tunings, detectors, labels
-        As for :func:`oppload_cli.plot_tuning`.
+        As for :func:`oppload_cli.plot_tuning`, where `detectors` are the `models`.
     lplc2 : str
-        Width of the bar whose LPLC2 tuning is added, ``10`` or ``60``; ``none``; or
-        ``auto``: the width in the stimulus's name, unless the bar was changed.
+        Width of the bar whose LPLC2 tuning is added, ``10`` or ``60``; ``none``; or ``auto`` for
+        the width in the stimulus's name, if the stimulus shows the bar of the catalogue.
 
     Raises
     ------
     ResultError
         If a table has no direction, more than one parameter, or lacks a detector.
     """
-    names = names_of(tunings, labels)
+    names = labels_of(tunings, labels)
     shown = [
         (tuning, name, table)
         for tuning, table in zip(tunings, names, strict=True)
@@ -218,7 +201,7 @@ def direction_tunings(
 def _of_detector(
     tuning: Tuning, detector: str, table: str, look: dict[str, Any]
 ) -> DirectionTuning:
-    """Return the curve of a detector, named after its table too if that has a name."""
+    """Return the curve of a detector; its name contains that of the table, if `table` has one."""
     direction = tuning.direction
     if direction is None:
         raise ResultError(
@@ -249,9 +232,9 @@ def _of_detector(
 
 
 def _bar_width(tunings: Sequence[Tuning]) -> int | None:
-    """Return the width of the study's expanding bar, if all stimuli show it along its axis.
+    """Return the width of the published study's bar, if all stimuli show this bar and turn it.
 
-    The name tells it, and the sidecar that the bar was not changed.
+    The width comes from the stimulus's name.
     """
     if any(tuning.direction == _SCENE for tuning in tunings):
         return None
@@ -262,16 +245,16 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
 
 
 def _as_published(tuning: Tuning) -> bool:
-    """Tell whether the stimulus looks as in the catalogue, but for the axis of its bar."""
+    """Return whether the stimulus looks as in the catalogue, whatever the axis of its bar is."""
     first = tuning.sidecar.get("stimulus", {}).get("first")
-    if not first:  # nothing is known of it
+    if not first:  # without a sidecar, only the name is known
         return True
     known = [each for each in entries() if each.name == tuning.name]
     return any(_looks(first) == _looks(each.protocols()[0].as_table()) for each in known)
 
 
 def _looks(table: Mapping[str, Any]) -> list[Any]:
-    """Return what decides how a stimulus looks: all but its resolution, its pauses and its axis."""
+    """Return the parts of a protocol that decide its look: not its size, pauses and axis."""
     objects = [{**one, "axis_deg": 0} for one in table.get("object", [])]
     background = table.get("display", {}).get("background")
     return [objects, background, table.get("scene"), table.get("effects")]
@@ -280,9 +263,9 @@ def _looks(table: Mapping[str, Any]) -> list[Any]:
 def plot_polar(
     curves: Sequence[DirectionTuning], *, raw: bool = False, title: str = ""
 ) -> tuple[Figure, list[Axes]]:
-    """Draw tuning over direction: all curves in one plot over their peaks.
+    """Draw up to six curves over their peaks into one plot; of more, each has a small plot.
 
-    If `raw`, each curve gets a plot in its own unit; more than six get a small plot each anyway.
+    If `raw`, each curve has a plot in its own unit.
     """
     if len(curves) > _MOST_CURVES:
         return _draw_multiples(curves, raw=raw, title=title)
@@ -306,11 +289,10 @@ def plot_polar(
 def _draw_multiples(
     curves: Sequence[DirectionTuning], *, raw: bool, title: str
 ) -> tuple[Figure, list[Axes]]:
-    """Draw a small plot for each curve; the meaning of the radius is written once."""
-    columns = 4
-    rows = -(-len(curves) // columns)
+    """Draw a small plot for each curve; the meaning of radius and angle is written once."""
+    rows = -(-len(curves) // 4)
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.4 + 2.1 * rows)) as figure:
-        axes: list[Any] = panel_grid(figure, len(curves), columns, subplot_kw=_POLAR)
+        axes: list[Any] = panel_grid(figure, len(curves), 4, subplot_kw=_POLAR)
         for panel, curve in zip(axes, curves, strict=True):
             draw_polar(panel, [curve], raw=raw)
             panel.get_legend().remove()
@@ -328,7 +310,7 @@ def _draw_multiples(
 
 
 def spread(figure: Figure) -> None:
-    """Leave room around polar plots: the layout overlooks how far labels of angles reach."""
+    """Leave room around polar plots, as matplotlib's layout ignores the labels of angles."""
     engine: Any = figure.get_layout_engine()
     engine.set(h_pad=0.09, w_pad=0.09)
 
@@ -340,9 +322,9 @@ def draw_polar(
     raw: bool = False,
     across: int = LEGEND_WIDTH,
 ) -> None:
-    """Draw curves into one polar plot, in their own unit or over their peaks.
+    """Draw curves into one polar plot, over their peaks or, if `raw`, in their own unit.
 
-    `across` is the number of characters for which the plot has room.
+    A line of text below the plot has at most `across` characters.
     """
     for curve in curves:
         peak = curve.numbers.peak
@@ -365,15 +347,15 @@ def draw_polar(
     narrow = across < LEGEND_WIDTH
     between = ";\n" if narrow else "; "
     axes.set_xlabel(f"radius: {label}{between}angle: {_angle_of(curves)}")
-    axes.set_anchor("S")  # so that the layout sees how far the legend reaches below
-    # At a distance of its own below the label, whatever size the layout gives the plot.
+    axes.set_anchor("S")  # so that the layout leaves room for the legend below
+    # The distance in inches keeps the legend below the label, whatever the size of the plot.
     down = (_LABEL_POINTS + _LINE_POINTS * narrow) / 72
     below = axes.transAxes + ScaledTranslation(0, -down, axes.figure.dpi_scale_trans)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0), bbox_transform=below, borderaxespad=0)
 
 
 def _label(curve: DirectionTuning, across: int, *, raw: bool) -> str:
-    """Return the entry of a curve in a legend, in lines of so many characters."""
+    """Return the entry of a curve in a legend, in lines of at most `across` characters."""
     name = curve.name if raw else f"{curve.name}, {curve.about}"
     return wrapped(name + curve.doubts, across)
 
@@ -383,7 +365,7 @@ def _angle_of(curves: Sequence[DirectionTuning]) -> str:
 
 
 def _free_direction(axes: PolarAxes) -> float:
-    """Return the direction in degrees in which the numbers of the radius are far from curves."""
+    """Return the direction in degrees in which labels of the radius are farthest from curves."""
     ticks = axes.get_yticks()
 
     def distance(direction: float) -> float:
@@ -398,7 +380,7 @@ def _free_direction(axes: PolarAxes) -> float:
 
 
 def _closed(angles: Series, values: Series) -> tuple[Series, Series]:
-    """Join the ends of a curve whose directions go all the way round."""
+    """Join the ends of a curve whose directions are spread over the complete circle."""
     gaps = np.diff(np.append(angles, angles[0] + 360))
     if len(angles) < 3 or gaps[-1] > 1.01 * max(gaps[:-1]):
         return angles, values

@@ -1,4 +1,4 @@
-"""Radial motion opponency over time."""
+"""The plot of radial motion opponency over time."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 COLUMNS = ("rmo_index", "rmo_mean", "rmo_max", "rom_share", "rom_pairs", "flow_vectors")
 _MOST = 3  # results in one figure
-_INDEX, _MEAN = CYCLE[3], CYCLE[4]  # as on the pages, and unlike OppLoD and D-LGMD
+_INDEX, _MEAN = CYCLE[3], CYCLE[4]  # as on the HTML pages; OppLoD and D-LGMD differ
 
 
 def plot_rmo(
@@ -41,23 +41,23 @@ def plot_rmo(
     title: str | None = None,
     xlim: tuple[float, float] | None = None,
 ) -> tuple[Figure, list[Axes]]:
-    """Draw RMO over time: index, mean and largest RMO, and the share of ROM pairs.
+    """Draw RMO over time: the index, the mean and the largest RMO, and the share of ROM pairs.
 
     Parameters
     ----------
     results : Result or sequence of Result
         At most three, with three panels each.
     labels : sequence of str
-        Names of the results; else what differs between them.
+        Names of the results; by default what differs between their names.
     title : str, optional
-        Of the figure.
+        Title of the figure.
     xlim : tuple of float, optional
         First and last time, in seconds.
 
     Returns
     -------
     matplotlib.figure.Figure, list of Axes
-        Not saved yet; the panels from top to bottom.
+        The figure, not saved yet, and its panels from top to bottom.
 
     Raises
     ------
@@ -79,12 +79,11 @@ def plot_rmo(
             "leave out --output"
         )
     for result in results:
-        missing = next((name for name in COLUMNS if name not in result.frames.columns), None)
-        if missing:
-            raise ResultError(
-                f"{result.path}: has no column '{missing}'; run the input again without --no-rmo"
-            )
         for name in COLUMNS:
+            if name not in result.frames.columns:
+                raise ResultError(
+                    f"{result.path}: has no column '{name}'; run the input again without --no-rmo"
+                )
             if np.isnan(check_numbers(result.path, result.frames, name)).all():
                 raise ResultError(f"{result.path}: column '{name}' is empty; run it again")
     heights = [1.2, 1, 0.8] * len(results)
@@ -92,33 +91,31 @@ def plot_rmo(
         panels = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
         for number, label in enumerate(labels_of(results, labels)):
             own = panels[3 * number : 3 * number + 3]
-            _draw(own, results[number])
+            _draw(own, results[number], xlim)
             own[0].set_title(wrapped(label, TITLE_WIDTH))
-            for panel in own:
-                panel.set_xlim(xlim or panel.get_xlim())
         panels[-1].set_xlabel("time (s)")
         if title:
             figure.suptitle(wrapped(title, TITLE_WIDTH))
     return figure, panels
 
 
-def _draw(panels: Sequence[Axes], result: BaseResult) -> None:
-    time, *values = (
+def _draw(panels: Sequence[Axes], result: BaseResult, xlim: tuple[float, float] | None) -> None:
+    time, index, mean, largest, share = (
         result.frames[name].to_numpy(float)
         for name in ("time_s", "rmo_index", "rmo_mean", "rmo_max", "rom_share")
     )
-    index, size, share = panels
-    index.axhline(0, color=FAINT, lw=0.6)
-    index.plot(time, values[0], color=_INDEX)
-    index.set(ylim=(-1.08, 1.08), yticks=[-1, 0, 1], ylabel="RMO index")
-    size.plot(time, values[1], color=_MEAN, linestyle="-", label="mean of ROM pairs")
-    size.plot(time, values[2], color=_MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
-    size.set(ylim=(-0.04, 1.08), ylabel="RMO")
-    size.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderpad=0, borderaxespad=0.1)
-    share.plot(time, 100 * values[3], color=INK)
-    share.set_ylim(bottom=0)
-    share.set_ylabel("ROM pairs (%)")
+    upper, middle, lower = panels
+    upper.axhline(0, color=FAINT, lw=0.6)
+    upper.plot(time, index, color=_INDEX)
+    upper.set(ylim=(-1.08, 1.08), yticks=[-1, 0, 1], ylabel="RMO index")
+    middle.plot(time, mean, color=_MEAN, linestyle="-", label="mean of ROM pairs")
+    middle.plot(time, largest, color=_MEAN, lw=0.9, linestyle="--", label="max of ROM pairs")
+    middle.set(ylim=(-0.04, 1.08), ylabel="RMO")
+    middle.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, borderpad=0, borderaxespad=0.1)
+    lower.plot(time, 100 * share, color=INK)
+    lower.set_ylim(bottom=0)
+    lower.set_ylabel("ROM pairs (%)")
     for panel in panels:
-        panel.set_xlim(time[0], time[-1])
-    for panel in (index, size):
+        panel.set_xlim(xlim or (time[0], time[-1]))
+    for panel in (upper, middle):
         panel.tick_params(labelbottom=False)

@@ -1,8 +1,4 @@
-"""The look of every figure, the names of the results in it, and how it is saved.
-
-The same result gives the same bytes. The names say how the results differ, in the order of their
-numbers.
-"""
+"""The style of all figures, the names of results in their legends, and the saving of figures."""
 
 from __future__ import annotations
 
@@ -26,6 +22,7 @@ from oppload_cli import palette
 from oppload_cli.errors import ParameterError, printable
 from oppload_cli.files.atomic import write_atomic
 from oppload_cli.models.registry import detector_named, known_names
+from oppload_cli.results.reading import Tuning
 from oppload_cli.schema import Parameter, Table
 from oppload_cli.stimulus import Protocol
 
@@ -39,24 +36,24 @@ if TYPE_CHECKING:
     from matplotlib.colorbar import Colorbar
     from numpy.typing import NDArray
 
-    from oppload_cli.results.reading import BaseResult, Tuning
+    from oppload_cli.results.reading import BaseResult
 
 
 T = TypeVar("T")
 
 INK, FAINT = palette.INK, palette.FAINT
-GREY = "#666666"  # of what is read last
+GREY = "#666666"  # the small print at the foot of a figure
 CYCLE = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)), (0, (6, 1.5, 1.5, 1.5)))
-FEW = 4  # detectors that have room in one column, and whose colours suffice
+FEW = 4  # so many detectors fit into one column, and their colours alone tell them apart
 SHADES = "cividis"
 LPLC2 = "#000000"
 COLUMN = 8.5 / 2.54  # inches: the width of a journal's column
 PAGE = 17.8 / 2.54  # inches: two columns
-MOST_HEIGHT = 23 / 2.54  # inches: that of a page
+MOST_HEIGHT = 23 / 2.54  # inches: the height of a page
 TITLE_WIDTH, LEGEND_WIDTH = 48, 50  # characters in a line above a column
-_HEADROOM = 1.06  # over the highest point, for half of its marker
-DECADES = 4  # of a logarithmic heat map
+_HEADROOM = 1.06  # upper end of an axis over its highest point, for half of a marker
+DECADES = 4  # that a logarithmic heat map shows at most
 _UNIT = re.compile(r"(?<=\d) (?=(?:s|ms|deg|px)\b)")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _WORDS = re.compile(r"l/v|\d+(?:\.\d+)?|[^\W\d_]+|[\W_]")
@@ -81,7 +78,7 @@ _STYLE: Any = {  # Any: the stubs list every key that matplotlib has
     "svg.fonttype": "path",
     "pdf.fonttype": 42,
 }
-# By format. Without these a file would hold the time at which it was made.
+# By format. Matplotlib's own metadata hold the time, so that no two files would be equal.
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {"Software": "oppload"},
     ".svg": {"Date": None, "Creator": "oppload"},
@@ -90,14 +87,15 @@ METADATA: dict[str, dict[str, Any]] = {
 
 
 def _style() -> AbstractContextManager[None]:
-    """Put the style in effect, over matplotlib's defaults in place of the user's settings."""
+    """Use the style with matplotlib's defaults, whatever settings the user has."""
     return style.context(["default", _STYLE])
 
 
 class _Layout(ConstrainedLayoutEngine):
-    """Matplotlib's layout without errors of rounding, which would differ from run to run.
+    """Matplotlib's constrained layout, with the positions of the panels rounded.
 
-    Its solver goes through the panels in the order of their addresses in memory.
+    Matplotlib's solver takes the panels in the order of their addresses in memory. So its errors of
+    rounding differ from run to run.
     """
 
     def execute(self, fig: Figure) -> None:
@@ -105,31 +103,28 @@ class _Layout(ConstrainedLayoutEngine):
         super().execute(fig)
         for axes in fig.axes:
             axes.set_position(tuple(np.round(axes.get_position(original=True).bounds, 9)))
-            axes.set_in_layout(True)  # which a position ends
+            axes.set_in_layout(True)  # set_position takes the panel out of the layout
 
 
 @contextmanager
 def styled_figure(width: float, height: float) -> Iterator[Figure]:
-    """Open an empty figure of a size in inches, with the style in effect; it needs no display."""
+    """Make an empty figure of a size in inches, and use the style for the code of the context."""
     with _style():
         yield Figure(figsize=(width, height), layout=_Layout())
 
 
 def panel_grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
-    """Divide a figure into rows of panels; places that are not needed stay empty.
-
-    Each row has so many columns; the other options are those of ``Figure.subplots``.
-    """
+    """Make a number of panels in rows of `columns`, with options of ``Figure.subplots``."""
     grid = figure.subplots(-(-count // columns), columns, squeeze=False, **options).ravel()
     for free in grid[count:]:
         free.set_visible(False)
-    for panel in grid[:count][-columns:]:  # also above an empty place
+    for panel in grid[:count][-columns:]:  # the lowest of each column, also above an empty place
         panel.tick_params(labelbottom=True)
     return list(grid[:count])
 
 
 def write_title(figure: Figure, title: str | None, width: int = TITLE_WIDTH) -> None:
-    """Write the title of a figure, if it has one, in lines of so many characters."""
+    """Write the title of a figure, if it has one, in lines of at most `width` characters."""
     if title:
         figure.suptitle(wrapped(title, width), fontsize=8, x=0.02, ha="left")
 
@@ -137,7 +132,7 @@ def write_title(figure: Figure, title: str | None, width: int = TITLE_WIDTH) -> 
 def colour_bar(
     figure: Figure, image: ScalarMappable, axes: Axes | Sequence[Axes], label: str, **options: Any
 ) -> Colorbar:
-    """Draw the scale of a heat map at its panels; options are those of ``Figure.colorbar``."""
+    """Draw the colour bar of a heat map, with options of ``Figure.colorbar``."""
     bar = figure.colorbar(image, ax=axes, **options)
     bar.set_label(label)
     bar.outline.set_linewidth(0.5)
@@ -145,20 +140,16 @@ def colour_bar(
 
 
 def as_list(results: T | Sequence[T]) -> list[T]:
-    """Return one result, or some, as a list."""
+    """Return one result, or a sequence of results, as a list."""
     return list(results) if isinstance(results, Sequence) else [results]
 
 
 def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
-    """Return the colour and the dashes of each curve of a figure, as matplotlib names them.
+    """Return the line properties of each curve of a figure, from the detector of each curve.
 
-    Each detector has its own colour, and in a figure of more than four its own dashes too. Where
-    a detector has several curves, colours come in turn: no two of up to 28 curves look alike.
-
-    Parameters
-    ----------
-    detectors : sequence of str
-        The detector of each curve.
+    A curve has its detector's colour; in a figure of more than four detectors it has the detector's
+    dashes too. If a detector has several curves, all curves take colours and dashes in turn, so
+    that no two of up to 28 curves look alike.
     """
     if len(set(detectors)) == len(detectors):
         known = known_names()
@@ -176,23 +167,26 @@ def looks_of(detectors: Sequence[str]) -> list[dict[str, Any]]:
 
 
 def doubts_of(tuning: Tuning, detector: str) -> str:
-    """Return why a curve means little, as ``oppload tune`` noted it: lines to add to a label."""
-    held = tuning.sidecar.get("doubts")
-    doubts = [each for each in held if isinstance(each, dict)] if isinstance(held, list) else []
-    return "".join(f"\n{each.get('note')}" for each in doubts if each.get("model") == detector)
+    """Return the reasons why a curve means little, from the sidecar; a line break before each."""
+    doubts = tuning.sidecar.get("doubts")
+    return "".join(
+        f"\n{doubt.get('note')}"
+        for doubt in (doubts if isinstance(doubts, list) else ())
+        if isinstance(doubt, dict) and doubt.get("model") == detector
+    )
 
 
 def begin_at_zero(axes: Axes) -> None:
-    """Begin the vertical axis at 0, and cut no marker: neither the highest nor those at 0."""
+    """Begin the vertical axis at 0, and let the axes cut no marker."""
     axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)
     for line in axes.lines:
         line.set_clip_on(False)
 
 
 def edges_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the n + 1 edges of the cells around n rising places: half-way between them.
+    """Return the n + 1 edges of cells around n rising places; the edges are half-way between them.
 
-    A single place has a cell of width 1.
+    The cell of a single place has the width 1.
     """
     if len(places) == 1:
         return np.array([places[0] - 0.5, places[0] + 0.5])
@@ -202,10 +196,10 @@ def edges_of(places: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def norm_of(values: NDArray[np.float64]) -> Normalize:
-    """Return the scale of a heat map of values from 0: logarithmic where they span decades.
+    """Return the colour scale of a heat map of values of at least 0.
 
-    A logarithmic one begins at the smallest value, but not more than four decades below the
-    largest.
+    The scale is logarithmic if the largest value is more than 30 times the smallest one above 0. It
+    begins at this smallest value, but at most four decades below the largest one.
     """
     above = values[np.isfinite(values) & (values > 0)]
     largest = float(above.max(initial=0)) or 1.0
@@ -216,12 +210,12 @@ def norm_of(values: NDArray[np.float64]) -> Normalize:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Save a figure; the suffix of the path chooses the format, as for :func:`check_suffix`.
+    """Save a figure in the format of its suffix.
 
     Raises
     ------
     ParameterError
-        If the suffix is none of the formats'.
+        If the suffix is not ``.png``, ``.svg`` or ``.pdf``.
     OutputError
         If the file cannot be written.
     """
@@ -230,86 +224,72 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def image_bytes(figure: Figure, form: str, dpi: float | None = None) -> bytes:
-    """Return a figure as ``png``, ``svg`` or ``pdf``, with a number of pixels per inch."""
+    """Return a figure as the content of a file: ``png``, ``svg`` or ``pdf``."""
     image = io.BytesIO()
     with _style(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r"Glyph .* missing from")  # a box is drawn for it
+        # Matplotlib draws a box for a character that its font lacks.
+        warnings.filterwarnings("ignore", r"Glyph .* missing from")
         figure.savefig(image, format=form, metadata=METADATA[f".{form}"], dpi=dpi)
     return image.getvalue()
 
 
 def check_suffix(path: Path) -> None:
-    """Check that a figure can be saved under a name.
-
-    Raises
-    ------
-    ParameterError
-        If the suffix is not ``.png``, ``.svg`` or ``.pdf``.
-    """
+    """Raise a ParameterError if the suffix is not ``.png``, ``.svg`` or ``.pdf``."""
     if path.suffix.lower() not in METADATA:
         raise ParameterError(f"{path}: a figure's name ends in .png, .svg or .pdf; rename it")
 
 
-def labels_of(results: Sequence[BaseResult], given: Sequence[str] = ()) -> list[str]:
-    """Return the names that the user gave to results, or what differs between the results.
+def labels_of(
+    read: Sequence[BaseResult] | Sequence[Tuning], given: Sequence[str] = ()
+) -> list[str]:
+    """Return the names that the user gave to results or tuning tables, or else what differs.
 
     Raises
     ------
     ParameterError
-        If names are given, but not one for each result.
+        If names are given, but not one for each.
     """
-    _check_count(given, len(results), "result")
-    names = given or _told_apart([each.title for each in results], results)
-    return [_plain(name) for name in names]
-
-
-def names_of(tunings: Sequence[Tuning], given: Sequence[str] = ()) -> list[str]:
-    """Return the names that the user gave to tuning tables, or what differs between the tables.
-
-    Raises
-    ------
-    ParameterError
-        If names are given, but not one for each table.
-    """
-    _check_count(given, len(tunings), "table")
-    return list(given) or _told_apart([tuning.name for tuning in tunings], tunings)
-
-
-def _check_count(given: Sequence[str], count: int, noun: str) -> None:
-    if given and len(given) != count:
+    if given and len(given) != len(read):
+        noun = "table" if isinstance(read[0], Tuning) else "result"
         raise ParameterError(
-            f"{len(given)} label{'s' * (len(given) > 1)} for {count} {noun}{'s' * (count > 1)}; "
-            "give one for each, or none"
+            f"{len(given)} label{'s' * (len(given) > 1)} for {len(read)} {noun}"
+            f"{'s' * (len(read) > 1)}; give one for each, or none"
         )
+    return [_escaped(name) for name in given or _distinct_names(read)]
 
 
-def _told_apart(names: Sequence[str], read: Sequence[BaseResult | Tuning]) -> list[str]:
+def _distinct_names(read: Sequence[BaseResult] | Sequence[Tuning]) -> list[str]:
     """Return what differs between results or tuning tables, a text for each.
 
     That is what differs between the names of their inputs or stimuli, such as ``l/v 10`` and
-    ``l/v 20``; where two names are equal, their presets or parameters, or else their paths.
+    ``l/v 20``. If two names are equal, it is the presets or parameters, or else the paths.
     """
+    names = [each.name if isinstance(each, Tuning) else each.title for each in read]
     if len(read) == 1:
-        return list(names)
+        return names
     sidecars = [each.sidecar for each in read]
-    shown = [indicator_of(sidecar) for sidecar in sidecars]
-    shown = [""] * len(shown) if len(set(shown)) == 1 else [one or "no indicator" for one in shown]
+    indicators = [indicator_of(sidecar) for sidecar in sidecars]
+    alike = len(set(indicators)) == 1
+    indicators = ["" if alike else indicator or "no indicator" for indicator in indicators]
     if len(set(names)) == len(names):
-        return _joined(differences(names), shown)
-    settings = _joined(_settings_of(sidecars), shown)
+        return _joined(differences(names), indicators)
+    settings = _joined(_settings_of(sidecars), indicators)
     if len(set(settings)) == len(settings):
         return settings
     return differences([f"{each.path.parent.name}/{each.path.name}" for each in read])
 
 
 def indicator_of(sidecar: Mapping[str, Any]) -> str:
-    """Return the indicator through which ``oppload tune`` measured, in words; empty without one."""
+    """Return the calcium indicator of ``oppload tune`` in words, such as ``indicator of 1 s``.
+
+    The text is empty if the sidecar names no indicator.
+    """
     seconds = sidecar.get("indicator_s")
     return f"indicator of {seconds:g} s" if isinstance(seconds, int | float) and seconds else ""
 
 
-def _joined(names: Sequence[str], more: Sequence[str]) -> list[str]:
-    return [", ".join(filter(None, both)) for both in zip(names, more, strict=True)]
+def _joined(names: Sequence[str], indicators: Sequence[str]) -> list[str]:
+    return [", ".join(filter(None, both)) for both in zip(names, indicators, strict=True)]
 
 
 def _settings_of(sidecars: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -331,15 +311,15 @@ def _flat(table: object, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def differences(names: Sequence[str]) -> list[str]:
-    """Return names without the words that all of them begin with or end with.
+    """Return names without the words with which all of them begin or end.
 
     A number keeps the word before it: ``loom-l-over-v-10.avi`` and ``loom-l-over-v-20.avi`` give
-    ``l/v 10`` and ``l/v 20``. Names that differ in nothing stay as they are.
+    ``l/v 10`` and ``l/v 20``. If two shortened names would be equal, the names stay as they are.
     """
     plain = [re.sub(r"l-over-v[-_]?", "l/v ", name) for name in names]
     split = [_WORDS.findall(name) for name in plain]
-    begin = _shared(split)
-    end = _shared([words[begin:][::-1] for words in split])
+    begin = _common_count(split)
+    end = _common_count([words[begin:][::-1] for words in split])
     if any(len(words) == begin + end or _NUMBER.fullmatch(words[begin]) for words in split):
         while begin and not split[0][begin - 1][0].isalpha():
             begin -= 1
@@ -349,16 +329,16 @@ def differences(names: Sequence[str]) -> list[str]:
     return plain if only_suffixes or len(set(made)) < len(set(names)) else made
 
 
-def _shared(split: Sequence[Sequence[str]]) -> int:
-    """Return how many words all begin with."""
+def _common_count(split: Sequence[Sequence[str]]) -> int:
+    """Return the number of words with which all lists of words begin."""
     return sum(1 for _ in takewhile(lambda words: len(set(words)) == 1, zip(*split, strict=False)))
 
 
 def in_number_order(labels: Sequence[str]) -> list[int]:
-    """Return the order of labels in which 9 comes before 10.
+    """Return the positions of labels in the order of their numbers, so that 9 comes before 10.
 
-    Labels that differ in their numbers only stand together, where the first of them was given;
-    others stay in the order in which they were given.
+    Labels that differ only in their numbers stand together, at the place of the first of them.
+    Other labels keep their order.
     """
     texts = [_NUMBER.sub("", label) for label in labels]
 
@@ -369,22 +349,22 @@ def in_number_order(labels: Sequence[str]) -> list[int]:
 
 
 def wrapped(text: str, width: int) -> str:
-    """Return a text in lines of at most so many characters; nothing of it is cut."""
+    """Return a text in lines of at most `width` characters, ready for a figure; nothing is cut."""
     text = _UNIT.sub("\xa0", text)  # a number and its unit stay together
     lines = (textwrap.wrap(line, width, break_on_hyphens=True) for line in text.splitlines())
-    return _plain("\n".join(each for line in lines for each in line).replace("\xa0", " "))
+    text = "\n".join(each for line in lines for each in line).replace("\xa0", " ")
+    return re.sub(r"(?<!\\)\$", r"\\$", _escaped(text))  # matplotlib reads formulas between "$"
 
 
-def _plain(text: str) -> str:
-    """Return a text that a figure shows as it is: no formula, and every character can be drawn."""
-    lines = (printable(line) for line in text.split("\n"))
-    return re.sub(r"(?<!\\)\$", r"\\$", "\n".join(lines))
+def _escaped(text: str) -> str:
+    """Return a text whose control characters, other than line breaks, are escaped."""
+    return "\n".join(printable(line) for line in text.split("\n"))
 
 
 def described(parameter: str) -> str:
-    """Return the label of an axis over a parameter: ``speed (deg/s)`` of ``disk.speed_deg_s``."""
+    """Return the label of an axis: ``speed (deg/s)`` for the parameter ``disk.speed_deg_s``."""
     *_, owner, leaf = ("", *parameter.split("."))
-    if leaf in {"right", "up"}:  # of a place, which is in degrees
+    if leaf in {"right", "up"}:  # the two numbers of a position
         return f"{leaf} (deg)"
     if leaf == "l_over_v_ms":
         return "l/v (ms)"
@@ -404,7 +384,7 @@ def _units() -> dict[str, str]:
 
 
 def _declared(table: type[Table]) -> Iterator[Parameter]:
-    """Yield the keys of a table of a protocol and of the tables in it."""
+    """Yield the keys of a table, and of the tables in this table."""
     for each in table.declared():
         yield each
         inner = (get_args(each.type) or (each.type,))[0]

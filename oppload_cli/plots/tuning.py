@@ -1,4 +1,4 @@
-"""Tables of ``oppload tune``: a plot that suits the swept keys, or a classic figure."""
+"""Plots of the tables of ``oppload tune``: polar plots, lines, heat maps, classic figures."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from oppload_cli.plots.style import (
     described,
     edges_of,
     indicator_of,
-    names_of,
+    labels_of,
     norm_of,
     panel_grid,
     styled_figure,
@@ -51,11 +51,12 @@ if TYPE_CHECKING:
     from oppload_cli.results.reading import Tuning
 
 
-_NARROW, _WIDE = 7, 16  # columns of a heat map whose numbers fit into a column, into a page
-_SMALL = 34  # characters in a line above a small heat map
+_NARROW = 7  # columns of a heat map with numbers that fit into a journal's column
+_WIDE = 16  # columns of a heat map with numbers that fit into a page
+_SMALL = 34  # characters in a line above a small panel
 _IN_A_ROW = 4  # small panels
-_MOST_LINES = 6  # in one panel; more get a small panel each
-_SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # in an inch, and inches, of the line at the foot
+_MOST_LINES = 6  # in one panel; of more lines, each has a small panel
+_SMALLEST_LETTERS, _SMALLEST_LINE = 21, 0.1  # at the foot: letters in an inch, inches of a line
 _MOST_TICKS = 24  # along a heat map
 KINDS = ("polar", "line", "heat", "contact", *FIGURES)
 
@@ -79,25 +80,26 @@ def plot_tuning(
         At least one.
     kind : str, optional
         ``polar``, ``line`` or ``heat``; or a classic figure: ``contact``, ``position``, ``ends``,
-        ``contrast`` or ``habituation``; else that of the figure that the table was made for, or
-        the one that suits the swept parameters.
+        ``contrast`` or ``habituation``. By default the classic figure that the table was made for,
+        or the kind that suits the swept parameters.
     models : sequence of str
-        The detectors to draw; none for all.
+        The detectors to draw; empty for all.
     scale : str
-        ``peak`` or ``raw``, of a polar plot or a line; all others are over a peak.
+        ``peak`` or ``raw`` for ``polar`` and ``line``; other kinds are always over a peak.
     lplc2 : str
-        ``10``, ``60``, ``none`` or ``auto``: the reference in a polar plot.
+        The bar whose LPLC2 tuning a polar plot shows: ``10`` or ``60`` degrees wide, ``none``, or
+        ``auto`` for the bar of the table.
     published : bool
         Whether ``contact`` and ``ends`` show published neurons.
     title : str, optional
-        Of the figure; else the stimulus's name.
+        Title of the figure; by default the stimulus's name.
     labels : sequence of str
-        Names of the tables; else what differs between them.
+        Names of the tables; by default what differs between their names.
 
     Returns
     -------
     matplotlib.figure.Figure, list of Axes
-        Not saved yet; a panel, or one for each detector.
+        The figure, not saved yet, and its panel, or a panel for each detector.
 
     Raises
     ------
@@ -117,7 +119,7 @@ def plot_tuning(
     'speed (deg/s)'
     """
     tunings = as_list(tunings)
-    names = names_of(tunings, labels)
+    names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
             f"a table of peaks is drawn over its largest peak or raw, not --scale {scale}"
@@ -145,17 +147,17 @@ def plot_tuning(
 
 
 def kind_of(tuning: Tuning) -> str:
-    """Return the kind of plot that suits a table: that of the figure it was made for, if any."""
-    made_for = _figure(tuning).get("kind")
+    """Return the kind of the classic figure of a table, or the kind that suits its parameters."""
+    figure_kind = _figure(tuning).get("kind")
     reduced = _reduced(tuning)
     single_row = len(reduced.parameters) == 1 < len(tuning.parameters)
-    if made_for in KINDS and not (single_row and made_for in {"heat", "position"}):
-        return str(made_for)
+    if figure_kind in KINDS and not (single_row and figure_kind in {"heat", "position"}):
+        return str(figure_kind)
     return "heat" if len(reduced.parameters) == 2 else "polar" if reduced.direction else "line"
 
 
 def _reduced(tuning: Tuning) -> Tuning:
-    """Return a table of several parameters without those that have one value in all its rows."""
+    """Return a table without those parameters that have the same value in all rows."""
     varied = tuple(name for name in tuning.parameters if tuning.rows[name].nunique() > 1)
     return replace(tuning, parameters=varied) if varied else tuning
 
@@ -170,29 +172,30 @@ def lines_of(
 ) -> list[str]:
     """Return the numbers of a plot in words: a line of text for each curve.
 
-    They are the directional selectivity of ``polar`` and the fits of ``contact``; other kinds have
-    none. The parameters are those of :func:`plot_tuning`.
+    The numbers are the directional selectivity of ``polar`` and the fits of ``contact``; other
+    kinds have no lines. The parameters are those of :func:`plot_tuning`.
     """
     kind = kind or kind_of(tunings[0])
     if kind == "polar":
         tunings = [_reduced(each) for each in tunings]
         return [each.line() for each in direction_tunings(tunings, models, lplc2, labels)]
     if kind == "contact":
-        return contact_lines(Request(tunings, models, names_of(tunings, labels)))
+        return contact_lines(Request(tunings, models, labels_of(tunings, labels)))
     return []
 
 
 def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
-    """Return the numbers of each curve of the usual plot of a table, by detector.
+    """Return the numbers of each curve of a table's plot of the default kind, by detector.
 
-    These are the largest peak and the least one over it; over a direction, the preferred one in
-    degrees and both selectivity indices; of the times of peaks over l/v, the line with its limits
-    of 95 % and the angular threshold in degrees. None is unknown.
+    All kinds have the largest peak, and the smallest peak over it. ``polar`` adds the preferred
+    direction in degrees and both selectivity indices. ``contact`` adds the slope and the delay of
+    the line, the angular threshold in degrees, and their confidence intervals of 95 %. A number
+    that is not known is None.
 
     Raises
     ------
     ResultError
-        If the table is not one of its kind.
+        If the table lacks what its kind of plot needs.
     """
     kind = kind_of(tuning)
     made: dict[str, dict[str, Any]] = {}
@@ -222,13 +225,13 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
 
 
 def _figure(tuning: Tuning) -> dict[str, Any]:
-    """Return the sidecar's part on the classic figure for which a table was made."""
+    """Return the sidecar's part about the classic figure of a table; empty if there is none."""
     figure = tuning.sidecar.get("figure")
     return figure if isinstance(figure, dict) else {}
 
 
 def _title(tunings: Sequence[Tuning]) -> str:
-    """Return the name of the one stimulus, and the indicator that all tables were measured with."""
+    """Return the name of the stimulus of a single table, and the indicator of all tables."""
     first = tunings[0]
     title = str(_figure(first).get("title", first.name)) if len(tunings) == 1 else ""
     indicators = {indicator_of(each.sidecar) for each in tunings}
@@ -237,7 +240,7 @@ def _title(tunings: Sequence[Tuning]) -> str:
 
 
 def _settings_lines(tunings: Sequence[Tuning], names: Sequence[str]) -> list[str]:
-    """Return preset, working height and changed parameters, one line if all tables agree."""
+    """Return lines with preset, working height and changed parameters: one if all tables agree."""
     lines = [_settings_of(each) for each in tunings]
     if len(set(lines)) == 1:
         return [lines[0]] if lines[0] else []
@@ -261,7 +264,7 @@ def _settings_of(tuning: Tuning) -> str:
 
 
 def _write_below(figure: Figure, lines: Sequence[str]) -> None:
-    """Write lines in small grey letters at the foot of a figure, which grows by as much."""
+    """Write lines in small grey letters at the foot of a figure, and make it higher by them."""
     across = int(figure.get_figwidth() * _SMALLEST_LETTERS)
     text = "\n".join(wrapped(line, across) for line in lines)
     if not text:
@@ -277,7 +280,7 @@ def _write_below(figure: Figure, lines: Sequence[str]) -> None:
 
 
 def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
-    """Draw the peak over one swept parameter; a panel for each detector if raw."""
+    """Draw the peak over one swept parameter; raw peaks have a panel for each detector."""
     tunings, raw, title = request.tunings, request.raw, request.title
     parameter = _parameter(tunings)
     names = list(request.models) or list(dict.fromkeys(m for each in tunings for m in each.models))
@@ -313,7 +316,7 @@ def _plot_line(request: Request) -> tuple[Figure, list[Axes]]:
 def _draw_line(
     panel: Axes, curve: TuningCurve, parameter: str, look: dict[str, Any], *, raw: bool = False
 ) -> None:
-    """Draw a curve over its largest peak, or raw; thin and grey where it means little."""
+    """Draw a curve over its largest peak, or raw; thin and grey if it means little."""
     shown = {"color": FAINT, "lw": 0.7, "markersize": 2} if curve.doubts else {"markersize": 3}
     peaks = curve.peaks / (1.0 if raw else curve.largest or 1.0)
     panel.plot(curve.rows[parameter], peaks, marker="o", **look | shown, label=curve.label)
@@ -322,7 +325,7 @@ def _draw_line(
 def _plot_small_lines(
     curves: Sequence[TuningCurve], parameter: str, title: str
 ) -> tuple[Figure, list[Axes]]:
-    """Draw a small panel for each of many curves, over its own peak."""
+    """Draw a small panel for each curve, over its largest peak."""
     with _small_panels(len(curves), 1.5, title) as (figure, axes):
         for panel, curve in zip(axes, curves, strict=True):
             _draw_line(panel, curve, parameter, {"color": curve.detector.colour})
@@ -342,7 +345,7 @@ def _name_small(panel: Axes, curve: TuningCurve, largest: float) -> None:
 
 @contextmanager
 def _small_panels(count: int, height: float, title: str) -> Iterator[tuple[Figure, list[Axes]]]:
-    """Give small panels in rows of four that share their axes, each so many inches high."""
+    """Make small panels in rows of four, each `height` inches high, that share their axes."""
     rows = -(-count // _IN_A_ROW)
     with styled_figure(PAGE, min(MOST_HEIGHT, 0.5 + height * rows)) as figure:
         yield figure, panel_grid(figure, count, _IN_A_ROW, sharex=True, sharey=True)
@@ -350,7 +353,7 @@ def _small_panels(count: int, height: float, title: str) -> Iterator[tuple[Figur
 
 
 def _parameter(tunings: Sequence[Tuning]) -> str:
-    """Return the one parameter that all tables sweep, as numbers."""
+    """Return the one swept parameter; raise ResultError if the tables suit no common line plot."""
     first = tunings[0]
     if len(first.parameters) > 1:
         several = f"{', '.join(first.parameters[:-1])} and {first.parameters[-1]}"
@@ -377,7 +380,7 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
 
 
 def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
-    """Draw the peak over two swept parameters; a combination that was not shown is blank."""
+    """Draw the peak over two swept parameters; a combination without a row is blank."""
     curves = request.of_one_table("a heat map")
     tuning = curves[0].tuning
     if len(tuning.parameters) != 2:
@@ -403,7 +406,7 @@ def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
 
 
 def _plot_small_heats(curves: Sequence[TuningCurve], title: str) -> tuple[Figure, list[Axes]]:
-    """Draw a small heat map for each of many detectors, without numbers, all on one scale."""
+    """Draw a small heat map without numbers for each detector, all on one scale."""
     across, up = curves[0].tuning.parameters
     with _small_panels(len(curves), 1.75, title) as (figure, axes):
         norm = LogNorm(10.0**-DECADES, 1.0, clip=True)
@@ -417,7 +420,7 @@ def _plot_small_heats(curves: Sequence[TuningCurve], title: str) -> tuple[Figure
 
 
 def _shares(curve: TuningCurve) -> tuple[NDArray[np.float64], float, pd.DataFrame]:
-    """Return the peaks over the largest one, that one, and the cells of a heat map."""
+    """Return the peaks of a heat map over the largest one, the largest one, and the table."""
     across, up = curve.tuning.parameters
     cells = curve.rows.pivot_table(index=up, columns=across, values="peak")
     values = cells.to_numpy(float)
@@ -431,7 +434,7 @@ def _draw_heat(
     across, up = curve.tuning.parameters
     share, largest, cells = _shares(curve)
     image: ScalarMappable
-    if {across.rpartition(".")[2], up.rpartition(".")[2]} == {"right", "up"}:  # true distances
+    if {across.rpartition(".")[2], up.rpartition(".")[2]} == {"right", "up"}:  # at true distances
         x, y = cells.columns.to_numpy(float), cells.index.to_numpy(float)
         image = axes.pcolormesh(
             edges_of(x), edges_of(y), share, cmap=SHADES, norm=norm, rasterized=True

@@ -9,7 +9,7 @@ import pytest
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.plots.curves import plot_curves
-from oppload_cli.plots.style import differences, in_number_order, labels_of, names_of, wrapped
+from oppload_cli.plots.style import differences, in_number_order, labels_of, wrapped
 from oppload_cli.results.reading import Tuning, read_result
 from tests.results.make import write_result
 
@@ -90,9 +90,9 @@ def test_tuning_tables_of_one_stimulus_are_named_by_their_settings() -> None:
         Tuning(Path(folder) / "bar.tuning.csv", rows, ("disk.direction_deg",), {"preset": preset})
         for folder, preset in (("one", "default"), ("two", "reference"), ("three", "reference"))
     ]
-    assert names_of(tables[:2]) == ["preset default", "preset reference"]
-    assert names_of(tables[1:]) == ["two", "three"]
-    assert names_of(tables[:2], ["a", "b"]) == ["a", "b"]
+    assert labels_of(tables[:2]) == ["preset default", "preset reference"]
+    assert labels_of(tables[1:]) == ["two", "three"]
+    assert labels_of(tables[:2], ["a", "b"]) == ["a", "b"]
 
 
 def test_given_names_are_one_for_each(tmp_path: Path) -> None:
