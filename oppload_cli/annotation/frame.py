@@ -1,4 +1,4 @@
-"""An annotated frame: its layout, the boxes in the picture, and the strip of curves below it."""
+"""An annotated frame: its layout, the boxes in the picture, and the strip of curves below."""
 
 from __future__ import annotations
 
@@ -25,38 +25,37 @@ if TYPE_CHECKING:
     from oppload_cli.video.frames import InputFacts
 
 
-Paint = tuple[int, int, int]  # blue, green, red
+_Paint = tuple[int, int, int]  # blue, green, red
 
 DARK, _DIM, _WHITE = bgr(palette.INK), bgr(palette.FAINT), (255, 255, 255)
-_SHORT_SIDE = 400  # px; a smaller picture is enlarged by an integer
-_LEAST_WIDTH = 540  # px; the text needs it
-_LEAST_TEXT = 16  # px, of a line
+_SHORT_SIDE = 400  # px; a picture with a shorter side is enlarged by an integer
+_LEAST_WIDTH = 540  # px of an annotated frame, so that the text fits
+_LEAST_TEXT = 16  # px: the height of a line of text
 _LIGHT, _BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
-_CAPITAL = 0.7  # height of a capital letter, of the line's
-_WINDOW_S = 5.0  # that the strip shows
+_CAPITAL = 0.7  # height of a capital letter over that of the line
+_WINDOW_S = 5.0  # the time that the strip shows
 _LEAST_WINDOW_S = 0.1
-_MOST_COPIES = 5  # repeats in a row; more of them are a scene at rest
-_MOST_FRAMES = 1 << 16  # that the strip keeps, in case times do not advance
-_GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # the ground is shaded while an alarm is on
+_MOST_REPEATS = 5  # in a row; more repeats are a scene at rest
+_MOST_FRAMES = 1 << 16  # that the strip keeps, also if the times of a damaged file do not advance
+_GRID, _SHADE = (215, 215, 215), (236, 236, 236)  # lines, and the ground while an alarm is on
 _DECADES = 4  # that the plot shows
-_FINE = 4  # binary digits of a fraction of a pixel
-_FURTHEST = 20_000  # columns from the plot that a curve is drawn to
+_FINE = 4  # binary digits of a fraction of a pixel, in OpenCV's coordinates
+_FURTHEST = 20_000  # px; points farther away from the plot are moved to this distance
 _MOST_TICKS = 6  # numbers on the time axis
 
 
 class _Scale(NamedTuple):
-    """The scale of the plot's height."""
+    """The vertical scale of the plot."""
 
     top: float  # decades from a ratio of 1 to the upper edge
-    levels: dict[int, str]  # the names of the lines, by their decades
+    levels: dict[int, str]  # names of horizontal lines, by the decade of the line
 
 
 _OVER_THRESHOLD = _Scale(2.5, {0: "threshold", 1: "10 x", 2: "100 x"})
 _OVER_LARGEST = _Scale(0.5, {0: "largest", -1: "1/10", -2: "1/100", -3: "1/1000"})
 
 
-def _paint_of(name: str) -> Paint:
-    """Return the colour of a detector as OpenCV has it."""
+def _paint_of(name: str) -> _Paint:
     return bgr(detector_named(name).colour)
 
 
@@ -70,19 +69,19 @@ class _Area(NamedTuple):
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Rows and columns, to cut it out of an array."""
+        """Rows and columns: the indices of the area in an array."""
         return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """The measures of an annotated video, all in its own pixels."""
+    """The sizes in an annotated video, in pixels of the annotated video."""
 
-    width: int  # of the annotated frame; even, as the height is
-    height: int
-    picture: _Area  # of the source
+    width: int  # of the annotated frame; an even number
+    height: int  # an even number
+    picture: _Area
     header: _Area  # below the picture: time, alarm and the detectors' labels
-    plot: _Area  # below the header: the curves; the numbers of the time axis come last
+    plot: _Area  # below the header: the curves; below it are the numbers of the time axis
     scale_x: float  # annotated pixels per source pixel
     scale_y: float
     text: int  # height of a line of text
@@ -90,7 +89,7 @@ class Layout:
 
     @classmethod
     def of(cls, facts: InputFacts) -> Layout:
-        """Return the layout for an input; the text grows with the picture, from 16 px."""
+        """Return the layout for an input; the size of the text grows with that of the picture."""
         width, height = colour_size(facts)
         times = math.ceil(_SHORT_SIDE / min(width, height))
         times = max(1, min(times, LONGEST_SIDE // max(width, height)))
@@ -113,9 +112,9 @@ class Layout:
         )
 
     def level_row(self, ratio: float, scale: _Scale = _OVER_THRESHOLD) -> float:
-        """Return the row of the plot for a ratio of the scale, cut to its range."""
+        """Return the row of the plot for a ratio, cut to the range of the scale."""
         below = min(_DECADES, max(0.0, scale.top - math.log10(ratio))) if ratio > 0 else _DECADES
-        margin = 2 * self.line  # for half of a dot
+        margin = 2 * self.line  # the radius of the dot at the latest point
         return margin + (self.plot.height - 1 - 2 * margin) * below / _DECADES
 
     def column_of(self, time_s: float, history: History) -> float:
@@ -129,15 +128,15 @@ def _even(number: int) -> int:
 
 
 def _width_of(text: str, size: int, *, bold: bool = False) -> int:
-    """Return the width in pixels of an ASCII text in lines of a height in pixels."""
+    """Return the width in pixels of an ASCII text; `size` is the height of a line in pixels."""
     (width, _), _ = cv2.getTextSize(text, *_font(size, bold), 1)
     return int(width)
 
 
 def _write(
-    picture: Bgr, text: str, at: tuple[int, int], size: int, paint: Paint, *, bold: bool = False
+    picture: Bgr, text: str, at: tuple[int, int], size: int, paint: _Paint, *, bold: bool = False
 ) -> None:
-    """Write a line of ASCII text of a height in pixels: the font has no other letters.
+    """Write a line of ASCII text; `size` is the height of the line in pixels.
 
     `at` is the column of its left end, and the row of the middle of its capital letters.
     """
@@ -146,30 +145,31 @@ def _write(
 
 
 def _font(size: int, bold: bool) -> tuple[int, float]:
-    """Return OpenCV's font, and the scale that gives capital letters their height."""
+    """Return OpenCV's font and its scale for lines of a height of `size` pixels."""
     font = _BOLD if bold else _LIGHT
     (_, height), _ = cv2.getTextSize("H", font, 1.0, 1)
     return font, _CAPITAL * size / height
 
 
 class _Point(NamedTuple):
-    """One frame of one detector.
-
-    The ratio is the response over the alarm's threshold: above 1 the frame counts for the alarm.
-    Where the alarms are off, it is the response over the largest one so far. It is None during
-    warm-up and where the threshold is 0.
-    """
+    """A point of a detector's curve: one frame."""
 
     time_s: float
+    # The response over the alarm's threshold or, if alarms are off, over the largest response so
+    # far. None during warm-up, and if the threshold is 0.
     ratio: float | None
     alarm: bool
 
 
 class History:
-    """The last seconds of each detector's response relative to its alarm threshold.
+    """The curves of the latest seconds.
 
-    Where the alarms are off, the responses are relative to the largest one so far in the video.
-    If the duration of the video is known, a short video fills the plot.
+    Parameters
+    ----------
+    detectors : sequence of str
+        The detectors with a curve.
+    duration_s : float, optional
+        The duration of the video: the time axis of a short video has this length.
     """
 
     def __init__(self, detectors: Sequence[str], duration_s: float | None = None) -> None:
@@ -181,32 +181,31 @@ class History:
         self._largest = dict.fromkeys(detectors, 0.0)
         self._first_s: float | None = None
         self._now_s = 0.0
-        self._copies = 0
+        self._repeats = 0
 
     def add(self, record: FrameRecord) -> None:
-        """Take the next frame; repeats are passed over, as the detectors did not see them."""
+        """Take the record of the next frame; up to five repeats in a row give no point."""
         self._first_s = record.time_s if self._first_s is None else self._first_s
         self._now_s = record.time_s
-        self._copies = self._copies + 1 if record.repeat else 0
+        self._repeats = self._repeats + 1 if record.repeat else 0
         if record.thresholds and all(map(math.isinf, record.thresholds.values())):
             self.scale = _OVER_LARGEST
-        if not 0 < self._copies <= _MOST_COPIES:
+        if not 0 < self._repeats <= _MOST_REPEATS:
             for name, points in self.points.items():
                 response, threshold = record.responses.get(name), record.thresholds.get(name)
                 ratio = None
                 if response is not None and threshold:
-                    over = threshold
-                    if self.scale is _OVER_LARGEST:
-                        over = self._over_largest(name, response.response)
+                    absolute = self.scale is _OVER_LARGEST
+                    over = self._largest_of(name, response.response) if absolute else threshold
                     ratio = response.response / over
                 points.append(_Point(record.time_s, ratio, record.alarms.get(name, False)))
         for points in self.points.values():
-            # One point more than is visible, so that the curve comes from beyond the edge.
+            # One point before the left edge remains, so that the curve begins at the edge.
             while len(points) > 1 and points[1].time_s < self.start_s:
                 points.popleft()
 
-    def _over_largest(self, name: str, response: float) -> float:
-        """Return the largest response so far, and draw the earlier ones over it too."""
+    def _largest_of(self, name: str, response: float) -> float:
+        """Return the largest response so far; if it is new, divide the earlier points by it too."""
         largest = self._largest[name]
         if response > largest:
             points = self.points[name]
@@ -218,16 +217,16 @@ class History:
 
     @property
     def start_s(self) -> float:
-        """Time at the left edge of the plot; it stays until the plot is full."""
+        """Time at the left edge of the plot; it changes only when the plot is full."""
         return max(self._first_s or 0.0, self._now_s - self.window_s)
 
 
 def draw_strip(canvas: Bgr, layout: Layout, history: History, record: FrameRecord) -> None:
-    """Draw the strip below the picture of a frame, whose record `history` holds already.
+    """Draw the strip below the picture of a frame; `history` must already contain `record`.
 
-    The curves are logarithmic, 1/30 to 300 times the alarm's threshold; where the alarms are off,
-    1/3000 to 3 times the largest response so far. While an alarm is on, the ground is shaded, and
-    the curve of its detector is thicker.
+    The scale is logarithmic, from 1/30 to 300 times the alarm's threshold. If the alarms are off,
+    it is from 1/3000 to 3 times the largest response so far. While an alarm is on, the ground is
+    shaded, and the curve of the alarm's detector is thicker.
     """
     canvas[layout.header.y :] = _WHITE
     alarming = [name for name in record.responses if record.alarms.get(name, False)]
@@ -273,7 +272,7 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
 
 
 def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) -> list[str]:
-    """Return the detectors whose labels fit side by side: those with an alarm first."""
+    """Return the detectors whose labels fit into `room` pixels; those with an alarm come first."""
     widths = {
         name: _width_of(detector_named(name).label, text, bold=True) + text + text // 2
         for name in names
@@ -290,8 +289,8 @@ def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) ->
     return [name for name in names if name in kept]
 
 
-def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) -> None:
-    """Write a word in white on a ground of a colour."""
+def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: _Paint) -> None:
+    """Write a white word on a coloured ground."""
     x, middle = at
     half = round(0.75 * text)
     wide = _width_of(word, text, bold=True) + text
@@ -300,7 +299,7 @@ def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: Paint) 
 
 
 def _grid(canvas: Bgr, layout: Layout, scale: _Scale) -> None:
-    """Draw a line per level with its name, and the time axis at the foot."""
+    """Draw the horizontal lines with their names, and the line of the time axis."""
     plot = canvas[layout.plot.slices]
     for level, name in scale.levels.items():
         row, line = round(layout.level_row(10.0**level, scale)), layout.line if level == 0 else 1
@@ -342,8 +341,10 @@ def _shade(plot: Bgr, layout: Layout, history: History, points: list[_Point]) ->
             plot[:, max(0, first) : max(0, last + 1)] = _SHADE
 
 
-def _curve(plot: Bgr, layout: Layout, history: History, points: list[_Point], paint: Paint) -> None:
-    """Draw a line for each stretch of known ratios, thick in an alarm; a dot at the latest one."""
+def _curve(
+    plot: Bgr, layout: Layout, history: History, points: list[_Point], paint: _Paint
+) -> None:
+    """Draw lines between points with a ratio, thick in an alarm, and a dot at the latest point."""
     for known, group in groupby(points, key=lambda each: each.ratio is not None):
         if not known:
             continue
@@ -355,7 +356,7 @@ def _curve(plot: Bgr, layout: Layout, history: History, points: list[_Point], pa
             )
             for each in stretch
         ]
-        # Times of a damaged file may jump far beyond the plot.
+        # In a damaged file, times may jump far away, and OpenCV's coordinates are integers.
         near = np.clip(places, -_FURTHEST, _FURTHEST)
         fine = np.rint(near * (1 << _FINE)).astype(np.int32)
         cv2.polylines(plot, [fine], False, paint, layout.line, cv2.LINE_AA, _FINE)
@@ -367,12 +368,12 @@ def _curve(plot: Bgr, layout: Layout, history: History, points: list[_Point], pa
 
 
 def draw_detections(
-    canvas: Bgr, layout: Layout, detections: Iterable[Detection], paint: Paint
+    canvas: Bgr, layout: Layout, detections: Iterable[Detection], paint: _Paint
 ) -> None:
-    """Draw a box around each object in the colour of its detector, with its number above it.
+    """Draw the box of each detection in the colour `paint`, with the object's number above it.
 
-    While its object causes an alarm, a box has lines of twice the thickness and the word ALARM
-    on its label. The lines are just inside its edges. The first is drawn last: nothing covers it.
+    The lines lie just inside the edges of the box. While the object causes an alarm, they are twice
+    as thick, and the label has the word ALARM. The first detection is drawn last, over the others.
     """
     picture = canvas[layout.picture.slices]
     for detection in reversed(list(detections)):
@@ -380,52 +381,37 @@ def draw_detections(
 
 
 def _label_of(detection: Detection) -> str:
-    """Return the text beside a box, such as ``#3`` or ``ALARM #3  contact in 0.84 s``."""
+    """Return the label of a box, such as ``#3`` or ``ALARM #3  contact in 0.84 s``."""
     name = f"ALARM #{detection.identity}" if detection.alarm else f"#{detection.identity}"
     seconds = detection.time_to_contact_s
     if seconds is None:
         return name
-    # More digits would promise more than the estimate holds.
+    # The estimate is not more precise than these digits.
     return f"{name}  contact in {seconds:.{1 if seconds >= 1 else 2}f} s"
 
 
-def _draw_box(picture: Bgr, layout: Layout, detection: Detection, paint: Paint) -> None:
+def _draw_box(picture: Bgr, layout: Layout, detection: Detection, paint: _Paint) -> None:
+    box, across, down = detection.box, layout.scale_x, layout.scale_y
+    left, top = round(box.x * across), round(box.y * down)
+    right = max(round((box.x + box.width) * across), left + 1)
+    bottom = max(round((box.y + box.height) * down), top + 1)
     line = (2 if detection.alarm else 1) * layout.line
-    edges = _edges(detection, layout)
     # A dark rim makes the box visible on any picture.
-    _frame(picture, edges.grown(1), line + 2, DARK)
-    _frame(picture, edges, line, paint)
-    x, y = round(detection.centre_x * layout.scale_x), round(detection.centre_y * layout.scale_y)
-    for colour, line in ((DARK, layout.line + 2), (paint, layout.line)):
-        cv2.drawMarker(picture, (x, y), colour, cv2.MARKER_CROSS, layout.text, line)
-    _label(picture, edges, layout, detection, paint)
+    _draw_edges(picture, (left - 1, top - 1, right + 1, bottom + 1), line + 2, DARK)
+    _draw_edges(picture, (left, top, right, bottom), line, paint)
+    centre = round(detection.centre_x * across), round(detection.centre_y * down)
+    for colour, width in ((DARK, layout.line + 2), (paint, layout.line)):
+        cv2.drawMarker(picture, centre, colour, cv2.MARKER_CROSS, layout.text, width)
+    _label(picture, (left, top), layout, detection, paint)
 
 
-class _Edges(NamedTuple):
-    """A rectangle: the pixels from left and top up to right and bottom, without these two."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    def grown(self, by: int) -> _Edges:
-        return _Edges(self.left - by, self.top - by, self.right + by, self.bottom + by)
-
-
-def _edges(detection: Detection, layout: Layout) -> _Edges:
-    box, x, y = detection.box, layout.scale_x, layout.scale_y
-    left, top = round(box.x * x), round(box.y * y)
-    right, bottom = round((box.x + box.width) * x), round((box.y + box.height) * y)
-    return _Edges(left, top, max(right, left + 1), max(bottom, top + 1))
-
-
-def _fill(picture: Bgr, edges: tuple[int, int, int, int], paint: Paint) -> None:
+def _fill(picture: Bgr, edges: tuple[int, int, int, int], paint: _Paint) -> None:
+    """Fill the columns from `left` up to `right`, without it, and the rows likewise."""
     left, top, right, bottom = (max(0, each) for each in edges)
     picture[top:bottom, left:right] = paint
 
 
-def _frame(picture: Bgr, edges: _Edges, line: int, paint: Paint) -> None:
+def _draw_edges(picture: Bgr, edges: tuple[int, int, int, int], line: int, paint: _Paint) -> None:
     left, top, right, bottom = edges
     _fill(picture, (left, top, right, min(top + line, bottom)), paint)
     _fill(picture, (left, max(bottom - line, top), right, bottom), paint)
@@ -433,14 +419,20 @@ def _frame(picture: Bgr, edges: _Edges, line: int, paint: Paint) -> None:
     _fill(picture, (max(right - line, left), top, right, bottom), paint)
 
 
-def _label(picture: Bgr, edges: _Edges, layout: Layout, detection: Detection, paint: Paint) -> None:
-    """Write above the box, or inside it at the top edge; on the detector's colour in an alarm."""
+def _label(
+    picture: Bgr, corner: tuple[int, int], layout: Layout, detection: Detection, paint: _Paint
+) -> None:
+    """Write the label above the box, or inside the box if there is no room above it.
+
+    In an alarm, the ground of the label has the detector's colour.
+    """
     label = _label_of(detection)
+    left, top = corner
     ground, ink = (paint, _WHITE) if detection.alarm else (_WHITE, paint)
     high = round(1.5 * layout.text)
     wide = _width_of(label, layout.text, bold=True) + layout.text
-    y = edges.top - high if edges.top >= high else max(0, edges.top)
-    x = max(0, min(edges.left, picture.shape[1] - wide))
+    y = top - high if top >= high else max(0, top)
+    x = max(0, min(left, picture.shape[1] - wide))
     _fill(picture, (x, y, x + wide, y + high), ground)
     at = (x + layout.text // 2, y + high // 2)
     _write(picture, label, at, layout.text, ink, bold=True)

@@ -1,4 +1,4 @@
-"""The annotated video of one run, drawn and encoded beside it."""
+"""The annotated video of a run; a thread draws and encodes it while the run goes on."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _AHEAD = 4  # frames that wait to be encoded
 
 
 class _Frames:
-    """The frames of a video on their way to the detectors; it keeps their pictures."""
+    """Passes the frames of a video on to the detectors, and keeps their pictures."""
 
     def __init__(self, video: Video) -> None:
         self._video = video
@@ -38,12 +38,12 @@ class _Frames:
 
     @property
     def facts(self) -> InputFacts:
-        """Facts of the input."""
+        """The facts of the input."""
         return self._video.facts
 
     @property
     def working(self) -> WorkingSize:
-        """Working size of the frames."""
+        """The working size of the frames."""
         return self._video.working
 
     def __iter__(self) -> Iterator[Frame]:
@@ -52,7 +52,7 @@ class _Frames:
             yield frame
 
     def picture(self, index: int) -> Bgr | None:
-        """Return the picture of a frame, once; those of the frames before it are dropped."""
+        """Return the picture of a frame, and forget it and the pictures of earlier frames."""
         frame = self._waiting.popleft()
         while frame.index < index:
             frame = self._waiting.popleft()
@@ -60,24 +60,25 @@ class _Frames:
 
 
 class AnnotatedVideo:
-    """Draws and encodes in a thread of its own, a few frames behind the detectors.
+    """Draws and encodes an annotated video in a thread, a few frames behind the detectors.
 
     Parameters
     ----------
     path : Path
         Final name of the video.
     video : Video
-        Opened with ``colour=True``. The detectors must take its frames from the attribute `frames`.
+        The input, opened with ``colour=True``. The detectors must take the frames from the
+        attribute `frames`.
     detectors : sequence of str
         The detectors whose responses are shown.
     boxes : str
-        Objects with a box: ``alarm``, those that cause one; ``all``; or ``none``.
+        Objects with a box: ``alarm`` for those that cause an alarm; ``all``; or ``none``.
 
     Raises
     ------
     OutputError
-        If the file cannot be written, or no encoder is installed; also by `write`,
-        `finish` and `commit`.
+        If the file cannot be written, or no encoder is installed; `write`, `finish` and `commit`
+        raise it too.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class AnnotatedVideo:
                 self._path.unlink(missing_ok=True)
 
     def keep(self) -> None:
-        """Leave the file as its ``.part``, finished, so that it can be played; else remove it."""
+        """Finish the file and keep it as the part file, which can be played; else remove it."""
         try:
             self.finish()
             self._file.keep()
@@ -136,16 +137,16 @@ class AnnotatedVideo:
             self.discard()
 
     def discard(self) -> None:
-        """Stop, and remove the file."""
+        """Stop the thread, and remove the file."""
         self._thread.shutdown(cancel_futures=True)
         self._recording.abandon()
         self._file.discard()
 
     def _await(self, most: int) -> None:
-        """Wait until no more than a number of frames are waiting; raise the thread's error."""
+        """Wait until at most `most` frames are not yet encoded; raise an error of the thread."""
         while len(self._waiting) > most:
             with output_errors(self._path):
-                self._waiting[0].result()  # one that failed stays, and fails the next call too
+                self._waiting[0].result()  # after an error it remains, so that each call fails
             self._waiting.popleft()
 
     def _encode(self, picture: Bgr, record: FrameRecord) -> None:

@@ -1,4 +1,4 @@
-"""The content of a result's page: curves over thresholds, alarms, boxes, truth, warnings."""
+"""The content of a result's page: curves, alarms, boxes, ground truth, settings, warnings."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     _Boxes = dict[int, list[list[Any]]]
 
 
-_DIGITS = 4  # of a number in the page; the table has all
-_PARTS = ("input", "working", "decode", "tool")  # of the sidecar, that the settings show
+_DIGITS = 4  # of a number in the page; the table has all digits
+_PARTS = ("input", "working", "decode", "tool")  # of the sidecar, among the settings
 _RMO_CURVES = ("rmo_index", "rmo_mean")
 
 
@@ -40,12 +40,12 @@ class Curve(NamedTuple):
     name: str
     label: str
     colour: str
-    values: Series  # over the threshold, or over the peak where there is none; NaN during warm-up
-    thresholded: bool
+    values: Series  # over the threshold, or without one over the peak; NaN during warm-up
+    thresholded: bool  # whether the values are over a threshold
 
     @property
     def unit(self) -> str:
-        """The meaning of a value of 1, as words after a number."""
+        """The words after a value."""
         return "times the threshold" if self.thresholded else "of its peak"
 
     @property
@@ -64,27 +64,27 @@ class _AlarmSpan(NamedTuple):
 
     curve: Curve
     first: int  # row
-    last: int
+    last: int  # row
     frame: int  # of the first row
     start_s: float
     end_s: float
-    peak: float  # of the curve's values within
-    contact_s: float | None  # from its beginning, by the first estimate within, if there is one
+    peak: float  # of the curve's values in this time
+    contact_s: float | None  # from start_s to contact, by the first estimate in this time
 
 
 @dataclass(frozen=True)
 class Content:
     """The content of a result's page.
 
-    The boxes are by row, ``[x, y, width, height, centre_x, centre_y, id, alarm, time to contact]``
-    in source pixels and seconds; None where a number is not known.
+    Each box is ``[x, y, width, height, centre_x, centre_y, id, alarm, time to contact]`` in source
+    pixels and seconds. A number that is not known is None.
     """
 
     result: BaseResult
     curves: list[Curve]
-    alarms: list[_AlarmSpan]  # in the order of their beginning
-    boxes: _Boxes
-    box_colour: str  # of the detector that found them
+    alarms: list[_AlarmSpan]  # in the order of their first rows
+    boxes: _Boxes  # by row
+    box_colour: str  # of the boxes' detector
     truth: dict[str, Any] | None  # sizes and contact of a stimulus
     notes: list[str]  # warnings about the result, a sentence each
 
@@ -116,12 +116,15 @@ class Content:
 
     @property
     def strongest(self) -> Curve:
-        """The curve highest over its threshold; a curve without one only if none has one."""
+        """The curve with the largest peak; curves over a threshold come before others."""
         return max(self.curves, key=lambda each: (each.thresholded, each.peak))
 
     @property
     def silence(self) -> str:
-        """Why a response above the threshold set off no alarm, as the end of a sentence."""
+        """Why the strongest response caused no alarm though it is above the threshold, else empty.
+
+        The text is the end of a sentence.
+        """
         best = self.strongest
         if not best.thresholded or best.peak <= 1 or any(a.curve is best for a in self.alarms):
             return ""
@@ -131,7 +134,7 @@ class Content:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the source in pixels, or of all boxes where it is not known."""
+        """Width and height of the source in pixels; if not known, of the part that boxes reach."""
         facts = self.result.part("input")
         try:
             return int(facts["width"]), int(facts["height"])
@@ -143,17 +146,16 @@ class Content:
 
     def settings(self) -> dict[str, dict[str, str]]:
         """Return the settings of the run from the sidecar, as texts by group and name."""
-        sidecar, parameters = self.result.sidecar, self.result.part("parameters")
-        words = sidecar.get("command")
-        run = {
-            "command": " ".join(map(str, words)) if isinstance(words, list) else None,
-            "preset": sidecar.get("preset"),
+        words = self.result.sidecar.get("command")
+        command = " ".join(map(str, words)) if isinstance(words, list) else None
+        groups: dict[str, Any] = {
+            "run": {"command": command, "preset": self.result.sidecar.get("preset")},
+            **{name: self.result.part(name) for name in _PARTS},
+            **{f"parameters: {n}": each for n, each in self.result.part("parameters").items()},
         }
-        groups: dict[str, Any] = {"run": run, **{name: self.result.part(name) for name in _PARTS}}
-        groups |= {f"parameters: {name}": each for name, each in parameters.items()}
         return {
             printable(str(group)): {
-                printable(str(name)): printable(_said(value))
+                printable(str(name)): printable(_as_text(value))
                 for name, value in values.items()
                 if value is not None
             }
@@ -162,7 +164,7 @@ class Content:
         }
 
     def data(self) -> dict[str, Any]:
-        """Return all that the script of the page needs, ready for JSON."""
+        """Return the data for the script of the page, ready for JSON."""
         frames = self.result.frames
         rmo = [name for name in _RMO_CURVES if name in frames.columns]
         return {
@@ -221,16 +223,16 @@ def _alarms(result: BaseResult, curve: Curve, boxes: _Boxes) -> list[_AlarmSpan]
 
 
 def _contact_s(times: Series, rows: range, boxes: _Boxes) -> float | None:
-    """Return the time from the first of some rows to contact, by the first estimate in them."""
+    """Return the time from the first row to contact, by the first estimate in the rows."""
     for row in rows:
-        left_s = boxes[row][0][-1] if row in boxes else None
-        if left_s is not None:
-            return float(times[row] - times[rows[0]] + left_s)
+        remaining_s = boxes[row][0][-1] if row in boxes else None
+        if remaining_s is not None:
+            return float(times[row] - times[rows[0]] + remaining_s)
     return None
 
 
 def _boxes(result: BaseResult, name: str) -> _Boxes:
-    """Return the boxes by row: from ``detections.jsonl``, or else those of the table."""
+    """Return the boxes by row: from ``detections.jsonl``, or from the table without this file."""
     rows = {int(frame): row for row, frame in enumerate(result.frames["frame"])}
     boxes: _Boxes = {}
     detections = read_detections(result.path)
@@ -259,7 +261,7 @@ _DETECTION = (
 
 
 def _truth(result: BaseResult) -> dict[str, Any] | None:
-    """Return angular sizes by object and row, where anything looms, and the contact."""
+    """Return angular sizes by object and row, whether an object looms by row, and the contact."""
     truth = find_truth(result)
     if truth is None:
         return None
@@ -299,8 +301,8 @@ def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
     decode = result.part("decode")
     if decode.get("complete") is False:
         messages = decode.get("messages")
-        said = "; ".join(map(str, messages)) if isinstance(messages, list) else ""
-        notes.append(f"the video was not read completely ({said or 'damaged frames'})")
+        reasons = "; ".join(map(str, messages)) if isinstance(messages, list) else ""
+        notes.append(f"the video was not read completely ({reasons or 'damaged frames'})")
     if result.shortfall:
         notes.append(result.shortfall)
     remarks = result.sidecar.get("remarks")
@@ -313,17 +315,17 @@ def _notes(result: BaseResult, curves: list[Curve]) -> list[str]:
     return notes
 
 
-def _said(value: Any) -> str:
+def _as_text(value: Any) -> str:
     """Return a setting as text without the brackets and quotes of Python."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_said(each)}" for name, each in value.items())
-    return ", ".join(map(_said, value)) or "none" if isinstance(value, list) else str(value)
+        return ", ".join(f"{name} {_as_text(each)}" for name, each in value.items())
+    return ", ".join(map(_as_text, value)) or "none" if isinstance(value, list) else str(value)
 
 
 def _short(value: Any) -> Any:
-    """Return a number of a few digits, and anything else as it is."""
+    """Return a float with a few digits, and any other value unchanged."""
     return float(f"{value:.{_DIGITS + 2}g}") if isinstance(value, float) else value
 
 

@@ -1,6 +1,7 @@
-"""Writing the pages of results, with a copy of the video that each plays, and the index of many.
+"""Writes the pages of results, the index of several pages, and the copies of videos.
 
-The copy is H.264 of the page's size, frame by frame.
+A page plays a copy of its video: the frames of the result in H.264, which every browser plays, and
+at most as large as the page shows them.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, partial
 from importlib.resources import files
+from itertools import chain, count
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import quote
@@ -53,14 +55,14 @@ if TYPE_CHECKING:
 
 _PAGE, _INDEX = ".report.html", "index.html"
 _GENERATOR = f"oppload {__version__}"
-_SPARK = (240, 48)  # width and height of a small curve, in units of its drawing
-_SPARK_LOW, _SPARK_HIGH = -2.0, 2.0  # decades of the threshold that it shows
-_LONGEST_SIDE = 960  # px: half a screen, and all of a phone's
-MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # px of longer videos, whose pages take time and space
+_SPARK = (240, 48)  # width and height of a small curve in the index, in units of its drawing
+_SPARK_LOW, _SPARK_HIGH = -2.0, 2.0  # lower and upper end of its scale, in decades
+_LONGEST_SIDE = 960  # px of a copy: half the width of a screen, or the width of a phone's screen
+MANY_FRAMES, SIDE_OF_MANY = 9000, 720  # longer videos have smaller copies, with sides up to 720 px
 MOST_EMBEDDED = 16 << 20  # bytes; a larger copy is a file beside the page
 _STILL_SIDE, _QUALITY = 320, 80  # px and JPEG quality of the picture in the index
 _AHEAD = 4  # pictures that wait to be encoded
-# A key frame at least every half second at 30 frames/s: a step backwards decodes 15 frames at most.
+# A key frame every 15 frames: for a step backwards, the browser decodes at most 15 frames.
 # With look-ahead, the encoder sometimes gives other bytes for the same frames.
 _NO_LOOK_AHEAD = "rc-lookahead=0:mbtree=0"
 _CODEC = {"preset": "superfast", "crf": "25", "bf": "0", "g": "15", "x264-params": _NO_LOOK_AHEAD}
@@ -76,9 +78,9 @@ class _Entry(NamedTuple):
     # Label and colour of the detector, time in seconds, frame and peak of each alarm.
     alarms: list[tuple[str, str, float, int, float]]
     duration_s: float  # from the first to the last frame
-    peak: float  # the largest response, over its threshold, or over its peak
-    thresholded: bool  # whether it is over a threshold
-    silence: str  # why a peak above the threshold set off no alarm, else empty
+    peak: float  # the largest response over its threshold; without a threshold, over its peak
+    thresholded: bool  # whether the peak is over a threshold
+    silence: str  # why a peak above the threshold caused no alarm; else empty
     notes: list[str]  # warnings
 
 
@@ -87,9 +89,9 @@ class _Report:
     """The files that :func:`write_report` has written."""
 
     pages: list[Path]  # in the order of the results
-    index: Path | None  # None of a single result
-    failures: list[OpploadError]  # why a result has no page
-    notes: list[str]  # on pages without a video, or with one that may not fit
+    index: Path | None  # None for a single result
+    failures: list[OpploadError]  # one for each result without a page
+    notes: list[str]  # about pages without a video, or with a video that may be another one
 
     @property
     def first(self) -> Path:
@@ -98,13 +100,13 @@ class _Report:
 
 
 class _Item(NamedTuple):
-    """A page to make of a result."""
+    """A page to write."""
 
     result: BaseResult | Path
     page: Path
     title: str
-    videos: Path | None  # where the videos are now
-    listing: Path | None  # the index
+    videos: Path | None  # the video, or the folder of the videos, if they have moved
+    index_path: Path | None
 
 
 def write_report(
@@ -117,37 +119,34 @@ def write_report(
     frames: Callable[[int], object] | None = None,
     done: Callable[[], object] | None = None,
 ) -> _Report:
-    """Write a page for each result, and an index of many.
+    """Write a page for each result, and an index of several results.
+
+    A result that cannot be read does not stop the others.
 
     Parameters
     ----------
     results : sequence of BaseResult or Path
         Results, or their tables; at least one.
     folder : Path
-        Of the pages; made if it does not exist. Pages of the same name are replaced.
+        The folder of the pages; made if it does not exist. Pages of the same name are replaced.
     roots : sequence of Path, optional
-        Of each result a folder that holds it: the pages mirror the folders below. By default each
-        result's own, so that all pages lie in `folder`.
+        For each result, a folder above it. The place of the page below `folder` is the place of the
+        result below its root. By default all pages lie in `folder` itself.
     videos : Path, optional
-        The video, or the folder of the videos, where they have moved.
+        The video, or the folder of the videos, if they have moved.
     jobs : int
-        How many pages are made at a time, each in a process.
+        Number of pages that are made at the same time, each in a process.
     frames : callable, optional
         Takes the number of frames of video that were copied since its last call.
     done : callable, optional
         Called after each result.
 
-    Returns
-    -------
-    _Report
-        A result that cannot be read does not stop the others.
-
     Raises
     ------
     OpploadError
-        If no page could be made: the first reason.
+        If no page could be made; the error is that of the first result.
     OutputError
-        If the index cannot be written, or there is an ``index.html`` that is not one of these.
+        If the index cannot be written, or would replace an ``index.html`` of another program.
     """
     make_folder(folder)
     index = folder / _INDEX if len(results) > 1 else None
@@ -179,43 +178,41 @@ def write_report(
 def _pages(
     results: Sequence[BaseResult | Path], roots: Sequence[Path] | None
 ) -> Iterator[PurePosixPath]:
-    """Yield the name of each page below their folder; results of one name there are numbered."""
+    """Yield the name of each page below their folder; a number keeps equal names different."""
     taken: set[PurePosixPath] = set()
-    for place, result in enumerate(results):
+    for at, result in enumerate(results):
         path = result.path if isinstance(result, BaseResult) else result
-        root = roots[place] if roots else path.parent
-        below = PurePosixPath(path.parent.relative_to(root).as_posix())
-        stem = stem_of(path)
-        name, number = below / f"{stem}{_PAGE}", 1
-        while name in taken:
-            number += 1
-            name = below / f"{stem}-{number}{_PAGE}"
+        root = roots[at] if roots else path.parent
+        folder = PurePosixPath(path.parent.relative_to(root).as_posix())
+        numbers = chain([""], (f"-{number}" for number in count(2)))
+        names = (folder / f"{stem_of(path)}{number}{_PAGE}" for number in numbers)
+        name = next(each for each in names if each not in taken)
         taken.add(name)
         yield name
 
 
 def _titles(results: Sequence[BaseResult | Path], pages: Sequence[PurePosixPath]) -> Iterator[str]:
-    """Yield the title of each page: the input's name, with folders where others have that name."""
-    inputs = [title_and_input(result) for result in results]
-    often = Counter(title for title, _ in inputs)
-    placed = [str(page.parent / title) for page, (title, _) in zip(pages, inputs, strict=True)]
-    of_inputs = Counter(name for _, name in inputs)
-    often_placed = Counter(placed)
-    for page, (title, name), below in zip(pages, inputs, placed, strict=True):
-        if often[title] == 1:
-            yield title
-        elif often_placed[below] == 1:
-            yield below
-        else:
-            yield name if of_inputs[name] == 1 else str(page).removesuffix(_PAGE)
+    """Yield the title of each page: the first of some names that no other result has.
+
+    They are the input's file name, the same with the folder of the page, and the input's path. If
+    all of them occur twice, the title is the page's own name.
+    """
+    candidates = [
+        (title, str(page.parent / title), name)
+        for page, (title, name) in zip(pages, map(title_and_input, results), strict=True)
+    ]
+    counts = [Counter(names) for names in zip(*candidates, strict=True)]
+    for page, names in zip(pages, candidates, strict=True):
+        unique = [name for name, often in zip(names, counts, strict=True) if often[name] == 1]
+        yield unique[0] if unique else str(page).removesuffix(_PAGE)
 
 
 def _refuse_other(index: Path) -> None:
-    """Refuse to replace an index that somebody else made."""
+    """Raise an OutputError if the file exists and another program has made it."""
     try:
         head = index.read_bytes()[:2000]
     except OSError:
-        return  # there is none, or writing it gives the reason
+        return  # the file does not exist, or writing it will raise the error
     if b'<meta name="generator" content="oppload ' not in head:
         raise OutputError(
             f"{index}: exists already and was not made by oppload; choose another --output"
@@ -234,9 +231,8 @@ def _write_page(item: _Item, tell: Callable[[int], object]) -> _Entry:
     except SourceError as error:
         video_notes = [f"the page has no video ({error})"]
     notes = [*content.notes, *video_notes]
-    index = _address(item.listing, item.page) if item.listing else None
-    page = _page(content, copy, beside, notes, title=item.title, index=index)
-    write_atomic(item.page, page)
+    index = _address(item.index_path, item.page) if item.index_path else None
+    write_atomic(item.page, _page(content, copy, beside, notes, title=item.title, index=index))
     strongest = content.strongest
     times = result.frames["time_s"].to_numpy(float)
     return _Entry(
@@ -265,7 +261,7 @@ def _page(
     title: str,
     index: str | None,
 ) -> str:
-    """Return the page of a result as HTML."""
+    """Return the page of a result as HTML; `beside` is the path of a copy that is a file."""
     video = copy and {
         "times": [round(t, 7) if np.isfinite(t) else None for t in copy.times_s.tolist()],
         "address": None if copy.content is not None else _address(beside, beside),
@@ -291,7 +287,7 @@ def _page(
 
 
 def _index_page(index: Path, entries: Sequence[_Entry], failures: Sequence[OpploadError]) -> str:
-    """Return the index as HTML: results with alarms first, the strongest before the others."""
+    """Return the index as HTML: results with alarms come first, in the order of their peaks."""
     ordered = sorted(entries, key=lambda each: (not each.alarms, -each.peak, each.title))
     return rendered(
         "index.html",
@@ -313,7 +309,7 @@ def _index_page(index: Path, entries: Sequence[_Entry], failures: Sequence[Opplo
 
 
 def _seconds(value: float) -> str:
-    """Return a time as text: ``0.37 s``, or ``3:07.25`` from a minute on."""
+    """Return a time as text: ``0.37 s``, or ``3:07.25`` for times of a minute or more."""
     if value < 60:
         return f"{value:.2f} s"
     minutes, rest = divmod(value, 60)
@@ -330,13 +326,13 @@ def _number(value: float) -> str:
 
 
 def _address(path: Path, page: Path) -> str:
-    """Return the relative address of a file on a page, whatever characters it has."""
+    """Return the address of a file relative to a page, with special characters escaped."""
     below = os.path.relpath(path, page.parent).replace(os.sep, "/")
     return "./" + quote(os.fsencode(below))
 
 
 def _spark(curve: Curve, times: Any) -> str:
-    """Return a curve as an SVG path: the largest value of each of a few hundred bins."""
+    """Return a curve as an SVG path through the largest value of each bin of time."""
     known = np.flatnonzero(np.isfinite(curve.values))
     if not len(known):
         return ""
@@ -351,6 +347,7 @@ def _spark(curve: Curve, times: Any) -> str:
 
 
 def _spark_row(value: float) -> float:
+    """Return the vertical coordinate of a value on the logarithmic scale of a small curve."""
     level = np.log10(value) if value > 0 else _SPARK_LOW
     share = (min(max(level, _SPARK_LOW), _SPARK_HIGH) - _SPARK_LOW) / (_SPARK_HIGH - _SPARK_LOW)
     return float(_SPARK[1] - 2 - (_SPARK[1] - 4) * share)
@@ -369,7 +366,7 @@ def _part(*names: str) -> str:
 
 
 def _policy(*scripts: str) -> str:
-    """Return a content security policy: these scripts, pictures and videos, no network."""
+    """Return a content security policy that allows these scripts and no network."""
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(each.encode()).digest()).decode()}'"
         for each in scripts
@@ -387,26 +384,26 @@ def _policy(*scripts: str) -> str:
 class _VideoCopy:
     """The copy of a video."""
 
-    times_s: NDArray[np.float64]  # when it shows the frame of each row; NaN where it never does
+    times_s: NDArray[np.float64]  # of the frame of each row; NaN if the copy lacks the frame
     still: bytes  # the frame of one row as JPEG; empty if it was not decoded
-    content: bytes | None  # the MP4; None where it is a file of its own
+    content: bytes | None  # the MP4; None if the copy is a file beside the page
     note: str  # a possible fault of the copy, as a sentence; else empty
 
 
 def _copy_video(
     result: BaseResult, name: str, path: Path, *, still: int, tell: Callable[[int], object]
 ) -> _VideoCopy:
-    """Encode the frames of a result once more, as every browser plays them.
+    """Encode the frames of a result from the video `name`.
 
-    The copy of the named video has the name `path` where it is too large to be embedded; the frame
-    of the row `still` is kept as a picture. A SourceError says that the video cannot be read, or
-    holds none of the frames.
+    A copy that is too large to be embedded is the file `path`. The frame of the row `still` is
+    also kept as a picture. A SourceError is raised if the video cannot be read, or contains none of
+    the frames.
     """
     frames = result.frames["frame"].to_numpy(int)
     rows = {int(frame): row for row, frame in enumerate(frames)}
     span = Span(Position(frame=int(frames[0])), Position(frame=int(frames[-1]) + 1))
     times_s, picture = np.full(len(frames), np.nan), b""
-    count = Seldom(tell)
+    progress = Seldom(tell)
     source = Call(lambda: source_of(name, _image_rate(result), 0)).result()
     size = _even_size(source.facts, len(frames))
     file = PartFile(path)
@@ -422,8 +419,8 @@ def _copy_video(
                 if row is not None:
                     times_s[row] = written_s
                     picture = _jpeg(shown) if row == still else picture
-                count(1)
-            count.flush()
+                progress(1)
+            progress.flush()
             if np.isnan(times_s).all():
                 raise SourceError(f"{name}: holds none of the frames of this result")
             recording.finish()
@@ -443,14 +440,14 @@ def _copy_video(
 def _ahead(
     source: PictureSource, span: Span, size: tuple[int, int]
 ) -> Prefetch[tuple[int, float, av.VideoFrame]]:
-    """Return frames, times and pictures, which a thread decodes ahead of the caller."""
+    """Yield numbers, times and pictures of frames; a thread decodes them ahead of the caller."""
     colour = Colour(source.facts, size)
     pictures = span.within(source)
     return Prefetch(((each.index, each.time_s, colour.planes(each)) for each in pictures), _AHEAD)
 
 
 def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:
-    """Return the size of the copy; H.264 of these colours has even sides only."""
+    """Return the size of the copy; H.264 with halved colour planes has even sides only."""
     longest = _LONGEST_SIDE if frames < MANY_FRAMES else SIDE_OF_MANY
     width, height = colour_size(facts, longest)
     return max(2, width - width % 2), max(2, height - height % 2)
@@ -474,7 +471,7 @@ def _jpeg(frame: av.VideoFrame) -> bytes:
 def _difference(
     result: BaseResult, name: str, facts: InputFacts, times_s: NDArray[np.float64]
 ) -> str:
-    """Return a sentence where this is not the video of the run, or not all of it."""
+    """Return a sentence if the video is not that of the run, or has lost frames; else nothing."""
     stated = result.part("input")
     for fact in ("bytes", "width", "height"):
         before, now = stated.get(fact), getattr(facts, fact)

@@ -9,8 +9,8 @@
   const canvas = byId("boxes");
   const slider = byId("slider");
   const exact = "requestVideoFrameCallback" in video;
-  let row = 0; // that the curves and the values show
-  let presented = 0; // whose picture is on the screen
+  let row = 0; // the row that the curves and the values show
+  let presented = 0; // the row of the picture on the screen
   let playable = false;
 
   // --- The video -------------------------------------------------------------------------------
@@ -18,7 +18,7 @@
   const inVideo = []; // rows whose frame the video holds
   if (data.video) data.video.times.forEach((t, r) => t !== null && inVideo.push(r));
 
-  /** The last of some ordered rows whose time is at most t; the first if none is. */
+  /** The position in a list of the last element with a time of at most t; 0 if there is none. */
   function lastUpTo(list, timeOf, t) {
     let low = 0;
     let high = list.length - 1;
@@ -33,14 +33,14 @@
   /** The row that the video shows at a time. */
   const shownAt = (t) => inVideo[lastUpTo(inVideo, (r) => data.video.times[r], t + 1e-5)];
 
-  /** The row of a time of the result, the nearest one. */
+  /** The row with the time nearest to t. */
   const all = data.frames.map((_, r) => r);
   function rowNear(t) {
     const r = lastUpTo(all, (each) => time[each], t);
     return r + 1 < rows && time[r + 1] - t < t - time[r] ? r + 1 : r;
   }
 
-  /** The middle of the time for which the video shows a row: no rounding reaches a neighbour. */
+  /** The middle of the time in which the video shows a row: rounding leads to no other frame. */
   function middleOf(r) {
     const start = data.video.times[r];
     if (start === null) return null;
@@ -49,7 +49,7 @@
     return end > start ? (start + end) / 2 : start;
   }
 
-  let waiting = null; // a seek that waits for the one under way
+  let waiting = null; // time of the next seek, while the video still seeks another time
   function seek(r) {
     if (!playable) {
       present(r);
@@ -121,7 +121,7 @@
     });
     video.addEventListener("pause", () => {
       byId("play").textContent = "Play";
-      // To the middle of the frame on the screen: the clock may have gone on to the next one.
+      // Seek the frame on the screen: the video's clock may already be at the next frame.
       if (!video.seeking) go(video.ended ? shownAt(video.duration) : presented);
     });
     if (exact) video.requestVideoFrameCallback(onFrame);
@@ -202,7 +202,7 @@
   const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const steps = time.slice(1).map((t, r) => t - time[r]).sort((a, b) => a - b);
   const usual = steps[steps.length >> 1] || 0;
-  // A frame is on the screen until the next one, but no alarm is known within a gap.
+  // A frame lasts until the next one, but at most two usual steps: frames may be missing.
   const endOf = (r) => (r + 1 < rows ? Math.min(time[r + 1], time[r] + 2 * usual) : time[r]);
 
   function shade(u, first, last, colour, opacity, height) {
@@ -370,7 +370,7 @@
   }
 
   function placeHeads() {
-    // Not by uPlot, which moves its scales only after this.
+    // Computed from `range`, as uPlot updates its scales only later.
     const share = (time[row] - range[0]) / (range[1] - range[0]) || 0;
     for (const { head } of charts) {
       head.hidden = !(share >= 0 && share <= 1);
@@ -378,7 +378,7 @@
     }
   }
 
-  /** Keep the current frame in sight where only a part of the time is shown. */
+  /** Move the zoomed time so that it contains the current frame. */
   function keepInSight() {
     const wide = range[1] - range[0];
     if (time[row] < range[0]) zoom(time[row], time[row] + wide);
@@ -466,7 +466,7 @@
     return Number(value.toPrecision(2)).toString();
   }
 
-  /** A response in words that say no more than the axis shows. */
+  /** A response as text; the axis shows no values below LOWEST. */
   const size = (value) => (value > 0 && value < LOWEST ? `< ${LOWEST}` : plain(value));
 
   function clock(t) {
@@ -489,7 +489,7 @@
     last: Number(line.dataset.last),
   }));
 
-  /** Show a row everywhere but in the picture. */
+  /** Show a row in the values, the curves and the alarms, but not in the picture. */
   function show(r) {
     row = r;
     stage.dataset.row = r;
@@ -512,7 +512,7 @@
     placeHeads();
   }
 
-  /** Go to a row: the picture follows. */
+  /** Show a row, and seek its picture. */
   function go(r) {
     const target = Math.max(0, Math.min(rows - 1, r));
     if (!video.paused) video.pause();
@@ -551,7 +551,7 @@
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const target = event.target.tagName;
-    // Buttons and lists have their own use for these keys.
+    // Buttons, links and lists use these keys themselves.
     if (event.key === " " && ["BUTTON", "SUMMARY", "A", "SELECT"].includes(target)) return;
     if (target === "SELECT" && event.key.length > 1) return;
     const action = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
