@@ -1,4 +1,4 @@
-"""A stimulus shown to the detectors exactly as ``oppload run`` shows its lossless video."""
+"""Shows a stimulus to detectors and measures the responses; no video is written."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Responses:
     Attributes
     ----------
     frame, time_s, response : ndarray, shape (n,)
-        Of every frame; the response is NaN during warm-up.
+        Number, time and response of each frame; the response is NaN during warm-up.
     centre : ndarray, shape (n, 2)
-        Centre (x, y) of the winning unit in stimulus pixels; NaN without a winner.
+        Centre (x, y) of the winning unit in stimulus pixels; NaN without a winning unit.
     box : ndarray, shape (n, 4)
-        Receptive field of this unit: left, top, width and height in stimulus pixels.
+        Receptive field of the winning unit: left, top, width and height in stimulus pixels.
     """
 
     frame: Series
@@ -45,16 +45,16 @@ class Responses:
 
     @property
     def peak(self) -> int | None:
-        """Position of the first largest response; None without a response."""
+        """Position of the largest response, the first one of equals; None without a response."""
         if not np.isfinite(self.response).any():
             return None
         return int(np.nanargmax(self.response))
 
     def presentations(self, protocol: Protocol) -> list[Responses]:
-        """Return the responses to each presentation, as if it were the first.
+        """Return the responses to each presentation, with frames and times of the first one.
 
-        A pause before the motion does not count: there the object of the presentation before
-        vanishes, and that is a response of its own.
+        The responses in the pause before the motion are left out: the object of the presentation
+        before vanishes there, and detectors respond to that too.
         """
         count = protocol.frame_count
         moving = self.time_s[:count] >= protocol.timing.before_s
@@ -73,7 +73,10 @@ class Responses:
 def present(
     protocol: Protocol, settings: Settings, times: int = 1, indicator_s: float = 0.0
 ) -> dict[str, Responses]:
-    """Show a stimulus to the detectors of some settings.
+    """Show a stimulus to the detectors, and return the responses by detector.
+
+    Without an indicator, the responses are those that ``oppload run`` writes for the stimulus's
+    lossless video.
 
     Parameters
     ----------
@@ -82,14 +85,9 @@ def present(
     settings : Settings
         Detectors, their parameters and the working height.
     times : int
-        How often it is shown in a row.
+        Number of presentations in a row.
     indicator_s : float
-        Time constant of a calcium indicator that shows the responses; 0 for none.
-
-    Returns
-    -------
-    dict of str to Responses
-        By detector: the numbers that ``oppload run`` writes for the stimulus's lossless video.
+        Time constant in s of a calcium indicator that shows the responses; 0 for none.
     """
     video = StimulusVideo(protocol, settings.height, times)
     display = protocol.display
@@ -100,29 +98,21 @@ def present(
     }
     optics = Optics.of_display(shown, display.width, display.height)
     settings = settings.seen_through(optics, video.working)
-    records = list(
-        analyse(
-            video,
-            settings.model_params(),
-            places=None,
-            repeats=settings.repeats,
-            rmo=None,
-            time=settings.time,
-        )
-    )
+    params, repeats, time = settings.model_params(), settings.repeats, settings.time
+    records = list(analyse(video, params, places=None, repeats=repeats, rmo=None, time=time))
     frame = np.array([record.frame for record in records], float)
-    time = np.array([record.time_s for record in records])
-    made = {}
+    time_s = np.array([record.time_s for record in records])
+    found = {}
     for detector in settings.models:
-        found = [record.responses.get(detector) for record in records]
-        boxes = np.array([_box(each) for each in found])
-        response = np.array([np.nan if each is None else each.response for each in found])
+        responses = [record.responses.get(detector) for record in records]
+        boxes = np.array([_box(each) for each in responses])
+        response = np.array([np.nan if each is None else each.response for each in responses])
         if indicator_s:
-            signal = low_passed(response, time, indicator_s)
+            signal = low_passed(response, time_s, indicator_s)
             response = np.where(np.isnan(response), np.nan, signal)
         centre = boxes[:, :2] + boxes[:, 2:] / 2
-        made[detector] = Responses(frame, time, response, centre, boxes)
-    return made
+        found[detector] = Responses(frame, time_s, response, centre, boxes)
+    return found
 
 
 def _box(response: Response | None) -> list[float]:
@@ -131,12 +121,12 @@ def _box(response: Response | None) -> list[float]:
 
 
 def low_passed(values: Series, time_s: Series, constant_s: float) -> Series:
-    """Return a response as a calcium indicator shows it: a first-order low-pass.
+    """Return responses as a calcium indicator shows them: after a first-order low-pass filter.
 
     Parameters
     ----------
     values : ndarray, shape (n, ...)
-        The response; NaN counts as 0.
+        The responses; NaN counts as 0.
     time_s : ndarray, shape (n,)
         Rising times in s.
     constant_s : float
@@ -159,23 +149,23 @@ _ONSET_SHARE = 0.1
 class Measures:
     """One row of a tuning table without its condition (``docs/tuning.md``)."""
 
-    peak: float | None = None  # None if the stimulus ends before the first response
-    peak_frame: int | None = None  # the first one with it
+    peak: float | None = None  # None if the stimulus ends during the warm-up
+    peak_frame: int | None = None  # the first frame with the peak
     peak_time_s: float | None = None
     mean: float | None = None  # over the frames with a response
     area: float | None = None  # integral over time by trapezoids: response times seconds
-    onset_frame: int | None = None  # the first one with 10 % of a peak above 0
+    onset_frame: int | None = None  # the first frame with 10 % of a peak above 0
     onset_time_s: float | None = None
-    centre_x: float | None = None  # of the unit that won at the peak, in stimulus pixels
+    centre_x: float | None = None  # of the winning unit at the peak, in stimulus pixels
     centre_y: float | None = None
-    peak_before_contact_s: float | None = None  # below 0 after it; None where nothing approaches
+    peak_before_contact_s: float | None = None  # below 0 after contact; None without a contact
     size_at_peak_deg: float | None = None  # of the largest object in the frame of the peak
 
 
 def measure(responses: Responses, protocol: Protocol | None = None) -> Measures:
     """Measure the responses of one detector to a stimulus.
 
-    Without its protocol nothing is known of contact and size.
+    Without the protocol, the measures about contact and size are None.
     """
     best = responses.peak
     if best is None:

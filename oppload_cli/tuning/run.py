@@ -1,4 +1,4 @@
-"""A sweep: every condition through every detector, and the table of the measures."""
+"""Runs a sweep: shows each condition to each detector, and writes the table of the measures."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 
 _SCHEMA = "oppload.tuning/1"
-_FAINT = 0.1  # of an alarm's floor: the largest response to a stimulus that is hardly seen
-_ONSET_S = 2.5 / 30  # from the end of a pause: two intervals, and the delay of a late frame
-_NEURON = "arms"  # the judgement of a detector that answers as one LPLC2 neuron does
+_FAINT = 0.1  # of the floor of the alarm; a detector with smaller responses hardly responds
+_ONSET_S = 2.5 / 30  # after a pause: two intervals, and half an interval for a late frame
+_NEURON = "arms"  # the judgement of a detector that responds like one LPLC2 neuron
 _ONE_UNIT = "1x1"
 _PRESENTATION = "presentation"  # column of the number of a presentation in a row
 _MEASURES = tuple(field.name for field in fields(Measures))
@@ -45,7 +45,7 @@ class Condition:
     """One stimulus of a sweep with its measures."""
 
     stimulus: str
-    values: dict[str, Any]  # swept ones, by dotted key
+    values: dict[str, Any]  # of the swept parameters, by dotted key
     measures: dict[str, Measures]  # by detector
     indicator_s: float = 0.0  # time constant of the calcium indicator; 0 for none
 
@@ -68,23 +68,24 @@ def tune(
     settings : Settings
         Detectors, their parameters and the working height.
     presentations : int
-        How often each stimulus is shown in a row; above 1, each time is a condition of its own.
+        Number of presentations of each stimulus in a row. If it is above 1, each presentation is a
+        condition.
     indicator_s : float
-        Time constant of a calcium indicator that shows the responses; 0 for none.
+        Time constant in s of a calcium indicator that shows the responses; 0 for none.
     jobs : int
-        Processes; the result does not depend on it.
+        Number of processes; the result does not depend on it.
     progress : callable, optional
         Called after each stimulus.
 
     Returns
     -------
     list of Condition
-        In the order of the sweep.
+        The conditions in the order of the sweep.
 
     Raises
     ------
     StimulusError
-        If a value makes a stimulus that is not valid.
+        If a stimulus is not valid with one of the values.
     ParameterError
         If the working size is too large.
     OutputError
@@ -97,15 +98,15 @@ def tune(
         named=attrgetter("name"),
         progress=lambda _: progress() if progress else None,
     )
-    made = []
-    for (stimulus, swept), times in zip(entry.values().items(), shown, strict=True):
-        for number, measures in enumerate(times, 1):
+    conditions = []
+    for (stimulus, swept), measured in zip(entry.values().items(), shown, strict=True):
+        for number, measures in enumerate(measured, 1):
             name, values = stimulus, swept
             if presentations > 1:
                 name = f"{stimulus}/{_PRESENTATION}-{number}"
                 values = {**swept, _PRESENTATION: number}
-            made.append(Condition(name, values, measures, indicator_s))
-    return made
+            conditions.append(Condition(name, values, measures, indicator_s))
+    return conditions
 
 
 def _measured(
@@ -116,9 +117,10 @@ def _measured(
         shown = present(protocol, settings, presentations, indicator_s)
     except OpploadError as error:
         raise type(error)(f"{protocol.name}: {error}") from error
-    if presentations == 1:
-        return [{detector: measure(each, protocol) for detector, each in shown.items()}]
-    parts = {detector: each.presentations(protocol) for detector, each in shown.items()}
+    parts = {
+        detector: [each] if presentations == 1 else each.presentations(protocol)
+        for detector, each in shown.items()
+    }
     return [
         {detector: measure(each[number], protocol) for detector, each in parts.items()}
         for number in range(presentations)
@@ -130,29 +132,29 @@ class Doubt(NamedTuple):
 
     detector: str
     note: str  # in a few words, for the legend of a figure
-    text: str  # a sentence with the numbers and an advice
+    text: str  # a sentence with the numbers and advice
 
 
 def doubts_about(
     conditions: Sequence[Condition], entry: Entry, settings: Settings
 ) -> Iterator[Doubt]:
-    """Name the detectors whose curves over a measured sweep mean little, and say why."""
+    """Yield the detectors whose curves over a sweep mean little, with the reasons."""
     yield from faint(conditions, settings)
     yield from _to_onset(conditions, entry)
     yield from _unlike_neurons(conditions, settings, entry.protocols()[0].display.height)
 
 
 def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt]:
-    """Name the detectors that hardly respond: the shape of such a curve tells little.
+    """Yield the detectors that hardly respond: the shapes of their curves mean little.
 
-    None is named where an indicator showed the responses: it makes every peak smaller, and the
-    floors are those of responses without one.
+    With an indicator, no detector is named: the floors are for responses without an indicator,
+    which makes each peak smaller.
     """
     if any(each.indicator_s for each in conditions):
         return
     floor_of = "the floor of its alarm"
     if not settings.alarm.on:
-        floor_of = "what its alarm needs under other presets (here the alarms are off)"
+        floor_of = "the floor of its alarm under other presets (here the alarms are off)"
     advice = "try a faster stimulus or another preset ('oppload models')"
     for name in settings.models:
         peak = max(each.measures[name].peak or 0 for each in conditions)
@@ -163,7 +165,7 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
                 "below a millionth of its floor",
                 f"{detector_named(name).label} does not respond to this stimulus under preset "
                 f"{settings.preset}: its largest response is below a millionth of {floor_of}, "
-                f"{floor:g}, as rounding errors are; {advice}",
+                f"{floor:g}, and may be a rounding error; {advice}",
             )
         elif peak < _FAINT * floor:
             yield Doubt(
@@ -176,26 +178,27 @@ def faint(conditions: Sequence[Condition], settings: Settings) -> Iterator[Doubt
 
 
 def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
-    """Name the detectors that answer to the start of a motion after a pause.
+    """Yield the detectors that respond to the start of the motion after a pause.
 
-    Such a peak shows no tuning: all motion that begins excites them, as nothing moved before.
+    Any motion that starts excites these detectors, because nothing moved before. So the peak at the
+    start of the motion shows no tuning.
     """
     if _PRESENTATION in conditions[0].values:
         return
-    begins = [protocol.timing.before_s for protocol in entry.protocols()]
+    starts = [protocol.timing.before_s for protocol in entry.protocols()]
     for name in conditions[0].measures:
         times = [each.measures[name].peak_time_s for each in conditions]
-        found = [
-            begin > 0 and time_s is not None and time_s - begin < _ONSET_S
-            for begin, time_s in zip(begins, times, strict=True)
+        early = [
+            start > 0 and time_s is not None and time_s - start < _ONSET_S
+            for start, time_s in zip(starts, times, strict=True)
         ]
-        if any(found):
-            part = f"{sum(found)} of {len(found)} peaks"
+        if any(early):
+            part = f"{sum(early)} of {len(early)} peaks"
             yield Doubt(
                 name,
                 f"{part} at the start of the motion: no tuning",
                 f"{detector_named(name).label}: {part} come within {_ONSET_S:.2g} s after the "
-                "pause before the motion: they answer to its start, and show no tuning; "
+                "pause before the motion: they are responses to its start, and show no tuning; "
                 "--change timing.before_s=0 leaves the pause out",
             )
 
@@ -203,11 +206,12 @@ def _to_onset(conditions: Sequence[Condition], entry: Entry) -> Iterator[Doubt]:
 def _unlike_neurons(
     conditions: Sequence[Condition], settings: Settings, height: int
 ) -> Iterator[Doubt]:
-    """Name the detectors that stand for LPLC2 neurons, but are not measured as those were.
+    """Yield the detectors that model LPLC2 neurons, but are not measured as the neurons were.
 
-    The neurons were recorded one by one, by a calcium indicator (``docs/lplc2.md``). Without it the
-    peak is that of the first transient, and of many units the strongest one counts: either alone
-    makes the answers to bars several times as large. The height is that of the stimulus in px.
+    The neurons were recorded one at a time, with a calcium indicator (``docs/lplc2.md``). Without
+    an indicator, the peak is that of the first transient; with many units, the strongest one gives
+    the peak. Each of these makes the responses to bars several times as large. `height` is the
+    height of the stimulus in px.
     """
     resolved = settings.with_all_detectors().resolved(settings.height or height)
     for name in settings.models:
@@ -220,34 +224,35 @@ def _unlike_neurons(
             missing.append("more than one unit")
             advice.append(f"--set {name}.units={_ONE_UNIT}")
         if missing:
-            what = " and ".join(missing)
+            cause = " and ".join(missing)
             yield Doubt(
                 name,
-                f"{what}: larger for bars than in LPLC2 neurons",
-                f"{detector_named(name).label}: LPLC2 neurons were measured one at a time, by a "
-                f"calcium indicator; with {what} the answers to bars come out several times as "
-                f"large as theirs; add {' and '.join(advice)}",
+                f"{cause}: larger for bars than in LPLC2 neurons",
+                f"{detector_named(name).label}: LPLC2 neurons were measured one at a time, with a "
+                f"calcium indicator; with {cause}, the responses to bars are several times as "
+                f"large as those of the neurons; add {' and '.join(advice)}",
             )
 
 
 def _is_symmetric(entry: Entry) -> bool:
-    """Tell whether half a turn of the swept direction gives the same stimulus.
+    """Return whether the stimulus looks the same after half a turn of the swept direction.
 
-    Then half a circle of directions is the complete tuning, as for a bar that grows at both ends.
-    Two frames of the stimulus decide it, not the name of the key.
+    Two frames of the stimulus decide this. For such a stimulus, for example a bar that grows at
+    both ends, half a circle of directions is the complete tuning.
     """
     direction = direction_of(list(entry.sweep))
     if direction is None:
         return False
     first = next(iter(entry.sweep[direction]))
-    here, turned = (
+    protocols = [
         entry.with_settings({direction: angle}).protocols()[0] for angle in (first, first + 180)
-    )
-    one, other = Renderer(here), Renderer(turned)
-    # A pixel on the edge may be rounded to the next grey level.
+    ]
+    one, turned = map(Renderer, protocols)
+    count = protocols[0].frame_count
+    # Rounding may change a pixel on an edge by a grey level.
     return all(
-        int(np.abs(one.grey(at).astype(int) - other.grey(at).astype(int)).max()) <= 2
-        for at in (here.frame_count // 3, 2 * here.frame_count // 3)
+        int(np.abs(one.grey(at).astype(int) - turned.grey(at).astype(int)).max()) <= 2
+        for at in (count // 3, 2 * count // 3)
     )
 
 
@@ -276,32 +281,22 @@ def write_tuning_sidecar(
     doubts: Sequence[Doubt] = (),
     summary: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
-    """Write everything that is needed to trust or repeat a tuning table.
+    """Write the sidecar of a tuning table; raise OutputError if it cannot be written.
 
     Parameters
     ----------
     path : Path
         Name of the sidecar.
-    entry : Entry
-        The stimulus with its sweep.
-    settings : Settings
-        Of the detectors.
+    entry, settings, indicator_s
+        The arguments of :func:`tune`.
     command : sequence of str
         The command line.
-    indicator_s : float
-        As of :func:`tune`.
     figure : mapping, optional
         Name, title and kind of the classic figure that the table is for.
     doubts : sequence of Doubt
-        Figures show them.
+        The reasons why curves mean little; figures show them.
     summary : mapping, optional
-        The numbers of each curve, by detector, from
-        :func:`oppload_cli.plots.tuning.summary_of`.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
+        The numbers of each curve, from :func:`oppload_cli.plots.tuning.summary_of`.
     """
     first = entry.protocols()[0]
     height = settings.height or first.display.height
@@ -320,7 +315,7 @@ def write_tuning_sidecar(
         "sizes_deg": settings.angles,
         "indicator_s": indicator_s,
         "doubts": [{"model": each.detector, "note": each.note} for each in doubts],
-        "summary": {name: dict(each) for name, each in (summary or {}).items()},
+        "summary": summary or {},
         "stimulus": {
             "name": entry.name,
             "description": entry.description,
@@ -333,16 +328,16 @@ def write_tuning_sidecar(
 
 
 def _changed(settings: Settings, height: int) -> dict[str, Any]:
-    """Return the parameters of the measured detectors that are not the preset's, with values."""
+    """Return the parameters of the measured detectors that do not come from the preset."""
     resolved = settings.resolved(height)
-    made = {}
+    changed: dict[str, Any] = {}
     for key, origin in settings.origins.items():
         group, _, name = key.partition(".")
         if group in settings.models and name and not origin.startswith("preset"):
-            made[key] = resolved[group].as_dict().get(name)
-            if key in settings.angles:
-                made[key] = f"{settings.angles[key]:g}deg"
-    return made
+            angle = settings.angles.get(key)
+            value = resolved[group].as_dict().get(name)
+            changed[key] = value if angle is None else f"{angle:g}deg"
+    return changed
 
 
 def _cells(values: dict[str, Any]) -> dict[str, str]:

@@ -1,6 +1,7 @@
-"""The sweeps of ``oppload tune``: those that a user asks for, and those of classic figures.
+"""The sweeps of ``oppload tune``: of a stimulus that the user chooses, and of classic figures.
 
-A classic figure of looming neuroscience is a sweep of a stimulus of the catalogue.
+A classic figure of looming neuroscience shows the responses to a sweep of a stimulus of the
+catalogue.
 """
 
 from __future__ import annotations
@@ -28,15 +29,15 @@ _EVERY = "all"
 
 @dataclass(frozen=True)
 class _Classic:
-    """A classic figure: the sweep that its table needs, and how it is drawn."""
+    """A classic figure: the sweep of its table, and the kind of its plot."""
 
     title: str
-    kind: str  # of the plot, as `oppload plot --kind` names it
+    kind: str  # of the plot, as for `oppload plot --kind`
     stimulus: str  # in the catalogue
     sweep: Mapping[str, list[Any]] = field(default_factory=dict)  # by dotted key
     changes: Mapping[str, Any] = field(default_factory=dict)  # of the stimulus, by dotted key
-    settings: tuple[str, ...] = ()  # of detectors; those of the user come later and win
-    presentations: int = 1  # how often each stimulus is shown in a row
+    settings: tuple[str, ...] = ()  # of detectors; settings of the user replace them
+    presentations: int = 1  # of each stimulus, in a row
 
 
 _PLACES = [-24, -18, -12, -6, 0, 6, 12, 18, 24]
@@ -47,9 +48,9 @@ FIGURES: dict[str, _Classic] = {
         "contact",
         "klapoetke2017/loom-l-over-v",
         {"disk.growth.l_over_v_ms": [10, 20, 30, 40, 50, 60, 70, 80, 90, 100]},
-        # A disk that stops growing has its largest edges just before: at 60 degrees, all
-        # detectors whose response grows with the object would seem to have this threshold.
-        # A peak is timed to one frame, so that the frame rate is high.
+        # The disk grows to 180 degrees. If it stopped at 60 degrees, each detector whose response
+        # grows with the object would have its peak there, and seem to have this threshold.
+        # The frame rate is high, because the time of a peak is exact to one frame only.
         {"disk.growth.most_deg": 180, "display.frame_rate": 120},
     ),
     "size-speed": _Classic(
@@ -67,14 +68,14 @@ FIGURES: dict[str, _Classic] = {
         "position",
         "klapoetke2017/loom-position",
         {"disk.centre_deg": [[right, up] for up, right in itertools.product(_PLACES, repeat=2)]},
-        # Without a pause, after which detectors answer to the start of the motion, wherever it is.
+        # Without a pause: after a pause, detectors respond to the start of the motion at any place.
         {
             "disk.growth.end_deg": 24,
             "disk.growth.speed_deg_s": 40,
             "timing.before_s": 0,
             "timing.motion_s": 0.5,
         },
-        # OppLoD has a unit at every cell: the receptive field of a single unit is mapped.
+        # OppLoD with one unit, so that the map shows the receptive field of a single unit.
         ("opplod.units=1x1",),
     ),
     "bar-ends": _Classic(
@@ -83,11 +84,11 @@ FIGURES: dict[str, _Classic] = {
         "klapoetke2017/bar-expand-10",
         {
             "bar.growth.sides": ["both", "forward"],
-            # The diagonals among them: OppLoD responds most along them.
+            # The diagonals are among the axes, as OppLoD responds most along them.
             "bar.axis_deg": list(range(0, 360, 15)),
         },
-        # Without a pause, as above. The ends are fast enough for the usual detectors, and begin so
-        # near to each other that no peak falls into the first frames, which have no response.
+        # Without a pause, as above. The speed suits the default detectors. The bar is short at the
+        # start, so that no peak falls into the warm-up.
         {
             "bar.size_deg": 2,
             "bar.growth.speed_deg_s": 60,
@@ -117,13 +118,13 @@ FIGURES: dict[str, _Classic] = {
 
 
 class Sweep(NamedTuple):
-    """A stimulus with its sweep, the settings of the detectors, and the figure that it is for."""
+    """A stimulus with its sweep, the settings of the detectors, and the classic figure."""
 
     entry: Entry
     settings: Settings
-    presentations: int = 1  # how often each stimulus is shown in a row
-    figure: Mapping[str, str] = {}  # name, title and kind of the figure; empty without one
-    # The dotted keys of the stimulus's own sweep that another sweep replaces, and their values.
+    presentations: int = 1  # of each stimulus, in a row
+    figure: Mapping[str, str] = {}  # name, title and kind; empty without a classic figure
+    # The values of dotted keys that the stimulus's own sweep varies, but this sweep does not.
     held: Mapping[str, Any] = {}
 
 
@@ -134,22 +135,22 @@ def sweeps(
     over: Sequence[str],
     settings: Mapping[str, Any],
 ) -> list[Sweep]:
-    """Return the sweeps that a user asks for; all of it is checked before the first is shown.
+    """Return the sweeps that a user asks for, after a check of all their options.
 
     Parameters
     ----------
     stimulus : str or None
         A name of the catalogue or a TOML file; None for `figures`.
     figures : sequence of str
-        Names of classic figures, ``all`` for every one.
+        Names of classic figures, or ``all``.
     changes : dict
-        Other values of the stimulus by dotted key.
+        Changed values of the stimulus, by dotted key.
     over : sequence of str
-        ``PARAMETER`` of the stimulus's own sweep, or ``PARAMETER=VALUES``; if empty, the stimulus
-        keeps its own sweep. A parameter is a key such as ``bar.axis_deg`` or a word such as
-        ``axis``.
+        Each is ``PARAMETER=VALUES``, or ``PARAMETER`` for the values of the stimulus's own sweep.
+        If empty, the stimulus keeps its own sweep. A parameter is a key such as ``bar.axis_deg`` or
+        a word such as ``axis``.
     settings : mapping
-        As for :func:`oppload_cli.pipeline.settings.resolve`.
+        The arguments of :func:`oppload_cli.pipeline.settings.resolve`.
 
     Raises
     ------
@@ -163,28 +164,28 @@ def sweeps(
         changes = named.in_full(changes)
         own = named.with_settings(changes)
         entry = _swept(own, over)
-        both = next((key for key in changes if over and key in entry.sweep), None)
-        if both is not None:
-            raise ParameterError(f"--change {both}: --over sweeps it; leave one of the two out")
-        gone = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
-        kept = {key: value_at(entry.table, key) for key in sorted(gone)}
-        held = {key: value for key, value in kept.items() if value is not None}
+        for key in changes:
+            if over and key in entry.sweep:
+                raise ParameterError(f"--change {key}: --over sweeps it; leave one of the two out")
+        replaced = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
+        values = {key: value_at(entry.table, key) for key in sorted(replaced)}
+        held = {key: value for key, value in values.items() if value is not None}
         return [Sweep(entry, resolve(**settings), held=held)]
     classic = _figures_named(figures)
     if over and len(classic) > 1:
         raise ParameterError("--over goes with one --figure alone")
-    made = []
-    for name, each in classic.items():
-        assignments = [*each.settings, *settings.get("assignments", ())]
+    found = []
+    for name, figure in classic.items():
+        assignments = [*figure.settings, *settings.get("assignments", ())]
         resolved = resolve(**{**settings, "assignments": assignments})
-        words = {"name": name, "title": each.title, "kind": each.kind}
+        words = {"name": name, "title": figure.title, "kind": figure.kind}
         entry = _figure_entry(name, changes, over)
-        made.append(Sweep(entry, resolved, each.presentations, words))
-    return made
+        found.append(Sweep(entry, resolved, figure.presentations, words))
+    return found
 
 
 def _figures_named(names: Sequence[str]) -> dict[str, _Classic]:
-    """Return the figures of some names, ``all`` for every one."""
+    """Return the figures with some names; ``all`` is the name of all figures."""
     chosen = [one for name in names for one in (FIGURES if name == _EVERY else [name])]
     for name in chosen:
         if name not in FIGURES:
@@ -193,8 +194,8 @@ def _figures_named(names: Sequence[str]) -> dict[str, _Classic]:
     return {name: FIGURES[name] for name in dict.fromkeys(chosen)}
 
 
-def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str] = ()) -> Entry:
-    """Return the stimuli of a figure; `over` gives other values of the keys that it sweeps."""
+def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str]) -> Entry:
+    """Return the stimulus and the sweep of a figure; `over` changes the values of the sweep."""
     figure = FIGURES[name]
     entry = _entry_named(figure.stimulus).with_settings(dict(figure.changes))
     sweeping = replace(entry, sweep={key: list(values) for key, values in figure.sweep.items()})
@@ -202,19 +203,17 @@ def _figure_entry(name: str, changes: Mapping[str, Any], over: Sequence[str] = (
     for key in changes:
         if key in figure.sweep:
             raise ParameterError(f"--change {key}: figure {name} sweeps it; give --over {key}=...")
-    # Other keys of the stimulus's own sweep keep their first value: as sweeps of one value they
-    # would add a column to the table and a name to every title.
-    settled = {key: values[0] for key, values in entry.sweep.items() if key not in figure.sweep}
-    entry = replace(entry, sweep={}).with_settings({**settled, **changes})
-    entry = replace(entry, sweep={key: list(values) for key, values in figure.sweep.items()})
+    # Other keys of the stimulus's own sweep get their first value. If they stayed in the sweep,
+    # each would be a column of the table and a part of each stimulus's name.
+    first = {key: values[0] for key, values in entry.sweep.items() if key not in figure.sweep}
+    entry = replace(entry, sweep={}).with_settings({**first, **changes})
+    entry = replace(entry, sweep=sweeping.sweep)
     if over:
         chosen = _swept(entry, over).sweep
-        other = [key for key in chosen if key not in figure.sweep]
-        if other:
-            swept_keys = " and ".join(figure.sweep) or "nothing"
-            raise ParameterError(
-                f"--over {over[list(chosen).index(other[0])]}: figure {name} sweeps {swept_keys}"
-            )
+        for text, key in zip(over, chosen, strict=True):
+            if key not in figure.sweep:
+                swept_keys = " and ".join(figure.sweep) or "nothing"
+                raise ParameterError(f"--over {text}: figure {name} sweeps {swept_keys}")
         entry = replace(entry, sweep=entry.sweep | chosen)
     return replace(entry, name=name)
 
@@ -224,7 +223,7 @@ _PLACE = ".centre_deg"
 
 
 def _entry_named(name: str) -> Entry:
-    """Return the one stimulus of a name in the catalogue, or in a TOML file."""
+    """Return the one stimulus with a name in the catalogue, or of a TOML file."""
     found = find(name)
     if len(found) > 1:
         raise StimulusError(
@@ -243,7 +242,7 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
         return entry
     chosen: dict[str, list[Any]] = {}
     own = entry
-    if entry.only != "*":  # a member of the stimulus's own sweep keeps its values
+    if entry.only != "*":  # one stimulus of the sweep was named: it keeps its values
         members = entry.values()
         if len(members) > 1:
             raise ParameterError(
@@ -267,15 +266,15 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
             _check_places(text, word, chosen[key])
         if equals and direction_of([key]):
             _check_turns(text, chosen[key])
-    # Settings are checked as the protocols are made; one that names no table fails here.
+    # with_settings() refuses a key that names no table; making the protocols checks the values.
     return replace(entry.with_settings({key: chosen[key][0] for key in chosen}), sweep=chosen)
 
 
 def _values_of(text: str, values: str) -> list[Any]:
     """Read the values of a sweep; `text` is the complete option, for the message.
 
-    They are written ``10,20,40``, or ``0:330:30`` (from, to, step; both ends included), or as a
-    list of TOML, such as ``[[0,0],[10,0]]``.
+    The forms are ``10,20,40``, ``0:330:30`` (from, to, step; both ends included), and a list of
+    TOML, such as ``[[0,0],[10,0]]``.
     """
     try:
         if values.count(":") == 2:
@@ -283,7 +282,7 @@ def _values_of(text: str, values: str) -> list[Any]:
         else:
             stated = values if values.strip().startswith("[") else f"[{values}]"
             listed = tomllib.loads(f"values = {stated}")["values"]
-    except ParameterError:  # is a ValueError too, and says more
+    except ParameterError:  # also a ValueError, but with a better message
         raise
     except ValueError:
         listed = []
@@ -294,12 +293,12 @@ def _values_of(text: str, values: str) -> list[Any]:
         )
     twice = next((value for value in listed if listed.count(value) > 1), None)
     if twice is not None:
-        raise ParameterError(f"--over {text}: {twice} stands there twice; leave one out")
+        raise ParameterError(f"--over {text}: {twice} is there twice; leave one out")
     return listed
 
 
 def _check_places(text: str, word: str, values: Sequence[Any]) -> None:
-    """Raise ParameterError if values are numbers in place of positions, and say how to write it."""
+    """Raise ParameterError if a value is not a position, with the right form in the message."""
     if all(isinstance(value, list) for value in values):
         return
     places = [value if isinstance(value, list) else [value, 0] for value in values]
@@ -311,11 +310,11 @@ def _check_places(text: str, word: str, values: Sequence[Any]) -> None:
 
 def _check_turns(text: str, values: Sequence[Any]) -> None:
     """Raise ParameterError if two directions are the same one, such as 0 and 360 degrees."""
-    seen: dict[float, float] = {}
+    first_values: dict[float, float] = {}  # by direction
     for value in values:
-        if not isinstance(value, int | float):  # the protocol says that it is no number
+        if not isinstance(value, int | float):  # making the protocols refuses it
             return
-        first = seen.setdefault(round(value, 6) % 360, value)
+        first = first_values.setdefault(round(value, 6) % 360, value)
         if first != value:
             raise ParameterError(
                 f"--over {text}: {value:g} degrees are the same direction as {first:g}; leave one "
@@ -324,7 +323,7 @@ def _check_turns(text: str, values: Sequence[Any]) -> None:
 
 
 def _range(text: str, first: float, last: float, step: float) -> list[Any]:
-    """Return the values from first to last; none without a step, or where an end is no number."""
+    """Return the values from first to last; none if the step is 0 or a number is not finite."""
     if not step or not math.isfinite(first + last + step):
         return []
     steps = (last - first) / step + 1e-9

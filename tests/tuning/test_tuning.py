@@ -220,7 +220,7 @@ def test_the_own_sweep_that_another_one_replaces_is_named() -> None:
     ("changes", "over", "message"),
     [
         ({}, ["l/v=10,20", "l/v=30"], "'disk.growth.l_over_v_ms' is swept already"),
-        ({}, ["l/v=10,20,10"], "10 stands there twice"),
+        ({}, ["l/v=10,20,10"], "10 is there twice"),
         ({"disk.growth.l_over_v_ms": 30}, ["l/v=10,20"], "--over sweeps it; leave one"),
     ],
 )
@@ -351,7 +351,7 @@ def test_an_indicator_and_alarms_that_are_off_change_what_is_said_of_faint_respo
     measures = {"dlgmd": Measures(peak=1e-4)}
     for preset, words in (
         ("reference", "a tenth of the floor of its alarm, 0.01"),
-        ("lplc2", "its alarm needs under other presets (here the alarms are off), 0.01"),
+        ("lplc2", "the floor of its alarm under other presets (here the alarms are off), 0.01"),
     ):
         settings = resolve(preset=preset, models=["dlgmd"])
         (doubt,) = faint([Condition("a", {}, measures)], settings)
