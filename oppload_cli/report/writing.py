@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     import av
     from numpy.typing import NDArray
 
-    from oppload_cli.video.frames import InputFacts, PictureSource
+    from oppload_cli.video.frames import InputFacts
 
 
 _PAGE, _INDEX = ".report.html", "index.html"
@@ -412,13 +412,17 @@ def _copy_video(
         recording = Recording(file, *size, source.facts.frame_rate, _CODEC)
         with output_errors(path), ExitStack() as failing:
             failing.callback(recording.abandon)
-            ahead = _ahead(source, span, size)
-            for frame, time_s, shown in ahead:
-                written_s = recording.write(shown, time_s)
+            colour = Colour(source.facts, size)
+            ahead = Prefetch(
+                ((each.index, each.time_s, colour.planes(each)) for each in span.within(source)),
+                _AHEAD,
+            )
+            for frame, time_s, planes in ahead:
+                written_s = recording.write(planes, time_s)
                 row = rows.get(frame)
                 if row is not None:
                     times_s[row] = written_s
-                    picture = _jpeg(shown) if row == still else picture
+                    picture = _jpeg(planes) if row == still else picture
                 progress(1)
             progress.flush()
             if np.isnan(times_s).all():
@@ -435,15 +439,6 @@ def _copy_video(
         stop(source, ahead)
         file.discard()
     return _VideoCopy(times_s, picture, content, _difference(result, name, source.facts, times_s))
-
-
-def _ahead(
-    source: PictureSource, span: Span, size: tuple[int, int]
-) -> Prefetch[tuple[int, float, av.VideoFrame]]:
-    """Yield numbers, times and pictures of frames; a thread decodes them ahead of the caller."""
-    colour = Colour(source.facts, size)
-    pictures = span.within(source)
-    return Prefetch(((each.index, each.time_s, colour.planes(each)) for each in pictures), _AHEAD)
 
 
 def _even_size(facts: InputFacts, frames: int) -> tuple[int, int]:

@@ -250,15 +250,10 @@
 
   /** Add a panel: its curves are {label, colour, values, alarms}. */
   function panel(title, height, curves, scale, ticks, below) {
-    const heading = document.createElement("h2");
-    heading.textContent = title;
+    const heading = element("h2", {}, title);
     curves.forEach((curve, order) => {
-      const name = document.createElement("button");
-      name.type = "button";
-      name.className = "names";
-      name.title = "Show or hide this curve";
-      name.setAttribute("aria-pressed", "true");
-      name.append(key(curve.colour), ` ${curve.label}`);
+      const look = { type: "button", class: "names", title: "Show or hide this curve", "aria-pressed": true };
+      const name = element("button", look, key(curve.colour), ` ${curve.label}`);
       name.addEventListener("click", () => {
         const shown = !u.series[order + 1].show;
         name.setAttribute("aria-pressed", shown);
@@ -266,10 +261,8 @@
       });
       heading.append(name);
     });
-    const host = document.createElement("div");
-    host.className = "chart";
-    host.setAttribute("role", "img");
-    host.setAttribute("aria-label", `${title} over time: ${curves.map((c) => c.label).join(", ")}`);
+    const names = curves.map((curve) => curve.label).join(", ");
+    const host = element("div", { class: "chart", role: "img", "aria-label": `${title} over time: ${names}` });
     byId("charts").append(heading, host);
     const line = { stroke: () => css("--dim"), font: "11px system-ui, sans-serif" };
     const grid = { stroke: () => css("--line"), width: 1 };
@@ -310,8 +303,7 @@
         : curve.values,
     );
     const u = new uPlot(options, [time, ...values], host);
-    const head = document.createElement("div");
-    head.className = "playhead";
+    const head = element("div", { class: "playhead" });
     u.over.append(head);
     u.over.addEventListener("click", (event) => {
       if (dragged) return;
@@ -432,15 +424,10 @@
       }));
       const most = Math.max(...curves.map((c) => c.values.reduce((a, b) => Math.max(a, b), 0)));
       panel("Stimulus: angular size (deg)", 120, curves, { range: () => [0, most * 1.08] }, {}, (u) => contact(u, "contact"));
-      const name = document.createElement("span");
-      name.className = "names";
-      name.append(" ", key("#88888840"), " ground: an object looms");
+      const name = element("span", { class: "names" }, " ", key("#88888840"), " ground: an object looms");
       charts.at(-1).host.previousElementSibling.append(name);
     }
-    const note = document.createElement("p");
-    note.className = "axis";
-    note.textContent = "time (s)";
-    byId("charts").append(note);
+    byId("charts").append(element("p", { class: "axis" }, "time (s)"));
     new ResizeObserver(() => {
       for (const { u, host, height } of charts) {
         u.setSize({ width: Math.max(200, host.clientWidth), height });
@@ -454,12 +441,14 @@
 
   // --- Values of the frame ---------------------------------------------------------------------
 
-  function key(colour) {
-    const mark = document.createElement("span");
-    mark.className = "key";
-    mark.style.background = colour;
-    return mark;
+  function element(tag, attributes, ...children) {
+    const made = document.createElement(tag);
+    for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+    made.append(...children);
+    return made;
   }
+
+  const key = (colour) => element("span", { class: "key", style: `background: ${colour}` });
 
   function plain(value) {
     if (value >= 100 || Number.isInteger(value)) return value.toLocaleString("en", { maximumFractionDigits: 0 });
@@ -476,10 +465,7 @@
 
   const cells = data.curves.map((curve) => {
     const line = byId("values").insertRow();
-    const name = document.createElement("th");
-    name.scope = "row";
-    name.append(key(curve.colour), ` ${curve.label}`);
-    line.append(name);
+    line.append(element("th", { scope: "row" }, key(curve.colour), ` ${curve.label}`));
     return line.insertCell();
   });
 
