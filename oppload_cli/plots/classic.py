@@ -27,6 +27,7 @@ from oppload_cli.plots.style import (
     described,
     doubts_of,
     edges_of,
+    first_stimulus,
     looks_of,
     panel_grid,
     styled_figure,
@@ -346,9 +347,8 @@ def _plot_contrast(request: Request) -> tuple[Figure, list[Axes]]:
 
 def _background(tuning: Tuning) -> float:
     """Return the luminance of the ground; raise ResultError if it is not known, or black."""
-    first = tuning.sidecar.get("stimulus", {}).get("first")
     try:
-        ground = float(first["display"]["background"])
+        ground = float(first_stimulus(tuning)["display"]["background"])
     except (KeyError, TypeError, ValueError):
         ground = 0.0
     if not ground > 0:

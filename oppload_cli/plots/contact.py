@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from oppload_cli.errors import ResultError, StimulusError
-from oppload_cli.plots.classic import Request, column_of, legend_above
+from oppload_cli.plots.classic import Request, TuningCurve, column_of, legend_above
 from oppload_cli.plots.style import (
     COLUMN,
     DASHES,
@@ -20,6 +20,7 @@ from oppload_cli.plots.style import (
     MOST_HEIGHT,
     PAGE,
     described,
+    first_stimulus,
     styled_figure,
     wrapped,
 )
@@ -89,12 +90,12 @@ class PeakTimes(NamedTuple):
         chance. So the errors are at least those of the rounding.
         """
         x, t = np.asarray(l_over_v_s, float), np.asarray(before_s, float)
-        about = x - x.mean()
-        slope = float(about @ t / (about @ about))
+        centred = x - x.mean()
+        slope = float(centred @ t / (centred @ centred))
         delay = float(slope * x.mean() - t.mean())
-        free = len(x) - 2
-        scatter = math.sqrt(max(float(np.sum((t - slope * x + delay) ** 2)) / free, step_s**2 / 12))
-        error = _student_t(free) * scatter / math.sqrt(float(about @ about))
+        freedom = len(x) - 2
+        variance = max(float(np.sum((t - slope * x + delay) ** 2)) / freedom, step_s**2 / 12)
+        error = _student_t(freedom) * math.sqrt(variance) / math.sqrt(float(centred @ centred))
         return cls(slope, error, delay, error * math.sqrt(float(np.mean(x**2))), float(x.mean()))
 
 
@@ -103,12 +104,12 @@ def _threshold(slope: float) -> float:
     return math.degrees(2 * math.atan2(1, max(slope, 0.0)))
 
 
-def _student_t(free: int) -> float:
+def _student_t(freedom: int) -> float:
     """Return the quantile 0.975 of Student's t distribution for some degrees of freedom."""
-    if free <= len(_STUDENT):
-        return _STUDENT[free - 1]
+    if freedom <= len(_STUDENT):
+        return _STUDENT[freedom - 1]
     z = _NORMAL  # the expansion of Abramowitz and Stegun, 26.7.5
-    return z + (z**3 + z) / (4 * free) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * free**2)
+    return z + (z**3 + z) / (4 * freedom) + (5 * z**5 + 16 * z**3 + 3 * z) / (96 * freedom**2)
 
 
 _STUDENT = 12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228
@@ -117,25 +118,23 @@ _NORMAL = 1.959964
 
 def contact_lines(request: Request) -> list[str]:
     """Return the fit of each curve of :func:`plot_contact`, as a line of text."""
-    curves = request.curves()
-    fits = [fit_of(curve.tuning, curve.detector.name) for curve in curves]
-    return [
-        f"{curve.name}: {fit.text if fit else 'fewer than three peaks, no line'}"
-        for curve, fit in zip(curves, fits, strict=True)
-    ]
+    fits = [(curve.name, fit_of(curve)) for curve in request.curves()]
+    missing = "fewer than three peaks, no line"
+    return [f"{name}: {fit.text if fit else missing}" for name, fit in fits]
 
 
-def fit_of(tuning: Tuning, model: str) -> PeakTimes | None:
-    """Return the line through the peaks of one detector; None if fewer than three l/v have one."""
-    x, before, _ = _peaks(tuning, model)
-    return _line(tuning, x, before)
+def fit_of(curve: TuningCurve) -> PeakTimes | None:
+    """Return the line through the peaks of a curve; None if fewer than three l/v have a peak."""
+    x, before, _ = _peaks(curve)
+    return _line(curve.tuning, x, before)
 
 
-def _peaks(tuning: Tuning, model: str) -> tuple[Series, Series, Series | None]:
+def _peaks(curve: TuningCurve) -> tuple[Series, Series, Series | None]:
     """Return l/v in ms, times of peaks before contact in s, and sizes at the peaks in degrees.
 
     The sizes are None if the table has no column of them.
     """
+    tuning, rows = curve.tuning, curve.rows
     advice = "l/v; for --kind contact run 'oppload tune --figure peak-time'"
     names = [column_of(tuning, "l_over_v_ms", advice), "peak_before_contact_s"]
     if names[1] not in tuning.rows:
@@ -143,7 +142,6 @@ def _peaks(tuning: Tuning, model: str) -> tuple[Series, Series, Series | None]:
     names += ["size_at_peak_deg"] * ("size_at_peak_deg" in tuning.rows)
     for name in names:
         check_numbers(tuning.path, tuning.rows, name)
-    rows = tuning.of(model)
     rows = rows[(rows["peak"] > 0) & rows["peak_before_contact_s"].notna()]
     x, before, *sizes = (rows[name].to_numpy(float) for name in names)
     return x, before, sizes[0] if sizes else None
@@ -153,7 +151,7 @@ def plot_contact(request: Request) -> tuple[Figure, list[Axes]]:
     """Draw the times of peaks before contact over l/v with a line, and the sizes at the peaks."""
     curves = request.curves()
     few = len(curves) <= FEW
-    known = [_peaks(curve.tuning, curve.detector.name) for curve in curves]
+    known = [_peaks(curve) for curve in curves]
     sized = any(sizes is not None for *_, sizes in known)
     lines = len(curves) * (2 if few else 0.5) + 8 * request.published
     height = 2.0 + 1.3 * sized + 0.14 * lines
@@ -208,16 +206,10 @@ def _line(tuning: Tuning, l_over_v_ms: Series, before_s: Series) -> PeakTimes | 
     if len(np.unique(l_over_v_ms)) < 3:
         return None
     try:
-        step = float(1 / Fraction(_first(tuning)["display"]["frame_rate"]))
+        step = float(1 / Fraction(first_stimulus(tuning)["display"]["frame_rate"]))
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         step = 0.0
     return PeakTimes.through(l_over_v_ms / 1000, before_s, step)
-
-
-def _first(tuning: Tuning) -> dict[str, Any]:
-    """Return the protocol of a table's first stimulus from the sidecar; empty without a sidecar."""
-    first = tuning.sidecar.get("stimulus", {}).get("first")
-    return first if isinstance(first, dict) else {}
 
 
 def _draw_line(
@@ -252,7 +244,7 @@ def _draw_field(axes: Sequence[Axes], tuning: Tuning) -> None:
 
 def _largest_angle(tuning: Tuning) -> float | None:
     """Return the smaller of two angles: of the display, and at which the object stops growing."""
-    first = _first(tuning)
+    first = first_stimulus(tuning)
     try:
         display = Display.from_table(first["display"], "display")
         half = min(display.width, display.height) / 2
@@ -289,7 +281,7 @@ def _draw_published(axes: Sequence[Axes], longest: float) -> None:
 def _named(peak: AngularThreshold, low: AngularThreshold | None = None) -> str:
     """Return the label of a published threshold, or of the range from `low` to `peak`."""
     study = peak.source.rsplit(", ", 1)[0]
-    what = "range over animals" if low else peak.kind
+    kind = "range over animals" if low else peak.kind
     angle = f"{low.angle_deg:g} to {peak.angle_deg:g}" if low else f"{peak.angle_deg:g}"
     delay = f"{low.delay_ms:g} to {peak.delay_ms:g}" if low else f"{peak.delay_ms:g}"
-    return wrapped(f"{peak.neuron}, {what}\n{angle} deg, {delay} ms ({study})", LEGEND_WIDTH)
+    return wrapped(f"{peak.neuron}, {kind}\n{angle} deg, {delay} ms ({study})", LEGEND_WIDTH)

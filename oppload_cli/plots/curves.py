@@ -34,7 +34,6 @@ from oppload_cli.plots.style import (
     TITLE_WIDTH,
     as_list,
     colour_bar,
-    labels_of,
     norm_of,
     panel_grid,
     styled_figure,
@@ -162,26 +161,27 @@ def _check_xlim(panels: Sequence[Sequence[Curve]], xlim: tuple[float, float] | N
         raise ParameterError(f"an axis from {begin:g} to {end:g} s has no length; begin it earlier")
     times = [curve.time for curves in panels for curve in curves]
     if not any(((begin <= time) & (time <= end)).any() for time in times):
-        held = f"{min(time[0] for time in times):.3g} to {max(time[-1] for time in times):.3g} s"
-        raise ParameterError(f"no frame is between {begin:g} and {end:g} s; there are {held}")
+        first, last = min(time[0] for time in times), max(time[-1] for time in times)
+        raise ParameterError(
+            f"no frame is between {begin:g} and {end:g} s; the frames are between {first:.3g} and "
+            f"{last:.3g} s"
+        )
 
 
 def _draw_few(
-    panels: Sequence[Sequence[Curve]],
-    options: CurveOptions,
-    own: Axes | None = None,
+    panels: Sequence[Sequence[Curve]], options: CurveOptions, user_axes: Axes | None
 ) -> tuple[Figure, list[Axes]]:
     """Draw panels with a legend each, and below a panel the ground truth of its input."""
     _check_lengths(panels, options)
-    if own is not None:
+    if user_axes is not None:
         if len(panels) > 1:
             raise ParameterError(
                 f"these results have {len(panels)} panels, which do not fit into one; choose one "
                 "detector or one result, or leave out the axes"
             )
-        _draw_panel(own, panels[0], options, own=True)
-        draw_marks([own], panels[0], options)
-        return own.figure.figure, [own]
+        _draw_panel(user_axes, panels[0], options, None)
+        draw_marks([user_axes], panels[0], options)
+        return user_axes.figure.figure, [user_axes]
     strips = [shared_truth(curves) for curves in panels]
     if options.scale == "raw":  # of the panels of a result, the last one has a strip
         last = {curves[-1].number: at for at, curves in enumerate(panels)}
@@ -191,17 +191,17 @@ def _draw_few(
         heights += [1.75 + 0.12 * len(curves), *([] if strip is None else [0.62])]
     with styled_figure(COLUMN, 1) as figure:
         axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
-        free, lines = iter(axes), 0
+        remaining, lines = iter(axes), 0
         one_time = _of_like_length(panels)
         drawn: list[list[Axes]] = []
-        suffixes = _suffixes(panels, options)
-        for curves, strip, suffix in zip(panels, strips, suffixes, strict=True):
-            panel = [next(free)]
+        titles = _titles(panels, options)
+        for curves, strip, title in zip(panels, strips, titles, strict=True):
+            panel = [next(remaining)]
             if drawn and one_time:
                 panel[0].sharex(axes[0])
-            lines += _draw_panel(panel[0], curves, options, suffix, title=len(panels) == 1)
+            lines += _draw_panel(panel[0], curves, options, title)
             if strip is not None:
-                panel.append(next(free))
+                panel.append(next(remaining))
                 panel[1].sharex(panel[0])
                 _draw_truth(panel[1], strip, curves[0].zero_s)
                 panel[0].tick_params(labelbottom=False)
@@ -214,12 +214,25 @@ def _draw_few(
     return figure, axes
 
 
-def _suffixes(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
-    """Return the text after each panel's title: the settings, if results have the same input."""
-    titles = {curves[0].number: curves[0].result.title for curves in panels}
-    if options.labels or len(set(titles.values())) == len(titles):
-        return [""] * len(panels)
-    return _names(panels, options)
+def _titles(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
+    """Return the title of each panel: of the figure, of its detector, or of its input.
+
+    If results have the same input, what differs between the results follows the input's name.
+    """
+    if len(panels) == 1 and options.title:
+        return [options.title]
+    inputs = {curves[0].number: curves[0].result.title for curves in panels}
+    same_input = not options.labels and len(set(inputs.values())) < len(inputs)
+    titles = []
+    for curves, name in zip(panels, _names(panels), strict=True):
+        number = curves[0].number
+        title = options.labels[number] if options.labels else inputs[number]
+        if len({curve.number for curve in curves}) > 1:
+            title = detector_named(curves[0].detector).label
+        elif same_input:
+            title += f": {name}"
+        titles.append(title)
+    return titles
 
 
 def _of_like_length(panels: Sequence[Sequence[Curve]]) -> bool:
@@ -243,37 +256,23 @@ def _check_lengths(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> 
 
 
 def _draw_panel(
-    axes: Axes,
-    curves: Sequence[Curve],
-    options: CurveOptions,
-    suffix: str = "",
-    *,
-    title: bool = True,
-    own: bool = False,
+    axes: Axes, curves: Sequence[Curve], options: CurveOptions, title: str | None
 ) -> int:
     """Draw the curves of a panel with its legend, and return the lines of the legend above it.
 
-    The panel's title is the figure's title if `title` is set, or else the input's name with
-    `suffix`. With `own`, the axes are the user's: they have no title, and a legend inside.
+    Without a title, the axes are the user's, and the legend is inside.
     """
     scale = options.scale_of(curves)
-    notes = draw_curves(axes, curves, options, scale)
-    for note in notes:
+    for note in draw_curves(axes, curves, options, scale):
         axes.plot([], [], linestyle="none", label=wrapped(note, LEGEND_WIDTH))
-    one_input = len({curve.number for curve in curves}) == 1
-    label = detector_named(curves[0].detector).label
-    name = labels_of([curves[0].result], options.labels[curves[0].number :][:1])[0]
-    text = (f"{name}: {suffix}" if suffix else name) if one_input else label
-    if title and options.title:
-        text = options.title
     axes.set_ylabel(_value_label(scale, curves[0]))
-    if own:
+    if title is None:
         axes.legend(fontsize="small")
         axes.set_xlabel(options.time_label)
         return 0
     texts: list[str] = axes.get_legend_handles_labels()[1]
     lines = sum(each.count("\n") + 1 for each in texts)
-    axes.set_title(wrapped(text, TITLE_WIDTH), pad=4 + 9 * lines)
+    axes.set_title(wrapped(title, TITLE_WIDTH), pad=4 + 9 * lines)
     legend = axes.legend(
         loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.1, borderpad=0.1,
         labelspacing=0.25, handlelength=1.8,
@@ -328,15 +327,10 @@ def _one_each(panels: Sequence[Sequence[Curve]]) -> list[list[Curve]]:
     return [[replace(each, name=shown.label, colour=shown.colour, dash="-")] for each in panels[0]]
 
 
-def _names(panels: Sequence[Sequence[Curve]], options: CurveOptions) -> list[str]:
-    """Return the name of each panel's input; if all panels have one input, of its detector."""
-    if len(panels) > 1 and len({curves[0].number for curves in panels}) == 1:
-        return [curves[0].name for curves in panels]
-    results = {curves[0].number: curves[0].result for curves in panels}
-    numbers = sorted(results)
-    labels = labels_of([results[number] for number in numbers], options.labels)
-    by_number = dict(zip(numbers, labels, strict=True))
-    return [by_number[curves[0].number] for curves in panels]
+def _names(panels: Sequence[Sequence[Curve]]) -> list[str]:
+    """Return the name of each panel's input; if several panels have one input, of the detector."""
+    one_input = len({curves[0].number for curves in panels}) == 1 < len(panels)
+    return [curves[0].name if one_input else curves[0].result_name for curves in panels]
 
 
 def _draw_multiples(
@@ -354,20 +348,22 @@ def _draw_multiples(
         several = len({curves[0].number for curves in panels}) > 1
         notes: dict[str, None] = {}
         top = 0.0
-        names = _names(panels, options)
+        names = _names(panels)
         units = _units(panels, scale)
-        for panel, curves, name, own, unit in zip(axes, panels, names, scales, units, strict=True):
-            found = draw_curves(panel, curves, options, own)
-            shown = f"{name}: {curves[0].name}" if scale == "raw" and several else name
-            if own == scale:
-                notes.update(dict.fromkeys(found))
+        for panel, curves, name, own_scale, unit in zip(
+            axes, panels, names, scales, units, strict=True
+        ):
+            own_notes = draw_curves(panel, curves, options, own_scale)
+            text = f"{name}: {curves[0].name}" if scale == "raw" and several else name
+            if own_scale == scale:
+                notes.update(dict.fromkeys(own_notes))
                 top = max(top, panel.get_ylim()[1])
             else:
-                shown += ", over its peak: no threshold"
-            panel.set_title(wrapped(shown + unit, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
+                text += ", over its peak: no threshold"
+            panel.set_title(wrapped(text + unit, TITLE_WIDTH * 5 // 7), fontsize=6.8, pad=2)
             panel.tick_params(labelsize=6)
-        for panel, curves, own in zip(axes, panels, scales, strict=True):
-            if own == "threshold":
+        for panel, curves, own_scale in zip(axes, panels, scales, strict=True):
+            if own_scale == "threshold":
                 log_axis(panel, top)
             draw_marks([panel], curves, options)
         legend = panels if several else []
@@ -428,14 +424,14 @@ def _draw_heat(
     panels: Sequence[Sequence[Curve]], options: CurveOptions
 ) -> tuple[Figure, list[Axes]]:
     """Draw a heat map for each detector, side by side, with a row for each input."""
-    detectors = list(dict.fromkeys(curve.detector for curves in panels for curve in curves))
+    curves = [curve for panel in panels for curve in panel]
+    detectors = list(dict.fromkeys(curve.detector for curve in curves))
     by_input: dict[int, dict[str, Curve]] = {}
-    for curves in panels:
-        by_input.setdefault(curves[0].number, {}).update({each.detector: each for each in curves})
+    for curve in curves:
+        by_input.setdefault(curve.number, {})[curve.detector] = curve
     rows = list(by_input.values())
-    first = [[next(iter(row.values()))] for row in rows]
-    names = _names(first, options)
-    scale = options.scale_of([curve for row in rows for curve in row.values()])
+    names = _names([list(row.values()) for row in rows])
+    scale = options.scale_of(curves)
     height = min(MOST_HEIGHT, 1.2 + 0.15 * len(rows))
     with styled_figure(PAGE, height) as figure:
         axes = list(figure.subplots(1, len(detectors), squeeze=False, sharey=True)[0])

@@ -99,7 +99,8 @@ class Curve:
     """The responses of a detector in one of the results: a line of a panel."""
 
     result: BaseResult
-    number: int  # of the result, in the order in which the results were given
+    number: int  # position of the result among the results
+    result_name: str  # from the user, or what differs between the results
     detector: str
     name: str  # in the legend
     colour: str
@@ -165,31 +166,29 @@ def panels_of(results: Sequence[BaseResult], options: CurveOptions) -> list[list
     for at in in_number_order(labels):
         result, truth = results[at], usable_truth(results[at])
         zero_s = _contact(result, truth, options.marks.get("contact"), at) if options.align else 0.0
-        shown = [detector_named(name) for name in detectors[at]]
-        groups.append(
-            [Curve(result, at, each.name, each.label, each.colour, truth, zero_s) for each in shown]
-        )
+        group = [
+            Curve(result, at, labels[at], each.name, each.label, each.colour, truth, zero_s)
+            for each in map(detector_named, detectors[at])
+        ]
+        groups.append(group)
     if len(results) > 1 and len(set(detectors)) == 1 and len(detectors[0]) == 1:
         curves = [curve for group in groups for curve in group]
         looks = looks_of([curve.detector for curve in curves])
-        return [
-            [
-                replace(
-                    each, name=labels[each.number], colour=look["color"], dash=look["linestyle"]
-                )
-                for each, look in zip(curves, looks, strict=True)
-            ]
+        named = [
+            replace(each, name=each.result_name, colour=look["color"], dash=look["linestyle"])
+            for each, look in zip(curves, looks, strict=True)
         ]
+        return [named]
     if options.scale == "raw":
         return [[curve] for group in groups for curve in group]
     return groups
 
 
 def _contact(
-    result: BaseResult, truth: Truth | None, given: Sequence[float | None] | None, at: int
+    result: BaseResult, truth: Truth | None, contacts: Sequence[float | None] | None, at: int
 ) -> float:
     """Return the time of contact of result `at`: from the user, or else from the ground truth."""
-    contact = given[at] if given else None
+    contact = contacts[at] if contacts else None
     contact = _contact_of(truth) if contact is None else contact
     if contact is None:
         raise ResultError(
@@ -356,19 +355,19 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
     lines = _curves_of(axes[0])
     for label, times in marks.items():
         known = {c: time - c.zero_s for c, time in times.items() if time is not None}
-        alike = len({round(time, 6) for time in known.values()}) == 1
+        same_time = len({round(time, 6) for time in known.values()}) == 1
         for number, (curve, time) in enumerate(known.items()):
-            draw_line(time, INK if alike else curve.colour)
+            draw_line(time, INK if same_time else curve.colour)
             if number or (label == "contact" and options.align):  # "time from contact" says it
                 continue
             several = label == "contact" and bool(other_contacts)
             inside = first <= time <= last
             text = label + "s" * several if inside else f"{label} at {time:.3g} s"
             share = min(max((time - first) / (last - first), 0.0), 1.0)
-            wide = _LETTER * len(text)
+            width = _LETTER * len(text)
             # A second label stands to the right of its line, away from the first label.
-            right = share < 0.2 or (bool(taken) and share + wide < 1)
-            place = _free_place(share, wide, 1 - below, right=right, taken=taken, lines=lines)
+            right = share < 0.2 or (bool(taken) and share + width < 1)
+            place = _free_place(share, width, 1 - below, right=right, taken=taken, lines=lines)
             upright = place is None  # an upright label is narrow, and may cover a curve
             begin = min(share, 1 - 2 * _LETTER)
             place = place or _Place(begin, begin + 2 * _LETTER, 0)
@@ -420,7 +419,7 @@ def _curves_of(axes: Axes) -> list[Series]:
 
 def _free_place(
     share: float,
-    wide: float,
+    width: float,
     top: float,
     *,
     right: bool,
@@ -431,7 +430,7 @@ def _free_place(
 
     Parameters
     ----------
-    share, wide : float
+    share, width : float
         Place of the vertical line and width of the label, as shares of the panel's width.
     top : float
         Upper end of the first row, as a share of the panel's height.
@@ -440,10 +439,10 @@ def _free_place(
     taken, lines
         Places of other labels, and the curves from :func:`_curves_of`.
     """
-    sides = [right, not right] if wide <= share <= 1 - wide else [right]
+    sides = [right, not right] if width <= share <= 1 - width else [right]
     for row, side in product(range(_ROWS), sides):
-        left = share if side else share - wide
-        place = _Place(left, left + wide, row)
+        left = share if side else share - width
+        place = _Place(left, left + width, row)
         covers_label = any(
             row == other.row and left < other.right and other.left < place.right for other in taken
         )

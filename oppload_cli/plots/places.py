@@ -183,7 +183,7 @@ def _detector(result: BaseResult, model: str | None) -> type[Detector]:
     if first is None:
         placing = [name for name, each in detectors().items() if each.places]
         result.need([f"{placing[0]}_response"])
-        raise ResultError(f"{result.path}: holds no places of a detector; run one that has them")
+        raise ResultError(f"{result.path}: holds no detector with places; run one that has them")
     return first
 
 

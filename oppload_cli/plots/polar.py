@@ -21,6 +21,7 @@ from oppload_cli.plots.style import (
     PAGE,
     TITLE_WIDTH,
     doubts_of,
+    first_stimulus,
     labels_of,
     looks_of,
     panel_grid,
@@ -184,7 +185,7 @@ def direction_tunings(
         for name in detectors or tuning.models
     ]
     looks = looks_of([name for _, name, _ in shown])
-    made = [
+    curves = [
         _of_detector(tuning, name, table if len(names) > 1 else "", look)
         for (tuning, name, table), look in zip(shown, looks, strict=True)
     ]
@@ -194,8 +195,8 @@ def direction_tunings(
         angles, values = full_circle(np.array(list(reference)), np.array(list(reference.values())))
         look = {"color": LPLC2, "marker": "s", "markersize": 2.5, "lw": 0.9, "linestyle": ":"}
         name = f"LPLC2, {width} deg bar"
-        made.append(DirectionTuning(name, angles, values, "of the loom", look, symmetric=True))
-    return made
+        curves.append(DirectionTuning(name, angles, values, "of the loom", look, symmetric=True))
+    return curves
 
 
 def _of_detector(
@@ -246,7 +247,7 @@ def _bar_width(tunings: Sequence[Tuning]) -> int | None:
 
 def _as_published(tuning: Tuning) -> bool:
     """Return whether the stimulus looks as in the catalogue, whatever the axis of its bar is."""
-    first = tuning.sidecar.get("stimulus", {}).get("first")
+    first = first_stimulus(tuning)
     if not first:  # without a sidecar, only the name is known
         return True
     known = [each for each in entries() if each.name == tuning.name]

@@ -90,9 +90,9 @@ def plot_rmo(
     with styled_figure(COLUMN, 0.3 + 2.9 * len(results)) as figure:
         panels = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
         for number, label in enumerate(labels_of(results, labels)):
-            own = panels[3 * number : 3 * number + 3]
-            _draw(own, results[number], xlim)
-            own[0].set_title(wrapped(label, TITLE_WIDTH))
+            three = panels[3 * number : 3 * number + 3]
+            _draw(three, results[number], xlim)
+            three[0].set_title(wrapped(label, TITLE_WIDTH))
         panels[-1].set_xlabel("time (s)")
         if title:
             figure.suptitle(wrapped(title, TITLE_WIDTH))

@@ -176,6 +176,12 @@ def doubts_of(tuning: Tuning, detector: str) -> str:
     )
 
 
+def first_stimulus(tuning: Tuning) -> dict[str, Any]:
+    """Return the protocol of a table's first stimulus from the sidecar; empty if it has none."""
+    first = tuning.sidecar.get("stimulus", {}).get("first")
+    return first if isinstance(first, dict) else {}
+
+
 def begin_at_zero(axes: Axes) -> None:
     """Begin the vertical axis at 0, and let the axes cut no marker."""
     axes.set_ylim(0, _HEADROOM * max(axes.dataLim.y1, 0.0) or 1.0)
@@ -324,9 +330,9 @@ def differences(names: Sequence[str]) -> list[str]:
         while begin and not split[0][begin - 1][0].isalpha():
             begin -= 1
         begin = max(0, begin - 1)
-    made = ["".join(words[begin : len(words) - end]).strip(" -_./") for words in split]
+    shortened = ["".join(words[begin : len(words) - end]).strip(" -_./") for words in split]
     only_suffixes = begin and split[0][begin - 1] == "." and not end
-    return plain if only_suffixes or len(set(made)) < len(set(names)) else made
+    return plain if only_suffixes or len(set(shortened)) < len(set(names)) else shortened
 
 
 def _common_count(split: Sequence[Sequence[str]]) -> int:

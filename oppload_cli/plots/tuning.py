@@ -28,6 +28,7 @@ from oppload_cli.plots.style import (
     colour_bar,
     described,
     edges_of,
+    first_stimulus,
     indicator_of,
     labels_of,
     norm_of,
@@ -122,7 +123,7 @@ def plot_tuning(
     names = labels_of(tunings, labels)
     if scale not in {"peak", "raw"}:
         raise ParameterError(
-            f"a table of peaks is drawn over its largest peak or raw, not --scale {scale}"
+            f"a tuning plot has the scale peak or raw, not --scale {scale}; choose one of them"
         )
     kind = kind or kind_of(tunings[0])
     if kind not in KINDS:
@@ -198,14 +199,13 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
         If the table lacks what its kind of plot needs.
     """
     kind = kind_of(tuning)
-    made: dict[str, dict[str, Any]] = {}
-    for name in tuning.models:
-        peaks = tuning.of(name)["peak"].to_numpy(float)
-        largest = float(peaks.max())
-        least = float(peaks.min()) / largest if largest > 0 else None
-        made[name] = {"largest_peak": largest, "least_over_largest": least}
-        if kind == "contact" and (fit := fit_of(tuning, name)):
-            made[name] |= {
+    summary: dict[str, dict[str, Any]] = {}
+    for each in Request([tuning], (), [tuning.name]).curves():
+        name, largest = each.detector.name, each.largest
+        least = float(each.peaks.min()) / largest if largest > 0 else None
+        summary[name] = {"largest_peak": largest, "least_over_largest": least}
+        if kind == "contact" and (fit := fit_of(each)):
+            summary[name] |= {
                 "slope": fit.slope,
                 "slope_error": fit.slope_error,
                 "threshold_deg": fit.angle_deg,
@@ -216,12 +216,12 @@ def summary_of(tuning: Tuning) -> dict[str, dict[str, Any]]:
         if kind == "polar":
             (curve,) = direction_tunings([_reduced(tuning)], [name], "none")
             numbers = curve.numbers
-            made[name] |= {
+            summary[name] |= {
                 "preferred_deg": numbers.preferred_deg if numbers.peak > 0 else None,
                 "direction_selectivity_index": numbers.direction_index,
                 "axis_selectivity_index": numbers.axis_index,
             }
-    return made
+    return summary
 
 
 def _figure(tuning: Tuning) -> dict[str, Any]:
@@ -251,8 +251,8 @@ def _settings_of(tuning: Tuning) -> str:
     sidecar = tuning.sidecar
     if not isinstance(sidecar.get("preset"), str):
         return ""
-    first = sidecar.get("stimulus", {}).get("first") or {}
-    height = sidecar.get("height") or first.get("display", {}).get("height")
+    display = first_stimulus(tuning).get("display", {})
+    height = sidecar.get("height") or display.get("height")
     changed = sidecar.get("changed")
     stated = dict(changed) if isinstance(changed, dict) else {}
     reduced = _reduced(tuning)
@@ -385,8 +385,8 @@ def _plot_heat(request: Request) -> tuple[Figure, list[Axes]]:
     tuning = curves[0].tuning
     if len(tuning.parameters) != 2:
         raise ResultError(
-            f"{tuning.path}: column{'s' * (len(tuning.parameters) > 1)} "
-            f"{', '.join(tuning.parameters)} swept; a heat map needs two parameters"
+            f"{tuning.path}: sweeps {' and '.join(tuning.parameters)}; a heat map needs two swept "
+            "parameters"
         )
     if len(curves) > FEW:
         return _plot_small_heats(curves, request.title)

@@ -65,6 +65,12 @@ def made(
     return tuning
 
 
+def ends(*axes: float) -> dict[str, list[Any]]:
+    """Each axis of a bar that grows at both ends, then of one that grows at one end."""
+    sides = ["both"] * len(axes) + ["forward"] * len(axes)
+    return {"bar.axis_deg": [*axes, *axes], "bar.growth.sides": sides}
+
+
 L_OVER_V = [10.0, 20, 40, 80]
 
 
@@ -270,14 +276,8 @@ def test_a_map_that_falls_to_half_on_one_side_only(tmp_path: Path) -> None:
 
 
 def test_both_ends_over_one(tmp_path: Path) -> None:
-    axes = [0.0, 90, 180, 270]
-    both, one = dict.fromkeys(axes, 6.0), dict(zip(axes, [2.0, 1, 1, 0], strict=True))
-    values: dict[str, list[Any]] = {
-        "bar.axis_deg": axes * 2,
-        "bar.growth.sides": ["both"] * 4 + ["forward"] * 4,
-    }
-    peaks = {"opplod": [*both.values(), *one.values()]}
-    tuning = made(tmp_path / "a.tuning.csv", values, peaks)
+    peaks = {"opplod": [6.0] * 4 + [2.0, 1, 1, 0]}
+    tuning = made(tmp_path / "a.tuning.csv", ends(0, 90, 180, 270), peaks)
     figure, (panel,) = plot_tuning(tuning, "ends")
     total = y_of(panel.lines[2])
     np.testing.assert_allclose(total, np.array([3, 1, 3, 1]) / 6)
@@ -286,12 +286,8 @@ def test_both_ends_over_one(tmp_path: Path) -> None:
 
 
 def test_a_response_to_both_ends_alone_is_over_any_number(tmp_path: Path) -> None:
-    axes = [0.0, 90.0]  # nothing answers to the first
-    values: dict[str, list[Any]] = {
-        "bar.axis_deg": axes * 2,
-        "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
-    }
-    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [0.0, 2, 0, 0]})
+    peaks = {"opplod": [0.0, 2, 0, 0]}  # no response along the first axis
+    tuning = made(tmp_path / "a.tuning.csv", ends(0, 90), peaks)
     _, (panel,) = plot_tuning(tuning, "ends")
     assert panel.get_title(loc="left") == "OppLoD, peak 2\n(arbitrary unit)\nboth / one over 1000"
 
@@ -391,10 +387,7 @@ def test_detectors_without_a_response_and_many_of_them(kind: str, tmp_path: Path
         "contact": {"disk.growth.l_over_v_ms": [10.0, 20, 30, 40]},
         "contrast": {"disk.luminance": [0.0, 0.2, 0.8, 1]},
         "habituation": {"presentation": [1.0, 2, 3, 4]},
-        "ends": {
-            "bar.axis_deg": [0.0, 180] * 2,
-            "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
-        },
+        "ends": ends(0, 180),
         "position": grid(np.zeros((2, 2)), 5),
     }
     values = every[kind]
@@ -432,11 +425,8 @@ def test_two_l_over_v_make_no_line(tmp_path: Path) -> None:
 
 
 def test_the_sum_of_single_ends_is_inside_the_axes(tmp_path: Path) -> None:
-    values: dict[str, list[Any]] = {
-        "bar.axis_deg": [0.0, 180] * 2, "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
-    }  # fmt: skip
     peaks = {"opplod": [2.0, 2, 2, 2], "dlgmd": [2.0, 2, 1, 1]}
-    tuning = made(tmp_path / "a.tuning.csv", values, peaks)
+    tuning = made(tmp_path / "a.tuning.csv", ends(0, 180), peaks)
     figure, axes = plot_tuning(tuning, "ends")
     for panel in axes:
         assert panel.get_ylim()[0] == 0
@@ -447,10 +437,7 @@ def test_the_sum_of_single_ends_is_inside_the_axes(tmp_path: Path) -> None:
 
 
 def test_ratios_of_three_digits_have_no_exponent(tmp_path: Path) -> None:
-    axes = [0.0, 90]
-    values: dict[str, list[Any]] = {
-        "bar.axis_deg": axes * 2, "bar.growth.sides": ["both"] * 2 + ["forward"] * 2,
-    }  # fmt: skip
-    tuning = made(tmp_path / "a.tuning.csv", values, {"opplod": [6.7, 12.3, 0.1, 0.1]})
+    peaks = {"opplod": [6.7, 12.3, 0.1, 0.1]}
+    tuning = made(tmp_path / "a.tuning.csv", ends(0, 90), peaks)
     _, (panel,) = plot_tuning(tuning, "ends")
     assert panel.get_title(loc="left") == "OppLoD, peak 12\n(arbitrary unit)\nboth / one 67 to 123"

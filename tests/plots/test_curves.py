@@ -196,29 +196,33 @@ def test_more_than_six_curves_are_small_multiples_on_one_scale(tmp_path: Path) -
     assert figure.get_figwidth() == pytest.approx(PAGE)
 
 
-def test_many_detectors_of_one_input_have_a_panel_each(tmp_path: Path) -> None:
-    names = list(detectors())[:8]
+EIGHT = list(detectors())[:8]
+
+
+def rows_of_eight() -> list[dict[str, str]]:
+    """Rows in which eight detectors respond as OppLoD does."""
     rows = frame_rows()
     for row in rows:
-        for name in names:
+        for name in EIGHT:
             row[f"{name}_response"], row[f"{name}_alarm"] = row["opplod_response"], "0"
-    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
-    figure, axes = plot_curves(result, models=names)
-    labels_of_detectors = [detector_named(name).label for name in names]
+    return rows
+
+
+def test_many_detectors_of_one_input_have_a_panel_each(tmp_path: Path) -> None:
+    result = read_result(write_rows(tmp_path / "clip.frames.csv", rows_of_eight()))
+    figure, axes = plot_curves(result, models=EIGHT)
+    labels_of_detectors = [detector_named(name).label for name in EIGHT]
     assert [panel.get_title("left") for panel in axes] == labels_of_detectors
     assert figure.legends[0].get_title().get_text() == "clip"
     assert all(np.nanmax(curve(panel, 0)) >= 0.01 for panel in axes)
 
 
 def test_a_detector_without_a_threshold_has_a_panel_over_its_peak(tmp_path: Path) -> None:
-    names = list(detectors())[:8]
-    rows = frame_rows()
+    rows = rows_of_eight()
     for row in rows:
-        for name in names:
-            row[f"{name}_response"], row[f"{name}_alarm"] = row["opplod_response"], "0"
-        del row[f"{names[-1]}_alarm"]
+        del row[f"{EIGHT[-1]}_alarm"]
     result = read_result(write_rows(tmp_path / "clip.frames.csv", rows))
-    figure, axes = plot_curves(result, models=names)
+    figure, axes = plot_curves(result, models=EIGHT)
     assert [panel.get_yscale() for panel in axes] == ["log"] * 7 + ["linear"]
     assert axes[-1].get_title("left").endswith(", over its peak: no\nthreshold")
     assert np.nanmax(curve(axes[-1], 0)) == 1
@@ -312,7 +316,7 @@ def test_own_axes_and_title(result: BaseResult) -> None:
     ("xlim", "said"),
     [
         ((6, 5), "from 6 to 5 s has no length"),
-        ((20, 30), "between 20 and 30 s; there are 0 to 1.95"),
+        ((20, 30), "between 20 and 30 s; the frames are between 0 and 1.95 s"),
     ],
 )
 def test_an_axis_without_a_frame_is_an_error(
@@ -439,7 +443,7 @@ def test_the_parameters_of_the_alarm_come_from_the_sidecar(tmp_path: Path) -> No
 def test_panels_have_one_time_axis(tmp_path: Path) -> None:
     """Warm-ups differ, so that the curves of a result begin at different times."""
     rows = frame_rows()
-    for late, name in enumerate(list(detectors())[:8]):
+    for late, name in enumerate(EIGHT):
         for at, row in enumerate(rows):
             row[f"{name}_response"] = "" if at < 3 * late else "0.5"
     result = read_result(write_rows(tmp_path / "a.frames.csv", rows))
@@ -480,7 +484,7 @@ def test_the_legend_says_where_a_dotted_line_is_above_the_panel(tmp_path: Path) 
 def test_the_notes_of_small_multiples_are_inside_the_figure(tmp_path: Path) -> None:
     rows = frame_rows()
     for row in rows:
-        for number, name in enumerate(list(detectors())[:8]):
+        for number, name in enumerate(EIGHT):
             row[f"{name}_response"], row[f"{name}_alarm"] = f"{1e6 * (number > 3)}", "0"
     rows[20]["opplod_alarm"] = "1"
     figure, _ = plot_curves(read_result(write_rows(tmp_path / "a.frames.csv", rows)), scale="raw")

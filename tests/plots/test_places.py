@@ -16,15 +16,20 @@ from tests.results.make import frame_rows, write_result, write_rows
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from oppload_cli.results.reading import BaseResult
+
+
+def result_of_video(folder: Path, video: str) -> BaseResult:
+    """A result with a peak in frame 30 of a video, whose sidecar gives the video this name."""
+    write_video(folder / "clip.avi", [np.full((64, 96), 2 * t, np.uint8) for t in range(40)])
+    path = write_result(folder / "clip.frames.csv", peak=30)
+    facts = {"name": video, "kind": "container", "width": 96, "height": 64}
+    path.with_name("clip.oppload.json").write_text(json.dumps({"input": facts}))
+    return read_result(path)
+
 
 def test_winning_units_over_the_frame_of_the_peak(tmp_path: Path) -> None:
-    frames = [np.full((64, 96), 2 * t, np.uint8) for t in range(40)]
-    video = write_video(tmp_path / "clip.avi", frames)
-    path = write_result(tmp_path / "clip.frames.csv", peak=30)
-    facts = {"name": str(video), "kind": "container", "width": 96, "height": 64}
-    sidecar = {"input": facts}
-    path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
-    result = read_result(path)
+    result = result_of_video(tmp_path, str(tmp_path / "clip.avi"))
     still = still_of(result)
     assert still is not None
     assert still.shape == (64, 96)
@@ -50,12 +55,7 @@ def test_the_size_of_the_ground_is_that_of_a_ground_truth_without_a_sidecar(tmp_
 
 
 def test_the_video_is_found_beside_the_result(tmp_path: Path) -> None:
-    write_video(tmp_path / "clip.avi", [np.full((64, 96), 2 * t, np.uint8) for t in range(40)])
-    path = write_result(tmp_path / "clip.frames.csv", peak=30)
-    facts = {"name": "elsewhere/clip.avi", "kind": "container", "width": 96, "height": 64}
-    sidecar = {"input": facts}
-    path.with_name("clip.oppload.json").write_text(json.dumps(sidecar))
-    still = still_of(read_result(path))
+    still = still_of(result_of_video(tmp_path, "elsewhere/clip.avi"))
     assert still is not None
     np.testing.assert_allclose(still * 255, 60, atol=1)
 

@@ -254,13 +254,12 @@ def test_a_kind_that_does_not_suit_is_an_error_that_names_the_column(tmp_path: P
     tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2]}))
     with pytest.raises(ResultError, match=r"no column of a direction.*--kind line"):
         plot_tuning([tuning], "polar")
-    with pytest.raises(ResultError, match=r"disk\.size_deg swept; a heat map needs two"):
+    with pytest.raises(ResultError, match=r"sweeps disk\.size_deg; a heat map needs two"):
         plot_tuning([tuning], "heat")
-    with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'"):
-        plot_tuning(
-            [read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))],
-            models=["dlgmd"],
-        )
+    axes = read_tuning(write_tuning(tmp_path / "b.tuning.csv", AXES, {"opplod": [1.0] * 4}))
+    for table in (tuning, axes):  # as a line, and as a polar plot
+        with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'; leave it out"):
+            plot_tuning(table, models=["dlgmd"])
 
 
 def test_a_tuning_table_is_recognised_by_its_header(tmp_path: Path) -> None:
@@ -336,10 +335,8 @@ def test_more_than_six_curves_have_a_polar_plot_each(tmp_path: Path) -> None:
 def test_long_doubts_leave_a_polar_plot_its_room(count: int, scale: str, tmp_path: Path) -> None:
     peaks = {name: [1.0, 4, 1, 4] for name in list(detectors())[:count]}
     path = write_tuning(tmp_path / "a.tuning.csv", AXES, peaks, symmetric=True)
-    content = json.loads(path.with_suffix(".json").read_text())
     note = "no indicator and more than one unit: larger for bars than in LPLC2 neurons"
-    content["doubts"] = [{"model": name, "note": note} for name in peaks]
-    path.with_suffix(".json").write_text(json.dumps(content))
+    with_sidecar(path, {"doubts": [{"model": name, "note": note} for name in peaks]})
     figure, panels = plot_tuning(read_tuning(path), scale=scale, lplc2="none")
     figure.draw_without_rendering()
     for panel in panels:
@@ -398,8 +395,7 @@ def test_an_indicator_is_part_of_the_name(tmp_path: Path) -> None:
         (tmp_path / str(number)).mkdir()
         path = tmp_path / str(number) / "a.tuning.csv"
         write_tuning(path, AXES, {"opplod": [1.0, 4, 1, 4]})
-        content = json.loads(path.with_suffix(".json").read_text())
-        path.with_suffix(".json").write_text(json.dumps({**content, "indicator_s": seconds}))
+        with_sidecar(path, {"indicator_s": seconds})
         tables.append(read_tuning(path))
     _, (panel,) = plot_tuning(tables, lplc2="none")
     labels = [text.partition(", peak")[0] for text in panel.get_legend_handles_labels()[1]]
@@ -448,9 +444,8 @@ def presets(folder: Path, values: dict[str, list[float]]) -> list[Tuning]:
     tables = []
     for preset in ("reference", "lplc2"):
         path = write_tuning(folder / f"{preset}.tuning.csv", values, {"opplod": [1.0, 2, 4, 4]})
-        content = json.loads(path.with_suffix(".json").read_text())
-        content["stimulus"].setdefault("first", {})["display"] = {"background": 0.5}
-        path.with_suffix(".json").write_text(json.dumps({**content, "preset": preset}))
+        first = {"display": {"background": 0.5}}
+        with_sidecar(path, {"stimulus": {"name": "x", "first": first}, "preset": preset})
         tables.append(read_tuning(path))
         tables[-1].rows["peak_before_contact_s"] = [0.03, 0.05, 0.09, 0.11]
         tables[-1].rows["size_at_peak_deg"] = [40.0, 40, 40, 180]
@@ -510,10 +505,3 @@ def test_a_rotated_scene_is_no_direction_of_motion(tmp_path: Path) -> None:
         assert panel.get_xlabel() == f"radius: response / peak; angle: {angle}"
         names = [curve.name for curve in direction_tunings([tuning])]
         assert any(name.startswith("LPLC2") for name in names) == (key == "bar.axis_deg")
-
-
-def test_a_detector_that_no_table_holds_draws_no_line(tmp_path: Path) -> None:
-    values = {"disk.size_deg": [5.0, 9]}
-    tuning = read_tuning(write_tuning(tmp_path / "a.tuning.csv", values, {"opplod": [1.0, 2]}))
-    with pytest.raises(ResultError, match="column 'model' never holds 'dlgmd'; leave it out"):
-        plot_tuning(tuning, models=["dlgmd"])
