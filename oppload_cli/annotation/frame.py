@@ -247,28 +247,28 @@ def _header(canvas: Bgr, layout: Layout, record: FrameRecord, alarming: Sequence
     middle = area.y + layout.line + (area.height - layout.line) // 2
     clock = f"{record.time_s:.2f} s"
     _write(canvas, clock, (area.x, middle), text, DARK, bold=True)
-    after = area.x + max(_width_of(clock, text, bold=True), 4 * text) + text
+    left = area.x + max(_width_of(clock, text, bold=True), 4 * text) + text
     frame = f"frame {record.frame}"
-    _write(canvas, frame, (after, middle), text, DARK)
-    after += max(_width_of(frame, text), 5 * text) + text
+    _write(canvas, frame, (left, middle), text, DARK)
+    left += max(_width_of(frame, text), 5 * text) + text
     if alarming:
-        _sign(canvas, "ALARM", (after, middle), text, DARK)
-    after += _width_of("ALARM", text, bold=True) + 2 * text
-    x = area.x + area.width
-    named = _fitting(list(record.responses), alarming, x - after, text)
+        _sign(canvas, "ALARM", (left, middle), text, DARK)
+    left += _width_of("ALARM", text, bold=True) + 2 * text
+    right = area.x + area.width
+    named = _fitting(list(record.responses), alarming, right - left, text)
     left_out = len(record.responses) - len(named)
     if left_out:
         more = f"+{left_out}"
-        x -= _width_of(more, text) + text // 2
-        _write(canvas, more, (x, middle), text, _DIM)
+        right -= _width_of(more, text) + text // 2
+        _write(canvas, more, (right, middle), text, _DIM)
     for name in reversed(named):
         label, paint = detector_named(name).label, _paint_of(name)
-        x -= _width_of(label, text, bold=True) + text
+        right -= _width_of(label, text, bold=True) + text
         if name in alarming:
-            _sign(canvas, label, (x, middle), text, paint)
+            _sign(canvas, label, (right, middle), text, paint)
         else:
-            _write(canvas, label, (x + text // 2, middle), text, paint, bold=True)
-        x -= text // 2
+            _write(canvas, label, (right + text // 2, middle), text, paint, bold=True)
+        right -= text // 2
 
 
 def _fitting(names: list[str], alarming: Sequence[str], room: int, text: int) -> list[str]:
@@ -293,8 +293,8 @@ def _sign(canvas: Bgr, word: str, at: tuple[int, int], text: int, paint: _Paint)
     """Write a white word on a coloured ground."""
     x, middle = at
     half = round(0.75 * text)
-    wide = _width_of(word, text, bold=True) + text
-    canvas[middle - half : middle + half, x : x + wide] = paint
+    width = _width_of(word, text, bold=True) + text
+    canvas[middle - half : middle + half, x : x + width] = paint
     _write(canvas, word, (x + text // 2, middle), text, _WHITE, bold=True)
 
 
@@ -327,8 +327,8 @@ def _ticks(canvas: Bgr, layout: Layout, history: History) -> None:
         x, foot = plot.x + column, plot.y + plot.height
         canvas[foot - text // 3 : foot, x : x + 1] = _DIM
         label = f"{number * step:.{digits}f} s"
-        wide = _width_of(label, text)
-        at = min(x - wide // 2, layout.width - wide - 1)
+        width = _width_of(label, text)
+        at = min(x - width // 2, layout.width - width - 1)
         _write(canvas, label, (at, foot + round(0.7 * text)), text, _DIM)
         number += 1
 
@@ -429,10 +429,10 @@ def _label(
     label = _label_of(detection)
     left, top = corner
     ground, ink = (paint, _WHITE) if detection.alarm else (_WHITE, paint)
-    high = round(1.5 * layout.text)
-    wide = _width_of(label, layout.text, bold=True) + layout.text
-    y = top - high if top >= high else max(0, top)
-    x = max(0, min(left, picture.shape[1] - wide))
-    _fill(picture, (x, y, x + wide, y + high), ground)
-    at = (x + layout.text // 2, y + high // 2)
+    height = round(1.5 * layout.text)
+    width = _width_of(label, layout.text, bold=True) + layout.text
+    y = top - height if top >= height else max(0, top)
+    x = max(0, min(left, picture.shape[1] - width))
+    _fill(picture, (x, y, x + width, y + height), ground)
+    at = (x + layout.text // 2, y + height // 2)
     _write(picture, label, at, layout.text, ink, bold=True)

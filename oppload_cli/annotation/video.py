@@ -155,8 +155,8 @@ class AnnotatedVideo:
     def _drawn(self, picture: Bgr, record: FrameRecord) -> Bgr:
         layout, canvas = self._layout, self._blank.copy()
         size = (layout.picture.width, layout.picture.height)
-        alike = picture.shape[1::-1] == size
-        canvas[layout.picture.slices] = picture if alike else cv2.resize(picture, size)
+        same_size = picture.shape[1::-1] == size
+        canvas[layout.picture.slices] = picture if same_size else cv2.resize(picture, size)
         placing = placing_detector(record.responses)
         if placing is not None and self._boxes != "none":
             shown = (each for each in record.detections if each.alarm or self._boxes == "all")

@@ -129,8 +129,8 @@ def _run(
     from oppload_cli.plots import style, tuning
     from oppload_cli.tuning.run import doubts_about, tune, write_tuning, write_tuning_sidecar
 
-    entry, settings, presentations, figure, held = sweep
-    for key, value in held.items():
+    entry, settings, presentations, figure, fixed = sweep
+    for key, value in fixed.items():
         say(f"oppload: {key} stays at {value}; to sweep it as well, add --over {key}")
     with progress_bar(len(entry.values()), "condition", quiet=quiet) as bar:
         conditions = tune(

@@ -128,8 +128,8 @@ class Content:
         best = self.strongest
         if not best.thresholded or best.peak <= 1 or any(a.curve is best for a in self.alarms):
             return ""
-        held = self.result.part("alarms").get(best.name)
-        blind = held.get("peak_blind") if isinstance(held, dict) else None
+        alarm = self.result.part("alarms").get(best.name)
+        blind = alarm.get("peak_blind") if isinstance(alarm, dict) else None
         return f", {uncounted(blind if isinstance(blind, bool | str) else None)}"
 
     @property

@@ -157,14 +157,14 @@ def write_report(
         _Item(result, folder / page, title, videos, index)
         for result, page, title in zip(results, pages, _titles(results, pages), strict=True)
     ]
-    made: dict[int, _Entry | OpploadError] = {}
+    by_position: dict[int, _Entry | OpploadError] = {}
     for position, outcome in outcomes(
         _write_page, items, jobs, named=lambda item: str(item.page), told=frames
     ):
-        made[position] = outcome
+        by_position[position] = outcome
         if done:
             done()
-    ordered = [made[position] for position in sorted(made)]
+    ordered = [by_position[position] for position in sorted(by_position)]
     entries = [each for each in ordered if isinstance(each, _Entry)]
     failures = [each for each in ordered if isinstance(each, OpploadError)]
     if not entries:
@@ -473,7 +473,7 @@ def _difference(
         if before is not None and now != before:
             return (
                 f"{name}: is not the video of the run ({fact} was {before}, is {now}); "
-                f"boxes and curves may not fit"
+                f"boxes and curves may not fit this video"
             )
     lost = int(np.isnan(times_s).sum())
     return f"{name}: {lost} frames of the result could not be decoded again" if lost else ""

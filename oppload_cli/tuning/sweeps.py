@@ -125,7 +125,7 @@ class Sweep(NamedTuple):
     presentations: int = 1  # of each stimulus, in a row
     figure: Mapping[str, str] = {}  # name, title and kind; empty without a classic figure
     # The values of dotted keys that the stimulus's own sweep varies, but this sweep does not.
-    held: Mapping[str, Any] = {}
+    fixed: Mapping[str, Any] = {}
 
 
 def sweeps(
@@ -169,11 +169,11 @@ def sweeps(
                 raise ParameterError(f"--change {key}: --over sweeps it; leave one of the two out")
         replaced = own.sweep.keys() - entry.sweep.keys() if own.only == "*" else ()
         values = {key: value_at(entry.table, key) for key in sorted(replaced)}
-        held = {key: value for key, value in values.items() if value is not None}
-        return [Sweep(entry, resolve(**settings), held=held)]
+        fixed = {key: value for key, value in values.items() if value is not None}
+        return [Sweep(entry, resolve(**settings), fixed=fixed)]
     classic = _figures_named(figures)
     if over and len(classic) > 1:
-        raise ParameterError("--over goes with one --figure alone")
+        raise ParameterError("--over needs exactly one --figure; give one of them")
     found = []
     for name, figure in classic.items():
         assignments = [*figure.settings, *settings.get("assignments", ())]
@@ -237,7 +237,7 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
     if not over:
         if not entry.sweep:
             raise StimulusError(
-                f"{entry.name}: has no sweep of its own; name one, e.g. --over speed=10,20,40"
+                f"{entry.name}: has no sweep of its own; give one, e.g. --over speed=10,20,40"
             )
         return entry
     chosen: dict[str, list[Any]] = {}
@@ -246,11 +246,11 @@ def _swept(entry: Entry, over: Sequence[str]) -> Entry:
         members = entry.values()
         if len(members) > 1:
             raise ParameterError(
-                f"'{entry.only}' stands for {len(members)} stimuli; name one to sweep it --over "
-                f"something else, such as '{next(iter(members))}'"
+                f"'{entry.only}' stands for {len(members)} stimuli, and --over sweeps one; name "
+                f"one, such as '{next(iter(members))}'"
             )
-        name, held = next(iter(members.items()))
-        entry = replace(entry, name=name, sweep={}, only="*").with_settings(held)
+        ((name, member_values),) = members.items()
+        entry = replace(entry, name=name, sweep={}, only="*").with_settings(member_values)
     for text in over:
         word, equals, values = text.partition("=")
         key = key_of(word.strip(), own.name, own.table, own.sweep, "--over")

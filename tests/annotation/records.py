@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 
 from oppload_cli.detection.places import Detection
-from oppload_cli.models.detector import Box
-from oppload_cli.models.dlgmd import DlgmdResponse
-from oppload_cli.models.opplod_parameters import OpplodResponse
+from oppload_cli.models.detector import Box, Response
 from oppload_cli.models.registry import detector_named
 from oppload_cli.palette import bgr
 from oppload_cli.results.table import FrameRecord
@@ -39,15 +37,10 @@ def record(
     """A frame whose responses are `ratios` times their thresholds."""
     ratios = {"opplod": 0.1, "dlgmd": 0.1} if ratios is None else ratios
     thresholds = {"opplod": 4.0, "dlgmd": 0.5}
-    responses: dict[str, Any] = {}
-    for name, ratio in ratios.items():
-        value = None if ratio is None else ratio * thresholds.get(name, 1.0)
-        if value is None:
-            responses[name] = None
-        elif name == "opplod":
-            responses[name] = OpplodResponse(value, opponency=value)
-        else:
-            responses[name] = DlgmdResponse(value, s=0.1)
+    responses = {
+        name: None if ratio is None else Response(ratio * thresholds.get(name, 1.0))
+        for name, ratio in ratios.items()
+    }
     return FrameRecord(
         frame,
         frame / rate,

@@ -134,7 +134,7 @@ def test_an_existing_result_is_not_touched(stimulus: Path, tmp_path: Path, capsy
         ([], "give a STIMULUS or --figure NAME, one of the two"),
         (["DISK", "--figure", "contrast"], "give a STIMULUS or --figure NAME, one of the two"),
         (["--figure", "contrst"], "no such figure; did you mean 'contrast'"),
-        (["--figure", "all", "--over", "l/v=10"], "--over goes with one --figure alone"),
+        (["--figure", "all", "--over", "l/v=10"], "--over needs exactly one --figure"),
         (["--figure", "contrast", "--change", "disk.luminance=0"], "figure contrast sweeps it"),
         (["DISK", "--indicator", "-1"], "--indicator"),
         (["klapoetke2017/loom"], "has no sweep of its own"),

@@ -64,25 +64,15 @@ def write_numbered_result(folder: Path, stem: str = "clip", video: str | None = 
     rows = []
     for frame in range(FIRST, LAST + 1):
         alarm = any(first <= frame <= last for first, last in ALARMS)
-        rows.append(
-            {
-                "frame": frame,
-                "time_s": f"{TIMES_MS[frame] / 1000:.9g}",
-                "luma_change": 0.1,
-                "opplod_response": 0.5 if alarm else 0.002,
-                "opplod_alarm": int(alarm),
-                "opplod_x": 10,
-                "opplod_y": 20,
-                "opplod_width": 40,
-                "opplod_height": 30,
-                "dlgmd_response": "" if frame == FIRST else 0.001 * frame,
-                "dlgmd_alarm": 0,
-                "dlgmd_s": 0.1,
-                "rmo_mean": 0.5,
-                "rmo_index": 0.25,
-            }
-        )
-    table = write_rows(folder / f"{stem}.frames.csv", [_text(row) for row in rows])
+        row = {
+            "frame": frame, "time_s": f"{TIMES_MS[frame] / 1000:.9g}", "luma_change": 0.1,
+            "opplod_response": 0.5 if alarm else 0.002, "opplod_alarm": int(alarm),
+            "opplod_x": 10, "opplod_y": 20, "opplod_width": 40, "opplod_height": 30,
+            "dlgmd_response": "" if frame == FIRST else 0.001 * frame,
+            "dlgmd_alarm": 0, "dlgmd_s": 0.1, "rmo_mean": 0.5, "rmo_index": 0.25,
+        }  # fmt: skip
+        rows.append({name: str(value) for name, value in row.items()})
+    table = write_rows(folder / f"{stem}.frames.csv", rows)
     keys = "frame time_s id x y width height centre_x centre_y response alarm time_to_contact_s"
     lines = [
         dict(zip(keys.split(), (frame, TIMES_MS[frame] / 1000, *BOX, contact), strict=True))
@@ -118,7 +108,3 @@ def write_sidecar(table: Path, content: dict[str, Any]) -> None:
     """Write the sidecar beside a table."""
     name = table.name.replace(".frames.csv", ".oppload.json")
     table.with_name(name).write_text(json.dumps(content))
-
-
-def _text(row: dict[str, Any]) -> dict[str, str]:
-    return {name: str(value) for name, value in row.items()}

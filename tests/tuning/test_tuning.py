@@ -211,9 +211,9 @@ def test_a_member_of_a_sweep_keeps_its_values() -> None:
 def test_the_own_sweep_that_another_one_replaces_is_named() -> None:
     stimulus, over = "klapoetke2017/loom-l-over-v", ["direction=0,90"]
     (sweep,) = sweeps(stimulus, (), {}, over, {"models": ["opplod"]})
-    assert sweep.held == {"disk.growth.l_over_v_ms": 40}
+    assert sweep.fixed == {"disk.growth.l_over_v_ms": 40}
     (sweep,) = sweeps(stimulus, (), {}, ["l/v=10,20"], {"models": ["opplod"]})
-    assert not sweep.held
+    assert not sweep.fixed
 
 
 @pytest.mark.parametrize(
@@ -288,7 +288,7 @@ def test_ranges_that_run_backwards_or_are_too_long(values: str, message: str) ->
 @pytest.mark.parametrize(
     ("stimulus", "over", "message"),
     [
-        ("klapoetke2017/loom", [], "has no sweep of its own; name one"),
+        ("klapoetke2017/loom", [], "has no sweep of its own; give one"),
         ("klapoetke2017/loom", ["size"], "has no values of its own for 'disk.size_deg'"),
         ("klapoetke2017/loom", ["sped=1,2"], "no parameter 'sped'; did you mean 'speed'"),
         (
