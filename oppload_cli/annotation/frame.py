@@ -184,7 +184,10 @@ class History:
         self._repeats = 0
 
     def add(self, record: FrameRecord) -> None:
-        """Take the record of the next frame; up to five repeats in a row give no point."""
+        """Take the record of the next frame.
+
+        Detectors do not see repeats, so that up to five repeats in a row give no point.
+        """
         self._first_s = record.time_s if self._first_s is None else self._first_s
         self._now_s = record.time_s
         self._repeats = self._repeats + 1 if record.repeat else 0

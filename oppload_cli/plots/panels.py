@@ -358,7 +358,7 @@ def draw_marks(axes: Sequence[Axes], curves: Sequence[Curve], options: CurveOpti
         same_time = len({round(time, 6) for time in known.values()}) == 1
         for number, (curve, time) in enumerate(known.items()):
             draw_line(time, INK if same_time else curve.colour)
-            if number or (label == "contact" and options.align):  # "time from contact" says it
+            if number or (label == "contact" and options.align):  # the axis label says it
                 continue
             several = label == "contact" and bool(other_contacts)
             inside = first <= time <= last

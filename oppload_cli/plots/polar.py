@@ -256,7 +256,9 @@ def _as_published(tuning: Tuning) -> bool:
 
 def _looks(table: Mapping[str, Any]) -> list[Any]:
     """Return the parts of a protocol that decide its look: not its size, pauses and axis."""
-    objects = [{**one, "axis_deg": 0} for one in table.get("object", [])]
+    objects = [
+        {**each, "axis_deg": 0} for each in table.get("object", []) if isinstance(each, dict)
+    ]
     background = table.get("display", {}).get("background")
     return [objects, background, table.get("scene"), table.get("effects")]
 

@@ -177,9 +177,11 @@ def doubts_of(tuning: Tuning, detector: str) -> str:
 
 
 def first_stimulus(tuning: Tuning) -> dict[str, Any]:
-    """Return the protocol of a table's first stimulus from the sidecar; empty if it has none."""
+    """Return the protocol of a table's first stimulus from the sidecar, without damaged parts."""
     first = tuning.sidecar.get("stimulus", {}).get("first")
-    return first if isinstance(first, dict) else {}
+    types = {"display": dict, "object": list}
+    items = first.items() if isinstance(first, dict) else ()
+    return {key: value for key, value in items if isinstance(value, types.get(key, object))}
 
 
 def begin_at_zero(axes: Axes) -> None:

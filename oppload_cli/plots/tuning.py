@@ -356,12 +356,10 @@ def _parameter(tunings: Sequence[Tuning]) -> str:
     """Return the one swept parameter; raise ResultError if the tables suit no common line plot."""
     first = tunings[0]
     if len(first.parameters) > 1:
-        several = f"{', '.join(first.parameters[:-1])} and {first.parameters[-1]}"
-        if len(first.parameters) > 2:
-            raise ResultError(
-                f"{first.path}: columns {several} are swept; a plot shows two at most"
-            )
-        raise ResultError(f"{first.path}: columns {several} are swept; draw --kind heat")
+        columns = f"{', '.join(first.parameters[:-1])} and {first.parameters[-1]}"
+        two = len(first.parameters) == 2
+        advice = "draw --kind heat" if two else "a plot shows two at most"
+        raise ResultError(f"{first.path}: columns {columns} are swept; {advice}")
     parameter = first.parameters[0]
     texts = [value for value in first.rows[parameter] if isinstance(value, str)]
     if texts:

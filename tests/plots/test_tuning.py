@@ -194,6 +194,21 @@ def test_the_foot_of_a_figure_says_how_it_was_measured(kind: str, tmp_path: Path
     assert figure.get_figheight() > before.get_figheight()
 
 
+@pytest.mark.parametrize(
+    "first",
+    ["damaged", {"display": "damaged"}, {"object": "damaged"}, {"object": [1], "display": 3}],
+)
+@pytest.mark.parametrize("kind", ["polar", "line"])
+def test_a_damaged_protocol_in_the_sidecar_is_left_out(
+    kind: str, first: object, tmp_path: Path
+) -> None:
+    path = write_tuning(tmp_path / "a.tuning.csv", AXES, PEAKS)
+    stimulus = {"name": "klapoetke2017/bar-expand-10", "first": first}
+    with_sidecar(path, {"preset": "paper", "stimulus": stimulus})
+    figure, _ = plot_tuning(read_tuning(path), kind)
+    assert figure.texts[-1].get_text() == "preset paper"
+
+
 def test_a_sweep_of_one_row_is_a_line(tmp_path: Path) -> None:
     """The value that stays is told at the foot."""
     values = {"disk.speed_deg_s": [14.4] * 4, "disk.luminance": [0.0, 0.3, 0.6, 0.9]}
