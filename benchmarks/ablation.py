@@ -5,8 +5,8 @@
 Each row leaves one part of the preset out. On the clips it measures detection and median lead
 time at one false alarm per minute, the order within clips, and the place of the winning unit.
 On the control stimuli of the catalogue it counts the alarms at the threshold that the clips set.
-Last comes the cross-validation: for each clip, the variant that is best on all other clips is
-chosen, with its threshold, and judged on that clip alone.
+The last line is the cross-validation: for each clip, the variant that is best on all other clips
+is chosen, with its threshold, and judged on that clip alone.
 """  # fmt: skip
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from oppload_cli.pipeline.sources import StimulusVideo
 from oppload_cli.stimulus.catalogue import load_all
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from oppload_cli.evaluation.metrics.clips import Clip
 
 RATE = 1.0  # false alarms per minute
@@ -60,8 +62,8 @@ CONTROLS = (
 )
 
 
-def variants() -> list[EvaluatedDetector]:
-    """Return preset default, its variants without one part each, and preset reference."""
+def _variants() -> list[EvaluatedDetector]:
+    """Return preset default, preset default without one part each, and preset reference."""
     default, reference, *_ = evaluated_detectors(["opplod:default", "opplod:reference"])
     made = [
         replace(default, name=name, meaning=name, params=default.params.replaced(**changes))
@@ -77,22 +79,22 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()
     manifest = with_boxes(read_manifest(arguments.manifest))
-    chosen = variants()
-    # One at a time, because one pass cannot hold the same model twice.
+    variants = _variants()
+    # One variant at a time, because one pass cannot run the same detector twice.
     analysed: dict[str, list[Clip]] = {}
-    for each in chosen:
+    for each in variants:
         found = analyse_clips(manifest.entries, [each], jobs=arguments.jobs)
         analysed[each.name] = [one.clip for one in found if one.clip]
     print("| variant | detected | held out | lead (s) | pairs at 4 | at 8 | place | controls |")
     print("|---|---|---|---|---|---|---|---|")
-    for each in chosen:
-        row = measured(analysed[each.name], each)
+    for each in variants:
+        row = _measured(analysed[each.name], each)
         print(f"| {each.name} | " + " | ".join(f"{value:.3g}" for value in row) + " |", flush=True)
     print()
-    print(cross_validated(analysed))
+    print(_cross_validated(analysed))
 
 
-def measured(clips: list[Clip], detector: EvaluatedDetector) -> list[float]:
+def _measured(clips: list[Clip], detector: EvaluatedDetector) -> list[float]:
     """Return the values of one row of the table."""
     name = detector.name
     thresholds = Thresholds(clips, name)
@@ -104,65 +106,49 @@ def measured(clips: list[Clip], detector: EvaluatedDetector) -> list[float]:
         float(np.nanmean(outcomes.detected)),
         float(np.nanmean(thresholds.held_out(RATE, once).outcomes.detected)),
         float(np.nanmedian(outcomes.lead_s)),
-        *(order(clips, name, frames) for frames in FRAMES),
+        *np.nanmean(_ordered_pairs(clips, name), axis=0),
         float(np.mean(near)),
-        alarms_on_controls(detector, threshold),
+        _alarms_on_controls(detector, threshold),
     ]
 
 
-def order(clips: list[Clip], name: str, frames: int) -> float:
-    """Return the mean share of ordered pairs over clips."""
-    return float(np.nanmean([clip.ordered_pairs(name, frames)[0] for clip in clips]))
+def _ordered_pairs(clips: list[Clip], name: str) -> NDArray[np.float64]:
+    """Return the share of pairs of responses in order, by clip and number of frames."""
+    return np.array([[clip.ordered_pairs(name, frames)[0] for frames in FRAMES] for clip in clips])
 
 
-def alarms_on_controls(detector: EvaluatedDetector, threshold: float) -> int:
-    """Return the number of control stimuli that set off an alarm at a threshold."""
+def _alarms_on_controls(detector: EvaluatedDetector, threshold: float) -> int:
+    """Return the number of control stimuli that cause an alarm at a threshold."""
     alarm, count = detector.alarm.replaced(opplod_floor=threshold), 0
     for protocol in (each for pattern in CONTROLS for each in load_all(pattern)):
-        records = analyse(
-            StimulusVideo(protocol, detector.height),
-            [detector.params],
-            alarm=alarm,
-            rmo=None,
-        )
+        video = StimulusVideo(protocol, detector.height)
+        records = analyse(video, [detector.params], alarm=alarm, rmo=None)
         count += any(record.alarms.get("opplod", False) for record in records)
     return count
 
 
-def cross_validated(analysed: dict[str, list[Clip]]) -> str:
+def _cross_validated(analysed: dict[str, list[Clip]]) -> str:
     """Return the result of the cross-validation as a sentence."""
     clips = len(next(iter(analysed.values())))
-    others = 1 - np.eye(clips, dtype=np.int64)
-    thresholds = {name: Thresholds(own, name) for name, own in analysed.items()}
-    hits = {
-        name: np.array(
-            [
-                each.outcomes(threshold).detected
-                for threshold in each.held_out(RATE, np.ones((1, clips), np.int64)).thresholds
-            ]
-        )
-        for name, each in thresholds.items()
-    }  # shape: held-out clip, clip
-    pairs = {
-        name: np.array([[one.ordered_pairs(name, f)[0] for f in FRAMES] for one in own])
-        for name, own in analysed.items()
-    }
-    detected, ordered, picks = [], [], []
-    for held_out_clip in range(clips):
-        kept = others[held_out_clip] == 1
-        best = max(
-            analysed,
-            key=lambda name: (
-                np.nanmean(hits[name][held_out_clip][kept]) + np.nanmean(pairs[name][kept])
-            ),
-        )
-        picks.append(best)
-        detected.append(hits[best][held_out_clip][held_out_clip])
-        ordered.append(pairs[best][held_out_clip])
-    shares = np.nanmean(np.array(ordered), axis=0)
-    counts = {name: picks.count(name) for name in dict.fromkeys(picks)}
+    detected, ordered = {}, {}
+    for name, own in analysed.items():
+        thresholds = Thresholds(own, name)
+        held_out = thresholds.held_out(RATE, np.ones((1, clips), np.int64)).thresholds
+        detected[name] = np.array([thresholds.outcomes(each).detected for each in held_out])
+        ordered[name] = _ordered_pairs(own, name)
+    chosen = []
+    for clip in range(clips):  # the threshold was chosen without this clip, and so is the variant
+        scores = {
+            name: np.nanmean(np.delete(detected[name][clip], clip))
+            + np.nanmean(np.delete(ordered[name], clip, axis=0))
+            for name in analysed
+        }
+        chosen.append(max(scores, key=lambda name: scores[name]))
+    found = [detected[name][clip][clip] for clip, name in enumerate(chosen)]
+    shares = np.nanmean([ordered[name][clip] for clip, name in enumerate(chosen)], axis=0)
+    counts = {name: chosen.count(name) for name in dict.fromkeys(chosen)}
     return (
-        f"Chosen on the other clips: detected {np.nanmean(detected):.2f}, "
+        f"Chosen on the other clips: detected {np.nanmean(found):.2f}, "
         f"pairs in order {shares[0]:.2f} at 4 and {shares[1]:.2f} at 8 frames; chosen: {counts}"
     )
 

@@ -1,4 +1,4 @@
-"""Measure speed in turns with references; write JSON and Markdown."""
+"""Measure speed, by turns with references; write JSON and Markdown."""
 
 from __future__ import annotations
 
@@ -39,50 +39,43 @@ if TYPE_CHECKING:
 
 RESULTS = Path(__file__).parent / "results"
 COMMAND = str(Path(sys.executable).with_name("oppload"))  # the command that users call
-LENGTHS = (600, 1800)  # frames of a run: the start-up counts for less in a longer one
+LENGTHS = (600, 1800)  # frames of a run: the start-up is a smaller part of a longer run
 
 
 @dataclass(frozen=True)
-class Measurement:
-    """One row of the table: a ratio to a reference, or an absolute value.
+class _Measurement:
+    """One row of the table: a ratio to a reference, or an absolute value."""
 
-    Attributes
-    ----------
-    title : str
-        The thing that was measured, and its reference.
-    must, aim : str
-        The bound that the median has to keep, and the one to come to.
-    median, smallest, largest : float
-        Value over the rounds, in `unit`.
-    seconds : float
-        Median of the absolute times, for orientation.
-    """
-
-    title: str
-    must: str
-    aim: str
+    title: str  # names the measured thing and its reference
+    must: str  # bound for the median
+    aim: str  # bound that a later version should keep
     median: float
     smallest: float
     largest: float
     unit: str
-    seconds: float
+    seconds: float  # median of the absolute times, for orientation
 
 
-def by_turns(
-    a: Callable[[], object], b: Callable[[], object], rounds: int
-) -> tuple[list[float], list[float]]:
-    """Return the times of a and b in s, called in turns after one round that does not count."""
-    times: tuple[list[float], list[float]] = ([], [])
+def _measurement(
+    title: str, must: str, aim: str, values: Sequence[float], unit: str, *, seconds: float = 0.0
+) -> _Measurement:
+    median = statistics.median(values)
+    return _Measurement(title, must, aim, median, min(values), max(values), unit, seconds)
+
+
+def _times(rounds: int, *functions: Callable[[], object]) -> list[list[float]]:
+    """Call functions in turns; return the times of each in s, without those of a first round."""
+    times: list[list[float]] = [[] for _ in functions]
     for count in range(rounds + 1):
-        for each, taken in zip((a, b), times, strict=True):
-            start = time.perf_counter()
-            each()
+        for function, own in zip(functions, times, strict=True):
+            begun = time.perf_counter()
+            function()
             if count:
-                taken.append(time.perf_counter() - start)
+                own.append(time.perf_counter() - begun)
     return times
 
 
-def ratio(  # noqa: PLR0917 - a row of the table
+def _ratio(  # noqa: PLR0917 - a row of the table
     title: str,
     must: str,
     aim: str,
@@ -92,30 +85,27 @@ def ratio(  # noqa: PLR0917 - a row of the table
     *,
     faster: bool = False,
     per_call: float = 1.0,
-) -> Measurement:
-    """Return the ratio of our time to the other's; with `faster`, the other's time to ours.
+) -> _Measurement:
+    """Measure the ratio of our time to the other's; with `faster`, of the other's time to ours.
 
     One call of `ours` processes `per_call` times as many frames as one call of `other`.
     """
-    mine, theirs = by_turns(ours, other, rounds)
-    ratios = [
-        per_call * b / a if faster else a / (per_call * b)
-        for a, b in zip(mine, theirs, strict=True)
-    ]
-    return Measurement(
-        title, must, aim, statistics.median(ratios), min(ratios), max(ratios),
-        "times as fast" if faster else "ratio", statistics.median(mine),
-    )  # fmt: skip
+    our_times, other_times = _times(rounds, ours, other)
+    ratios = [a / (per_call * b) for a, b in zip(our_times, other_times, strict=True)]
+    unit, seconds = "ratio", statistics.median(our_times)
+    if faster:
+        ratios, unit = [1 / each for each in ratios], "times as fast"
+    return _measurement(title, must, aim, ratios, unit, seconds=seconds)
 
 
-def both(shape: tuple[int, int], preset: str = "reference") -> DetectorBank:
+def _bank(shape: tuple[int, int], preset: str = "reference") -> DetectorBank:
     """Return both models of the paper."""
     return DetectorBank(shape, [parameters_of(name, preset) for name in default_names()])
 
 
-def models(frames: Sequence[Luma], preset: str = "reference") -> Callable[[], None]:
+def _models(frames: Sequence[Luma], preset: str = "reference") -> Callable[[], None]:
     """Return a function that passes frames through both models."""
-    bank = both(frames[0].shape, preset)
+    bank = _bank(frames[0].shape, preset)
 
     def once() -> None:
         for luma in frames:
@@ -124,71 +114,64 @@ def models(frames: Sequence[Luma], preset: str = "reference") -> Callable[[], No
     return once
 
 
-def run_command(path: Path, *options: str) -> list[str]:
+def _run_command(path: Path) -> list[str]:
     """Return the command `oppload run` on a file."""
     folder = tempfile.mkdtemp(prefix="oppload-bench-")
     return [
         *(COMMAND, "run", str(path), "-o", folder, "-q"),
-        *("--preset", "reference", "--if-exists", "overwrite", *options),
+        *("--preset", "reference", "--if-exists", "overwrite"),
     ]
 
 
-def runs(rounds: int) -> Iterator[Measurement]:
+def _runs(rounds: int) -> Iterator[_Measurement]:
     """Measure complete runs against bare decoding and against PySceneDetect."""
     for width, height, must, aim in ((1920, 1080, "1.6", "1.15"), (1280, 720, "2.2", "1.3")):
         for frames in LENGTHS:
             path = media.h264(RESULTS, width, height, frames)
-            ours = run_command(path)
-            yield ratio(
+            ours = partial(references.run, _run_command(path))
+            yield _ratio(
                 f"oppload run, {height}p H.264, {frames} frames, over bare decoding",
                 f"<= {must}", aim,
-                partial(references.run, ours),
-                partial(references.run, references.decode_command(path)),
-                rounds,
+                ours, partial(references.run, references.decode_command(path)), rounds,
             )  # fmt: skip
             theirs = references.scenedetect_command(path)
             if theirs is not None:
-                yield ratio(
+                yield _ratio(
                     f"oppload run, {height}p, {frames} frames, against scenedetect detect-content",
                     ">= 1", "1.5",
-                    partial(references.run, ours),
-                    partial(references.run, theirs),
-                    rounds, faster=True,
+                    ours, partial(references.run, theirs), rounds, faster=True,
                 )  # fmt: skip
 
 
-def models_alone(rounds: int) -> Iterator[Measurement]:
+def _models_alone(rounds: int) -> Iterator[_Measurement]:
     """Measure the models without decoding."""
     small = media.luminance(427, 240, 60)
-    ours = models(small)  # frames of this size are left to one thread
-    mine, _ = by_turns(ours, lambda: None, rounds)
-    rates = [len(small) / each for each in mine]
-    yield Measurement(
+    [times] = _times(rounds, _models(small))  # one thread computes frames of this size
+    yield _measurement(
         "models alone, 427 x 240, one core: frames/s", ">= 400", "1000",
-        statistics.median(rates), min(rates), max(rates), "frames/s", statistics.median(mine),
+        [len(small) / each for each in times], "frames/s", seconds=statistics.median(times),
     )  # fmt: skip
     large = media.luminance(1280, 720, 12)
-    ours_large = models(large)
-    yield ratio(
+    ours = _models(large)
+    yield _ratio(
         "models alone, 1280 x 720, against DIS ultrafast and divergence", ">= 1", "2",
-        ours_large, partial(references.dis, large), rounds, faster=True,
+        ours, partial(references.dis, large), rounds, faster=True,
     )  # fmt: skip
-    yield ratio(
+    yield _ratio(
         "models alone, 1280 x 720, against Farneback and divergence", ">= 15", "40",
-        ours_large, partial(references.farneback, large), rounds, faster=True,
+        ours, partial(references.farneback, large), rounds, faster=True,
     )  # fmt: skip
     paper = media.luminance(800, 600, 6)
     for preset, must, aim in (("reference", ">= 20", "60"), ("paper", ">= 8", "20")):
-        is_paper = preset == "paper"
-        yield ratio(
+        yield _ratio(
             f"preset {preset}, 800 x 600, against the literal reference", must, aim,
-            models(paper, preset),
-            partial(references.literal, paper[:4], paper=is_paper),
+            _models(paper, preset),
+            partial(references.literal, paper[:4], paper=preset == "paper"),
             rounds, faster=True, per_call=len(paper),
         )  # fmt: skip
 
 
-def stages(rounds: int) -> Iterator[Measurement]:
+def _stages(rounds: int) -> Iterator[_Measurement]:
     """Measure the time of each stage per frame of 427 x 240, in ms."""
     frames = media.luminance(427, 240, 60)
     opplod = cast("OpplodParams", parameters_of("opplod", "reference")).resolved(240)
@@ -219,12 +202,11 @@ def stages(rounds: int) -> Iterator[Measurement]:
             for luma in frames:
                 part(luma)
 
-        mine, _ = by_turns(once, lambda: None, rounds)
-        each = [1e3 * value / len(frames) for value in mine]
-        yield Measurement(
-            f"stage: {name}", "", "", statistics.median(each), min(each), max(each), "ms/frame",
-            statistics.median(mine),
-        )  # fmt: skip
+        [times] = _times(rounds, once)
+        costs = [1e3 * each / len(frames) for each in times]
+        yield _measurement(
+            f"stage: {name}", "", "", costs, "ms/frame", seconds=statistics.median(times)
+        )
     path = media.h264(RESULTS, 1280, 720, LENGTHS[0])
 
     def read() -> None:
@@ -232,39 +214,35 @@ def stages(rounds: int) -> Iterator[Measurement]:
             for _ in video:
                 pass
 
-    yield ratio(
+    yield _ratio(
         "stage: decode and resize, 720p, over bare decoding", "", "",
         read, lambda: decoding.decode(path), rounds,
     )  # fmt: skip
 
 
-def start(rounds: int) -> Iterator[Measurement]:
+def _start(rounds: int) -> Iterator[_Measurement]:
     """Measure the start-up of the command."""
-    helped, bare = by_turns(
+    helped, bare = _times(
+        4 * rounds,
         lambda: references.run([COMMAND, "--help"]),
         lambda: references.run([sys.executable, "-c", "pass"]),
-        4 * rounds,
     )
     extra = [1e3 * (a - b) for a, b in zip(helped, bare, strict=True)]
-    yield Measurement(
-        "oppload --help over a bare interpreter's start", "<= 60", "40",
-        statistics.median(extra), min(extra), max(extra), "ms", statistics.median(helped),
-    )  # fmt: skip
+    title = "oppload --help over a bare interpreter's start"
+    yield _measurement(title, "<= 60", "40", extra, "ms", seconds=statistics.median(helped))
 
 
-def memory(_rounds: int) -> Iterator[Measurement]:
+def _memory(_rounds: int) -> Iterator[_Measurement]:
     """Measure the peak memory of complete runs."""
     for frames in (150, LENGTHS[0]):
-        peak = _peak_mb(run_command(media.h264(RESULTS, 1920, 1080, frames)))
-        yield Measurement(
-            f"peak memory, 1080p, {frames} frames", "<= 250", "150", peak, peak, peak, "MB", 0.0
-        )
+        peak = _peak_mb(_run_command(media.h264(RESULTS, 1920, 1080, frames)))
+        yield _measurement(f"peak memory, 1080p, {frames} frames", "<= 250", "150", [peak], "MB")
 
 
 def _peak_mb(command: Sequence[str]) -> float:
-    """Return the peaks of a process and of those that it starts, added up (Linux only).
+    """Return the sum of the peaks of a process and of the processes that it starts (Linux only).
 
-    Memory that they share counts more than once, so that the sum is an upper bound.
+    The sum is an upper bound, because shared memory counts once for each process.
     """
     peaks: dict[str, int] = {}
     with subprocess.Popen(command) as run:
@@ -280,37 +258,36 @@ def _peak_mb(command: Sequence[str]) -> float:
     return sum(peaks.values()) / 1024
 
 
-def scaling(rounds: int) -> Iterator[Measurement]:
+def _scaling(rounds: int) -> Iterator[_Measurement]:
     """Fit the cost as a power of the number of pixels, and of the number of frames."""
     sizes = [(128, 72), (256, 144), (512, 288), (1280, 720)]
     costs = []
     for width, height in sizes:
-        frames = media.luminance(width, height, 12)
-        times, _ = by_turns(models(frames), lambda: None, rounds)
+        [times] = _times(rounds, _models(media.luminance(width, height, 12)))
         costs.append(min(times))
     pixels = [width * height for width, height in sizes]
-    yield exponent("cost of the models against pixels", pixels, costs)
+    yield _exponent("cost of the models against pixels", pixels, costs)
     frames = media.luminance(128, 72, 1)
     counts = [10, 100, 1000]
     totals = []
     for count in counts:
-        once, passes = models(frames * count), counts[-1] // count
-        # More passes over fewer frames: a shorter measurement would meet less of the noise.
-        times, _ = by_turns(lambda: [once() for _ in range(passes)], lambda: None, rounds)  # noqa: B023
+        once, passes = _models(frames * count), counts[-1] // count
+        # Fewer frames get more passes, so that all measurements last as long and have equal noise.
+        [times] = _times(rounds, lambda: [once() for _ in range(passes)])  # noqa: B023
         totals.append(min(times) / passes)
-    yield exponent("cost of the models against frames", counts, totals)
+    yield _exponent("cost of the models against frames", counts, totals)
 
 
-def exponent(title: str, sizes: Sequence[float], costs: Sequence[float]) -> Measurement:
+def _exponent(title: str, sizes: Sequence[float], costs: Sequence[float]) -> _Measurement:
     """Fit cost = c size^k, and return k."""
     k = float(np.polyfit(np.log(sizes), np.log(costs), 1)[0])
-    return Measurement(f"{title}: exponent", "<= 1.05", "1.0", k, k, k, "exponent", costs[-1])
+    return _measurement(f"{title}: exponent", "<= 1.05", "1.0", [k], "exponent", seconds=costs[-1])
 
 
-def live(_rounds: int) -> Iterator[Measurement]:
+def _live(_rounds: int) -> Iterator[_Measurement]:
     """Measure the time from a frame to its response at 720p and 30 frames/s, 99th percentile."""
     images = [(luma * 255).astype(np.uint8) for luma in media.luminance(1280, 720, 60)]
-    bank = both((240, 427))
+    bank = _bank((240, 427))
     flow = DenseFlow()
     latencies = []
     for index in range(150):
@@ -322,25 +299,25 @@ def live(_rounds: int) -> Iterator[Measurement]:
         latencies.append(1e3 * (time.perf_counter() - begun))
         time.sleep(max(0.0, 1 / 30 - (time.perf_counter() - begun)))
     late = latencies[10:]
-    yield Measurement(
+    yield _Measurement(
         "live: frame in to response out, 720p at 30 frames/s, 99th percentile", "<= 33", "5",
         float(np.percentile(late, 99)), min(late), max(late), "ms", 0.0,
     )  # fmt: skip
 
 
-PARTS: dict[str, Callable[[int], Iterator[Measurement]]] = {
-    "runs": runs,
-    "models": models_alone,
-    "stages": stages,
-    "start": start,
-    "memory": memory,
-    "scaling": scaling,
-    "live": live,
+PARTS: dict[str, Callable[[int], Iterator[_Measurement]]] = {
+    "runs": _runs,
+    "models": _models_alone,
+    "stages": _stages,
+    "start": _start,
+    "memory": _memory,
+    "scaling": _scaling,
+    "live": _live,
 }
 
 
-def table(measured: Sequence[Measurement], machine: dict[str, Any]) -> str:
-    """Return the Markdown page."""
+def _page(measured: Sequence[_Measurement], machine: dict[str, Any]) -> str:
+    """Return the results as Markdown."""
     lines = [
         "# Benchmark",
         f"{machine['platform']}, {machine['cores']} cores, Python {machine['python']}.",
@@ -375,7 +352,7 @@ def main() -> None:
     RESULTS.mkdir(exist_ok=True)
     content = {"machine": machine, "measurements": [asdict(each) for each in measured]}
     (RESULTS / "bench.json").write_text(json.dumps(content, indent=2) + "\n")
-    (RESULTS / "bench.md").write_text(table(measured, machine))
+    (RESULTS / "bench.md").write_text(_page(measured, machine))
     print(f"\n{RESULTS / 'bench.md'}")
 
 

@@ -3,8 +3,8 @@
     python -m benchmarks.compare BASE HEAD
     python -m benchmarks.compare --self-test
 
-Each round runs base, head and base again, each in a process of its own. The head has regressed
-if it is slower by more than a tenth, in the median over the rounds, and by more than twice the
+Each round runs base, head and base again, each in a process of its own. The comparison fails if,
+in the median over the rounds, the head is slower by more than a tenth, and by more than twice the
 median difference between the two runs of the base.
 """  # fmt: skip
 
@@ -45,7 +45,7 @@ print((time.process_time() - start) / 12)
 """
 
 
-def cost(checkout: Path, extra_passes: int = 0) -> float:
+def _cost(checkout: Path, extra_passes: int = 0) -> float:
     """Return the processor time of the models in a checkout, in seconds."""
     done = subprocess.run(
         [sys.executable, "-c", WORKER, str(extra_passes)],
@@ -55,14 +55,14 @@ def cost(checkout: Path, extra_passes: int = 0) -> float:
     return float(done.stdout)
 
 
-def compared(base: Path, head: Path, rounds: int, slowed: int = 0) -> tuple[bool, str]:
+def _compared(base: Path, head: Path, rounds: int, extra_passes: int = 0) -> tuple[bool, str]:
     """Return whether the head is as fast as the base within the margin, and the figures.
 
-    `slowed` passes more than the base are run of the head, for the self-test.
+    For the self-test, the head runs `extra_passes` more passes than the base.
     """
     ratios, drift = [], []
     for _ in range(rounds):
-        before, measured, after = cost(base), cost(head, slowed), cost(base)
+        before, measured, after = _cost(base), _cost(head, extra_passes), _cost(base)
         ratios.append(measured / statistics.mean((before, after)))
         drift.append(abs(after / before - 1))
     margin = max(LEAST_MARGIN, 2 * statistics.median(drift))
@@ -71,11 +71,11 @@ def compared(base: Path, head: Path, rounds: int, slowed: int = 0) -> tuple[bool
     return median <= 1 + margin, text
 
 
-def self_test(rounds: int) -> bool:
-    """Tell whether the same code passes, and code that is slower by half fails."""
+def _self_test(rounds: int) -> bool:
+    """Return whether the same code passes, and code that takes half as long again fails."""
     here = Path(__file__).resolve().parents[1]
-    same, same_text = compared(here, here, rounds)
-    slower, slower_text = compared(here, here, rounds, slowed=6)
+    same, same_text = _compared(here, here, rounds)
+    slower, slower_text = _compared(here, here, rounds, extra_passes=6)
     print(f"the same code: {same_text}\nslower by half: {slower_text}")
     return same and not slower
 
@@ -89,10 +89,10 @@ def main() -> None:
     parser.add_argument("--self-test", action="store_true")
     options = parser.parse_args()
     if options.self_test:
-        sys.exit(0 if self_test(options.rounds) else 1)
+        sys.exit(0 if _self_test(options.rounds) else 1)
     if options.base is None or options.head is None:
         parser.error("give two checkouts, or --self-test")
-    passes, text = compared(options.base.resolve(), options.head.resolve(), options.rounds)
+    passes, text = _compared(options.base.resolve(), options.head.resolve(), options.rounds)
     print(text + ("" if passes else ": slower"))
     sys.exit(0 if passes else 1)
 

@@ -1,20 +1,15 @@
-"""Bare decoding: a process of its own that imports only the decoder. No run can be faster.
+"""Bare decoding, in a process that imports only the decoder: the least time of a run.
 
-``python benchmarks/decoding.py FILE`` decodes every frame and looks at the size of its luma plane.
+``python benchmarks/decoding.py FILE`` decodes every frame and reads the size of its luma plane.
 """
 
-from __future__ import annotations
-
+import os
 import sys
-from typing import TYPE_CHECKING
 
 import av
 
-if TYPE_CHECKING:
-    from pathlib import Path
 
-
-def decode(path: str | Path) -> int:
+def decode(path: str | os.PathLike[str]) -> int:
     """Return the number of decoded frames."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]

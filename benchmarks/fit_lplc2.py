@@ -1,10 +1,10 @@
 """Fit preset ``lplc2`` to published peaks, with cross-validation over stimulus families.
 
 ``python -m benchmarks.fit_lplc2 [REFERENCE.csv] [--free inward,lateral] [--seed 1]
-[--generations 60] [--cross-validate] [--state fit.npz] [--peaks-only] [--ablate]``. The motion
-that the arms see is computed once per stimulus; a differential evolution then searches the named
-parameters, so that the peaks are near and the phenomena that several papers state in words are in
-their ranges. A search that was stopped goes on from its state. See docs/lplc2.md.
+[--generations 60] [--cross-validate] [--state fit.npz] [--peaks-only] [--ablate]``. The program
+computes the pooled motion of each stimulus once. A differential evolution then searches the named
+parameters for small differences from the peaks, and for phenomena (statements of several papers)
+within their ranges. With ``--state``, a search that was stopped continues. See docs/lplc2.md.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import math
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -82,8 +82,8 @@ ABLATIONS: dict[str, dict[str, object]] = {
     "calcium low-pass": {"calcium_s": 0.0},
     "no response to the first motion after rest": {"history": 0.0},
 }
-INSIDE = 1.03  # the search aims at the inside of the phenomena's ranges, by this factor
-MISS = 2.0  # how much a phenomenon outside its range counts beside a peak
+INSIDE = 1.03  # the search narrows the ranges of the phenomena by this factor at both ends
+MISS = 2.0  # weight of a phenomenon outside its range, relative to the weight of a peak
 AS_GOOD = 1.1  # solutions up to this many times the least mean square error count as equally good
 
 
@@ -103,14 +103,14 @@ def read_reference(path: Path) -> list[Target]:
     ----------
     path : Path
         A CSV file with the columns ``stimulus``, ``axis_deg``, ``width_deg`` and
-        ``peak_relative_to_loom``; stimuli by their name in the catalogue, or as in the file of
-        the package.
+        ``peak_relative_to_loom``. Stimuli have their names in the catalogue, or those in the
+        package's own file.
 
     Raises
     ------
     ResultError
-        If a stimulus is unknown or stands there twice, a peak is no number or below 0, or the
-        loom is missing.
+        If a stimulus is unknown or has two rows, a peak is no number or below 0, or the loom is
+        missing.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
@@ -122,12 +122,11 @@ def read_reference(path: Path) -> list[Target]:
         target = _target(f"{path}: line {number}", row)
         if any(target.stimulus == other.stimulus for other in targets):
             raise ResultError(
-                f"{path}: line {number}: stimulus '{target.stimulus}' stands there twice; "
-                f"keep one row"
+                f"{path}: line {number}: stimulus '{target.stimulus}' has two rows; keep one"
             )
         targets.append(target)
     if not any(target.family == LOOM for target in targets):
-        raise ResultError(f"{path}: has no row of 'loom', which the others are relative to")
+        raise ResultError(f"{path}: has no row of 'loom'; add one, since peaks are relative to it")
     return targets
 
 
@@ -160,9 +159,9 @@ def _target(where: str, row: Mapping[str, str | None]) -> Target:
 
 
 def stands_for(name: str) -> str:
-    """Return a stimulus with the axis of 0 to 45 degrees that is like its own to four arms.
+    """Return the stimulus with an axis of 0 to 45 degrees that causes the same response.
 
-    They are cardinal, so that stimuli which differ by quarter turns and mirrors are alike.
+    The four arms are cardinal. So quarter turns and mirror images of a stimulus change nothing.
     """
     axis = axis_of(name)
     if axis is None:
@@ -171,16 +170,16 @@ def stands_for(name: str) -> str:
 
 
 class Battery:
-    """The motion that the arms of the unit in the middle see, of every stimulus.
+    """The pooled motion of every stimulus, which the arms of the middle unit weigh.
 
     Parameters
     ----------
     stimuli : iterable of str
-        Names in the catalogue; the loom is always among them.
+        Names in the catalogue; the loom is added.
     params : OpplodParams
-        Of preset ``lplc2``; its cells and its field stay.
+        Parameters of preset ``lplc2``. The battery uses their cells and field throughout.
     off_centre : iterable of (float, float)
-        Further looms, by the place of their centre in degrees from that of the unit.
+        Centres of further looms, in degrees from the centre of the middle unit.
     """
 
     def __init__(
@@ -195,44 +194,41 @@ class Battery:
         shown = {stands_for(name): load_all(name) for name in reversed(self.stimuli)}
         for place in off_centre:
             shown[_at(place)] = load_all(self.loom, {"disk.centre_deg": list(place)})
-        seen = [self._seen(*each) for each in shown.values()]
-        self.columns = {alike: column for column, alike in enumerate(shown)}
+        motion = [self._motion(*each) for each in shown.values()]
+        self.columns = {name: column for column, name in enumerate(shown)}
         self.off_centre = [_at(place) for place in off_centre]
-        self.frames = [len(maps) for maps in seen]
+        self.frames = [len(maps) for maps in motion]
         self.times = np.arange(max(self.frames)) / 30
-        self.maps = np.concatenate(seen)
+        self.maps = np.concatenate(motion)
 
-    def _seen(self, protocol: Protocol) -> NDArray[np.float32]:
+    def _motion(self, protocol: Protocol) -> NDArray[np.float32]:
+        """Return the amount of motion and its four parts in each cell, one row per frame."""
         video = StimulusVideo(protocol, 240)
         shape = video.working.height, video.working.width
         layers = Layers(shape, Clock())
         dpc = layers.dpc(self.params, (0, 90))
         arms = ArmsJudgement(shape, self.params.resolved(shape[0]))
-        empty = np.zeros((5, *arms.maps.responses.shape), np.float32)
         maps = []
         for frame in video:
             layers.clock.time_s = frame.time_s
+            maps.append(np.zeros((5, *arms.maps.responses.shape), np.float32))
             if dpc.step(frame.luma):
-                layer = dpc.layer
-                amount, parts = arms.pooled(layer)
-                maps.append(np.stack([amount, *parts]))
-            else:
-                maps.append(empty)
+                maps[-1][0], maps[-1][1:] = arms.pooled(dpc.layer)
         return np.asarray(maps, np.float32).reshape(len(maps), -1)
 
     def peaks(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Return the peaks over the loom's with some parameters changed.
+        """Return the peaks, divided by that of the loom, with some parameters changed.
 
-        They are named as the stimuli; those of looms off the centre, ``loom at X, Y``.
+        Peaks have the names of the stimuli; those of looms off the centre are ``loom at X, Y``.
         """
         params = self.params.replaced(**values).resolved(240)
-        seen = np.zeros((len(self.times), len(self.frames), 2 * len(DIRECTIONS)))
+        inputs = np.zeros((len(self.times), len(self.frames), 2 * len(DIRECTIONS)))
         by_frame = self.maps @ self._weights(params)
         for column, part in enumerate(np.split(by_frame, np.cumsum(self.frames)[:-1])):
-            seen[: len(part), column] = part
-        suppression = low_passed(seen[..., 4:], self.times, params.suppression_s)
+            inputs[: len(part), column] = part
+        suppression = low_passed(inputs[..., 4:], self.times, params.suppression_s)
         total = arm_response(
-            seen[..., :4].astype(np.float32),
+            inputs[..., :4].astype(np.float32),
             suppression.astype(np.float32),
             params.half_saturation,
             params.saturation,
@@ -244,9 +240,9 @@ class Battery:
         return peaks | {each: found[self.columns[each]] / loom for each in self.off_centre}
 
     def _weights(self, params: OpplodParams) -> NDArray[np.float32]:
-        """Weigh the amount and the parts of motion in each cell for the unit in the middle.
+        """Return the weight of each value of `maps` for the middle unit.
 
-        Columns are the four arms' excitation, and their suppression.
+        The columns are the excitations of the four arms, then their suppressions.
         """
         reach = params.field_px / 2 / params.cell_px
         further = reach * params.suppression_field
@@ -277,9 +273,9 @@ MEMBERS = {
 
 
 def misses(peaks: Mapping[str, float], without: str = "") -> list[float]:
-    """Return how far each phenomenon is outside its range, relative to its end.
+    """Return each phenomenon's distance from its range, divided by the end of the range.
 
-    Those that need the family `without`, or stimuli that were not shown, are left out.
+    Phenomena that need the family `without`, or stimuli without a peak, are left out.
     """
     rows = [
         Row(
@@ -297,8 +293,8 @@ def misses(peaks: Mapping[str, float], without: str = "") -> list[float]:
     ]
 
 
-def check_count(free: Sequence[str], targets: Sequence[Target]) -> None:
-    """Refuse more parameters than rows beside the loom; raise ParameterError."""
+def _check_count(free: Sequence[str], targets: Sequence[Target]) -> None:
+    """Raise a ParameterError if there are more parameters than rows other than the loom's."""
     rows = sum(target.family != LOOM for target in targets)
     if len(free) > rows:
         raise ParameterError(
@@ -316,36 +312,32 @@ def fit(
     state: Path | None = None,
     without: str = "",
 ) -> tuple[Floats, Floats]:
-    """Search the free parameters.
+    """Search the free parameters; a ParameterError if there are more of them than rows.
 
-    A phenomenon outside its range by 1 % counts as a peak that is off by `MISS` times 0.01, at
-    most by 1; phenomena that need the family `without` do not count.
+    A phenomenon 1 % outside its range counts like a peak with an error of `MISS` times 0.01; no
+    phenomenon counts more than an error of 1. Phenomena that need the family `without` do not
+    count.
 
     Returns
     -------
     population : ndarray, shape (n, parameters)
-        The best first, logarithms where `RANGES` says so.
+        Parameters, the best first; logarithms where `RANGES` says so.
     errors : ndarray, shape (n,)
-        Mean square errors.
-
-    Raises
-    ------
-    ParameterError
-        If there are more parameters than rows.
+        Their mean square errors.
     """
-    check_count(free, targets)
+    _check_count(free, targets)
     rows = [target for target in targets if target.family != LOOM]
 
     def error(point: Floats) -> float:
-        peaks = battery.peaks(values_of(free, point))
-        off = [peaks[row.stimulus] - row.peak for row in rows]
-        far = [min(MISS * miss, 1.0) for miss in misses(peaks, without)]
-        return float((np.square(off).sum() + np.square(far).sum()) / len(rows))
+        peaks = battery.peaks(_values_of(free, point))
+        errors = [peaks[row.stimulus] - row.peak for row in rows]
+        errors += [min(MISS * miss, 1.0) for miss in misses(peaks, without)]
+        return float(np.square(errors).sum() / len(rows))
 
     bounds = [np.log(RANGES[name][:2]) if RANGES[name][2] else RANGES[name][:2] for name in free]
-    begun: Floats | str = "latinhypercube"
+    start: Floats | str = "latinhypercube"
     if state is not None and state.exists():
-        begun = np.load(state)["population"]
+        start = np.load(state)["population"]
 
     def keep(intermediate_result: object) -> None:
         if state is not None:
@@ -353,13 +345,13 @@ def fit(
 
     found = differential_evolution(
         error, bounds, rng=seed, popsize=6, maxiter=generations, tol=1e-8, polish=False,
-        init=begun, callback=keep,
+        init=start, callback=keep,
     )  # fmt: skip
     order = np.argsort(found.population_energies)
     return found.population[order], found.population_energies[order]
 
 
-def values_of(free: Sequence[str], point: Floats) -> dict[str, float]:
+def _values_of(free: Sequence[str], point: Floats) -> dict[str, float]:
     """Return the parameters at one point of the search."""
     return {
         name: float(np.exp(value) if RANGES[name][2] else value)
@@ -367,15 +359,15 @@ def values_of(free: Sequence[str], point: Floats) -> dict[str, float]:
     }
 
 
-def likeness(peaks: Mapping[str, float], rows: Sequence[Target]) -> tuple[float, float]:
-    """Return Pearson's r, and the root mean square difference, without the loom."""
+def _likeness(peaks: Mapping[str, float], rows: Sequence[Target]) -> tuple[float, float]:
+    """Return Pearson's r of the peaks of model and neurons, and their rms difference."""
     model = np.array([peaks[row.stimulus] for row in rows])
     neurons = np.array([row.peak for row in rows])
     r = float(np.corrcoef(model, neurons)[0, 1]) if np.ptp(model) and len(rows) > 1 else np.nan
     return r, float(np.sqrt(np.mean((model - neurons) ** 2)))
 
 
-def cross_validated(
+def _cross_validated(
     battery: Battery,
     targets: Sequence[Target],
     free: Sequence[str],
@@ -384,9 +376,9 @@ def cross_validated(
     generations: int,
     state: Path | None = None,
 ) -> tuple[float, float]:
-    """Return r and rms of rows that were predicted without their own family of stimuli.
+    """Return r and rms, with each family of stimuli predicted by a fit to the other families.
 
-    Each family has a state of its own, beside that of the fit.
+    Each family has its own file of the search's state, beside that of the fit.
     """
     rows = [target for target in targets if target.family != LOOM]
     predicted: dict[str, float] = {}
@@ -397,27 +389,26 @@ def cross_validated(
             battery, others, free,
             seed=seed, generations=generations, state=own, without=family,
         )  # fmt: skip
-        peaks = battery.peaks(values_of(free, population[0]))
-        left = [row for row in rows if row.family == family]
-        predicted.update({row.stimulus: peaks[row.stimulus] for row in left})
-        print(f"without {family}: " + ", ".join(
-            f"{predicted[row.stimulus]:.3f} ({row.peak:g})" for row in left
-        ), flush=True)  # fmt: skip
-    return likeness(predicted, rows)
+        peaks = battery.peaks(_values_of(free, population[0]))
+        held_out = [row for row in rows if row.family == family]
+        predicted.update({row.stimulus: peaks[row.stimulus] for row in held_out})
+        pairs = [f"{predicted[row.stimulus]:.3f} ({row.peak:g})" for row in held_out]
+        print(f"without {family}: {', '.join(pairs)}", flush=True)
+    return _likeness(predicted, rows)
 
 
-def ablated(
+def _ablated(
     battery: Battery, targets: Sequence[Target]
 ) -> Iterator[tuple[str, tuple[float, float]]]:
-    """Yield r and rms with each part of the preset switched off, nothing else changed."""
+    """Yield r and rms with each part of the preset switched off, and nothing else changed."""
     rows = [target for target in targets if target.family != LOOM]
     for part, values in ABLATIONS.items():
-        if values.keys() <= RANGES.keys():  # the motion that the arms see stays
+        if values.keys() <= RANGES.keys():  # the pooled motion does not depend on these parameters
             peaks = battery.peaks(cast("Mapping[str, float]", values))
         else:
             changed = battery.params.replaced(**values)
             peaks = Battery([row.stimulus for row in rows], changed).peaks({})
-        yield part, likeness(peaks, rows)
+        yield part, _likeness(peaks, rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -438,7 +429,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if unknown:
             raise ParameterError(f"--free: no parameter '{unknown[0]}'; one of {', '.join(RANGES)}")
         targets = read_reference(chosen.reference)
-        check_count(free, targets)
+        _check_count(free, targets)
         params = cast("OpplodParams", parameters_of("opplod", "lplc2"))
         stimuli = [target.stimulus for target in targets]
         battery = (
@@ -447,28 +438,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
             else Battery([*stimuli, *MEMBERS], params, OFF_CENTRE)
         )
         rows = [target for target in targets if target.family != LOOM]
-        print("preset: r {:.3f}, rms {:.3f}".format(*likeness(battery.peaks({}), rows)), flush=True)
+        result = _likeness(battery.peaks({}), rows)
+        print("preset: r {:.3f}, rms {:.3f}".format(*result), flush=True)
         if chosen.ablate:
-            for part, result in ablated(battery, targets):
+            for part, result in _ablated(battery, targets):
                 print("without {}: r {:.3f}, rms {:.3f}".format(part, *result), flush=True)
             return 0
-        population, errors = fit(
-            battery, targets, free,
-            seed=chosen.seed, generations=chosen.generations, state=chosen.state,
-        )  # fmt: skip
-        found = battery.peaks(values_of(free, population[0]))
-        print("fit: r {:.3f}, rms {:.3f}".format(*likeness(found, rows)))
+        search: dict[str, Any] = {
+            "seed": chosen.seed,
+            "generations": chosen.generations,
+            "state": chosen.state,
+        }
+        population, errors = fit(battery, targets, free, **search)
+        found = battery.peaks(_values_of(free, population[0]))
+        print("fit: r {:.3f}, rms {:.3f}".format(*_likeness(found, rows)))
         good = population[errors <= AS_GOOD * errors[0]]
         print(f"{len(good)} solutions within {AS_GOOD:g} times the least mean square error:")
-        values = [values_of(free, point) for point in good]
+        solutions = [_values_of(free, point) for point in good]
         for name in free:
-            each = [one[name] for one in values]
-            print(f"  {name} {each[0]:.4g} ({min(each):.4g} to {max(each):.4g})")
+            values = [solution[name] for solution in solutions]
+            print(f"  {name} {values[0]:.4g} ({min(values):.4g} to {max(values):.4g})")
         if chosen.cross_validate:
-            result = cross_validated(
-                battery, targets, free,
-                seed=chosen.seed, generations=chosen.generations, state=chosen.state,
-            )  # fmt: skip
+            result = _cross_validated(battery, targets, free, **search)
             print("cross-validated over families: r {:.3f}, rms {:.3f}".format(*result))
     except OpploadError as error:
         print(f"fit_lplc2: {error}", file=sys.stderr)

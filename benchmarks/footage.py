@@ -1,21 +1,23 @@
-"""Measure what the coding of a video does to responses: its size, and repeats of its pictures.
+"""Measure how the size of a video and repeats of its pictures change responses.
 
     python -m benchmarks.footage sizes VIDEO ... [--frames N]
     python -m benchmarks.footage repeats VIDEO ... [--frames N]
 
-Each video is coded anew in several ways (H.264), and every one goes through the analysis of
-``oppload run``; the VIDEO `generated` is a textured disk that approaches over a texture.
-`sizes`: at 360, 720, 1080 and 2160 rows, against 720. `repeats`: every picture twice at twice the
-rate, exactly and coded anew, and every second picture at 12 per second in 30 frames/s, each
-against a file that shows every picture once at its own rate. The column *told* compares with the
-same file where the detectors are told which frames are repeats and when pictures were taken: what
-it lacks to 1 is due to the recognition, and the rest of the column *peak* to the encoder.
+The program encodes each video in several ways (H.264) and analyses every file as ``oppload run``
+does; the VIDEO `generated` is a textured disk that approaches over a texture.
+`sizes` compares files of 360, 720, 1080 and 2160 rows with the file of 720 rows. `repeats` compares
+files with repeats with a file that shows every picture once at its own rate. The files with repeats
+show every picture twice at twice the rate, or every second picture at 12 pictures/s in 30 frames/s.
+In the column *told* the detectors analyse the same file, but are told which frames are repeats and
+when each picture was taken. So a deviation of *told* from 1 is due to the recognition of repeats;
+the rest of the deviation in the column *peak* is due to the encoder.
 """
 
 from __future__ import annotations
 
 import argparse
 from fractions import Fraction
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -51,38 +53,29 @@ BICUBIC_EXACTLY, AREA_EXACTLY = 0x4 | 0xC0000, 0x20 | 0xC0000
 
 
 class Pair(NamedTuple):
-    """Two files that are compared.
+    """Two files that are compared, `here` with `there`."""
 
-    Attributes
-    ----------
-    how : str
-        How the first one was coded.
-    here, there : Path
-    pictures : tuple of int
-        Of each frame of the first one; empty where every frame shows another picture.
-    per_s : Fraction
-        Pictures per second.
-    """
-
-    how: str
+    how: str  # how `here` was encoded
     here: Path
     there: Path
-    pictures: tuple[int, ...] = ()
-    per_s: Fraction = Fraction(30)
+    pictures: tuple[
+        int, ...
+    ] = ()  # number of the picture of each frame of `here`; empty: no repeats
+    per_s: Fraction = Fraction(30)  # pictures per second
 
 
-class Told(Repeats):
-    """Repeats of a file of which it is known which picture each frame shows."""
+class _KnownRepeats(Repeats):
+    """Repeats of a file for which the picture of each frame is known."""
 
     def __init__(self, pictures: Sequence[int], per_s: Fraction) -> None:
         super().__init__(RepeatParams())
-        self._left, self._per_s = list(pictures)[::-1], float(per_s)
+        self._numbers, self._per_s = iter(pictures), float(per_s)
         self._latest = -1
 
     def step(self, luma: NDArray[np.float32], time_s: float) -> Repeat:
         """Take the next frame."""
         del luma
-        picture, latest = self._left.pop(), self._latest
+        picture, latest = next(self._numbers), self._latest
         self._latest = picture
         if picture == latest:
             self.near += 1
@@ -91,32 +84,20 @@ class Told(Repeats):
 
 
 class Answer(NamedTuple):
-    """What a detector answers to a video.
+    """The responses and alarms of a detector on a video."""
 
-    Attributes
-    ----------
-    peak : float
-        Largest response.
-    floor : float
-        A quarter of the floor of its alarm; which of two lower peaks is larger means nothing.
-    alarms_s : list of float
-        When its alarm went on.
-    """
-
-    peak: float
-    floor: float
-    alarms_s: list[float]
+    peak: float  # largest response
+    floor: float  # a quarter of the alarm's floor: differences below it mean nothing
+    alarms_s: list[float]  # starts of the alarms
 
 
 def coded(
     path: Path, planes: Planes, rate: Fraction, crf: int | None, height: int | None = None
 ) -> Path:
-    """Write grey pictures as an H.264 video.
+    """Write grey pictures as an H.264 video, and return its path.
 
     Parameters
     ----------
-    path : Path
-        Of the new file.
     planes : iterable of ndarray of uint8, shape (rows, columns)
         The pictures, of one shape.
     rate : Fraction
@@ -124,7 +105,7 @@ def coded(
     crf : int or None
         Constant rate factor; None keeps every value of luma.
     height : int, optional
-        Rows to which the pictures are resized (bicubic; smaller ones by area); even.
+        Number of rows, even, to which pictures are enlarged (bicubic) or reduced (by area).
     """
     options = {"preset": "veryfast", "crf": str(crf)} if crf else {"preset": "ultrafast", "qp": "0"}
     options |= ON_ANY_PROCESSOR
@@ -152,21 +133,16 @@ def coded(
 def answers(
     path: Path, detectors: Sequence[tuple[str, str]] = DETECTORS, told: Pair | None = None
 ) -> tuple[dict[str, Answer], Repeats]:
-    """Return the answers to a video by detector and preset, and what was known of its repeats.
+    """Return the answers to a video by detector and preset, and its repeats.
 
-    Parameters
-    ----------
-    path : Path
-    detectors : sequence of (str, str)
-        Names and presets.
-    told : Pair, optional
-        Tells which picture each frame shows; else the repeats are recognised.
+    `detectors` holds names and presets. `told` tells which picture each frame shows; without it the
+    repeats are recognised.
     """
     found: dict[str, Answer] = {}
     repeats = Repeats(RepeatParams())
     for preset in dict.fromkeys(preset for _, preset in detectors):
         names = [name for name, each in detectors if each == preset]
-        repeats = Told(told.pictures, told.per_s) if told else Repeats(RepeatParams())
+        repeats = _KnownRepeats(told.pictures, told.per_s) if told else Repeats(RepeatParams())
         with open_video(path) as video:
             records = list(
                 analyse(
@@ -185,21 +161,15 @@ def answers(
 
 
 def generated(height: int, frames: int, noise: float = 0.0) -> Iterator[NDArray[np.uint8]]:
-    """Yield a textured disk that approaches over a texture; in contact after the last picture.
+    """Yield a textured disk that approaches over a texture; contact is after the last picture.
 
-    Parameters
-    ----------
-    height, frames : int
-    noise : float
-        Standard deviation of luminance.
+    `noise` is the standard deviation of the noise of luminance.
     """
     random = np.random.default_rng(7)
     width, scale = height * 4 // 3, height / 240
-    ground, skin = (random.random((48, 96), np.float32) for _ in range(2))
-    size = (width, height)
     ground, skin = (
-        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_CUBIC), np.float32)
-        for each in (ground, skin)
+        np.asarray(cv2.resize(each, (width, height), interpolation=cv2.INTER_CUBIC), np.float32)
+        for each in random.random((2, 48, 96), np.float32)
     )
     y, x = np.mgrid[:height, :width].astype(np.float32)
     for t in range(frames):
@@ -222,7 +192,7 @@ def planes(path: Path, count: int) -> Iterator[NDArray[np.uint8]]:
             yield np.asarray(picture.to_ndarray(format="gray"), np.uint8)
 
 
-def rate_of(path: Path) -> Fraction:
+def _rate_of(path: Path) -> Fraction:
     """Return the frames per second that a video declares."""
     if path == GENERATED:
         return Fraction(30)
@@ -231,33 +201,32 @@ def rate_of(path: Path) -> Fraction:
 
 
 def compared(here: Answer, there: Answer) -> tuple[float, float]:
-    """Return the ratio of the peaks, and how far apart the alarms are in seconds.
+    """Return the ratio of the peaks, and the largest difference of the alarms' starts in seconds.
 
-    NaN where neither has one; infinite where their number differs.
+    The difference is NaN without alarms, and infinite if the numbers of alarms differ.
     """
     ratio = max(here.peak, here.floor) / max(there.peak, here.floor)
     if len(here.alarms_s) != len(there.alarms_s):
         return ratio, float("inf")
-    apart = np.subtract(here.alarms_s, there.alarms_s)
-    return ratio, float(apart[np.abs(apart).argmax()]) if len(apart) else float("nan")
+    differences = np.subtract(here.alarms_s, there.alarms_s)
+    largest = differences[np.abs(differences).argmax()] if len(differences) else np.nan
+    return ratio, float(largest)
 
 
 def sizes(path: Path, count: int, folder: Path) -> Iterator[Pair]:
-    """Yield what is compared: the same video in other sizes."""
+    """Yield pairs of files of the same pictures, of which the second has `AGAINST` rows."""
     for crf in (LOSSLESS, SIZES_CRF):
-        files = {
-            height: coded(
-                folder / f"{height}-{crf}.mp4", planes(path, count), rate_of(path), crf, height
-            )
-            for height in HEIGHTS
-        }
+        files = {}
+        for height in HEIGHTS:
+            new = folder / f"{height}-{crf}.mp4"
+            files[height] = coded(new, planes(path, count), _rate_of(path), crf, height)
         for height in HEIGHTS:
             how = f"CRF {crf}" if crf else "lossless"
             yield Pair(f"{height} rows, {how}", files[height], files[AGAINST])
 
 
 def repeated(shown: Sequence[NDArray[np.uint8]], rate: Fraction, folder: Path) -> Iterator[Pair]:
-    """Yield what is compared: pictures that a file shows more than once, and once."""
+    """Yield pairs of files: the first shows pictures more than once, the second once."""
     twice = tuple(index // 2 for index in range(2 * len(shown)))
     slow = shown[::2]
     uneven = tuple(index * 12 // 30 for index in range(len(slow) * 30 // 12))
@@ -272,7 +241,7 @@ def repeated(shown: Sequence[NDArray[np.uint8]], rate: Fraction, folder: Path) -
 
 
 def main() -> None:
-    """Print a row per video, way of coding and detector."""
+    """Print a row for each video, encoding and detector."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=("sizes", "repeats"))
     parser.add_argument("videos", nargs="+", type=Path)
@@ -286,20 +255,18 @@ def main() -> None:
                 pairs = sizes(path, arguments.frames, Path(name))
             else:
                 shown = list(planes(path, arguments.frames))
-                pairs = repeated(shown, rate_of(path), Path(name))
-            known: dict[Path, dict[str, Answer]] = {}
+                pairs = repeated(shown, _rate_of(path), Path(name))
+            answers_to = cache(lambda path: answers(path)[0])
             for pair in pairs:
-                if pair.there not in known:
-                    known[pair.there] = answers(pair.there)[0]
                 found, repeats = answers(pair.here)
                 told = answers(pair.here, told=pair)[0] if pair.pictures else {}
-                pictures = repeats.pictures_per_s(float(rate_of(pair.here)))
+                pictures = repeats.pictures_per_s(float(_rate_of(pair.here)))
                 for detector, answer in found.items():
-                    ratio, apart = compared(answer, known[pair.there][detector])
-                    share = compared(answer, told[detector])[0] if told else float("nan")
+                    peak, alarms = compared(answer, answers_to(pair.there)[detector])
+                    of_told = compared(answer, told[detector])[0] if told else float("nan")
                     print(
-                        f"| {path.stem} | {pair.how} | {detector} | {ratio:.2f} | {share:.2f} | "
-                        f"{apart:+.3f} | {pictures or float('nan'):.3g} |",
+                        f"| {path.stem} | {pair.how} | {detector} | {peak:.2f} | {of_told:.2f} | "
+                        f"{alarms:+.3f} | {pictures or float('nan'):.3g} |",
                         flush=True,
                     )
 

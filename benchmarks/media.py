@@ -1,4 +1,4 @@
-"""The videos and frames of the benchmarks, made from a seed."""
+"""The videos and frames of the benchmarks; they follow from a seed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def scene(width: int, height: int, frames: int) -> Iterator[NDArray[np.uint8]]:
+def _scene(width: int, height: int, frames: int) -> Iterator[NDArray[np.uint8]]:
     """Yield colour pictures: a drifting texture, and a disk that looms again and again."""
     rng = np.random.default_rng(1)
     coarse = rng.integers(0, 256, (height // 8, (width + 2 * frames) // 8 + 2, 3), np.uint8)
@@ -42,7 +42,7 @@ def h264(folder: Path, width: int, height: int, frames: int) -> Path:
         stream: Any = container.add_stream("libx264", rate=Fraction(30), options=options)
         stream.codec_context.thread_count = 1  # another number gives other bytes
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        for image in scene(width, height, frames):
+        for image in _scene(width, height, frames):
             frame = av.VideoFrame.from_ndarray(image, format="bgr24")
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
@@ -54,5 +54,5 @@ def luminance(width: int, height: int, frames: int) -> list[NDArray[np.float32]]
     """Return the luminance of the scene, frame by frame."""
     return [
         cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32) / np.float32(255)
-        for image in scene(width, height, frames)
+        for image in _scene(width, height, frames)
     ]

@@ -4,9 +4,8 @@
     python -m benchmarks.places --clips FOLDER   # on labelled clips: winning unit and box
     python -m benchmarks.places --cost FOLDER    # processor time
 
-The first two take preset `reference`, or that of ``--preset NAME``.
-FOLDER holds ``manifest.csv`` (file, contact_frame, ...) and ``boxes.json`` (file, frame,
-[x, y, width, height] in source pixels).
+The first two use preset `reference`, or ``--preset NAME``. FOLDER holds ``manifest.csv`` (file,
+contact_frame, ...) and ``boxes.json`` (file, frame, [x, y, width, height] in source pixels).
 """  # fmt: skip
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.truth import ObjectTruth
     from oppload_cli.video.source import Video
 
-LAST_S = 0.5
+LAST_S = 0.5  # time before contact in which times to contact are compared
 NEAR_CONTACT = 15  # frames
 LOOM = "klapoetke2017/loom-l-over-v"
 L_OVER_V = "disk.growth.l_over_v_ms"
@@ -98,11 +97,10 @@ def measured(protocol: Protocol, preset: str) -> Measured:
     result = Measured()
     video = cast("Video", StimulusVideo(protocol, 240))
     for record in _analysed(video, preset):
-        truth = frame_truth(protocol, record.frame)
         result.identities |= {each.identity for each in record.detections}
-        for thing in truth.objects:
-            if thing.time_to_contact_s and thing.looming:  # until it has its largest size
-                _compare(result, protocol, thing, record.detections)
+        for truth in frame_truth(protocol, record.frame).objects:
+            if truth.time_to_contact_s and truth.looming:  # until it has its largest size
+                _compare(result, protocol, truth, record.detections)
     return result
 
 
@@ -112,31 +110,30 @@ def _analysed(video: Video, preset: str) -> Iterator[FrameRecord]:
 
 
 def _compare(
-    result: Measured, protocol: Protocol, thing: ObjectTruth, found: tuple[Detection, ...]
+    result: Measured, protocol: Protocol, truth: ObjectTruth, detections: tuple[Detection, ...]
 ) -> None:
-    """Add the nearest detection to an object, if its focus lies within the object."""
-    radius = _radius(protocol, thing)
-    away = [
-        (math.hypot(each.centre_x - thing.centre_x_px, each.centre_y - thing.centre_y_px), each)
-        for each in found
-    ]
-    distance, nearest = min(away, key=lambda pair: pair[0], default=(math.inf, None))
-    time_s = thing.time_to_contact_s or math.inf
+    """Add the detection that is nearest to an object, if its focus lies within the object."""
+
+    def distance(each: Detection) -> float:
+        return math.hypot(each.centre_x - truth.centre_x_px, each.centre_y - truth.centre_y_px)
+
+    radius, time_s = _radius(protocol, truth), truth.time_to_contact_s or math.inf
+    nearest = min(detections, key=distance, default=None)
     last = time_s <= LAST_S + 1e-9
     result.frames += last
-    if nearest is None or distance > radius:
+    if nearest is None or distance(nearest) > radius:
         return
-    result.focus.append(distance)
+    result.focus.append(distance(nearest))
     result.size.append(math.sqrt(nearest.box.width * nearest.box.height) / 2 / radius - 1)
     if last and nearest.time_to_contact_s is not None:
         result.errors.append(nearest.time_to_contact_s / time_s - 1)
-        away_s = abs(nearest.time_to_contact_s - time_s)
-        result.certain.append(away_s <= 2 * (nearest.time_to_contact_error_s or 0))
+        error_s = abs(nearest.time_to_contact_s - time_s)
+        result.certain.append(error_s <= 2 * (nearest.time_to_contact_error_s or 0))
 
 
-def _radius(protocol: Protocol, thing: ObjectTruth) -> float:
+def _radius(protocol: Protocol, truth: ObjectTruth) -> float:
     """Return half the size of an object in stimulus pixels."""
-    half, scale = (thing.angular_size_deg or 0) / 2, protocol.display.scale
+    half, scale = (truth.angular_size_deg or 0) / 2, protocol.display.scale
     if protocol.display.projection == "perspective":
         return scale * 180 / math.pi * math.tan(math.radians(half))
     return scale * half
@@ -146,8 +143,8 @@ def _percent(values: Sequence[float], of: Any, sign: str = "") -> str:
     return f"{100 * of(values):{sign}.0f} %" if values else ""
 
 
-def contact_table(preset: str) -> Iterator[str]:
-    """Yield the table of the stimuli, with a last row for all of them."""
+def _contact_table(preset: str) -> Iterator[str]:
+    """Yield the table of the stimuli; the last row is that of all stimuli together."""
     yield "| stimulus | given | median error | largest | focus, px | size | numbers |"
     yield "|---|---|---|---|---|---|---|"
     everything = Measured()
@@ -160,19 +157,19 @@ def contact_table(preset: str) -> Iterator[str]:
         everything.focus += result.focus
         everything.size += result.size
     yield everything.row("**all**")
-    within, given = sum(everything.certain), len(everything.certain)
-    yield f"true time within twice the error: {within} of {given}"
+    within, count = sum(everything.certain), len(everything.certain)
+    yield f"true time within twice the error: {within} of {count}"
 
 
-def localisation(folder: Path, preset: str) -> Iterator[str]:
-    """Yield the table of the clips: winning unit within the labelled box, enlarged by half."""
+def _localisation(folder: Path, preset: str) -> Iterator[str]:
+    """Yield the table of the clips: winning units within the labelled box, enlarged by half."""
     boxes = json.loads((folder / "boxes.json").read_text(encoding="utf-8"))
     yield "| clip | labelled frames | every frame between | overlap of the box |"
     yield "|---|---|---|---|"
     labelled: list[list[bool]] = []
     every: list[list[bool]] = []
     overlaps: list[float] = []
-    left: list[tuple[float, bool] | None] = []
+    contacts: list[tuple[float, bool] | None] = []
     for clip in _clips(folder):
         name, contact = clip["file"], clip["contact_frame"]
         if name not in boxes:
@@ -189,40 +186,39 @@ def localisation(folder: Path, preset: str) -> Iterator[str]:
             if records[frame].detections
         ]
         overlaps += own
-        left += _contacts(records, int(contact))
+        contacts += _contacts(records, int(contact))
         yield _clip_row(name, labelled[-1], every[-1], own)
     yield _clip_row("**all**", list(chain(*labelled)), list(chain(*every)), overlaps)
     low, high = _interval(labelled)
     yield f"95 % interval of the labelled frames: {100 * low:.0f} to {100 * high:.0f} %"
-    late = [each for each in left if each is not None]
-    yield f"time to contact given in {len(late)} of {len(left)} frames with a detection"
-    if late:
-        seconds = [each for each, _ in late]
+    known = [each for each in contacts if each is not None]
+    yield f"time to contact given in {len(known)} of {len(contacts)} frames with a detection"
+    if known:
+        seconds = [late_s for late_s, _ in known]
         low, high, middle = min(seconds), max(seconds), statistics.median(seconds)
         yield f"contact later than labelled by {low:.2f} to {high:.2f} s, median {middle:.2f} s"
-        within = sum(sure for _, sure in late)
-        yield f"labelled time within twice the error: {within} of {len(late)}"
+        within = sum(is_within for _, is_within in known)
+        yield f"labelled time within twice the error: {within} of {len(known)}"
 
 
 def _contacts(records: Sequence[FrameRecord], contact: int) -> list[tuple[float, bool] | None]:
-    """Return how much later than labelled the first object of each last frame would touch.
+    """Compare the predicted with the labelled contact, in each frame shortly before the contact.
 
-    And whether that is within twice the error of its time; None where no time is given.
+    The first value is the predicted minus the labelled time of contact of the first detection; the
+    second one tells whether it is within twice its error. None stands for an unknown time.
     """
-    last = records[max(0, contact - NEAR_CONTACT) : contact]
-    labelled_s = records[contact].time_s
-    late: list[tuple[float, bool] | None] = []
-    for first, time_s in ((each.detections[0], each.time_s) for each in last if each.detections):
-        left = first.time_to_contact_s
-        if left is None:
-            late.append(None)
-            continue
-        late_s = time_s + left - labelled_s
-        late.append((late_s, abs(late_s) <= 2 * (first.time_to_contact_error_s or 0)))
-    return late
+    contacts: list[tuple[float, bool] | None] = []
+    for record in records[max(0, contact - NEAR_CONTACT) : contact]:
+        for first in record.detections[:1]:
+            if first.time_to_contact_s is None:
+                contacts.append(None)
+                continue
+            late_s = record.time_s + first.time_to_contact_s - records[contact].time_s
+            contacts.append((late_s, abs(late_s) <= 2 * (first.time_to_contact_error_s or 0)))
+    return contacts
 
 
-def cost(folder: Path) -> Iterator[str]:
+def _cost(folder: Path) -> Iterator[str]:
     """Yield the processor time of the search for objects per frame, in microseconds."""
     yield "| clip | mean per frame, us | over decoding and OppLoD |"
     yield "|---|---|---|"
@@ -286,14 +282,13 @@ def _overlap(found: Box, box: list[float]) -> float:
 def _hit(answer: object, box: list[float]) -> bool:
     if not isinstance(answer, OpplodResponse) or answer.box is None:
         return False
-    x, y = answer.box.x + answer.box.width / 2, answer.box.y + answer.box.height / 2
-    left, top, width, height = box
+    (x, y), (left, top, width, height) = answer.box.centre, box
     away_x, away_y = abs(x - left - width / 2), abs(y - top - height / 2)
     return away_x <= 0.75 * width and away_y <= 0.75 * height
 
 
 def _interval(clips: list[list[bool]]) -> tuple[float, float]:
-    """Return the 95 % interval of the share by a bootstrap over clips."""
+    """Return the 95 % interval of the share of hits, by a bootstrap over clips."""
     rng = np.random.default_rng(0)
     counts = np.array([[sum(hits), len(hits)] for hits in clips])
     drawn = counts[rng.integers(0, len(counts), (2000, len(counts)))].sum(axis=1)
@@ -307,11 +302,13 @@ def main() -> None:
     parser.add_argument("--clips", type=Path, metavar="FOLDER")
     parser.add_argument("--cost", type=Path, metavar="FOLDER")
     parser.add_argument("--preset", default="reference", metavar="NAME")
-    given = parser.parse_args()
-    if given.clips:
-        table = localisation(given.clips, given.preset)
+    arguments = parser.parse_args()
+    if arguments.clips:
+        table = _localisation(arguments.clips, arguments.preset)
+    elif arguments.cost:
+        table = _cost(arguments.cost)
     else:
-        table = cost(given.cost) if given.cost else contact_table(given.preset)
+        table = _contact_table(arguments.preset)
     for line in table:
         print(line, flush=True)
 

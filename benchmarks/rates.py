@@ -4,13 +4,13 @@
     python -m benchmarks.rates --controls
     python -m benchmarks.rates --clips MANIFEST.csv
 
-Looming disks are drawn at the times of the frames, at 10 to 240 frames/s and with dropped and
-jittered frames, and go through the analysis of ``oppload run``. Two frames of the same disk at
-30 frames/s may differ in the peak, because a sample hits or misses the last moment: every rate
-is shown with `--phases` shifts of its first frame, and compared with the mean at 30 frames/s.
-Frames end where the disk stops to grow. With `--preset` OppLoD alone runs, under that preset.
-`--clips` gives the alarms as shipped on labelled clips of which every frame, every second or every
-third one is shown.
+The program draws looming disks at the times of the frames, at 10 to 240 frames/s and with dropped
+and jittered frames, and analyses them as ``oppload run`` does. Two frame sequences of one disk at
+30 frames/s may have different peaks, because the last frame comes more or less shortly before the
+disk stops to grow. So every rate is shown with `--phases` shifts of its first frame, and compared
+with the mean at 30 frames/s. The frames end when the disk stops to grow. With `--preset` only
+OppLoD runs, under that preset. `--clips` shows every frame, every second or every third frame of
+labelled clips, and counts the alarms at the floors of the package.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, cast
 
@@ -67,8 +68,8 @@ CASES = (
 CONTROLS = ("controls/receding-disk", "controls/translating-disk-speed", "controls/texture-pan")
 
 
-class Shown(StimulusVideo):
-    """A stimulus as it looks at other times than those of its own frames."""
+class _ShownAt(StimulusVideo):
+    """A stimulus, drawn at given times instead of the times of its own frames."""
 
     def __init__(self, protocol: Protocol, height: int, rate: float, times: Times) -> None:
         display = replace(protocol.display, frame_rate=Fraction(rate).limit_denominator(1001))
@@ -82,15 +83,15 @@ class Shown(StimulusVideo):
             yield float(time_s), np.clip(np.rint(drawn * np.float32(255)), 0, 255).astype(np.uint8)
 
 
-class Result(NamedTuple):
-    """The largest response, when it was, and the first alarm."""
+class _Result(NamedTuple):
+    """The largest response, its time, and the time of the first alarm."""
 
     peak: float
     peak_s: float
     alarm_s: float
 
 
-def disk(name: str) -> tuple[Protocol, float]:
+def _disk(name: str) -> tuple[Protocol, float]:
     """Return a stimulus and the time at which its disk stops to grow."""
     protocol, l_over_v = DISKS[name]
     if l_over_v is None:
@@ -101,11 +102,12 @@ def disk(name: str) -> tuple[Protocol, float]:
     return loaded, contact_s - l_over_v / 1000 / np.tan(np.radians(30))
 
 
-def frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
-    """Return the times of frames.
+def _frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
+    """Return the times of frames up to `end_s`, of which the first is `phase` frames late.
 
-    Evenly, every seventh or so dropped, jittered by a quarter, or with steps that alternate, as
-    "steps 1, 3".
+    `kind` is empty for even times. With "dropped" about every seventh frame is left out, with
+    "jittered" each time changes by up to a quarter of a frame, with "steps 1, 3" the steps from
+    frame to frame are 1 and 3 frames in turns.
     """
     times = (np.arange(int(end_s * rate) + 1) + phase) / rate
     random = np.random.default_rng([5, round(1000 * phase)])
@@ -123,45 +125,48 @@ def frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
     return within
 
 
-def shown(case: Case, rate: float, kind: str, phase: float, interval: str) -> Result:
+def _result_of(case: Case, rate: float, kind: str, phase: float, interval: str) -> _Result:
     """Run one detector on one disk."""
     name, preset, model = case
-    protocol, end_s = disk(name)
+    protocol, end_s = _disk(name)
     height = 600 if preset == "reference" and name.startswith("paper") else 240
     params = parameters_of(model, preset)
     if height == 600:
         params = params.replaced(receptive_field=200)
-    video = Shown(protocol, height, rate, frame_times(rate, kind, phase, end_s))
-    found = [
-        (record.responses[model], record.time_s, record.alarms[model])
-        for record in analyse(
+    video = _ShownAt(protocol, height, rate, _frame_times(rate, kind, phase, end_s))
+    records = list(
+        analyse(
             video, [params], alarm=alarm_params(preset), places=place_params(preset), rmo=None,
             time=TimeParams(interval=interval),
         )
-    ]  # fmt: skip
-    peak, peak_s = max((each.response, -time_s) for each, time_s, _ in found if each)
-    alarms = [time_s for _, time_s, alarm in found if alarm]
-    return Result(peak, -peak_s, alarms[0] if alarms else np.nan)
+    )  # fmt: skip
+    responses = [(each.response, -r.time_s) for r in records if (each := r.responses[model])]
+    peak, peak_s = max(responses)
+    alarm_s = next((record.time_s for record in records if record.alarms[model]), np.nan)
+    return _Result(peak, -peak_s, alarm_s)
 
 
-def mean_of(case: Case, rate: float, kind: str, phases: int, interval: str) -> list[Result]:
+def _results_of(case: Case, rate: float, kind: str, phases: int, interval: str) -> list[_Result]:
     """Return the results at all shifts of the first frame."""
     count = phases if rate <= 60 or kind else 1
-    return [shown(case, rate, kind, shift / count, interval) for shift in range(count)]
+    return [_result_of(case, rate, kind, shift / count, interval) for shift in range(count)]
 
 
-def measured(
+def _measured(
     phases: int, interval: str, rates: tuple[float, ...], cases: tuple[Case, ...] = CASES
 ) -> Table:
-    """Return, by case and by rate and kind, mean and extremes of the peak, and the times."""
+    """Compare each case, rate and kind with the mean of the case at 30 frames/s.
+
+    The values are mean, least and largest ratio of the peaks, and the mean differences of the times
+    of the peak and of the first alarm.
+    """
     table: Table = {}
     for case in cases:
-        there = mean_of(case, 30, "", phases, interval)
-        reference = Result(*np.mean(there, axis=0))
+        reference = _Result(*np.mean(_results_of(case, 30, "", phases, interval), axis=0))
         kinds = [(30, "dropped"), (30, "jittered"), (60, "dropped and jittered")]
         kinds += [(30, "steps 1, 2"), (30, "steps 1, 3")]
         for rate, kind in [*((rate, "") for rate in rates), *(kinds if interval != FRAME else ())]:
-            here = np.array(mean_of(case, rate, kind, phases, interval))
+            here = np.array(_results_of(case, rate, kind, phases, interval))
             ratios = here[:, 0] / reference.peak
             table[case, rate, kind] = (
                 *(ratios.mean(), ratios.min(), ratios.max()),
@@ -171,8 +176,8 @@ def measured(
     return table
 
 
-def markdown(table: Table) -> Iterator[str]:
-    """Yield the table of the page: over the stimuli, the smallest and the largest mean."""
+def _markdown(table: Table) -> Iterator[str]:
+    """Yield the table of the page: the smallest and the largest mean over the stimuli."""
     detectors = list(dict.fromkeys(case[1:] for case, _, _ in table))
     names = [f"{model}, {preset}" for preset, model in detectors]
     yield f"| frames/s | {' | '.join(f'{name}: peak | alarm (s)' for name in names)} |"
@@ -189,8 +194,8 @@ def markdown(table: Table) -> Iterator[str]:
         yield f"| {rate:g} {kind} | {' | '.join(cells)} |"
 
 
-def draw(path: Path, before: Table, after: Table) -> None:
-    """Draw the peak over the frame rate, with frames and with intervals."""
+def _draw(path: Path, before: Table, after: Table) -> None:
+    """Draw the peak over the frame rate, with steps of frames and with steps of intervals."""
     from matplotlib.figure import Figure  # noqa: PLC0415 - only with --figure
 
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")
@@ -218,31 +223,27 @@ def draw(path: Path, before: Table, after: Table) -> None:
     figure.savefig(path, dpi=90)
 
 
-def controls() -> Iterator[str]:
+def _controls() -> Iterator[str]:
     """Yield the largest response to controls over that to the disk of l/v 40 ms, and alarms."""
-    for preset in ("default", "reference"):
-        for rate in (30, 120, 240):
-            looming = shown(("l/v 40 ms", preset, "opplod"), rate, "", 0, "1/30").peak
-            for name in CONTROLS:
-                for protocol in load_all(name):
-                    end_s = float(protocol.frame_count / protocol.display.frame_rate)
-                    video = Shown(protocol, 240, rate, frame_times(rate, "", 0, end_s))
-                    records = list(
-                        analyse(
-                            video, [parameters_of("opplod", preset)], alarm=alarm_params(preset),
-                            places=place_params(preset), rmo=None,
-                        )
-                    )  # fmt: skip
-                    answers = [record.responses["opplod"] for record in records]
-                    peak = max(each.response for each in answers if each)
-                    alarm = any(r.alarms["opplod"] for r in records)
-                    yield (
-                        f"{preset} {rate} {protocol.name}: {peak / looming:.4f} of the disk, "
-                        f"alarm {'yes' if alarm else 'no'}"
-                    )
+    protocols = [protocol for name in CONTROLS for protocol in load_all(name)]
+    for preset, rate in product(("default", "reference"), (30, 120, 240)):
+        looming = _result_of(("l/v 40 ms", preset, "opplod"), rate, "", 0, "1/30").peak
+        for protocol in protocols:
+            end_s = float(protocol.frame_count / protocol.display.frame_rate)
+            video = _ShownAt(protocol, 240, rate, _frame_times(rate, "", 0, end_s))
+            records = list(
+                analyse(
+                    video, [parameters_of("opplod", preset)], alarm=alarm_params(preset),
+                    places=place_params(preset), rmo=None,
+                )
+            )  # fmt: skip
+            peak = max(each.response for r in records if (each := r.responses["opplod"]))
+            alarm = "yes" if any(record.alarms["opplod"] for record in records) else "no"
+            share = peak / looming
+            yield f"{preset} {rate} {protocol.name}: {share:.4f} of the disk, alarm {alarm}"
 
 
-class Thinned:
+class _Thinned:
     """Every nth frame of an open video."""
 
     def __init__(self, video: FrameSource, every: int) -> None:
@@ -256,10 +257,10 @@ class Thinned:
                 yield replace(frame, index=frame.index // self._every)
 
 
-def thinned(entry: Entry, detector: EvaluatedDetector, every: int) -> Clip:
+def _thinned(entry: Entry, detector: EvaluatedDetector, every: int) -> Clip:
     """Run a detector over every nth frame of a labelled clip."""
     with open_video(cast("Path", entry.path), height=detector.height) as video:
-        times, outputs = outputs_of(Thinned(video, every), [detector])
+        times, outputs = outputs_of(_Thinned(video, every), [detector])
         facts = video.facts
     label = entry.label
     if label.onset is not None and label.contact is not None:
@@ -268,13 +269,13 @@ def thinned(entry: Entry, detector: EvaluatedDetector, every: int) -> Clip:
     return Clip(label, times, facts.width, facts.height, outputs)
 
 
-def on_clips(manifest: Path) -> Iterator[str]:
-    """Yield the table of alarms as shipped on labelled clips of which fewer frames are shown."""
+def _on_clips(manifest: Path) -> Iterator[str]:
+    """Yield the table of alarms on labelled clips of which all or fewer frames are shown."""
     yield "| shown | detector | detected | lead (s) | false alarms per minute |"
     yield "|---|---|---|---|---|"
     for every in (1, 2, 3):
         for detector in evaluated_detectors(["opplod:default", "opplod:reference", "dlgmd"]):
-            clips = [thinned(entry, detector, every) for entry in read_manifest(manifest).entries]
+            clips = [_thinned(entry, detector, every) for entry in read_manifest(manifest).entries]
             draws = draws_of([clip.label.looming for clip in clips], 1)
             found = shipped(clips, detector.name, draws).outcomes
             minutes = sum(clip.seconds(*clip.quiet) for clip in clips) / 60
@@ -296,15 +297,15 @@ def main() -> None:
     parser.add_argument("--clips", type=Path, metavar="MANIFEST.csv")
     arguments = parser.parse_args()
     if arguments.controls or arguments.clips:
-        for line in on_clips(arguments.clips) if arguments.clips else controls():
+        for line in _on_clips(arguments.clips) if arguments.clips else _controls():
             print(line, flush=True)
         return
     preset = arguments.preset
     cases = tuple((name, preset, "opplod") for name in DISKS) if preset else CASES
-    after = measured(arguments.phases, "1/30", RATES, cases)
-    print("\n".join(markdown(after)))
+    after = _measured(arguments.phases, "1/30", RATES, cases)
+    print("\n".join(_markdown(after)))
     if arguments.figure:
-        draw(arguments.figure, measured(1, FRAME, (10, 15, 24, 30, 60, 120, 240)), after)
+        _draw(arguments.figure, _measured(1, FRAME, (10, 15, 24, 30, 60, 120, 240)), after)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The references that the figures are measured against."""
+"""The programs and functions with which the benchmarks compare the speed of oppload."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from benchmarks import decoding
 from tests import reference
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -28,43 +29,38 @@ def decode_command(path: Path) -> list[str]:
     return [sys.executable, str(Path(decoding.__file__)), str(path)]
 
 
-def divergence(flow: NDArray[Any]) -> float:
-    """Return the mean divergence of a flow field, a common measure of expansion."""
-    across = cv2.Sobel(flow[..., 0], cv2.CV_32F, 1, 0, ksize=3)
-    down = cv2.Sobel(flow[..., 1], cv2.CV_32F, 0, 1, ksize=3)
-    return float(cv2.mean(across)[0] + cv2.mean(down)[0])
-
-
 def dis(frames: Sequence[Luma]) -> float:
     """Run DIS optical flow (ultrafast) with divergence over frames."""
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-    total, before = 0.0, None
-    for luma in frames:
-        grey = cv2.convertScaleAbs(luma, alpha=255)
-        if before is not None:
-            total += divergence(search.calc(before, grey, np.zeros((*grey.shape, 2), np.float32)))
-        before = grey
-    return total
+    return _expansion(frames, search.calc)
 
 
 def farneback(frames: Sequence[Luma]) -> float:
     """Run Farneback optical flow with divergence over frames."""
-    total, before = 0.0, None
-    for luma in frames:
-        grey = cv2.convertScaleAbs(luma, alpha=255)
-        if before is not None:
-            start = np.zeros((*grey.shape, 2), np.float32)
-            flow = cv2.calcOpticalFlowFarneback(before, grey, start, 0.5, 3, 15, 3, 5, 1.2, 0)
-            total += divergence(flow)
-        before = grey
+
+    def flow_of(before: NDArray[np.uint8], now: NDArray[np.uint8], flow: Luma) -> NDArray[Any]:
+        return cv2.calcOpticalFlowFarneback(before, now, flow, 0.5, 3, 15, 3, 5, 1.2, 0)
+
+    return _expansion(frames, flow_of)
+
+
+def _expansion(frames: Sequence[Luma], flow_of: Callable[..., NDArray[Any]]) -> float:
+    """Return the sum of the mean divergence of optical flow, a common measure of expansion."""
+    total = 0.0
+    greys = [cv2.convertScaleAbs(luma, alpha=255) for luma in frames]
+    for before, now in pairwise(greys):
+        flow = flow_of(before, now, np.zeros((*now.shape, 2), np.float32))
+        across = cv2.Sobel(flow[..., 0], cv2.CV_32F, 1, 0, ksize=3)
+        down = cv2.Sobel(flow[..., 1], cv2.CV_32F, 0, 1, ksize=3)
+        total += cv2.mean(across)[0] + cv2.mean(down)[0]
     return total
 
 
 def literal(frames: Sequence[Luma], *, paper: bool) -> float:
     """Run both models by the literal reference of the tests, from the fourth frame on.
 
-    The opponent sums of preset reference are not run, because the reference has them as loops in
-    Python; this flatters the reference.
+    The opponent sums of preset `reference` are left out, because the literal reference computes
+    them by loops in Python. So the literal reference seems faster than it is.
     """
     total = 0.0
     for t in range(3, len(frames)):
@@ -91,5 +87,5 @@ def scenedetect_command(path: Path) -> list[str] | None:
 
 
 def run(command: list[str]) -> None:
-    """Run a command to its end without its output."""
+    """Run a command to its end, and discard its output."""
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

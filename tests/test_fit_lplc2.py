@@ -45,7 +45,7 @@ def test_the_published_peaks_find_their_stimuli() -> None:
         ("loom,,,1\nbar_expand,0,30,0.3\n", "no stimulus 'bar_expand' with width '30'"),
         ("loom,,,1\nbar_expand,7,10,0.3\n", "stimulus 'bar_expand' has no axis '7'"),
         ("bar_expand,0,10,0.3\n", "has no row of 'loom'"),
-        ("loom,,,1\nloom,,,1\n", "line 3: stimulus 'klapoetke2017/loom' stands there twice"),
+        ("loom,,,1\nloom,,,1\n", "line 3: stimulus 'klapoetke2017/loom' has two rows"),
         ("loom,,,1\ncross_outward,,10,-0.1\n", "line 3: the peak must be a number of at least 0"),
         ("loom,,,x\n", "line 2: the peak must be a number of at least 0"),
         (

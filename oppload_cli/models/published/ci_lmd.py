@@ -19,6 +19,7 @@ from oppload_cli.models.published.parts import (
     positive,
     sigmoid,
     spread,
+    total,
 )
 from oppload_cli.schema import Parameters, parameter
 
@@ -52,7 +53,7 @@ class CiLmd(ChangeDetector):
     """The looming detector with cross-inhibition of ON and OFF.
 
     P is convolved with an excitatory Gaussian (5 x 5 px, sigma 4) and an inhibitory Gaussian (9 x 9
-    px, sigma 2; the smaller window has the larger sigma). Neither has sum 1. Where both results
+    px, sigma 2; the smaller kernel has the larger sigma). Neither has sum 1. Where both results
     have the same sign, D is their absolute difference with this sign; elsewhere D is 0. ON and OFF
     are the positive and the negative part of D.
     ``So = ON - 0.4 W * ON(t-1) - 0.25 OFF``, ``Sf = OFF - 0.6 W * OFF(t-1) - 0.3 ON`` and
@@ -79,12 +80,10 @@ class CiLmd(ChangeDetector):
 
     params: CiLmdParams
 
-    def forget(self) -> None:
-        """Forget all changes."""
-        self._on = self._off = self.zeros()
+    def _forget(self) -> None:
+        self._on = self._off = self._zeros()
 
-    def answer(self, p: Plane) -> CiLmdResponse:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> CiLmdResponse:
         ask, d = self.params, _difference(p)
         brighter = positive(d)
         on = cv2.scaleAdd(self._on, DECAY, brighter)
@@ -97,7 +96,7 @@ class CiLmd(ChangeDetector):
         self._on, self._off = np.asarray(on), np.asarray(off)
         s = cv2.addWeighted(so, 1, sf, 0.9, 0) + cv2.multiply(so, sf, scale=0.5)
         g = averaged(np.asarray(s))
-        mean = float(g[g >= ask.threshold].sum(dtype=np.float64)) / self.pixels
+        mean = total(g[g >= ask.threshold]) / self.pixels
         return CiLmdResponse(mean, None, sigmoid(mean / 0.9))
 
 

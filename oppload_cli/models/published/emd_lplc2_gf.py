@@ -156,8 +156,7 @@ class EmdLplc2Gf(ChangeDetector):
 
     params: EmdLplc2GfParams
 
-    def forget(self) -> None:
-        """Forget all changes."""
+    def _forget(self) -> None:
         height, width = self.shape
         self._rows = min(height, self.params.height)
         self._columns = max(2, round(width * self._rows / height))
@@ -171,8 +170,7 @@ class EmdLplc2Gf(ChangeDetector):
         """Return the answer to a frame in which nothing changed: a response of 0."""
         return EmdLplc2GfResponse(0.0, v_end=self._voltage, collision=self._collision)
 
-    def answer(self, p: Plane) -> EmdLplc2GfResponse:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> EmdLplc2GfResponse:
         size = self._columns, self._rows
         if p.shape[::-1] != size:
             p = np.asarray(cv2.resize(p, size, interpolation=cv2.INTER_AREA), np.float64)

@@ -83,34 +83,29 @@ class Lgmd1GroupResponse(Response):
 class _Persistent(ChangeDetector):
     """A detector that works on ``Q(t) = P(t) + p1 Q(t-1) + p2 Q(t-2)``.
 
-    The change from frame 0 to frame 1 is left out. A subclass answers to Q (`answer_to`).
+    The change from frame 0 to frame 1 is left out. A subclass defines `_answer_to`.
     """
 
     warm_up = 0
     precision = np.float64
 
-    def forget(self) -> None:
-        """Forget all changes."""
-        self._q = [self.zeros()] * 2  # Q(t-1), Q(t-2)
+    def _forget(self) -> None:
+        self._q = [self._zeros()] * 2  # Q(t-1), Q(t-2)
         self._t = 0
+        self._persistence = _PERSISTENCE["literal"]  # p1, p2
 
-    def persistence(self) -> tuple[float, float]:
-        """Return p1 and p2."""
-        return _PERSISTENCE["literal"]
-
-    def answer(self, p: Plane) -> Response:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> Response:
         self._t += 1
         if self._t == 1:
             return self.answers(0.0)
         before, earlier = self._q
-        p1, p2 = self.persistence()
+        p1, p2 = self._persistence
         q = p + np.asarray(cv2.addWeighted(before, p1, earlier, p2, 0))
         self._q = [q, before]
-        return self.answer_to(q, before)
+        return self._answer_to(q, before)
 
     @abstractmethod
-    def answer_to(self, q: Plane, before: Plane) -> Response:
+    def _answer_to(self, q: Plane, before: Plane) -> Response:
         """Answer to Q(t) and Q(t-1)."""
 
 
@@ -142,12 +137,11 @@ class Lgmd1Group(_Persistent):
 
     params: Lgmd1GroupParams
 
-    def persistence(self) -> tuple[float, float]:
-        """Return p1 and p2."""
-        return _PERSISTENCE[self.params.persistence]
+    def _forget(self) -> None:
+        super()._forget()
+        self._persistence = _PERSISTENCE[self.params.persistence]
 
-    def answer_to(self, q: Plane, before: Plane) -> Lgmd1GroupResponse:
-        """Answer to Q(t) and Q(t-1)."""
+    def _answer_to(self, q: Plane, before: Plane) -> Lgmd1GroupResponse:
         i = self._thresholded(spread(self._thresholded(before), k3(0, 1 / 4, 1 / 8), ZERO))
         s = self._thresholded(q) - self.params.inhibition * i
         g, w = grouped(s, self.params.grouping, 0.01, ZERO)
@@ -232,13 +226,11 @@ class Plgmd(_Persistent):
 
     params: PlgmdParams
 
-    def forget(self) -> None:
-        """Forget all changes, and restart the random numbers."""
-        super().forget()
+    def _forget(self) -> None:
+        super()._forget()
         self._random = np.random.SFC64(self.params.seed)
 
-    def answer_to(self, q: Plane, before: Plane) -> PlgmdResponse:
-        """Answer to Q(t) and Q(t-1)."""
+    def _answer_to(self, q: Plane, before: Plane) -> PlgmdResponse:
         sums = np.array([self._sum_of_g(q, before) for _ in range(self.params.runs)])
         potentials = np.array([sigmoid(each / self.pixels) for each in sums])
         spreads = [float(each.std(ddof=min(1, len(each) - 1))) for each in (potentials, sums)]

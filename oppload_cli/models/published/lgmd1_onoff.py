@@ -91,9 +91,8 @@ class Lgmd1Onoff(ChangeDetector):
 
     params: Lgmd1OnoffParams
 
-    def forget(self) -> None:
-        """Forget all changes."""
-        self._slots = [(self.zeros(), self.zeros()) for _ in range(2)]
+    def _forget(self) -> None:
+        self._slots = [(self._zeros(), self._zeros()) for _ in range(2)]
         self._spread = DelayedSpread((0, 1 / 4, 1 / 8), (0, *_TAUS[:2]), self.ti)
         self._adaptation = Adaptation(800, self.ti)
         self._ffi, self._t = 0.0, 0
@@ -103,8 +102,7 @@ class Lgmd1Onoff(ChangeDetector):
         """Return the answer to a frame in which nothing changed: a response of 0."""
         return Lgmd1OnoffResponse(0.0, collision=self._collision)
 
-    def answer(self, p: Plane) -> Lgmd1OnoffResponse:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> Lgmd1OnoffResponse:
         self._t += 1
         self._ffi = low_passed(mean_change(p), self._ffi, self.ti, _TAUS[2])
         if self._ffi >= self.params.gate:

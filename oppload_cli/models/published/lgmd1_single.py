@@ -15,6 +15,7 @@ from oppload_cli.models.published.parts import (
     mean_change,
     sigmoid,
     spread,
+    total,
 )
 from oppload_cli.schema import Parameters, parameter
 
@@ -97,17 +98,15 @@ class Lgmd1Single(ChangeDetector):
 
     params: Lgmd1SingleParams
 
-    def forget(self) -> None:
-        """Forget all changes."""
-        self._p_before = self.zeros()
+    def _forget(self) -> None:
+        self._p_before = self._zeros()
         self._nsp = self._collision = 0
 
     def at_rest(self) -> Lgmd1SingleResponse:
         """Return the answer to a frame in which nothing changed: a response of 0."""
         return Lgmd1SingleResponse(0.0, collision=self._collision)
 
-    def answer(self, p: Plane) -> Lgmd1SingleResponse:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> Lgmd1SingleResponse:
         e = np.abs(p) if self.params.variant == "paper" else p
         before, self._p_before = self._p_before, e
         ffi = mean_change(before)
@@ -123,7 +122,7 @@ class Lgmd1Single(ChangeDetector):
     def _potential(self, e: Plane, before: Plane) -> float:
         i = spread(before, k3(0, 1 / 4, 1 / 8))
         s = at_least(e - self.params.inhibition * i, self.params.threshold)
-        return float(s[e * i > 0].sum(dtype=np.float64))
+        return total(s[e * i > 0])
 
 
 class Lgmd1SinglePaper(Lgmd1Single):

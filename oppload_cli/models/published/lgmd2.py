@@ -21,6 +21,7 @@ from oppload_cli.models.published.parts import (
     sigmoid,
     spikes,
     split,
+    total,
 )
 from oppload_cli.schema import Parameters, parameter
 
@@ -95,22 +96,20 @@ class Lgmd2(ChangeDetector):
 
     params: Lgmd2Params
 
-    def forget(self) -> None:
-        """Forget all changes."""
-        self._on = self._off = self.zeros()
+    def _forget(self) -> None:
+        self._on = self._off = self._zeros()
         self._spread_on = DelayedSpread((2, 1 / 2, 1 / 4), (15, 30, 45), self.ti)
         self._spread_off = DelayedSpread((1, 1 / 4, 1 / 8), (60, 120, 180), self.ti)
         self._adaptation = Adaptation(800, self.ti)
         self._pm, self._nsp = 0.0, 0
 
-    def answer(self, p: Plane) -> Lgmd2Response:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> Lgmd2Response:
         ask = self.params
         self._pm = low_passed(mean_change(p), self._pm, self.ti, 90)
         mediated = self._pm / ask.mediation
         w_on, w_off = max(mediated, ask.on_bias), max(mediated, ask.off_bias)
         g, _ = grouped(self._sums(p, w_on, w_off), 4, 0.01, EDGE)
-        mp = float(g[ask.decay * g >= ask.threshold].sum(dtype=np.float64))
+        mp = total(g[ask.decay * g >= ask.threshold])
         smp = sigmoid(mp / self.pixels)
         sfa = self._adaptation.step(smp)
         spike = spikes(sfa, 4, ask.spike)

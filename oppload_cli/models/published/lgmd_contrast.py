@@ -30,11 +30,7 @@ class LgmdContrastParams(Parameters):
     """Parameters of lgmd_contrast."""
 
     baseline: float = parameter(
-        3.0,
-        "constant in the divisor of each change",
-        unit="grey levels",
-        above=0,
-        high=255,
+        3.0, "constant in the divisor of each change", unit="grey levels", above=0, high=255
     )
     inhibition: float = parameter(0.4, "weight of inhibition", low=0, high=100)
     decay: float = parameter(
@@ -84,16 +80,13 @@ class LgmdContrast(ChangeDetector):
 
     params: LgmdContrastParams
 
-    def forget(self) -> None:
-        """Forget all changes."""
-        self._m = self.zeros(), self.zeros()
+    def _forget(self) -> None:
+        self._m = self._zeros(), self._zeros()
 
-    def first(self) -> LgmdContrastResponse:
-        """Return the answer to frame 0."""
+    def _first_answer(self) -> LgmdContrastResponse:
         return LgmdContrastResponse(0.0, mp=0.0)
 
-    def answer(self, p: Plane) -> LgmdContrastResponse:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> LgmdContrastResponse:
         on = positive(p)
         before, self._m = self._m, (self._normalised(on), self._normalised(on - p))
         inhibitions = [spread(m, k3(0, 1 / 4, 1 / 8), MIRROR) for m in before]
@@ -104,7 +97,7 @@ class LgmdContrast(ChangeDetector):
         )
         s = s_on + s_off + s_on * s_off
         g, _ = grouped(s, 4, 0.01, MIRROR)
-        response = float(g[self.params.decay * g >= self.params.threshold].sum(dtype=np.float64))
+        response = total(g[self.params.decay * g >= self.params.threshold])
         sums = [total(each) for each in (s, *self._m, contrasts[0], inhibitions[1])]
         potential = sigmoid(response / (0.1 * self.pixels))
         return LgmdContrastResponse(response / self.pixels, None, potential, *sums)

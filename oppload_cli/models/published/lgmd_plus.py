@@ -96,11 +96,10 @@ class LgmdPlus(ChangeDetector):
 
     params: LgmdPlusParams
 
-    def forget(self) -> None:
-        """Forget all changes."""
+    def _forget(self) -> None:
         gaussian = np.outer(*[cv2.getGaussianKernel(3, 1).ravel()] * 2)
         self._taps = [float(gaussian[1, 1]), float(gaussian[0, 1]), float(gaussian[0, 0])]
-        self._on = self._off = self._g = self.zeros()
+        self._on = self._off = self._g = self._zeros()
         self._spread = DelayedSpread((1, 1 / 4, 1 / 8), (10, 20, 30), self.ti)
         self._adaptation = Adaptation(783, self.ti)
         self._local = _local_weights(self.shape)
@@ -111,8 +110,7 @@ class LgmdPlus(ChangeDetector):
         """Return the answer to a frame in which nothing changed: a response of 0."""
         return LgmdPlusResponse(0.0, collision=self._collision)
 
-    def answer(self, p: Plane) -> LgmdPlusResponse:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> LgmdPlusResponse:
         self._ffi = low_passed(mean_change(p), self._ffi, self.ti, 10)
         rest = 1 - self._ffi / _GATE
         tau_g = 10 * (rest if rest >= 0 else 0.5)
@@ -141,7 +139,7 @@ class LgmdPlus(ChangeDetector):
         return np.asarray(cv2.addWeighted(so, gains[0], sf, gains[1], 0))
 
     def _smoothed(self, p: Plane) -> Plane:
-        """Return b: the Gaussian of P with every product cut to an integer."""
+        """Return P convolved with a Gaussian, with every product cut to an integer."""
         centre, nearest, diagonal = (np.trunc(p * tap) for tap in self._taps)
         b: Plane = centre + spread(nearest, k3(0, 1, 0))
         b += spread(diagonal, k3(0, 0, 1))

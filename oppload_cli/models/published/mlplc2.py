@@ -191,8 +191,7 @@ class Mlplc2(ChangeDetector):
 
     params: Mlplc2Params
 
-    def forget(self) -> None:
-        """Forget all changes."""
+    def _forget(self) -> None:
         self._interval_ms = 1000 / (self.frame_rate or parts.USUAL_RATE)
         line = _corner_line(*_COMPRESSION)
         self._reach = reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
@@ -201,7 +200,7 @@ class Mlplc2(ChangeDetector):
         with np.errstate(divide="ignore"):
             limit = _HALF_COMPRESSED * least / np.maximum(1 - least * reach, 0)
         self._limit = np.asarray(limit, np.float64)
-        self._slots = [self.zeros(), self.zeros()]
+        self._slots = [self._zeros(), self._zeros()]
         self._signal, self._now, self._former = np.zeros((3, 2, self.pixels))
         self._motion = np.zeros((2, 4, self.pixels))
         self._moves = np.zeros(self.pixels, bool)
@@ -213,8 +212,7 @@ class Mlplc2(ChangeDetector):
         self._fields: list[_Attention] = []
         self._frames = self._opened = 0
 
-    def answer(self, p: Plane) -> Mlplc2Response:
-        """Answer to the change of a frame."""
+    def _answer(self, p: Plane) -> Mlplc2Response:
         self._frames += 1
         # The present change goes to each slot in turn: at every second frame it inhibits, and the
         # former change excites.

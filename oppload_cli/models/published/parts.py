@@ -33,15 +33,15 @@ DECAY = 0.1  # share of ON and OFF that remains in the next frame
 class ChangeDetector(Detector):
     """A detector that works on the signed change of grey levels between two frames.
 
-    A subclass answers to the change (`answer`) and forgets all changes (`forget`).
+    A subclass defines `_answer` and `_forget`.
 
     Attributes
     ----------
     precision : type
         Precision of the maps, as in the authors' programs: single in C#, double in MATLAB.
     ti : int
-        Milliseconds per frame, cut to an integer of at least 1 as in the authors' programs: 33 at
-        30 frames per second. Each frame counts with this duration, also if it comes late.
+        Duration of every frame in ms, cut to an integer of at least 1 as in the authors' programs:
+        33 at 30 frames per second. A frame that comes late has this duration too.
     """
 
     evaluated = False
@@ -56,41 +56,40 @@ class ChangeDetector(Detector):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
         self._before: NDArray[np.uint8] | None = None
-        self.forget()
+        self._forget()
 
     def step(self, luma: Map) -> Response | None:
         """Take the next frame."""
         now = grey_levels(luma, self.shape)
         before, self._before = self._before, now
         if before is None:
-            return self.first()
+            return self._first_answer()
         depth = cv2.CV_32F if self.precision is np.float32 else cv2.CV_64F
-        return self.answer(np.asarray(cv2.subtract(now, before, dtype=depth)))
+        return self._answer(np.asarray(cv2.subtract(now, before, dtype=depth)))
 
-    def first(self) -> Response | None:
+    def _first_answer(self) -> Response | None:
         """Return the answer to frame 0."""
         return None if self.warm_up else self.answers(0.0)
 
-    def zeros(self) -> Plane:
-        """Return a map of zeros."""
+    def _zeros(self) -> Plane:
         return np.zeros(self.shape, self.precision)
 
     @abstractmethod
-    def answer(self, p: Plane) -> Response | None:
+    def _answer(self, p: Plane) -> Response | None:
         """Answer to ``P(t) = L8(t) - L8(t-1)``, -255 to 255; this method may overwrite `p`."""
 
     @abstractmethod
-    def forget(self) -> None:
-        """Forget all changes."""
+    def _forget(self) -> None:
+        """Set all values that last from frame to frame to those before frame 0."""
 
 
 def mean_change(p: Plane) -> float:
     """Return the mean of the absolute change over the frame, in grey levels."""
-    total = float(cv2.norm(p, cv2.NORM_L1))
-    if total >= _MOST_EXACT:
+    summed = float(cv2.norm(p, cv2.NORM_L1))
+    if summed >= _MOST_EXACT:
         # The authors sum in single precision, which is not exact above this value.
-        total = float(np.cumsum(np.abs(p), dtype=np.float32)[-1])
-    return total / p.size
+        summed = float(np.cumsum(np.abs(p), dtype=np.float32)[-1])
+    return summed / p.size
 
 
 def k3(centre: float, nearest: float, diagonal: float) -> Plane:
@@ -111,7 +110,7 @@ def averaged(values: Plane, border: int = EDGE) -> Plane:
 
 def at_least(values: Plane, least: float) -> Plane:
     """Return a map in which values below the threshold `least` (above 0) are replaced by 0."""
-    # OpenCV keeps values above its threshold only, so its threshold must be just below `least`.
+    # OpenCV keeps only values above its threshold, so that this must be just below `least`.
     below = float(np.nextafter(values.dtype.type(least), values.dtype.type(-np.inf)))
     return np.asarray(cv2.threshold(values, below, 0, cv2.THRESH_TOZERO)[1])
 
@@ -140,16 +139,16 @@ def low_passed(now: float, before: float, ti: float, tau: float) -> float:
 class DelayedSpread:
     """``ST``: a K3 kernel whose centre, nearest and diagonal taps are low-passed differently.
 
-    The low-pass of Fu's models, ``l x(t) + (1 - l) x(t-1)``, uses the *input* of the frame before,
-    not the former result. So each of the two frames can be convolved with one kernel. `weights` and
-    `taus` are those of the centre, the nearest neighbours and the diagonals; all times are in ms.
+    `weights` and time constants `taus` are those of the centre, of the nearest neighbours and of
+    the diagonals; times are in ms. The low-pass of Fu's models, ``l x(t) + (1 - l) x(t-1)``, uses
+    the *input* of the frame before, not the former result. So one kernel is enough for each of the
+    two frames.
     """
 
     def __init__(
         self, weights: tuple[float, float, float], taus: tuple[float, float, float], ti: float
     ) -> None:
-        shares = [low_pass_share(ti, tau) for tau in taus]
-        pairs = list(zip(weights, shares, strict=True))
+        pairs = [(w, low_pass_share(ti, tau)) for w, tau in zip(weights, taus, strict=True)]
         self._now = k3(*(weight * share for weight, share in pairs))
         self._before = k3(*(weight * (1 - share) for weight, share in pairs))
 
@@ -173,7 +172,7 @@ def split(p: Plane, on_before: Plane, off_before: Plane) -> tuple[Plane, Plane]:
 
 
 def total(values: Plane) -> float:
-    """Return the sum of a map, without OpenCV, whose sum depends on the map's place in memory."""
+    """Return the sum of a map; OpenCV's sum would depend on the map's address in memory."""
     return float(values.sum(dtype=np.float64))
 
 
@@ -188,7 +187,7 @@ def grouped(s: Plane, coefficient: float, offset: float, border: int) -> tuple[P
 
 
 class Adaptation:
-    """Spike-frequency adaptation: the result follows rises of the potential, and decays without.
+    """Spike-frequency adaptation: the adapted potential follows rises, and decays without them.
 
     `tau`, the time constant, and `ti`, the time per frame, are in ms.
     """
