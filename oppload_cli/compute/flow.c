@@ -28,10 +28,10 @@ void reduce(const uint8_t *restrict frame, ptrdiff_t stride, int side, int rows,
     }
 }
 
-/* How much of a sample counts in the mean of a cell. */
+/* The weight of a sample in the mean of a cell. */
 struct share { int cell, sample; float weight; };
 
-/* Share out samples to cells, fewer of them; return how many shares there are. */
+/* Compute the weights of samples in fewer cells; return the number of weights other than 0. */
 static int shares_of(int samples, int cells, struct share *out)
 {
     const struct share *begin = out;
@@ -53,12 +53,12 @@ static int shares_of(int samples, int cells, struct share *out)
 
 typedef float quad __attribute__((vector_size(16), aligned(4))); /* x, y, change and nothing */
 
-/* Average flow and change over a grid of cells, and keep the vectors that move enough.
+/* Average flow and change over a grid of cells, and keep the vectors that move and change enough.
  *
- * `before` and `now` are reduced frames of rows x columns samples, `flow` leads from the one to
- * the other (x and y of each sample); `left` and `top` say where the samples begin, in pixels.
- * `shares` has room for twice as many as there are samples and cells in a row and in a column,
- * `means` for twice as many as there are cells in a row. Return how many vectors are kept. */
+ * `before` and `now` are reduced frames of rows x columns samples, `flow` is the motion of each
+ * sample (x, y) between them; `left` and `top` are the place of the first sample in pixels.
+ * `shares` has room for 2 (rows + columns + cell_rows + cell_columns) values, `means` for
+ * 2 cell_columns. Return the number of vectors that are kept. */
 int sample(const uint8_t *before, const uint8_t *now, const float *flow, int rows, int columns,
            int cell_rows, int cell_columns, int reduction, double left, double top,
            double minimum_speed, double minimum_change, double *starts, double *vectors,

@@ -1,10 +1,9 @@
 """The compiled loops, and the one switch that lets them replace the plain functions.
 
-A plain function of the models or of motion says with :func:`with_twin` that it has a compiled twin
-here, which hands its arrays to the loops in C. The twin takes the same arguments and returns the
-same values, but for the last digits; the docstring of the plain function says what it computes.
-Where no compiled loops were built, or where the environment variable ``OPPLOAD_PORTABLE`` is 1, the
-plain function runs.
+A plain function of the models or of motion that is decorated by :func:`with_twin` has a compiled
+twin in this module, which calls the loops in C. The twin takes the same arguments and returns the
+same values up to rounding. The plain function runs if the package has no compiled loops, or if the
+environment variable ``OPPLOAD_PORTABLE`` is 1.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import zlib
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 import cv2
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Taken = ParamSpec("Taken")
+    Arguments = ParamSpec("Arguments")
     Returned = TypeVar("Returned")
 
     Floats = NDArray[np.float32]
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     Points = NDArray[np.float64]
 
     class Kernels(Protocol):
-        """Square kernels of side 2 r + 1, and M_phi - 1/2 by the direction of each axis."""
+        """Square kernels of side 2 r + 1, and M_phi - 1/2 by the direction phi of each axis."""
 
         excitation: Kernel
         inhibition: Sequence[Kernel]
@@ -51,12 +50,12 @@ if TYPE_CHECKING:
         pathways: Mapping[int, Floats]
 
 
-INTERFACE = 12  # that of maps.c; a build with another number is out of date
+INTERFACE = 12  # the number in maps.c; a build with another number is out of date
 SUFFIX = {"darwin": ".dylib", "win32": ".dll"}.get(sys.platform, ".so")
 
 _BAND = 120  # rows that one thread computes at a time: their data stay in the cache
-_LARGE = 1 << 18  # pixels; below, handing work to other threads costs more than it saves
-# The arguments of each loop, in the order of its signature in C; some return an int.
+_LARGE = 1 << 18  # pixels; in smaller frames, several threads cost more time than they save
+# The types of the arguments of each loop, in the order of its signature in C.
 _KINDS = {
     "p": ctypes.c_void_p,
     "i": ctypes.c_int,
@@ -77,70 +76,68 @@ _SIGNATURES = {
 }
 
 _Byte = ctypes.c_char
-_STAGES = 1, 1, 2  # parts in which E and the inhibition by P(t-1) and by P(t-2) are summed
+_STAGES = 1, 1, 2  # number of parts in which E, I by P(t-1) and I by P(t-2) are summed
 _MOST_PATHWAYS = 4
-_CHANNELS = 4  # that are averaged over a cell: x, y, change and a spare one
-_ZEROS = 8  # after each row of cells
-_LANES = 4  # doubles of a vector of rmo.c
+_CHANNELS = 4  # values averaged over a cell: flow x and y, change, and one that is not used
+_ZEROS = 8  # number of zeros after each row of cells
+_LANES = 4  # doubles in a vector of rmo.c
 
-# True: the plain functions run.
-portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")
+portable = os.environ.get("OPPLOAD_PORTABLE", "0") not in ("", "0")  # True: plain functions run
 
 
-def with_twin(plain: Callable[Taken, Returned]) -> Callable[Taken, Returned]:
-    """Replace a function by its compiled twin wherever compiled loops run.
+def with_twin(plain: Callable[Arguments, Returned]) -> Callable[Arguments, Returned]:
+    """Replace a function by its compiled twin where compiled loops run.
 
     The plain function stays available as ``__wrapped__``.
     """
 
     @wraps(plain)
-    def chosen(*args: Taken.args, **kwargs: Taken.kwargs) -> Returned:
+    def chosen(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Returned:
         if portable or _loaded()[1] is None:
             return plain(*args, **kwargs)
-        twin: Callable[Taken, Returned] = _TWINS[plain.__name__]
+        twin: Callable[Arguments, Returned] = _TWINS[plain.__name__]
         return twin(*args, **kwargs)
 
     return chosen
 
 
 def arithmetic() -> str:
-    """Say which arithmetic runs: ``compiled, wide vectors``, ``compiled`` or ``portable``."""
+    """Return the arithmetic that runs: ``compiled, wide vectors``, ``compiled`` or ``portable``."""
     name, library = _loaded()
     return "portable" if portable or library is None else name
 
 
 def why_portable() -> str | None:
-    """Say why the plain functions run; None where the compiled loops do."""
+    """Return why the plain functions run; None if the compiled loops run."""
     if portable:
         return "OPPLOAD_PORTABLE is set"
-    if _loaded()[1] is not None:
-        return None
-    found = _opened("baseline")
-    return found if isinstance(found, str) else "the compiled loops were switched off"
+    reason, library = _loaded()
+    return reason if library is None else None
 
 
 def why_not_wide() -> str | None:
-    """Say why the processor's wide vectors are not used by compiled loops; None where they are."""
+    """Return why the build for wide vectors does not load; None if it runs or is not needed."""
     library = _loaded()[1]
     if portable or library is None or not library.runs_wide() or not _path("wide").exists():
         return None
-    found = _opened("wide")
-    return found if isinstance(found, str) else None
+    wide = _opened("wide")
+    return wide if isinstance(wide, str) else None
 
 
 def is_large(shape: tuple[int, int]) -> bool:
-    """Tell whether frames of a height and width are large enough for several threads."""
+    """Return whether frames of a height and width are large enough for several threads."""
     return shape[0] * shape[1] >= _LARGE
 
 
 # ---- The twins ------------------------------------------------------------------------------
+# Each has the name of its plain function, with an underscore before it.
 
 
 class _Plan:
-    """The kernels as presynaptic.c takes them, and room for its intermediate maps.
+    """The kernels in the form that presynaptic.c takes, and memory for its intermediate maps.
 
-    The kernels are even across and down, and their directional parts are sums of one part that is
-    odd across and one that is odd down. So one quadrant of each kernel is enough.
+    The kernels are even functions across and down. Their directional parts are sums of one part
+    that is odd across and one that is odd down. So one quadrant of each kernel is enough.
     """
 
     def __init__(self, kernels: Kernels) -> None:
@@ -150,15 +147,15 @@ class _Plan:
         for number, (quadrant, parts) in enumerate(zip(quadrants, _STAGES, strict=True)):
             # The nearest values first, which inhibit most; each part takes every n-th of them.
             nearest = sorted(np.argwhere(quadrant[0]).tolist(), key=np.hypot.reduce)
-            for some in (nearest[part::parts] for part in range(parts)):
-                stages.append((number, len(some)))
-                taps += [quadrant[:, dy, dx] for dy, dx in some]
-                offsets += [(number, dy, dx) for dy, dx in some]
+            for stage in (nearest[part::parts] for part in range(parts)):
+                stages.append((number, len(stage)))
+                taps += [quadrant[:, dy, dx] for dy, dx in stage]
+                offsets += [(number, dy, dx) for dy, dx in stage]
         age, dy, dx = np.array(offsets, np.intc).reshape(-1, 3).T
         reach = np.zeros(len(quadrants), np.intc)
         np.maximum.at(reach, age, np.maximum(dy, dx))
         self.slots = 1 << int(2 * reach.max()).bit_length()
-        # In the scratch: zeros, then for each age a ring of `slots` folded rows.
+        # The scratch memory holds zeros, then for each age a ring of `slots` folded rows.
         folded = _library().folded()
         rows = folded * (reach + 1)
         begins = folded + self.slots * (np.cumsum(rows) - rows)
@@ -180,16 +177,16 @@ class _Plan:
         self._scratch: Floats = np.zeros((0, 0), np.float32)
 
     def scratch(self, bands: int) -> list[int]:
-        """Return the address of each band's room for intermediate maps."""
+        """Return the address of each band's memory for intermediate maps."""
         if len(self._scratch) < bands:
             self._scratch = np.zeros((bands, self._floats), np.float32)
         return _addresses(self._scratch)
 
 
 class _Outputs:
-    """The addresses of the maps of sums, and which strips of their rows hold only zeros.
+    """The addresses of the maps of sums, and a mark for each strip of a row that is not all 0.
 
-    The loops do not write zeros over zeros.
+    With these marks the loops need not write zeros over zeros.
     """
 
     def __init__(self, sums: Sums, axes: tuple[int, ...]) -> None:
@@ -197,7 +194,7 @@ class _Outputs:
         pathways = [sums.pathways[phi] for phi in (*axes, *(phi + 180 for phi in axes))]
         none = [None] * (_MOST_PATHWAYS - len(pathways))
         self.arguments = *map(_address, (sums.presynaptic, *pathways)), *none
-        self._filled = np.ones(sums.presynaptic.shape, np.uint8)  # at first they may hold anything
+        self._filled = np.ones(sums.presynaptic.shape, np.uint8)  # new maps may hold any values
         self.filled = _address(self._filled)
 
 
@@ -206,16 +203,15 @@ _outputs: WeakKeyDictionary[Sums, _Outputs] = WeakKeyDictionary()
 
 
 def _presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: Sums) -> None:
-    """Compute S and S_phi, as :func:`oppload_cli.models.dpc.presynaptic_sums` does."""
     if kernels not in _plans:
         _plans[kernels] = _Plan(kernels)
     plan = _plans[kernels]
     outputs = _outputs.get(out)
     if outputs is None or outputs.axes != plan.axes:
         outputs = _outputs[out] = _Outputs(out, plan.axes)
-    height, width = shape = photoreceptors[0].shape[0], photoreceptors[0].shape[1]
+    shape = photoreceptors[0].shape[0], photoreceptors[0].shape[1]
     maps = [_address(each) for each in photoreceptors]
-    arguments = *maps, height, width, *plan.arguments, *outputs.arguments
+    arguments = *maps, *shape, *plan.arguments, *outputs.arguments
     scratch, filled = plan.scratch(len(_bands_of(shape))), outputs.filled
     compute = _library().presynaptic_sums
     _in_bands(shape, lambda n, *rows: compute(*arguments, *rows, scratch[n], filled))
@@ -224,13 +220,10 @@ def _presynaptic_sums(photoreceptors: Sequence[Floats], kernels: Kernels, out: S
 def _group(
     presynaptic: Floats, side: int, least: float, limit: float, out: Floats
 ) -> tuple[float, float]:
-    """Compute G, as :func:`oppload_cli.models.dlgmd.group` does."""
-    height, width = shape = presynaptic.shape[0], presynaptic.shape[1]
-    totals = np.empty((height, 2))
-    arguments = (
-        *(_address(presynaptic), height, width, side, least, limit),
-        *(_address(out), _address(totals)),
-    )
+    shape = presynaptic.shape[0], presynaptic.shape[1]
+    totals = np.empty((shape[0], 2))
+    maps = _address(out), _address(totals)
+    arguments = _address(presynaptic), *shape, side, least, limit, *maps
     compute = _library().group
     _in_bands(shape, lambda _, first, last: compute(*arguments, first, last))
     s, g = (totals.sum(axis=0) / presynaptic.size).tolist()
@@ -238,7 +231,6 @@ def _group(
 
 
 def _pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
-    """Pool maps, as :func:`oppload_cli.models.opposing_motion.pool` does."""
     (height, width), rows, columns = maps[0].shape, len(down), len(across)
     half = np.empty((rows, width), np.float32)
     out = np.empty((len(maps), rows, columns), np.float32)
@@ -249,7 +241,6 @@ def _pool(maps: Sequence[Floats], down: Floats, across: Floats) -> Floats:
 
 
 def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
-    """Add up opponent products, as the function of the same name in the models does."""
     axes, rows, columns = len(weights), *pooled.shape[1:]
     stride, reach = columns + _ZEROS, weights.shape[-1] // 2
     padded = np.zeros((2 * axes, rows, stride), np.float32)
@@ -266,14 +257,12 @@ def _opponent_products(pooled: Floats, weights: Floats) -> Floats:
 def _leave_out_moving(
     maps: Sequence[Floats], change: Floats, border: int, least: float, share: float
 ) -> None:
-    """Set S_phi to 0, as :func:`oppload_cli.models.camera.leave_out_moving` does."""
     line, pixel = (stride // change.itemsize for stride in change.strides)
     first, *firsts = (int(each.__array_interface__["data"][0]) for each in (change, *maps))
     _library().leave_out_moving(first, *change.shape, border, line, pixel, least, share, *firsts)
 
 
 def _reduce(frame: Grey, reduction: int) -> Grey:
-    """Average squares of pixels, as :func:`oppload_cli.motion.flow.reduce` does."""
     if reduction == 1:
         return frame.copy()
     rows, columns = frame.shape[0] // reduction, frame.shape[1] // reduction
@@ -291,7 +280,6 @@ def _sample(
     cells: tuple[int, int, int, int, int],
     least: tuple[float, float],
 ) -> tuple[Points, Points]:
-    """Sample flow on a grid, as :func:`oppload_cli.motion.flow.sample` does."""
     rows, columns = now.shape
     cell_rows, cell_columns, *_ = cells
     starts, vectors = np.empty((2, cell_rows * cell_columns, 2))
@@ -308,7 +296,6 @@ def _sample(
 def _rmo_sums(
     starts: Points, vectors: Points, opposite_tolerance: float, outward_tolerance: float, sides: int
 ) -> tuple[int, float, float, float, float, int]:
-    """Sum RMO over all pairs, as :func:`oppload_cli.motion.rmo.rmo_sums` does."""
     motion, origin = np.ascontiguousarray(vectors), np.ascontiguousarray(starts)
     rows, sums = np.empty(5 * (len(motion) + _LANES)), np.empty(6)
     _library().rmo_sums(
@@ -334,15 +321,15 @@ _TWINS: dict[str, Callable[..., Any]] = {
 
 
 def _address(array: NDArray[Any]) -> int:
-    """Return where the first value of an array stands in memory; the array must outlive it."""
-    try:  # half as long as by the array interface; a frame needs some 40 addresses
+    """Return the address of the first value of an array; the caller must keep the array."""
+    try:  # this takes half the time of the array interface; a frame needs about 40 addresses
         return ctypes.addressof(_Byte.from_buffer(array.data))
     except (TypeError, ValueError):  # not contiguous, or for reading only
         return int(array.__array_interface__["data"][0])
 
 
 def _addresses(maps: Floats) -> list[int]:
-    """Return where each map of a contiguous array stands in memory."""
+    """Return the address of each map of a contiguous array."""
     first, size = _address(maps), maps[0].nbytes
     return [first + size * number for number in range(len(maps))]
 
@@ -355,8 +342,10 @@ def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:
     """
     across = down = np.zeros_like(kernel)
     if masks:
-        one, other = (kernel * mask for mask in masks.values())
-        across, down = (one, other) if 0 in masks else ((one - other) / 2, (one + other) / 2)
+        first, second = (kernel * mask for mask in masks.values())
+        across, down = first, second
+        if 0 not in masks:
+            across, down = (first - second) / 2, (first + second) / 2
     radius = len(kernel) // 2
     return np.stack([kernel, across, down])[:, radius:, radius:]
 
@@ -365,11 +354,11 @@ def _quadrants(kernel: Kernel, masks: Mapping[int, Kernel]) -> Kernel:
 
 
 def _in_bands(shape: tuple[int, int], compute: Callable[[int, int, int], object]) -> None:
-    """Compute the rows of a frame, in bands on several threads where the frame is large.
+    """Compute the rows of a frame; if the frame is large, in bands on several threads.
 
-    `compute` takes the number of a band, its first row, and the row after its last one. The threads
-    are as many as OpenCV's, whose number follows the affinity mask or ``cv2.setNumThreads``. Each
-    row is computed by one thread: the result has the same bytes for any number of threads.
+    `compute` takes the number of a band, its first row, and the row after its last one. The number
+    of threads is that of OpenCV, which follows the affinity mask or ``cv2.setNumThreads``. One
+    thread computes a row, so that any number of threads gives the same bytes.
     """
     bands = _bands_of(shape)
     threads = min(cv2.getNumThreads(), len(bands)) if len(bands) > 1 else 1
@@ -393,7 +382,7 @@ def _band_threads(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, "oppload-bands")
 
 
-if hasattr(os, "register_at_fork"):  # a forked child has the pools, but not their threads
+if hasattr(os, "register_at_fork"):  # a forked child inherits the pools without their threads
     os.register_at_fork(after_in_child=_band_threads.cache_clear)
 
 
@@ -401,33 +390,24 @@ if hasattr(os, "register_at_fork"):  # a forked child has the pools, but not the
 
 
 def _library() -> ctypes.CDLL:
-    """Return the compiled loops for this processor.
-
-    A twin calls this only after `with_twin` found the library.
-    """
-    library = _loaded()[1]
-    if library is None:
-        raise RuntimeError("the compiled loops were not built")
-    return library
+    """Return the compiled loops; only twins call this, which run only if the loops are loaded."""
+    return cast("ctypes.CDLL", _loaded()[1])
 
 
 @cache
 def _loaded() -> tuple[str, ctypes.CDLL | None]:
-    baseline = _load("baseline")
-    if baseline is not None and baseline.runs_wide():
-        wide = _load("wide")
-        if wide is not None:
-            return "compiled, wide vectors", wide
-    return "compiled", baseline
-
-
-def _load(build: str) -> ctypes.CDLL | None:
-    found = _opened(build)
-    return None if isinstance(found, str) else found
+    """Return the name and the library of the best build; if none loads, the reason and None."""
+    baseline = _opened("baseline")
+    if isinstance(baseline, str):
+        return baseline, None
+    wide = _opened("wide") if baseline.runs_wide() else ""
+    if isinstance(wide, str):
+        return "compiled", baseline
+    return "compiled, wide vectors", wide
 
 
 def _opened(build: str) -> ctypes.CDLL | str:
-    """Return the library of a build, or why it is not used."""
+    """Return the library of a build, or why it does not load."""
     path = _path(build)
     if not path.exists():
         return "this installation has no compiled loops; install a wheel, or with a C compiler"
@@ -449,9 +429,9 @@ def _path(build: str) -> Path:
 
 
 def _is_damaged(path: Path) -> bool:
-    """Tell whether a library is not the one that was built: a truncated one can end the process."""
+    """Return whether the checksum is wrong: to load a truncated library can end the process."""
     try:
-        stated = Path(f"{path}.sum").read_text(encoding="ascii").strip()
-        return stated != f"{zlib.crc32(path.read_bytes()):08x}"
+        checksum = Path(f"{path}.sum").read_text(encoding="ascii").strip()
+        return checksum != f"{zlib.crc32(path.read_bytes()):08x}"
     except (OSError, UnicodeDecodeError):
         return False

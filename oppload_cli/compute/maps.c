@@ -8,12 +8,12 @@
 
 #include "vectors.h"
 
-/* What is agreed on with compute/loops.py: one more with each change of a signature. */
+/* INTERFACE in compute/loops.py must be the same number. Add 1 when a signature changes. */
 int interface(void) { return 12; }
 
-/* Tell whether the wider build of these files runs on this processor: whether it has AVX2 and
- * FMA, and the system keeps the wide registers. Compilers' own test of this needs a library that
- * not every system has. */
+/* Return whether the build for wide vectors runs here: whether the processor has AVX2 and FMA, and
+ * the operating system saves the wide registers. The compilers' function for this test needs a
+ * library that some systems lack. */
 int runs_wide(void)
 {
 #if defined(__x86_64__)
@@ -28,7 +28,7 @@ int runs_wide(void)
 #endif
 }
 
-/* Load eight values of a row from column x on; beyond the row are zeros. */
+/* Load eight values of a row from column x on; outside the row the values are 0. */
 HELD lanes load_within(const float *row, int x, int width)
 {
     lanes values = {0};
@@ -69,10 +69,10 @@ void group(const float *s, int height, int width, int side, float threshold, flo
     }
 }
 
-#define TOGETHER 8 /* rows of a map that are weighed together */
+#define TOGETHER 8 /* rows of a map that are weighted together */
 
-/* Weigh `count` rows of a map from y on, and add them to the rows first to last - 1 of `half`.
- * Return whether one of them has a value other than 0. */
+/* Add the weighted sums of `count` rows of a map, from row y on, to the rows first to last - 1 of
+ * `half`. Return whether a value of these rows of the map is not 0. */
 HELD int weigh_rows(const float *map, int width, int y, int count, const float *down, int height,
                      int first, int last, float *half)
 {
@@ -104,8 +104,8 @@ HELD int weigh_rows(const float *map, int width, int y, int count, const float *
 
 /* Compute down * map * across', the weighted sums of a map about each cell.
  *
- * `down` has a row of `height` weights for each of the `rows`, `across` one of `width` weights
- * for each of the `columns`; `half` has room for rows x width values. */
+ * `down` has the shape rows x height and `across` columns x width; `half` has room for rows x width
+ * values. */
 void pool(const float *map, int height, int width, const float *down, int rows,
           const float *across, int columns, float *half, float *out)
 {
@@ -151,7 +151,8 @@ void pool(const float *map, int height, int width, const float *down, int rows,
 void opponent_products(const float *passing, const float *opposite, int rows, int columns,
                        int stride, const float *weights, int reach, float *out)
 {
-    const int most_down = reach < rows ? reach : rows, most_across = reach < columns ? reach : columns;
+    const int most_down = reach < rows ? reach : rows;
+    const int most_across = reach < columns ? reach : columns;
     memset(out, 0, (size_t)rows * (size_t)stride * sizeof(float));
     for (int dy = -most_down; dy <= most_down; dy++)
         for (int dx = -most_across; dx <= most_across; dx++) {
@@ -168,9 +169,9 @@ void opponent_products(const float *passing, const float *opposite, int rows, in
         }
 }
 
-/* Set four maps to 0 in the pixels of each line that move, from its first one on without a break,
- * at most `reach` of them. A pixel moves if P is at least `least`, and `share` of the largest P of
- * the first `border` pixels. Lines are `line` values apart, and their pixels `pixel` values. */
+/* Set four maps to 0 at the start of each line, up to the first pixel that does not move, and in at
+ * most `reach` pixels. A pixel moves if P is at least `least`, and at least `share` times the largest
+ * P of the first `border` pixels. Lines are `line` values apart, pixels of a line `pixel` values. */
 void leave_out_moving(const float *p, int lines, int reach, int border, ptrdiff_t line,
                       ptrdiff_t pixel, float least, float share, float *a, float *b, float *c,
                       float *d)

@@ -2,11 +2,11 @@
  *
  * The kernels are even across and down, and their directional parts are odd in one of the two
  * directions. So the pixels at (dx, dy) and at its mirror images are added or subtracted first
- * ("folded") and multiplied by the kernel value once.
+ * ("folded"), and their sum is multiplied by the kernel value once.
  *
- * No kernel value is below 0. Once the inhibition summed so far is as large as the excitation
- * in every direction, every S is 0, and the rest of the inhibition is not summed. That
- * is so at nearly every pixel of most videos.
+ * No kernel value is below 0. As soon as the inhibition summed so far is as large as the excitation
+ * in every direction, every S is 0, and the rest of the inhibition need not be summed. This is so
+ * at nearly every pixel of most videos.
  */
 #include "vectors.h"
 
@@ -14,28 +14,27 @@
 #define VECTORS 2
 #define STRIP (VECTORS * LANES) /* columns that are computed together */
 #define FOLDED (2 * STRIP)      /* the sums and the differences of a strip, at one dx */
-#define ROWS 64                 /* of a strip that are computed before the next strip */
+#define ROWS 64                 /* rows of a strip that are computed before the next strip */
 #define MOST_REACH 50           /* of a kernel */
 #define AHEAD 8                 /* rows that are fetched early */
 #define CACHE_LINE 16           /* floats */
 
 /* A kernel value, and its directional parts that are odd across and odd down. */
 struct tap { float even, across, down; };
-/* Taps of one age; after those of each stage it is asked whether any S is left. */
+/* A number of taps of one age; after each stage the sum stops if every S is 0. */
 struct stage { int age, taps; };
-/* Where in the scratch the values of a tap stand, dy above and dy below. */
+/* Offsets in the scratch memory of the folded values dy above and dy below a pixel. */
 struct place { int above, below; };
-/* Where in the scratch the folded rows of one age begin, which hold dx from 0 to the reach. */
+/* Offset in the scratch memory of the folded rows of one age, and the largest dx that they hold. */
 struct ring { int begin, reach; };
 
 struct sums { lanes even[VECTORS], across[VECTORS], down[VECTORS]; };
 
-/* Return how many floats a folded row takes for each dx. */
+/* Return the number of floats of a folded row for each dx. */
 int folded(void) { return FOLDED; }
 
-/* Fold one row: add and subtract what lies dx to the left and to the right, for each dx.
- * For dx = 0 there is no difference: its place holds zeros from the start. Beyond the frame P
- * is 0. */
+/* Fold one row: for each dx, add and subtract the values dx to the left and dx to the right.
+ * The differences for dx = 0 are zeros from the start. Outside the frame P is 0. */
 HELD void fold(const float *row, int x, int width, int reach, float *out)
 {
     float line[STRIP + 2 * MOST_REACH];
@@ -68,7 +67,7 @@ HELD int fold_around(const float *map, struct ring ring, int slots, int next, in
     int row = next > y - ring.reach ? next : y - ring.reach;
     for (; row <= y + ring.reach; row++) {
         const float *from = row < 0 || row >= height ? NULL : map + (ptrdiff_t)row * width;
-        /* A strip runs down the frame: without this every row would wait for memory. */
+        /* A strip runs down the frame: without prefetching every row would wait for memory. */
         for (int k = 0; from && row + AHEAD < height && k < STRIP + CACHE_LINE; k += CACHE_LINE)
             __builtin_prefetch(from + (ptrdiff_t)AHEAD * width + x + k);
         fold(from, x, width, ring.reach, rows + size * (row & (slots - 1)));
@@ -106,7 +105,7 @@ HELD lanes second_axis(int diagonal, lanes across, lanes down)
     return diagonal ? down - across : down;
 }
 
-/* Tell whether any S would be above 0 with no more inhibition than summed so far. */
+/* Return whether any S is above 0 with the inhibition summed so far. */
 HELD int some_remain(int directional, int diagonal, const lanes *e, const struct sums *i)
 {
     mask any = {0};
@@ -122,8 +121,8 @@ HELD int some_remain(int directional, int diagonal, const lanes *e, const struct
     return any_of(any);
 }
 
-/* Put max(0, E - inhibition) where it is wanted. It is at most E: where nothing changed, E is
- * exactly 0, while the rounding of the inhibition may leave that below 0. */
+/* Store S = max(0, E - inhibition), unless the map is NULL. S is limited to E, so that it is
+ * exactly 0 where nothing changed: E is 0 there, but rounding can make inhibition less than 0. */
 HELD void put(float *map, ptrdiff_t at, int count, lanes e, lanes inhibition)
 {
     if (!map) return;
@@ -134,13 +133,13 @@ HELD void put(float *map, ptrdiff_t at, int count, lanes e, lanes inhibition)
         store_some(map + at, s, count);
 }
 
-/* Compute S and S_phi of the rows first to last - 1; those that are NULL are not wanted.
+/* Compute S and S_phi of the rows first to last - 1; maps that are NULL are left out.
  *
- * The first stage is the excitation. `places` holds those of all taps, for each row of a ring
- * of `slots` rows, a power of 2. `scratch` is made of zeros, and the first FOLDED of them stay
- * so: they lie below where dy = 0. `filled` holds a byte for each strip of each row: 0 where all
- * of its S are 0 already. Most are, and stay so from frame to frame: they are not written
- * again. */
+ * The first stage is the excitation. `places` holds the offsets of all taps for each of the `slots`
+ * rows of a ring; `slots` is a power of 2. At the start `scratch` holds zeros. Its first FOLDED
+ * values stay 0: they are the values below for dy = 0. `filled` holds a byte for each strip of each
+ * row, which is 0 if all of its S are 0. Most strips stay at 0 from frame to frame, and are not
+ * written again. */
 void presynaptic_sums(const float *now, const float *one_ago, const float *two_ago, int height,
                       int width, const struct stage *stages, int stage_count,
                       const struct tap *taps, int tap_count, const struct place *places,

@@ -36,10 +36,10 @@ HELD int any_of(mask chosen)
 #endif
 }
 
-/* Sum RMO over the pairs of n vectors (x, y) with their starts. Vectors of length 0 are left
- * out. The tolerances are given by their tangents. `rows` has room for 5 times n + LANES.
- * `out` takes: vectors that are not 0; RMO of the opposite, of the outward and of the inward
- * pairs; the largest RMO of an outward pair; the number of outward pairs. */
+/* Sum RMO over the pairs of n vectors (x, y) with their starts. Vectors of length 0 are left out.
+ * `rows` has room for 5 (n + LANES) values. `out` is filled with the number of vectors that are not
+ * 0; the sums of RMO of the opposite, the outward and the inward pairs; the largest RMO of an
+ * outward pair; and the number of outward pairs. */
 void rmo_sums(const double *vectors, const double *starts, int n, double opposite_tangent,
                double outward_tangent, double sides, double *rows, double *out)
 {
@@ -55,7 +55,7 @@ void rmo_sums(const double *vectors, const double *starts, int n, double opposit
         start_y[count] = starts[2 * i + 1];
         count += speed[count] > 0;
     }
-    /* What has no direction is opposite to nothing. */
+    /* Zeros fill the last vector: a zero vector is in no opposite pair. */
     for (int k = 0; k < LANES; k++)
         unit_x[count + k] = unit_y[count + k] = speed[count + k] = start_x[count + k] =
             start_y[count + k] = 0;
@@ -68,7 +68,7 @@ void rmo_sums(const double *vectors, const double *starts, int n, double opposit
             lanes against = -(x * x2 + y * y2), aside = magnitude(x * y2 - y * x2);
             mask are_opposite = against * opposite_tangent > aside;
             if (!any_of(are_opposite)) continue;
-            /* The line that they share, and how the starts lie along and across it. */
+            /* Their common line, and the distance of the starts along and across this line. */
             lanes line_x = x - x2, line_y = y - y2;
             lanes apart_x = start_x[i] - LOAD(start_x + j);
             lanes apart_y = start_y[i] - LOAD(start_y + j);

@@ -20,7 +20,7 @@ typedef int mask __attribute__((vector_size(4 * LANES)));
 HELD lanes least(lanes a, lanes b) { return (lanes)_mm256_min_ps((__m256)a, (__m256)b); }
 HELD lanes most(lanes a, lanes b) { return (lanes)_mm256_max_ps((__m256)a, (__m256)b); }
 HELD int any_of(mask chosen) { return _mm256_movemask_ps((__m256)chosen); }
-/* Keep a value in its register as it is: the compiler would load it twice, or round it later. */
+/* Keep a value in a register: otherwise the compiler loads it twice, or rounds it later. */
 #define KEEP(value) __asm__("" : "+x"(value))
 #else
 HELD lanes where(mask chosen, lanes a, lanes b)

@@ -1,3 +1,3 @@
-"""The layers and models: arrays in, values out (``docs/model.md``)."""
+"""The layers and models: functions of arrays that return values (``docs/model.md``)."""
 
-LOAD = "OPPLOAD_LOAD"  # in the environment: own detectors to load, separated as in PATH
+LOAD = "OPPLOAD_LOAD"  # environment variable: a user's detectors to load, separated as in PATH

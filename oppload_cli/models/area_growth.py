@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import cv2
+import numpy as np
 
 from oppload_cli.models.detector import Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
@@ -81,14 +81,10 @@ class AreaGrowth(Detector):
         if self._start is None:
             self._start = self._before = now
             self._sizes: deque[float] = deque(maxlen=_SPAN + 1)
-        pixels = self.shape[0] * self.shape[1]
-        levels = self.params.least * 255
-        # Grey levels are integers: one is above the threshold if it is above its integer part.
-        _, changed = cv2.threshold(
-            cv2.absdiff(now, self._start), math.floor(levels), 255, cv2.THRESH_BINARY
-        )
-        area = cv2.countNonZero(changed)
-        difference = float(cv2.norm(now, self._before, cv2.NORM_L1)) / (255 * pixels)
+        # Grey levels are integers: a level is above the threshold if it is above its integer part.
+        least = math.floor(self.params.least * 255)
+        area = int(np.count_nonzero(cv2.absdiff(now, self._start) > least))
+        difference = float(cv2.norm(now, self._before, cv2.NORM_L1)) / (255 * now.size)
         self._before = now
         size = math.sqrt(area)
         self._sizes.append(size)

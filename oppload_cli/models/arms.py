@@ -40,7 +40,7 @@ _ARM_EDGE = 4.0  # degrees: the larger, the more gradually an arm's weight falls
 
 
 class _Motion(NamedTuple):
-    """Motion at every pixel: its amount, and its components to the right and up.
+    """Motion at every pixel in units of S: its amount, and its components to the right and up.
 
     All are arrays of float32, shape (height, width); `right` and `up` may be negative.
     """
@@ -64,11 +64,6 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
         P(t), P(t-1) and P(t-2).
     kernels : Kernels
         The kernels, with the masks of the axes 0 and 90 degrees.
-
-    Returns
-    -------
-    _Motion
-        In units of S.
 
     Source: ``docs/model.md``, section 4, and ``docs/lplc2.md``.
     """
@@ -105,7 +100,7 @@ def arm_weights(reach: float, direction: float, cone: float) -> Map:
 
 
 def field_weights(reach: float) -> Map:
-    """Return the weights of all cells in a unit's field, in the form of `arm_weights`."""
+    """Return the weights of all cells in a unit's field, arranged as those of `arm_weights`."""
     weights = arm_weights(reach, 0, 360)
     weights[len(weights) // 2, len(weights) // 2] = 1
     return weights
@@ -121,16 +116,11 @@ def arm_response(outward: Map, suppression: Map, half: float, exponent: float) -
     suppression : ndarray of float32
         q, at least 0.
     half : float
-        s, the excitation at which an arm without suppression responds by half, above 0.
+        s, the excitation at which an arm without suppression has the response 1/2, above 0.
     exponent : float
         g, above 0.
-
-    Returns
-    -------
-    ndarray of float32
-        From 0 to 1.
     """
-    # The inverse may overflow to infinity; 1 / (1 + inf) is 0, which is right.
+    # The inverse may overflow to infinity, for which the response 1 / (1 + inf) is 0, as it ought.
     with np.errstate(divide="ignore", over="ignore"):
         inverse = (np.float32(half) + np.maximum(suppression, 0)) / np.maximum(outward, 0)
         return np.asarray(1 / (1 + inverse**exponent), np.float32)
@@ -147,8 +137,8 @@ def smoothing(elapsed: float, constant: float) -> float:
 class ArmsJudgement(CellJudgement):
     """The judgement with four arms at every cell, and the calcium signal.
 
-    The arms of a unit are summed, and the part of the sum above a threshold is enhanced. The
-    `pathways` in `maps` hold the motion in the four directions.
+    The responses of a unit's arms are summed, and the part of the sum above a threshold is
+    enhanced. The `pathways` in `maps` hold the motion in the four directions.
     """
 
     def __init__(
@@ -156,21 +146,19 @@ class ArmsJudgement(CellJudgement):
     ) -> None:
         super().__init__(shape, params, per_second)
         reach = self.maps.field / 2 / params.cell_px
-        further = reach * params.suppression_field
-        self._excited = [arm_weights(reach, phi, params.arm_cone) for phi in DIRECTIONS]
-        self._suppressed = [
-            arm_weights(further, phi, params.suppression_cone) for phi in DIRECTIONS
-        ]
+        cone, further = params.suppression_cone, reach * params.suppression_field
+        self._excitation = [arm_weights(reach, phi, params.arm_cone) for phi in DIRECTIONS]
+        self._suppression = [arm_weights(further, phi, cone) for phi in DIRECTIONS]
         self._field = field_weights(reach)
 
     def reset(self) -> None:
         """Forget all frames."""
         super().reset()
         self._calcium = np.zeros_like(self.maps.responses)
-        nothing = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
+        zeros = np.zeros((len(DIRECTIONS), *self._calcium.shape), np.float32)
         self._now = 0.0  # intervals
         # Times and suppressions of the youngest frame that is an interval old, and of later frames.
-        self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, nothing)])
+        self._suppressions: deque[tuple[float, Maps]] = deque([(0.0, zeros)])
 
     @property
     def calcium(self) -> float | None:
@@ -180,33 +168,16 @@ class ArmsJudgement(CellJudgement):
     def judge(self, dpc: Dpc) -> OpplodResponse:
         """Judge the motion of one frame.
 
-        The answer is that of the unit with the largest R, the sum of its arms. Its response is
-        ``c2 (R - T_o)^p`` if R is above T_o, else 0.
+        The answer is that of the unit with the largest R, the sum of its arms' responses. The
+        unit's response is ``c2 (R - T_o)^p`` if R is above T_o, else 0.
         """
         params, elapsed = self._params, dpc.photoreceptors.elapsed
-        everywhere, moving = self.pooled(dpc)
-        amount = _over(everywhere, self._field)
+        amount, motion = self.pooled(dpc)
         self._now += elapsed
-        # Each suppression follows from its value an interval ago, whatever frames lie in between.
-        # The sum of the times has rounding errors: 0.99 of an interval counts as one.
-        while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
-            self._suppressions.popleft()
-        then, before = self._suppressions[0]
-        kept = smoothing(max(1.0, self._now - then), params.suppression_s * self._per_second)
-        suppressions = before.copy()
-        self._suppressions.append((self._now, suppressions))
-        total = np.zeros_like(amount)
-        for arm, suppression in enumerate(suppressions):
-            across = moving[(arm + 1) % 4] + moving[(arm + 3) % 4]
-            against = params.inward * moving[(arm + 2) % 4] + params.lateral * across
-            now = _over(against, self._suppressed[arm]) + params.surround * amount
-            suppression[:] += np.float32(kept) * (now - suppression)
-            outward = _over(moving[arm], self._excited[arm])
-            total += arm_response(outward, suppression, params.half_saturation, params.saturation)
-        total *= self._selected
+        total = self._sum_of_arms(_over(amount, self._field), motion) * self._selected
         above = np.maximum(total - np.float32(params.threshold), 0)
         responses = np.asarray(params.gain * above**params.arm_power, np.float32)
-        pathways = dict(zip(DIRECTIONS, moving, strict=True))
+        pathways = dict(zip(DIRECTIONS, motion, strict=True))
         self.maps = self.maps._replace(responses=responses, pathways=pathways)
         if params.calcium_s:
             new = smoothing(elapsed, params.calcium_s * self._per_second)
@@ -215,6 +186,30 @@ class ArmsJudgement(CellJudgement):
         response = float(responses[row, column])
         box = self.maps.box(row, column) if response else None
         return OpplodResponse(response, box, float(total[row, column]), self.calcium)
+
+    def _sum_of_arms(self, in_field: Map, motion: list[Map]) -> Map:
+        """Return R, the sum of the arms' responses, of all units.
+
+        `in_field` is the sum of all motion in a unit's field, `motion` that in each direction.
+        """
+        params = self._params
+        # Each suppression follows from its value an interval ago, not from its latest value. The
+        # sum of the times has rounding errors: 0.99 of an interval counts as one.
+        while len(self._suppressions) > 1 and self._suppressions[1][0] <= self._now - 0.99:
+            self._suppressions.popleft()
+        then, before = self._suppressions[0]
+        weight = smoothing(max(1.0, self._now - then), params.suppression_s * self._per_second)
+        suppressions = before.copy()
+        self._suppressions.append((self._now, suppressions))
+        total = np.zeros_like(in_field)
+        for arm, suppression in enumerate(suppressions):
+            across = motion[(arm + 1) % 4] + motion[(arm + 3) % 4]
+            against = params.inward * motion[(arm + 2) % 4] + params.lateral * across
+            now = _over(against, self._suppression[arm]) + params.surround * in_field
+            suppression[:] += np.float32(weight) * (now - suppression)
+            outward = _over(motion[arm], self._excitation[arm])
+            total += arm_response(outward, suppression, params.half_saturation, params.saturation)
+        return total
 
     def pooled(self, dpc: Dpc) -> tuple[Map, list[Map]]:
         """Return the pooled motion: its amount, and its parts in `DIRECTIONS`.
@@ -232,17 +227,20 @@ class ArmsJudgement(CellJudgement):
             directed = [dpc.sums.pathways[phi] for phi in DIRECTIONS]
             parts = [np.maximum.reduce(directed), *directed]
         pooled = pool(parts, self._down, self._across)
-        amount, unit = pooled[0], dpc.kernels.excitation.sum()
-        factor = np.full_like(amount, 1 / unit)
+        amount, sum_of_w_e = pooled[0], dpc.kernels.excitation.sum()
+        factor = np.full_like(amount, 1 / sum_of_w_e)
         if photoreceptors.share != 1:
-            e = pool(photoreceptors.maps[:1], self._down, self._across)[0] * np.float32(unit)
-            other = referred(amount, e, photoreceptors.share, directional=True)
-            factor *= other / np.maximum(amount, np.float32(1e-12))
+            p = pool(photoreceptors.maps[:1], self._down, self._across)[0]
+            scaled = referred(
+                amount, p * np.float32(sum_of_w_e), photoreceptors.share, directional=True
+            )
+            factor *= scaled / np.maximum(amount, np.float32(1e-12))
         if self._params.history:
             factor *= has_history(photoreceptors.coarse(amount.shape), self._params.history)
         return amount * factor, [part * factor for part in pooled[1:]]
 
 
 def _over(values: Map, weights: Map) -> Map:
+    """Return the weighted sum of the values around each cell."""
     summed = cv2.filter2D(values, cv2.CV_32F, weights, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(summed, np.float32)

@@ -32,26 +32,26 @@ _SIDES: tuple[Callable[[Map], Map], ...] = (
 
 # ---- Light ---------------------------------------------------------------------------------
 
-_CELL = 8  # px; in larger cells, more of the moving gratings look like a change of the light
+_CELL = 8  # px; with larger cells, more moving gratings look like a change of the light
 _DARKEST, _BRIGHTEST = 0.04, 0.997  # range of the luminance in which a gain can be measured
 _LEAST_CELLS, _LEAST_USABLE = 20, 1 / 4  # cells in this range: least number, and least share
-_LEAST_CHANGE = 1e-3  # of the logarithm of the luminance: smaller changes count as none
+_LEAST_CHANGE = 1e-3  # least change of the logarithm of the luminance that counts
 _MOST_CHANGE, _MOST_GAIN = 0.5, 0.7  # largest gain between two frames, and in all, as logarithms
 # The gain must explain the change in this share of the cells. In a moving grating up to half of the
 # cells can change by the same gain.
 _EXPLAINED = 0.7
 # The unexplained change may be at most this share of the median change. The share is smaller for
 # one gain per row of cells, since such gains can also explain motion up or down.
-_LEFT, _LEFT_BY_ROWS = 1 / 2, 1 / 4
+_UNEXPLAINED, _UNEXPLAINED_BY_ROWS = 1 / 2, 1 / 4
 
 
 class SteadyLight:
     """Changes frames so that the light of the video is steady.
 
-    Where a lamp flickers or a camera adapts its exposure, one gain multiplies the luminance of all
-    pixels; with a rolling shutter each row has its own gain. The gain between two frames is
-    measured as the median, over cells of the frame, of the ratio of their luminance. It is used
-    only if it explains most of the change, as it does not if the scene or the camera moves.
+    If a lamp flickers or a camera adapts its exposure, one gain multiplies the luminance of all
+    pixels; with a rolling shutter each row has its own gain. The gain between two frames is the
+    median, over cells of the frame, of the ratio of their luminance. It is used only if it explains
+    most of the change. If the scene or the camera moves, it does not.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class SteadyLight:
     def reset(self) -> None:
         """Forget all frames."""
         self._before: Map | None = None
-        self._gains: Map | None = None  # the logarithm for each row of cells
+        self._gains: Map | None = None  # the logarithm of the gain of each row of cells
 
     def step(self, luma: Map, elapsed: float) -> Map:
         """Return the next frame without the changes of its light.
@@ -114,22 +114,22 @@ def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     if change < _LEAST_CHANGE:
         return none
     gain = _quantile(logarithms[usable], 1 / 2)
-    left = _quantile(np.abs(logarithms[usable] - gain), _EXPLAINED)
-    if abs(gain) < _MOST_CHANGE and left <= _LEFT * change:
+    unexplained = _quantile(np.abs(logarithms[usable] - gain), _EXPLAINED)
+    if abs(gain) < _MOST_CHANGE and unexplained <= _UNEXPLAINED * change:
         return none + np.float32(gain)
     # If rows of cells have little contrast, motion up or down looks like a gain of each row.
     contrast = np.abs(before[:, 1:] - before[:, :-1]) / np.maximum(before[:, 1:], _DARKEST)
     if usable.mean() < _EXPLAINED or not contrast.size or _quantile(contrast, 1 / 2) < change / 4:
         return none
     gains = np.sort(logarithms, axis=1)[:, logarithms.shape[1] // 2, None]
-    left = _quantile(np.abs(logarithms - gains)[usable], _EXPLAINED)
-    if np.abs(gains).max() < _MOST_CHANGE and left <= _LEFT_BY_ROWS * change:
+    unexplained = _quantile(np.abs(logarithms - gains)[usable], _EXPLAINED)
+    if np.abs(gains).max() < _MOST_CHANGE and unexplained <= _UNEXPLAINED_BY_ROWS * change:
         return gains
     return none
 
 
 def _quantile(values: Map, share: float) -> float:
-    """Return the value below which a share of the values lies, ten times faster than NumPy."""
+    """Return the value below which a share of the values lies, ten times faster than NumPy does."""
     ordered = np.sort(values, axis=None)
     return float(ordered[int(share * len(ordered))])
 
@@ -137,9 +137,9 @@ def _quantile(values: Map, share: float) -> float:
 # ---- Bars ----------------------------------------------------------------------------------
 
 _TOLERANCE, _EDGE = 6 / 255, 10 / 255  # variation of a bar's luminance; least step at its edge
-_BEYOND = 3  # px from the last plain line to the line that must differ: scaling blurs the edge
+_BEYOND = 3  # px from the first line of the edge to the line that is tested: scaling blurs edges
 _LEAST_EDGE = 0.8  # least share of the pixels of that line that differ
-_LONG = 7.5  # intervals that a strip must last to be a bar
+_LASTING = 7.5  # intervals that a strip must last to be a bar
 _WIDEST = 0.45  # largest width of a bar, as a share of the frame's side
 
 
@@ -158,9 +158,9 @@ NO_BARS = Widths()
 class Bars:
     """Plain strips along the sides of the frame, as beside an upright video in a wide frame.
 
-    An edge that appears from behind a bar meets no inhibition, as at the edge of the frame. A strip
-    is a bar if it has had the same luminance for 7.5 intervals (a quarter of a second), and if it
-    ends in a straight edge along most of the side.
+    An edge that appears from behind a bar meets no inhibition, like an edge that enters the frame.
+    A strip is a bar if its width has been the same for 7.5 intervals (a quarter of a second), and
+    if it ends in a straight edge along most of the side.
 
     Attributes
     ----------
@@ -179,24 +179,24 @@ class Bars:
 
     def step(self, luma: Map, elapsed: float) -> None:
         """Take the next frame; `elapsed` as for :class:`SteadyLight`."""
-        known = list(self.widths)
+        widths = list(self.widths)
         for n, side in enumerate(_SIDES):
             width, edge = _plain_strip(side(luma).T)
             if width is None:
                 continue
-            if width < known[n] - 1:  # an object moves over the strip: it is no bar
-                known[n] = 0
+            if width < widths[n] - 1:  # an object moves over the strip: it is no bar
+                widths[n] = 0
             if abs(width - self._candidates[n]) > 1 or not edge:
                 self._candidates[n], self._lasted[n] = width, 0.0
                 continue
             self._lasted[n] += elapsed
-            if self._lasted[n] >= _LONG:
-                known[n] = self._candidates[n]
-        self.widths = Widths(*known)
+            if self._lasted[n] >= _LASTING:
+                widths[n] = self._candidates[n]
+        self.widths = Widths(*widths)
 
 
 def _plain_strip(lines: Map) -> tuple[int | None, bool]:
-    """Return how many lines along a side are plain, and whether an edge follows them.
+    """Return the number of plain lines along a side, and whether an edge follows them.
 
     The lines are ordered from the side inwards. The number is None if all lines up to the largest
     width of a bar are plain.
@@ -216,8 +216,8 @@ def _plain_strip(lines: Map) -> tuple[int | None, bool]:
 
 # ---- Edges of the frame --------------------------------------------------------------------
 
-_LEAST_MOTION = 0.02  # least P of a pixel that moves
-_OF_EDGE = 0.3  # least P of such a pixel, as a share of the largest P beside the edge
+# Least P of a pixel that moves: as luminance, and as a share of the largest P beside the edge.
+_LEAST_MOTION, _OF_EDGE = 0.02, 0.3
 
 
 def leave_out_entering(
@@ -227,8 +227,8 @@ def leave_out_entering(
 
     A fast edge that enters the frame moves by more than the kernels' radius from frame to frame.
     Its earlier motion, which would inhibit it, was outside the frame. A fast edge that leaves the
-    frame is cut off. Both excite the pathways of both directions. The function finds such motion
-    as changed pixels that reach the edge of the frame without a break.
+    frame is cut off. Both excite the pathways of both directions. The function sets S_phi to 0 at
+    changed pixels that reach the edge of the frame without a break.
 
     Parameters
     ----------
@@ -237,8 +237,8 @@ def leave_out_entering(
     change : ndarray of float32, shape (height, width)
         P(t), 0 to 1.
     reach, border : int
-        `reach` is the largest distance from the edge at which S_phi is set to 0. The largest P
-        within `border` of the edge is the P of the motion. Both are in px, at least 0.
+        `reach` is the largest distance from the edge at which S_phi is set to 0. The P of the
+        motion is the largest P up to the distance `border`. Both are in px, at least 0.
     bars : Widths
         Bars beside the picture; their edges count as edges of the frame.
 

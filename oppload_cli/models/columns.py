@@ -1,7 +1,6 @@
 """The columns of ``frames.csv``: those of every result, and those of a detector.
 
-The table, the registry and the page on formats use these definitions. The registry refuses a
-detector with a column name that is in use.
+The table, the registry and the page on formats use these definitions.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ VIEW = (
         "growth of the angular size, computed from the time to contact; empty if that is not known",
     ),
 )
-# Columns with `--columns all`: the first of every detector, the others of each with places.
+# Columns with `--columns all`: the first for every detector, the others for those with places.
 ALARM_DETAILS = (
     Column("over_threshold", "", "response divided by the alarm's threshold; empty without one"),
     Column(

@@ -77,7 +77,7 @@ class Column(NamedTuple):
 class Response:
     """The answer of a detector to one frame.
 
-    A detector with columns of its own extends this class by a field for each column.
+    A subclass has a field for each column of its detector.
 
     Attributes
     ----------
@@ -100,12 +100,7 @@ class Response:
 def inner(default: float, unit: str, meaning: str) -> Any:
     """Declare an inner value of an answer: a field of its class, and a column of the table.
 
-    Parameters
-    ----------
-    default : float
-        The value if nothing changes in the frame.
-    unit, meaning : str
-        Unit and meaning of the column.
+    `default` is the value if nothing changes in the frame; `unit` and `meaning` are the column's.
     """
     return field(default=default, metadata={"column": (unit, meaning)})
 
@@ -118,8 +113,7 @@ class UnitMaps(NamedTuple):
     responses : ndarray of float32, shape (rows, columns)
         The response of every unit, at least 0.
     pathways : mapping of int to ndarray of float32, shape (rows, columns)
-        The pooled S_phi at the units, by direction phi in degrees; empty if the judgement does
-        not pool.
+        The pooled S_phi at the units, by direction phi in degrees; empty without pooling.
     centres_y, centres_x : ndarray, shapes (rows,) and (columns,)
         Centres of the units in working pixels.
     field : float
@@ -162,8 +156,7 @@ class Detector(ABC):
     frame_rate : float, optional
         Frames per second of the video, if known.
     layers : Layers, optional
-        Photoreceptors and DPC layers. Detectors that get the same `layers` share them: a layer
-        that several detectors need is computed once.
+        Photoreceptors and DPC layers; a layer that several detectors share is computed once.
 
     Attributes
     ----------
@@ -189,13 +182,13 @@ class Detector(ABC):
     presets : mapping of str to Parameters
         The detector's parameters under each preset that changes them.
     alarm_floors : mapping of str to float
-        The floor of the alarm by preset: at or below this response the detector never alarms. The
-        floor of ``default`` is used for presets that are not named.
+        The floor of the alarm by preset: at or below this response the detector never alarms.
+        Presets that are not named have the floor of ``default``.
     by_default : bool
         Whether the detector runs if the user chooses none.
     variant_of : str
-        The name of the detector that this one is a variant of, else empty. ``NAME:VARIANT`` stands
-        for ``NAME_VARIANT``; ``all`` leaves variants out.
+        If this detector is a variant, the name of the original detector, else empty. On the command
+        line ``NAME:VARIANT`` stands for ``NAME_VARIANT``; ``all`` leaves variants out.
     evaluated : bool
         Whether `oppload evaluate` runs the detector if the user chooses none.
     year : int or None
@@ -203,9 +196,9 @@ class Detector(ABC):
     reference : str
         The publication, or who defined the detector.
     answers_to : str
-        The stimuli that it responds to and those that it does not, in one line.
+        The stimuli that cause a response and those that do not, in one line.
     made_for : str
-        The working size and the frame rate that its authors designed it for.
+        The working size and the frame rate for which its authors designed it.
     cost_ms : float or None
         Milliseconds per frame of 427 x 240 on one core, measured by ``oppload models --measure``.
     least_size : tuple of int
@@ -292,7 +285,7 @@ class Detector(ABC):
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0.
 
-        Detectors that share layers must be reset together: ``DetectorBank.reset`` does it.
+        Detectors that share layers must be reset together, as ``DetectorBank.reset`` does.
         """
 
     @classmethod
@@ -307,7 +300,7 @@ class Detector(ABC):
     def at_rest(self) -> Response:
         """Return the answer to a frame in which nothing changed: a response of 0.
 
-        Inner values that last longer than the motion keep their latest value.
+        A subclass keeps the latest value of inner values that last longer than the motion.
         """
         return self.answers(0.0)
 
@@ -322,5 +315,5 @@ class Detector(ABC):
 
     @property
     def units(self) -> UnitMaps | None:
-        """The units at the latest frame; None where the detector has none."""
+        """The units at the latest frame; None if the detector has no units."""
         return None

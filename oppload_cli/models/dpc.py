@@ -1,7 +1,7 @@
 """Photoreceptors, DPC and MDE: the equations that several detectors share.
 
-They are those of ``docs/model.md``, sections 1, 2 and 4: first the kernels, then the layers that
-the kernels compute. :mod:`oppload_cli.models.layers` applies them to the frames of a video.
+``docs/model.md`` has these equations in sections 1, 2 and 4. This module has first the kernels,
+then the layers. :mod:`oppload_cli.models.layers` applies the equations to the frames of a video.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ class Kernels:
     Attributes
     ----------
     excitation : ndarray
-        W_E, without the zeros around its few values. OpenCV sums such a small kernel directly, so
-        that E is exactly 0 where P is 0.
+        W_E, without the rows and columns of zeros at its edges. OpenCV sums such a small kernel
+        directly, so that E is exactly 0 where P is 0.
     inhibition : tuple of ndarray, shape (2 r + 1, 2 r + 1)
         W_I1, which acts on P(t-1), and W_I2, which acts on P(t-2).
     odd_masks : dict of int to ndarray, shape (2 r + 1, 2 r + 1)
@@ -97,9 +97,9 @@ class Kernels:
 def _spread(params: DpcParams, sigma: float) -> Kernel:
     """Return g_s(d), the Gaussian of eq. (kernel EI) with the spread s in pixels.
 
-    Its amplitude is that of a one-dimensional Gaussian, ``1 / (s sqrt(2 pi))``, and its sum is not
-    made 1, as in the authors' code. With the two-dimensional amplitude the velocity selectivity
-    all but vanishes.
+    As in the authors' code, its amplitude is that of a one-dimensional Gaussian,
+    ``1 / (s sqrt(2 pi))``, and its sum is not 1. With the two-dimensional amplitude nearly no
+    velocity selectivity remains.
     """
     x, y = _offsets(params.kernel_radius)
     gaussian: Kernel = np.exp(-(x**2 + y**2) / (2 * sigma**2)) / (sigma * np.sqrt(2 * np.pi))
@@ -140,15 +140,8 @@ def inhibition_kernels(params: DpcParams) -> tuple[Kernel, Kernel]:
 def direction_mask(params: DpcParams, direction: float) -> Kernel:
     """Return M_phi(d), the MDE mask on the inhibition kernel, eq. (mde), from 0 to 1.
 
-    phi is the direction of the motion that PASSES, and ``M_phi + M_(phi+180) = 1``
-    (``docs/model.md``, section 4).
-
-    Parameters
-    ----------
-    params : DpcParams
-        Gives the kernel radius.
-    direction : float
-        phi in degrees, counter-clockwise, 0 = right, 90 = up.
+    `direction` is phi, the direction of the motion that PASSES, in degrees, counter-clockwise, 0 =
+    right, 90 = up. ``M_phi + M_(phi+180) = 1`` (``docs/model.md``, section 4).
     """
     x, y = _offsets(params.kernel_radius)
     phi = np.deg2rad(direction)
@@ -159,7 +152,7 @@ def direction_mask(params: DpcParams, direction: float) -> Kernel:
 
 
 def _trimmed(kernel: Kernel) -> Kernel:
-    """Cut a kernel to the square about its middle that holds all values other than 0."""
+    """Return the smallest square about a kernel's middle that has all values other than 0."""
     radius = len(kernel) // 2
     reach = int(np.abs(np.argwhere(kernel) - radius).max(initial=0))
     inner = slice(radius - reach, radius + reach + 1)
@@ -212,8 +205,8 @@ def directional_inhibition(p: Sequence[Map], kernels: Kernels, axis: int) -> Map
 
 def rectified(excitation: Map, inhibition: Map) -> Map:
     """Return ``S = max(0, E - I)``, eq. (S)."""
-    # OpenCV convolves large kernels by Fourier transform. Its rounding can leave I a little below
-    # 0, and S above E. S is limited to E, so that it is exactly 0 where nothing changed.
+    # OpenCV convolves large kernels by Fourier transform. By its rounding errors I can be a little
+    # below 0, and S above E. S is limited to E, so that it is exactly 0 where nothing changed.
     return np.asarray(np.minimum(np.maximum(excitation - inhibition, 0), excitation), np.float32)
 
 
@@ -231,8 +224,8 @@ class PresynapticSums:
     def zeros(cls, shape: tuple[int, int], axes: tuple[int, ...]) -> PresynapticSums:
         """Return zeros, for both pathways of each axis."""
         directions = [*axes, *(phi + 180 for phi in axes)]
-        # One array holds all maps. Separate arrays would all begin at the same offset within a
-        # memory page, and so displace each other in the processor's cache.
+        # One array holds all maps. Separate arrays would begin at the same offset of a memory page,
+        # and would displace each other from the processor's cache.
         presynaptic, *pathways = np.zeros((1 + len(directions), *shape), np.float32)
         return cls(presynaptic, dict(zip(directions, pathways, strict=True)))
 
@@ -268,25 +261,26 @@ def referred(s: _Values, excitation: _Values, share: float, *, directional: bool
     """Convert S measured over an interval of another length to S over the reference interval.
 
     E is proportional to the displacement of an edge. Inhibition reduces E by the loss ``E - S``,
-    which is constant once the edge moves by a few pixels. So S over the reference interval is
-    ``share E - (E - S)``. Below 2 px, S of a pathway that passes the edge is about proportional to
-    the square of the displacement, and becomes ``share^2 S``. The larger of both values is
-    returned, for a share above 1 the smaller (``docs/time.md`` gives measurements).
+    which is constant if the edge moves by more than a few pixels. So S over the reference interval
+    is ``share E - (E - S)``. If the edge moves by less than 2 px, S of a pathway that passes the
+    edge is about proportional to the square of the displacement, and becomes ``share^2 S``. The
+    result is the larger of both values, for a share above 1 the smaller (measured in
+    ``docs/time.md``).
 
     Parameters
     ----------
     s, excitation : float or ndarray of float32
-        S and E, at least 0, summed or pooled over the neighbourhood that the edge sweeps.
+        S and E, at least 0, summed or pooled over the area through which the edge moves.
     share : float
-        Reference interval over the actual one, above 0.
+        Reference interval divided by the actual interval, above 0.
     directional : bool
         Whether S is that of a pathway.
     """
-    less, squared = s - (1 - share) * excitation, share * share * s
+    with_loss, squared = s - (1 - share) * excitation, share * share * s
     if share > 1:  # the actual interval is shorter than the reference interval
-        result: _Values = np.minimum(less, squared)
+        result: _Values = np.minimum(with_loss, squared)
     else:
-        result = np.maximum(less, squared if directional else 0)
+        result = np.maximum(with_loss, squared if directional else 0)
     return result
 
 
@@ -313,19 +307,9 @@ def grey_levels(luma: Map, shape: tuple[int, int]) -> NDArray[np.uint8]:
 def smaller(luma: Map, reduction: int) -> Map:
     """Return a frame reduced in size: each of its pixels is the mean of a square of pixels.
 
-    Parameters
-    ----------
-    luma : ndarray of float32, shape (height, width)
-        Luminance, 0 to 1.
-    reduction : int
-        Side of the squares in pixels, at least 1.
-
-    Returns
-    -------
-    ndarray of float32, shape (height // reduction, width // reduction), each at least 1
-        Rows and columns at the end that do not fill a square are left out.
-
-    Source: ``docs/presets.md``.
+    `reduction` is the side of the squares in pixels. The result has the shape (height // reduction,
+    width // reduction), each at least 1: rows and columns at the end that do not fill a square are
+    left out. Source: ``docs/presets.md``.
     """
     height, width = (max(1, length // reduction) for length in luma.shape)
     squares = luma[: reduction * height, : reduction * width]

@@ -43,8 +43,8 @@ def largest_divergence(flow: NDArray[np.float32], side: int) -> float:
     """Return the largest mean divergence over all windows within a frame, at least 0, in 1/frame.
 
     The divergence du/dx + dv/dy (central differences) is averaged, with its sign, over every
-    square window that lies within the frame. By Gauss's theorem this mean is the flow out of the
-    window, divided by its area. Rotation, shear and translation cancel; expansion remains.
+    square window within the frame. By Gauss's theorem this mean is the flow out of the window,
+    divided by the window's area. Rotation, shear and translation cancel; expansion remains.
 
     Parameters
     ----------

@@ -33,13 +33,14 @@ if TYPE_CHECKING:
     from oppload_cli.models.dpc import DpcParams, Map
 
 MEMORY = 3  # S is computed from three maps of P: now, one and two intervals ago
-# Of the two frames whose ages are nearest to an interval, the younger one is taken if it is too
-# young by at most a quarter of the interval, and by at most 0.4 of the time by which the older one
-# is too old. These limits were measured at 20 to 144 frames/s.
+# Two frames have ages nearest to an interval: one is too young, the other too old. The younger one
+# is taken if it is too young by at most a quarter of the interval, and by at most 0.4 of the time
+# by which the older one is too old. These limits were measured at 20 to 144 frames/s.
 _MOST_LACKING, _LACKING_OVER_EXCESS = 1 / 4, 0.4
 _FEW, _MANY = 6, 15  # numbers of latest steps between frames whose medians are taken
 _MOST_KEPT = 16.5  # frames kept per interval; at higher frame rates some are not kept
-_FIRST, _BRIGHTEST = 3, 2.0  # luminance above 2 in the first 3 frames is an error: 8-bit values
+# Luminance above 2 in one of the first 3 frames is an error: the values are probably 0 to 255.
+_CHECKED_FRAMES, _BRIGHTEST = 3, 2.0
 
 
 @dataclass(slots=True, eq=False)
@@ -57,10 +58,9 @@ class _PastFrame:
 class Photoreceptors:
     """P of a video, now and one and two intervals ago.
 
-    P(t) compares a frame with the youngest frame that is at least an interval old. It compares with
-    the next younger frame instead if this is too young by at most a quarter of the interval, and
-    much closer to one interval (``docs/time.md``). "One interval ago" is the time of the frame
-    that was compared with.
+    P(t) compares a frame with the youngest frame that is at least an interval old. If the age of
+    the next younger frame is nearly an interval, and much closer to an interval, P(t) compares with
+    that frame instead (``docs/time.md``). Its time is the meaning of "one interval ago".
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Photoreceptors:
 
     @property
     def maps(self) -> list[Map]:
-        """P now and one and two intervals ago, 0 to 1; zeros if no frames were compared then."""
+        """P now and one and two intervals ago, 0 to 1; zeros where no frames were compared."""
         return [
             self._nothing if each is None or each.change is None else each.change
             for each in self._series
@@ -119,7 +119,7 @@ class Photoreceptors:
     def means(self) -> list[float]:
         """The mean of each of `maps` over the frame, 0 to 1.
 
-        Changes add up over time, so that each mean is scaled to the wanted length of the interval.
+        Changes add up over time. So each mean is scaled to the wanted length of the interval.
         """
         return [each.mean * each.share if each else 0.0 for each in self._series]
 
@@ -148,41 +148,41 @@ class Photoreceptors:
     def usual_step(self) -> float:
         """The usual number of reference intervals from frame to frame: a median of latest steps.
 
-        Where repeats are left out, frames come at a lower rate than the video declares. The step is
-        the larger of the medians of the latest 6 and of the latest 15 steps, so that a lower rate
-        counts soon and a higher one late: short steps may come from missed repeats. Before the
-        second step the declared rate counts.
+        If repeats are left out, frames come at a lower rate than the video declares. The result is
+        the larger of the medians of the latest 6 and of the latest 15 steps. So a lower rate counts
+        soon and a higher rate late, because repeats that are not recognised cause short steps.
+        Before the second step the declared rate counts.
         """
         latest = list(self._steps)
         return max(median(latest[-_FEW:]), median(latest)) if len(latest) > 1 else self._clock.step
 
     def coarse(self, shape: tuple[int, int]) -> list[Map]:
-        """Return `maps` averaged over squares; `shape` is their number down and across.
+        """Return `maps` averaged over squares; `shape` is the number of squares down and across.
 
         The squares are as large as possible, and centred in the frame. If the frame has fewer
         pixels than squares, the maps are resized instead.
         """
         (height, width), (rows, columns) = self.shape, shape
         side = min(height // rows, width // columns)  # OpenCV is fast if all squares are equal
-        top, left = (height - rows * side) // 2, (width - columns * side) // 2
         if not side:  # the squares would be smaller than a pixel
-            top, left, rows, columns, side = 0, 0, height, width, 1
+            rows, columns, side = height, width, 1
+        top, left = (height - rows * side) // 2, (width - columns * side) // 2
         squares = np.s_[top : top + rows * side, left : left + columns * side]
         averaged = []
         for each, change in zip(self._series, self.maps, strict=True):
-            area = each.coarse if each else None
-            if area is None or area.shape != shape:
+            means = each.coarse if each else None
+            if means is None or means.shape != shape:
                 small = cv2.resize(change[squares], shape[::-1], interpolation=cv2.INTER_AREA)
-                area = np.asarray(small, np.float32)
+                means = np.asarray(small, np.float32)
             if each:
-                each.coarse = area
-            averaged.append(area)
+                each.coarse = means
+            averaged.append(means)
         return averaged
 
     def need(self, luma: Map) -> None:
         """Raise the FrameError that `step` would raise for this frame."""
         check_frame(luma, self.shape)
-        if self.frames < _FIRST and cv2.minMaxLoc(luma)[1] > _BRIGHTEST:
+        if self.frames < _CHECKED_FRAMES and cv2.minMaxLoc(luma)[1] > _BRIGHTEST:
             raise FrameError("a frame holds luminance above 1; L is 0 to 1: divide 8 bits by 255")
 
     def step(self, luma: Map) -> bool:
@@ -213,7 +213,7 @@ class Photoreceptors:
         return self.ready
 
     def _compared_with(self, now: float) -> tuple[_PastFrame, Map] | None:
-        """Return the frame to compare with; free the luminance of older frames."""
+        """Return the frame to compare with, and its luminance; free the luminance of older ones."""
         lumas, wanted = self._lumas, now - self.stride
         while len(lumas) > 1 and lumas[1][0].at <= wanted + NEARLY_ONE * self.stride:
             self._free.append(lumas.popleft()[1])
@@ -222,7 +222,7 @@ class Photoreceptors:
         older, younger = lumas[0], lumas[min(1, len(lumas) - 1)]
         excess = wanted - older[0].at
         if excess < -NEARLY_ONE * self.stride:
-            # At the start no frame is old enough. Assume one more frame, one step before the first.
+            # At the start no frame is old enough. Assume a frame one step before the first frame.
             younger, excess = older, excess + now - (self._now or 0.0)
         lacking = younger[0].at - wanted
         if lacking <= min(_MOST_LACKING * self.stride, _LACKING_OVER_EXCESS * excess):
@@ -265,7 +265,7 @@ class Dpc:
         Axes of the pathways, as directions phi in degrees: none, (45, 135) or (0, 90). Each axis
         has the pathways phi and phi + 180.
     photoreceptors : SharedLayer of Photoreceptors, optional
-        Shared photoreceptors; if left out, the object makes its own.
+        Shared photoreceptors; if left out, the object makes new ones.
 
     Attributes
     ----------
@@ -287,7 +287,7 @@ class Dpc:
         self.set_axes(axes)
 
     def set_axes(self, axes: tuple[int, ...]) -> None:
-        """Compute S and the pathways of these axes from the next frame on."""
+        """From the next frame on, compute S and the pathways of these axes."""
         self.axes = axes
         self.kernels = Kernels.of(self._params, axes)
         self.sums = PresynapticSums.zeros(self._shape, axes)
@@ -304,7 +304,7 @@ class Dpc:
 
     @property
     def ready(self) -> bool:
-        """Whether S was computed for the latest frame, as it is after three intervals."""
+        """Whether S was computed for the latest frame; it is from the third interval on."""
         return self.photoreceptors.ready
 
     @property
@@ -334,7 +334,7 @@ class Dpc:
 
 
 class _Layer(Protocol):
-    """A layer that several detectors may share; it has the values of the latest frame."""
+    """A layer that several detectors may share; it holds the values of the latest frame."""
 
     @property
     def frames(self) -> int: ...
@@ -350,9 +350,8 @@ _AnyLayer = TypeVar("_AnyLayer", bound=_Layer)
 class SharedLayer(Generic[_AnyLayer]):
     """One detector's access to a layer that several detectors share.
 
-    Each detector has a SharedLayer of its own. It calls `step` at every frame, and then reads the
-    values of `layer`. The first call of a frame makes the layer compute; the others find its values
-    ready.
+    Each detector has its own SharedLayer. It calls `step` at every frame, and then reads the values
+    of `layer`. Only the first call of `step` in each frame computes the layer.
     """
 
     def __init__(self, layer: _AnyLayer) -> None:
@@ -375,7 +374,7 @@ class SharedLayer(Generic[_AnyLayer]):
 class Layers:
     """The layers of one video; each layer is computed once, even if several detectors use it.
 
-    Detectors that share layers must be reset together: ``DetectorBank.reset`` does it.
+    Detectors that share layers must be reset together, as ``DetectorBank.reset`` does.
 
     Parameters
     ----------
@@ -432,7 +431,7 @@ class Layers:
         return SharedLayer(dpc)
 
     def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> SharedLayer[_AnyLayer]:
-        """Return access to a layer of another kind, which `make` makes once per key.
+        """Return access to a layer of another kind; `make` creates it at the first call for a key.
 
         The key must contain the kind of the layer and all its constants.
         """

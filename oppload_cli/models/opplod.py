@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from oppload_cli.models.layers import Dpc, SharedLayer
     from oppload_cli.models.timebase import Clock
 
-_LONGEST = 4  # largest number of intervals over which smaller frames are compared
+_MOST_INTERVALS = 4  # largest number of intervals over which smaller frames are compared
 _LACKING = 1 / 8  # a step that is shorter than n intervals by this share still counts as n
-_HELD = 6  # frames for which a size that is no longer wanted is still computed
+_KEPT = 6  # frames for which a size that is no longer wanted is still computed
 
 
 class _SmallerFrames:
     """The DPC layers of smaller frames, which show the direction of faster edges.
 
     Frames that are one interval apart are compared at half their size. If frames come only every n
-    intervals, they are compared over n intervals at 1/(2n) of their size. Between the compared
-    frames an edge then moves by as many pixels as with n = 1 (``docs/time.md``).
+    intervals, they are compared over n intervals at 1/(2n) of their size. An edge then moves by as
+    many pixels between the compared frames as with n = 1 (``docs/time.md``).
     """
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams, clock: Clock) -> None:
@@ -38,12 +38,12 @@ class _SmallerFrames:
         self.reset()
 
     def reset(self) -> None:
-        self._intervals = _longest_interval(self._clock.step)
-        self._dpcs = {self._intervals: self._begun(self._intervals)}
-        self._unwanted = {self._intervals: 0}  # number of frames for which each is not wanted
+        self._intervals = _intervals_of(self._clock.step)
+        self._dpcs = {self._intervals: self._new_dpc(self._intervals)}
+        self._unwanted = {self._intervals: 0}  # frames since each number of intervals was wanted
         self._frames = 0
 
-    def _begun(self, intervals: int) -> SharedLayer[Dpc]:
+    def _new_dpc(self, intervals: int) -> SharedLayer[Dpc]:
         height, width = (max(1, length // (2 * intervals)) for length in self._shape)
         layers = Layers((height, width), self._clock)
         return layers.dpc(self._params, self._params.both_axes, intervals)
@@ -51,16 +51,16 @@ class _SmallerFrames:
     def step(self, luma: Map, usual_step: float) -> bool:
         """Take the next frame; return whether S was computed.
 
-        `usual_step` is the usual number of intervals from frame to frame. If it asks for another
-        size, the present size is used until the new one can answer.
+        `usual_step` is the usual number of intervals from frame to frame. If another size fits it
+        better, the present size is used until the motion in the new size has lasted long enough.
         """
-        wanted = _longest_interval(usual_step)
+        wanted = _intervals_of(usual_step)
         self._frames += 1
         # For the first frames no former size is kept: their usual step is not yet known.
-        most = _HELD if self._frames > _HELD else 0
-        kept = {n: count + 1 for n, count in self._unwanted.items() if count < most}
-        self._unwanted = kept | {wanted: 0}
-        self._dpcs = {n: self._dpcs.get(n) or self._begun(n) for n in self._unwanted}
+        most = _KEPT if self._frames > _KEPT else 0
+        former = {n: count + 1 for n, count in self._unwanted.items() if count < most}
+        self._unwanted = former | {wanted: 0}
+        self._dpcs = {n: self._dpcs.get(n) or self._new_dpc(n) for n in self._unwanted}
         for n, dpc in self._dpcs.items():
             dpc.step(smaller(luma, 2 * n))
         if self._lasts(wanted) or not self._lasts(self._intervals):
@@ -73,13 +73,13 @@ class _SmallerFrames:
 
     @property
     def latest(self) -> tuple[Dpc, int]:
-        """The DPC layers of the smaller frames, and how many times smaller these frames are."""
+        """The DPC layers of the smaller frames, and the reduction of their sides."""
         return self._dpcs[self._intervals].layer, 2 * self._intervals
 
 
-def _longest_interval(step: float) -> int:
+def _intervals_of(step: float) -> int:
     """Return the number of intervals over which to compare frames `step` intervals apart."""
-    return min(_LONGEST, max(1, int(step / (1 - _LACKING))))
+    return min(_MOST_INTERVALS, max(1, int(step / (1 - _LACKING))))
 
 
 # The paper's model, made to work, without the parts that `default` adds for videos of cameras.
@@ -186,23 +186,21 @@ class Opplod(Detector):
     ) -> None:
         super().__init__(shape, params, **others)
         own, clock, layers = self.params, self.layers.clock, self.layers
-        lasting = own.light_s * clock.per_second
-        self._light = SteadyLight(lasting) if lasting else None
-        if lasting or own.entering:  # these change frames or maps, so that none can be shared
+        light = own.light_s * clock.per_second
+        self._light = SteadyLight(light) if light else None
+        if light or own.entering:  # these change frames or maps, which then cannot be shared
             layers = Layers(shape, clock)
         self._dpc = layers.dpc(own, own.both_axes, own.stride)
-        pooled = own.judgement == "pooled"
-        self._bars = Bars() if pooled and own.border else None
-        self._smaller = _SmallerFrames(shape, own, clock) if pooled and own.halved_weight else None
-        self.judgement = self._judgement()
-
-    def _judgement(self) -> PooledJudgement | PixelwiseJudgement | ArmsJudgement:
-        per_second = self.layers.clock.per_second
-        if self.params.judgement == "pooled":
-            return PooledJudgement(self.shape, self.params, per_second)
-        if self.params.judgement == "arms":
-            return ArmsJudgement(self.shape, self.params, per_second)
-        return PixelwiseJudgement(self.shape, self.params)
+        self._bars, self._smaller = None, None
+        self.judgement: PooledJudgement | PixelwiseJudgement | ArmsJudgement
+        if own.judgement == "pooled":
+            self._bars = Bars() if own.border else None
+            self._smaller = _SmallerFrames(shape, own, clock) if own.halved_weight else None
+            self.judgement = PooledJudgement(shape, own, clock.per_second)
+        elif own.judgement == "arms":
+            self.judgement = ArmsJudgement(shape, own, clock.per_second)
+        else:
+            self.judgement = PixelwiseJudgement(shape, own)
 
     @property
     def units(self) -> UnitMaps:
@@ -228,8 +226,8 @@ class Opplod(Detector):
     def at_rest(self) -> OpplodResponse:
         """Return the answer to a frame in which nothing changed: a response of 0.
 
-        The calcium signal keeps its latest value. So it does not change during a few repeats. In a
-        scene at rest it falls, because there the detector gets every frame.
+        The calcium signal keeps its latest value, so that it does not change during a few repeats.
+        In a scene at rest it falls, because then the detector gets every frame.
         """
         judgement = self.judgement
         calcium = judgement.calcium if isinstance(judgement, ArmsJudgement) else None
@@ -238,8 +236,8 @@ class Opplod(Detector):
     def step(self, luma: Map) -> OpplodResponse | None:
         """Take the next frame: MDE, OMJ, enhancing.
 
-        The result is None until three intervals of the working frame, or of the smaller frame,
-        have been compared.
+        The result is None until frames have been compared over three intervals, at the working size
+        or at the smaller size.
         """
         dpc = self._dpc.layer
         photoreceptors = dpc.photoreceptors

@@ -15,9 +15,17 @@ _LEAST_SIGMA = 0.01  # cells; with a smaller sigma no cell is pooled with its ne
 
 
 @dataclass(frozen=True, kw_only=True)
-class _ArmParams(DpcParams):
-    """Parameters that have an effect with ``judgement=arms`` only (preset ``lplc2``)."""
+class OpplodParams(DpcParams):
+    """Parameters of OppLoD: the DPC constants, opponency and enhancing (sections 4 and 5).
 
+    Examples
+    --------
+    >>> import oppload_cli as oppload
+    >>> oppload.OpplodParams().replaced(gain=2).gain
+    2.0
+    """
+
+    # Parameters that have an effect with ``judgement=arms`` only (preset ``lplc2``)
     kernel_height: int = parameter(
         0,
         "working height for which the DPC constants in px are given; at another working height "
@@ -57,38 +65,7 @@ class _ArmParams(DpcParams):
         0.0, "time constant of the calcium signal; 0: no calcium signal", unit="s", low=0, high=60
     )
 
-    @property
-    def least_scale(self) -> float:
-        """The least scale at which all scaled constants are still within their allowed ranges."""
-        ranges = {each.name: each for each in self.declared()}
-        least: float = max(
-            self.latency_lambda / (ranges["latency_lambda"].high or math.inf),
-            (ranges["sigma_excitation"].low or 0) / self.sigma_excitation,
-            (ranges["sigma_inhibition"].low or 0) / self.sigma_inhibition,
-        )
-        return least
-
-    def scaled(self, scale: float) -> dict[str, float]:
-        """Return the DPC constants in px at a working size that is `scale` times as large."""
-        return {
-            "sigma_excitation": self.sigma_excitation * scale,
-            "sigma_inhibition": self.sigma_inhibition * scale,
-            "kernel_radius": min(50, max(1, round(self.kernel_radius * scale))),
-            "latency_lambda": self.latency_lambda / scale,
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class OpplodParams(_ArmParams):
-    """Parameters of OppLoD: the DPC constants, opponency and enhancing (sections 4 and 5).
-
-    Examples
-    --------
-    >>> import oppload_cli as oppload
-    >>> oppload.OpplodParams().replaced(gain=2).gain
-    2.0
-    """
-
+    # Parameters of all judgements, or of those that they name
     judgement: str = parameter(
         "pooled",
         "how opposing motion is judged: 'pooled' over cells, 'pixelwise' as in the paper, or by "
@@ -238,21 +215,10 @@ class OpplodParams(_ArmParams):
             self._check_pixelwise()
 
     def _check_pixelwise(self) -> None:
-        literal = {
-            "cell": 1,
-            "border": 0,
-            "entering": 0,
-            "cone": 90,
-            "pool_sigma": 0,
-            "periphery": 0,
-            "compression": 1,
-            "stride": 1,
-            "halved_weight": 0,
-            "persistence": 0,
-            "history": 0,
-            "adaptation_level": 0,
-            "light_s": 0,
-        }
+        literal = {"cell": 1, "cone": 90, "compression": 1, "stride": 1}
+        literal |= dict.fromkeys(("border", "entering", "pool_sigma", "periphery"), 0)
+        literal |= dict.fromkeys(("halved_weight", "persistence", "history"), 0)
+        literal |= dict.fromkeys(("adaptation_level", "light_s"), 0)
         for name, value in literal.items():
             if getattr(self, name) != value:
                 raise ParameterError(
@@ -265,26 +231,35 @@ class OpplodParams(_ArmParams):
             )
 
     def resolved(self, height: int) -> OpplodParams:
-        """Return these parameters with the values that depend on the video filled in.
+        """Return these parameters with the values that depend on the working height filled in.
 
-        Where `receptive_field` and `cell` are None they become shares of the working height: at
-        240 px they are 240 and 12 px, and 100 and 8 px under preset ``reference``. They are at
-        least 2 and 1 px.
+        If `receptive_field` and `cell` are None they become shares of the working height, at least
+        2 and 1 px: 240 and 12 px at 240 px, and 100 and 8 px under preset ``reference``. If
+        `kernel_height` is set, the DPC constants in px are scaled.
 
         Raises
         ------
         ParameterError
-            If `kernel_height` is set, and the scaled DPC constants leave their allowed ranges.
+            If the scaled DPC constants leave their allowed ranges.
         """
         scale = height / self.kernel_height if self.kernel_height else 1.0
-        if scale < self.least_scale:
-            least = math.ceil(self.kernel_height * self.least_scale)
+        ranges = {each.name: each for each in self.declared()}
+        least_scale = max(
+            self.latency_lambda / (ranges["latency_lambda"].high or math.inf),
+            (ranges["sigma_excitation"].low or 0) / self.sigma_excitation,
+            (ranges["sigma_inhibition"].low or 0) / self.sigma_inhibition,
+        )
+        if scale < least_scale:
             raise ParameterError(
                 f"opplod with kernel_height={self.kernel_height} (preset lplc2) needs a working "
-                f"height of at least {least} px, not {height}; raise --height"
+                f"height of at least {math.ceil(self.kernel_height * least_scale)} px, not "
+                f"{height}; raise --height"
             )
         return self.replaced(
-            **self.scaled(scale),
+            sigma_excitation=self.sigma_excitation * scale,
+            sigma_inhibition=self.sigma_inhibition * scale,
+            kernel_radius=min(50, max(1, round(self.kernel_radius * scale))),
+            latency_lambda=self.latency_lambda / scale,
             kernel_height=0,
             receptive_field=self.receptive_field
             or max(2, min(8192, round(height * self.field_share))),
@@ -293,15 +268,16 @@ class OpplodParams(_ArmParams):
 
     @property
     def cell_px(self) -> int:
-        """`cell` of resolved parameters; a ParameterError for others."""
-        return self._in_px("cell", self.cell)
+        """`cell` of resolved parameters; a ParameterError if it is still None."""
+        return self._in_px("cell")
 
     @property
     def field_px(self) -> int:
-        """`receptive_field` of resolved parameters; a ParameterError for others."""
-        return self._in_px("receptive_field", self.receptive_field)
+        """`receptive_field` of resolved parameters; a ParameterError if it is still None."""
+        return self._in_px("receptive_field")
 
-    def _in_px(self, name: str, value: int | None) -> int:
+    def _in_px(self, name: str) -> int:
+        value: int | None = getattr(self, name)
         if value is None:
             raise ParameterError(
                 f"parameter '{name}' of opplod follows the working height; take resolved(height)"
@@ -314,7 +290,7 @@ class OpplodParams(_ArmParams):
         return self.axes, self.axes + 90
 
     def grid(self) -> tuple[int, int] | None:
-        """Return the grid of units as (columns, rows), or None where every cell is a unit."""
+        """Return the grid of units as (columns, rows), or None if every cell is a unit."""
         if self.units == "every":
             return None
         columns, rows = self.units.split("x")
@@ -330,13 +306,12 @@ class OpplodResponse(Response):
     response : float
         The enhanced response of the frame, at least 0.
     box : Box or None
-        Receptive field of the winning unit in working pixels; the object looms at its centre. It
-        may reach over the frame's edge. None where the response is 0.
+        Receptive field of the winning unit in working pixels; the object looms at its centre. The
+        box may reach over the frame's edge. None if the response is 0.
     opponency : float
         R of the winning unit before enhancing, at least 0.
     calcium : float or None
-        The largest calcium signal of all units, at least 0; None where there is none
-        (``calcium_s`` is 0).
+        The largest calcium signal of all units, at least 0; None if ``calcium_s`` is 0.
 
     Examples
     --------

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     Maps = NDArray[np.float32]  # several maps of cells, as one array
 
 
-_BESIDE, _NEARBY = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
+_NEIGHBOURS, _WITHIN_6 = np.ones((3, 3), np.uint8), np.ones((13, 13), np.uint8)
 _MOST_ELAPSED = 1.3  # largest weight of a frame in intervals; the step at 24 frames/s is 1.25
-_POOLED_SIGMAS = 5  # in sigmas: pixels further from a cell's centre weigh less than a millionth
+_POOLED_SIGMAS = 5  # reach of pooling in sigmas: pixels further away weigh less than a millionth
 
 
 # ---- The equations -------------------------------------------------------------------------
@@ -46,15 +46,8 @@ def cell_centres(length: int, cell: int, units: int | None = None) -> Floats:
 
     The row of cells has as many complete cells as fit, at least one, and is centred in the frame.
     If the number of units is odd, the number of cells is odd too: the middle unit needs a cell.
-
-    Parameters
-    ----------
-    length : int
-        Side of the frame in pixels.
-    cell : int
-        Spacing of the cells in pixels.
-    units : int, optional
-        How many of the cells are units; None if every cell is a unit.
+    `length` and `cell`, the sides of the frame and of a cell, are in pixels. `units` is the number
+    of cells that are units; None if every cell is a unit.
     """
     count = max(1, length // cell)
     if units and units % 2 and count % 2 == 0:
@@ -74,9 +67,9 @@ def pooling_weights(
     centres : ndarray, shape (n,)
         Centres of the cells in pixels; pixel i covers [i, i + 1).
     sigma : float
-        Sigma of the Gaussian in pixels; with 0 each cell takes the pixel at its centre only.
+        Sigma of the Gaussian in pixels; with 0 each cell takes only the pixel at its centre.
     border : tuple of int
-        Pixels at the start and at the end of the side that do not count.
+        Number of pixels at the start and at the end of the side that have weight 0.
 
     Returns
     -------
@@ -177,8 +170,8 @@ def opponent_products(pooled: Maps, weights: Maps) -> Maps:
 def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
     """Return in which cells motion has lasted long enough for inhibition to be complete.
 
-    The first edges that move after a rest meet no inhibition in any direction: they excite all
-    pathways equally. The history of a cell is the largest change within 6 cells of it.
+    The first edges that move after a rest meet no inhibition in any direction, so that they excite
+    all pathways equally. The history of a cell is the largest change within 6 cells of it.
 
     Parameters
     ----------
@@ -191,55 +184,24 @@ def has_history(changes: Sequence[Map], least: float) -> NDArray[np.bool_]:
     Source: ``docs/time.md``.
     """
     now, *before = changes
-    needed = np.float32(least) * cv2.dilate(now, _BESIDE)
-    found = np.minimum(*(cv2.dilate(each, _NEARBY) for each in before))
-    return np.asarray(found >= needed)
+    needed = np.float32(least) * cv2.dilate(now, _NEIGHBOURS)
+    history = np.minimum(*(cv2.dilate(each, _WITHIN_6) for each in before))
+    return np.asarray(history >= needed)
 
 
 def enhanced(opponency: Map, gain: float, threshold: float) -> Map:
-    """Return ``c2 R^2`` where R is above T_o, else 0, step 4 of section 5."""
+    """Return ``c2 R^2`` where R is above T_o, and 0 elsewhere, step 4 of section 5."""
     return np.where(opponency > threshold, np.float32(gain) * opponency**2, np.float32(0))
 
 
-def unit_starts(room: int, count: int) -> list[int]:
-    """Spread a row of units evenly.
+def unit_starts(last: int, count: int) -> list[int]:
+    """Return the first pixels of the receptive fields of `count` units, evenly from 0 to `last`.
 
-    Parameters
-    ----------
-    room : int
-        Side of the frame minus the side of a receptive field, in pixels.
-    count : int
-        Number of units, at least 1.
-
-    Returns
-    -------
-    list of int
-        First pixel of each unit's receptive field: from 0 to `room`; a single unit is centred.
+    `last`, in pixels, is the side of the frame minus the side of a field. A single unit is centred.
     """
     if count == 1:
-        return [room // 2]
-    return [round(index * room / (count - 1)) for index in range(count)]
-
-
-def _selected_units(maps: UnitMaps, grid: tuple[int, int] | None, shape: tuple[int, int]) -> Map:
-    """Return a map with 1 at the cells that are units, and 0 elsewhere.
-
-    `grid` has the numbers of columns and rows of units, which are evenly spread over frames of the
-    given shape; None if every cell is a unit.
-    """
-    if grid is None:
-        return np.ones_like(maps.responses)
-    field = min(int(maps.field), *shape)
-
-    def nearest(centres: Floats, side: int, count: int) -> list[int]:
-        starts = unit_starts(side - field, count)
-        return [int(np.abs(centres - (start + field / 2)).argmin()) for start in starts]
-
-    rows = nearest(maps.centres_y, shape[0], grid[1])
-    columns = nearest(maps.centres_x, shape[1], grid[0])
-    selected = np.zeros_like(maps.responses)
-    selected[np.ix_(rows, columns)] = 1
-    return selected
+        return [last // 2]
+    return [round(index * last / (count - 1)) for index in range(count)]
 
 
 # ---- The judgement over one video ----------------------------------------------------------
@@ -260,25 +222,38 @@ class CellJudgement:
     Attributes
     ----------
     maps : UnitMaps
-        The units at the latest frame, one at every cell.
+        The responses of all cells to the latest frame; 0 at cells that are no units.
     """
 
     def __init__(
         self, shape: tuple[int, int], params: OpplodParams, per_second: float = 30.0
     ) -> None:
         self._params, self._per_second = params, per_second
-        cell, grid = params.cell_px, params.grid()
-        columns, rows = grid or (None, None)
-        centres_y, centres_x = (
-            cell_centres(shape[0], cell, rows),
-            cell_centres(shape[1], cell, columns),
-        )
-        none = np.zeros((len(centres_y), len(centres_x)), np.float32)
-        field, spread = float(params.field_px), params.pool_sigma * cell
-        self.maps = UnitMaps(none, {}, centres_y, centres_x, field, spread)
-        self._selected = _selected_units(self.maps, grid, shape)
+        cell, field = params.cell_px, params.field_px
+        counts = params.grid() or (None, None)  # of columns and rows
+        y, x = (cell_centres(*each) for each in zip(shape, (cell, cell), counts[::-1], strict=True))
+        zeros = np.zeros((len(y), len(x)), np.float32)
+        self.maps = UnitMaps(zeros, {}, y, x, float(field), params.pool_sigma * cell)
+        self._selected = self._selected_units(shape)
         self._down, self._across = self._pooling_weights(shape)
         self.reset()
+
+    def _selected_units(self, shape: tuple[int, int]) -> Map:
+        """Return a map with 1 at the cells that are units, and 0 elsewhere."""
+        grid, maps = self._params.grid(), self.maps
+        if grid is None:
+            return np.ones_like(maps.responses)
+        field = min(int(maps.field), *shape)
+
+        def nearest_cells(centres: Floats, side: int, count: int) -> list[int]:
+            starts = unit_starts(side - field, count)
+            return [int(np.abs(centres - (start + field / 2)).argmin()) for start in starts]
+
+        rows = nearest_cells(maps.centres_y, shape[0], grid[1])
+        columns = nearest_cells(maps.centres_x, shape[1], grid[0])
+        selected = np.zeros_like(maps.responses)
+        selected[np.ix_(rows, columns)] = 1
+        return selected
 
     def reset(self) -> None:
         """Forget all frames."""
@@ -287,7 +262,7 @@ class CellJudgement:
     def _pooling_weights(
         self, shape: tuple[int, ...], reduction: int = 1, bars: Widths = NO_BARS
     ) -> tuple[Map, Map]:
-        """Return the weights, down and across, for maps reduced by a factor; bars have weight 0."""
+        """Return the weights, down and across, for maps of a reduced size; bars have weight 0."""
         maps, params = self.maps, self._params
         sigma = params.pool_sigma * params.cell_px / reduction
         left, right, top, bottom = ((params.border + bar) // reduction for bar in bars)
@@ -305,32 +280,31 @@ class PooledJudgement(CellJudgement):
     ) -> None:
         super().__init__(shape, params, per_second)
         self._bars = NO_BARS
-        self._pooling = {1: (self._down, self._across)}  # by the reduction of the maps
-        # A Gaussian to a power is a Gaussian of another width: wider if the power is below 1.
+        self._pooling = {1: (self._down, self._across)}  # weights by the reduction of the maps
+        # The compressed S of an edge has another width: a Gaussian to a power below 1 is wider.
         self.maps = self.maps._replace(spread=self.maps.spread / math.sqrt(params.compression))
         reach = int(self.maps.field / 2 // params.cell_px)
         cone, periphery = params.cone, params.periphery
-        self._weights = np.array(
-            [offset_weights(reach, axis, cone, periphery) for axis in params.both_axes]
-        )
+        weights = [offset_weights(reach, axis, cone, periphery) for axis in params.both_axes]
+        self._weights = np.array(weights)
 
     def reset(self) -> None:
         """Forget all frames."""
         super().reset()
         params = self._params
-        self._kept = np.zeros((2, *self.maps.responses.shape), np.float32)
-        self._moving = 0.0  # intervals
-        # Sums of frame times have rounding errors: a hundredth of an interval must not matter.
+        self._persistent = np.zeros((2, *self.maps.responses.shape), np.float32)
+        self._moving = 0.0  # intervals with R above 0
+        # Sums of frame times have rounding errors, to which the added 0.01 gives room.
         self._background = Background(
             params.adaptation_s * self._per_second + 0.01,
             params.adaptation_guard_s * self._per_second + 0.01,
         )
 
-    def _answers_to(self, photoreceptors: Photoreceptors) -> bool:
+    def _lasts(self, photoreceptors: Photoreceptors) -> bool:
         """Return whether motion has lasted long enough to be judged.
 
-        If `history` is not 0, a rest of the complete scene counts like the start of a video
-        (``docs/time.md``).
+        If `history` is not 0, motion begins anew after a rest of the complete scene, as at the
+        start of a video (``docs/time.md``).
         """
         return photoreceptors.motion_lasts if self._params.history else photoreceptors.ready
 
@@ -349,12 +323,11 @@ class PooledJudgement(CellJudgement):
         -------
         ndarray of float32, shape (2, rows, columns)
             Two maps of ``max(0, out - w_p in)``, summed over both axes. The first leaves out cells
-            where motion has only just begun (`history`). The second has all cells; the adaptation
-            uses it. S over several intervals is divided by the number of intervals.
+            where motion has only just begun (`history`). The second, which the adaptation uses,
+            has all cells. S over several intervals is divided by the number of intervals.
         """
         params, photoreceptors = self._params, dpc.photoreceptors
-        one, other = params.both_axes
-        directions = one, other, one + 180, other + 180
+        directions = *params.both_axes, *(axis + 180 for axis in params.both_axes)
         maps = [dpc.sums.pathways[phi] for phi in directions]
         if reduction not in self._pooling:
             weights = self._pooling_weights(maps[0].shape, reduction, self._bars)
@@ -371,14 +344,14 @@ class PooledJudgement(CellJudgement):
             pooled = referred(pooled, e, photoreceptors.share, directional=True)
         if params.compression != 1:
             pooled **= params.compression
-        everything = counted = self._outward(pooled)
+        with_history = of_all = self._outward(pooled)
         if params.history:
-            known = has_history(photoreceptors.coarse(everything.shape), params.history)
-            if not known.all():
-                pooled *= known
-                counted = self._outward(pooled)
+            lasts = has_history(photoreceptors.coarse(of_all.shape), params.history)
+            if not lasts.all():
+                pooled *= lasts
+                with_history = self._outward(pooled)
         self.maps = self.maps._replace(pathways=dict(zip(directions, pooled, strict=True)))
-        both = np.stack((counted, everything))
+        both = np.stack((with_history, of_all))
         if photoreceptors.stride != 1:
             both *= np.float32(photoreceptors.stride ** (-2 * params.compression))
         return both
@@ -396,10 +369,10 @@ class PooledJudgement(CellJudgement):
         dpc : Dpc
             S_phi of the frame.
         smaller : tuple of Dpc and int, optional
-            S_phi of the smaller frame, and how many times smaller it is. R in the smaller frame is
+            S_phi of the smaller frame, and the reduction of its side. R in the smaller frame is
             added with the weight `halved_weight`, once motion has lasted long enough there.
         bars : Widths
-            Bars beside the picture. S is set to 0 in them, and in the `border` along them.
+            Bars beside the picture. S counts as 0 in them, and in the `border` along them.
 
         Returns
         -------
@@ -409,29 +382,21 @@ class PooledJudgement(CellJudgement):
         params, photoreceptors = self._params, dpc.photoreceptors
         if bars != self._bars:
             self._bars, self._pooling = bars, {}
-        added = None
-        if smaller and self._answers_to(smaller[0].photoreceptors):
-            added = np.float32(params.halved_weight) * self.opponency(*smaller)
-        both = np.zeros_like(self._kept)
-        if self._answers_to(photoreceptors):
+        both = np.zeros_like(self._persistent)
+        smaller_lasts = smaller is not None and self._lasts(smaller[0].photoreceptors)
+        # The smaller frame comes first, because `opponency` leaves its pathways in `maps`.
+        if smaller and smaller_lasts:
+            both += np.float32(params.halved_weight) * self.opponency(*smaller)
+        if self._lasts(photoreceptors):
             both += self.opponency(dpc)
-        elif added is None:
-            self._kept[:] = 0  # begin again, as at the start of the video
-        if added is not None:
-            both += added
+        elif not smaller_lasts:
+            self._persistent[:] = 0  # begin again, as at the start of the video
         if params.persistence:
-            rows = -1, both.shape[-1]  # OpenCV needs arrays of two dimensions
-            # A frame's weight grows with the time since the frame before, but only up to the usual
-            # step, and up to 1.3 intervals. Otherwise, at low frame rates or after a dropped frame,
-            # a single chance response could pass.
-            most = min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step))
-            weight = 1 - params.persistence ** min(photoreceptors.elapsed, most)
-            cv2.accumulateWeighted(both.reshape(rows), self._kept.reshape(rows), weight)
-            both = self._kept.copy()
+            both = self._persisted(both, photoreceptors)
         both *= self._selected
-        opponency, everything = both
+        opponency, of_all = both
         if params.adaptation_level:
-            factor = self._adaptation(float(everything.max()), photoreceptors.elapsed)
+            factor = self._adaptation(float(of_all.max()), photoreceptors.elapsed)
             opponency *= np.float32(factor)
         responses = enhanced(opponency, params.gain, params.threshold)
         self.maps = self.maps._replace(responses=responses)
@@ -440,11 +405,22 @@ class PooledJudgement(CellJudgement):
         response = params.gain * best**2 if best > params.threshold else 0.0
         return OpplodResponse(response, self.maps.box(row, column) if response else None, best)
 
-    def _adaptation(self, best: float, elapsed: float) -> float:
-        """Return the factor of R: 1, or less in a scene full of opponent motion.
+    def _persisted(self, both: Maps, photoreceptors: Photoreceptors) -> Maps:
+        """Return ``K(t) = h K(t-1) + (1 - h) R(t)`` with ``h = persistence ** elapsed``.
 
-        It is ``min(1, level / B)`` with B the background of the best unit's R
-        (``docs/presets.md``).
+        The elapsed time counts only up to the usual step, and up to 1.3 intervals. Otherwise one
+        chance response could pass at low frame rates, or after a dropped frame.
+        """
+        most = min(_MOST_ELAPSED, max(1.0, photoreceptors.usual_step))
+        weight = 1 - self._params.persistence ** min(photoreceptors.elapsed, most)
+        rows = -1, both.shape[-1]  # OpenCV needs arrays of two dimensions
+        cv2.accumulateWeighted(both.reshape(rows), self._persistent.reshape(rows), weight)
+        return self._persistent.copy()
+
+    def _adaptation(self, best: float, elapsed: float) -> float:
+        """Return ``min(1, level / B)``, the factor of R, B being the background of the largest R.
+
+        The factor is below 1 in scenes full of opponent motion (``docs/presets.md``).
         """
         if not best:  # a frame without R does not count as background
             return 1.0
@@ -459,17 +435,7 @@ class PooledJudgement(CellJudgement):
 class PixelwiseJudgement:
     """The paper's OMJ: products pixel by pixel in the receptive fields of a grid of units.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Height and width of the working frames.
-    params : OpplodParams
-        Resolved parameters with a grid of units.
-
-    Attributes
-    ----------
-    maps : UnitMaps
-        The units at the latest frame.
+    Parameters and attributes are those of :class:`CellJudgement`; `params` has a grid of units.
     """
 
     def __init__(self, shape: tuple[int, int], params: OpplodParams) -> None:
@@ -478,24 +444,19 @@ class PixelwiseJudgement:
         columns, rows = params.grid() or (1, 1)
         self.lefts = unit_starts(shape[1] - self._field, columns)
         self.tops = unit_starts(shape[0] - self._field, rows)
-        self.maps = UnitMaps(
-            np.zeros((rows, columns), np.float32),
-            {},
-            np.asarray(self.tops, np.float64) + self._field / 2,
-            np.asarray(self.lefts, np.float64) + self._field / 2,
-            float(self._field),
-            0.0,
-        )
+        responses = np.zeros((rows, columns), np.float32)
+        y, x = (np.array(each) + self._field / 2 for each in (self.tops, self.lefts))
+        self.maps = UnitMaps(responses, {}, y, x, float(self._field), spread=0.0)
 
     def reset(self) -> None:
-        """Forget the responses to the latest frame; nothing else is remembered."""
+        """Forget the responses to the latest frame."""
         self.maps.responses[:] = 0
 
     def judge(self, dpc: Dpc) -> OpplodResponse:
         """Judge the motion of one frame.
 
         The response is the sum of S_E over all units; the box is that of the unit with the largest
-        S_E. S is multiplied by the reference interval divided by the actual interval.
+        S_E. S is multiplied by the reference interval and divided by the actual interval.
         """
         pathways, share = dpc.sums.pathways, dpc.photoreceptors.share
         if share != 1:

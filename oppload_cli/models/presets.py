@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 DEFAULT_PRESET = "default"
 STUDY_PRESET = "reference"  # the default of commands that study the model itself
 REFERENCE_INTERVAL = "1/30"  # seconds
-NATIVE = "native"  # as a working height: the height of the video
-# Variants of detectors with the name of a preset. For these, `NAME:paper` means the variant.
+NATIVE = "native"  # value of the working height that stands for the height of the video
+# Variants of detectors that have the name of a preset: `NAME:paper` means the variant.
 VARIANTS = ("lgmd1_group:paper", "lgmd1_single:paper")
 EXAMPLE_SETTING = "opplod.receptive_field=200"  # for help texts and messages
 
@@ -64,14 +64,13 @@ PRESETS = {
 
 
 def preset_in(models: Iterable[str]) -> str:
-    """Return the preset in texts such as ``NAME:PRESET``, empty if there is none.
+    """Return the preset in values of ``--model`` such as ``NAME:PRESET``, empty if there is none.
 
-    `models` are values of ``--model``. One run has one preset: different presets are a
-    ParameterError.
+    Different presets are a ParameterError, because one run has one preset.
     """
-    named = [each.strip() for text in models for each in text.split(",")]
-    words = (name.partition(":")[2].strip() for name in named if name not in VARIANTS)
-    presets = list(dict.fromkeys(word for word in words if word in PRESETS))
+    names = [each.strip() for text in models for each in text.split(",")]
+    suffixes = (name.partition(":")[2].strip() for name in names if name not in VARIANTS)
+    presets = list(dict.fromkeys(suffix for suffix in suffixes if suffix in PRESETS))
     if len(presets) > 1:
         raise ParameterError(
             f"--model names the presets '{presets[0]}' and '{presets[1]}'; give each a run of its "

@@ -1,6 +1,6 @@
 """The list of all detectors, and a bank that runs several detectors over one video.
 
-A new detector needs one file in this folder and one line here.
+A new detector needs one file in this folder and one line in the table of this module.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ def register(detector: type[Detector]) -> type[Detector]:
     Parameters
     ----------
     detector : type of Detector
-        The class. It is returned, so that this function can be a decorator. If it has no
-        parameters of its own it gets an empty class of parameters.
+        The class, which is also returned, so that this function can be a decorator. A class
+        without its own parameters gets an empty class of parameters.
 
     Raises
     ------
@@ -133,15 +133,12 @@ def register(detector: type[Detector]) -> type[Detector]:
 def load(name: str) -> None:
     """Import a file such as ``edges.py``, or an installed module, that registers detectors.
 
-    Raises
-    ------
-    ParameterError
-        If it cannot be imported.
+    A file or module that cannot be imported is a ParameterError.
     """
     path = Path(name)
     try:
         if path.suffix == ".py":
-            # Working processes load the same file, and find its classes under this module name.
+            # Working processes load the same file and look for its classes in this module.
             title = f"loaded_{path.stem}"
             spec = cast("ModuleSpec", spec_from_file_location(title, path.absolute()))
             sys.modules[title] = module_from_spec(spec)
@@ -163,10 +160,10 @@ def loaded() -> list[dict[str, str]]:
 
 
 def _check_class(detector: type[Detector]) -> str:
-    """Check a class without the other detectors; return its name and place for messages."""
-    given: object = detector
-    if not isinstance(given, type) or not issubclass(given, Detector):
-        raise ParameterError(f"{given!r} is no detector: register a class that extends Detector")
+    """Check a class without the other detectors; return its name and module for messages."""
+    value: object = detector  # a user's call may ignore the types
+    if not isinstance(value, type) or not issubclass(value, Detector):
+        raise ParameterError(f"{value!r} is no detector: register a class that extends Detector")
     name = getattr(detector, "name", None)
     where = f"detector '{name}' ({detector.__module__}.{detector.__qualname__})"
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
@@ -189,16 +186,17 @@ def _check_class(detector: type[Detector]) -> str:
 
 def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
     """Return whether a class is the known one, or a new definition of it by the user."""
-    place = known.__module__, known.__qualname__
-    return known is detector or (
-        not _is_own(known) and place == (detector.__module__, detector.__qualname__)
+    same_name = (known.__module__, known.__qualname__) == (
+        detector.__module__,
+        detector.__qualname__,
     )
+    return known is detector or (same_name and not _is_of_package(known))
 
 
 def _no_parameters(detector: type[Detector]) -> type[Parameters]:
     """Return an empty class of parameters; each detector needs its own (see `detector_of`)."""
     empty = make_dataclass(detector.__name__, [], bases=(Parameters,), frozen=True, kw_only=True)
-    # Other processes look for the class at this place.
+    # Other processes look for the class under this name.
     empty.__module__ = detector.__module__
     empty.__qualname__ = f"{detector.__qualname__}.parameters"
     return empty
@@ -246,8 +244,8 @@ def detector_named(name: str) -> type[Detector]:
     detector = _detectors[name]
     if isinstance(detector, str):
         module, _, title = detector.partition(":")
-        found: type[Detector] = getattr(import_module(f"oppload_cli.{module}"), title)
-        _detectors[name] = detector = found
+        _detectors[name] = getattr(import_module(f"oppload_cli.{module}"), title)
+        return detector_named(name)
     return detector
 
 
@@ -257,35 +255,36 @@ def names_of(text: str) -> tuple[str, ...]:
     `text` is ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET`` or
     ``all``, or several of these with commas between them. Other names are a ParameterError.
     """
-    found: list[str] = []
+    names: list[str] = []
     for part in text.split(","):
         name, _, variant = part.strip().partition(":")
         if name == ALL and not variant:
-            found += [one for one, each in detectors().items() if not each.variant_of]
+            names += [one for one, each in detectors().items() if not each.variant_of]
             continue
         detector_named(name)
-        near = [one for one in _detectors if one.startswith(f"{name}_")]
-        variants = [one for one in near if detector_named(one).variant_of == name]
+        candidates = [one for one in _detectors if one.startswith(f"{name}_")]
+        variants = [one for one in candidates if detector_named(one).variant_of == name]
         full = f"{name}_{variant}"
-        if full not in variants and variant in PRESETS:
-            variant = ""
-        if variant and full not in variants and (variant != _LITERAL or not variants):
+        if full in variants:
+            names.append(full)
+            continue
+        if variant and variant not in PRESETS and (variant != _LITERAL or not variants):
             known = [_LITERAL, *(one.removeprefix(f"{name}_") for one in variants)]
             has = f"it has {' and '.join(known)}" if variants else "it has none; see --preset"
             raise ParameterError(f"model '{name}' has no variant '{variant}': {has}")
-        found.append(full if full in variants else name)
-    return tuple(dict.fromkeys(found))
+        names.append(name)
+    return tuple(dict.fromkeys(names))
 
 
 def placing_detector(names: Iterable[str]) -> type[Detector] | None:
-    """Return the first of some detectors that has places: oppload reports its looming objects."""
+    """Return the first of some detectors that has places: oppload reports its detections."""
     return next((each for each in map(detector_named, names) if each.places), None)
 
 
 def detector_of(params: Parameters) -> type[Detector]:
     """Return the detector to which a set of parameters belongs; a ParameterError if none has it."""
-    loaded = [each for each in _detectors.values() if not isinstance(each, str)]
-    for detector in chain(loaded, map(detector_named, known_names())):
+    imported = [each for each in _detectors.values() if not isinstance(each, str)]
+    for detector in chain(imported, map(detector_named, known_names())):
         if type(params) is detector.parameters:
             return detector
     raise ParameterError(f"no detector has parameters of the class {type(params).__name__}")
@@ -322,7 +321,7 @@ class DetectorBank:
     shape : tuple of int
         Height and width of the working frames.
     params : sequence of Parameters
-        One set for each detector, in the order of the answers.
+        One set for each detector; the answers have the same order.
     frame_rate : float, optional
         Frames per second of the video, if known.
     time : TimeParams, optional
@@ -370,7 +369,7 @@ class DetectorBank:
 
     @property
     def luma_change(self) -> float | None:
-        """Mean of P(t) over the frame, 0 to 1; None if there was no frame to compare with."""
+        """Mean of P(t) over the frame, 0 to 1; None if no frames were compared."""
         return self._photoreceptors.layer.luma_change
 
     @property
@@ -388,8 +387,8 @@ class DetectorBank:
     def step(self, luma: Map, time_s: float | None = None) -> dict[str, Response | None]:
         """Take the next frame; return every detector's answer by name.
 
-        A detector's answer is None during its warm-up only. If it gives none later, its answer to
-        a frame without change (`at_rest`) is returned instead.
+        A detector's answer is None only during its warm-up. If its `step` returns None later, its
+        answer to a frame without change (`at_rest`) is returned instead.
 
         Parameters
         ----------
@@ -407,7 +406,7 @@ class DetectorBank:
             or if a detector that a user has registered raises an error.
         """
         self._layers.clock.time_s = time_s
-        # If a detector writes into the frame, it fails: the others must see the same frame.
+        # A detector must not write into the frame, since the others get the same frame.
         luma = luma.view()
         luma.flags.writeable = False
         self._photoreceptors.step(luma)
@@ -419,7 +418,7 @@ class DetectorBank:
         """Return every detector's answer to a frame in which nothing changed.
 
         The answer is None unless the detector has answered before. If nothing has changed since
-        the start of the video, `step` has taken one frame only: then a detector answers once
+        the start of the video, `step` has taken only one frame. Then a detector answers as soon as
         `intervals`, the number of intervals since the start, has reached its warm-up.
         """
         if self._photoreceptors.layer.frames == 1:
@@ -444,12 +443,12 @@ def _named(detector: type[Detector], fault: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if isinstance(error, OpploadError | MemoryError) or _is_own(detector):
+        if isinstance(error, OpploadError | MemoryError) or _is_of_package(detector):
             raise
-        place = traceback.extract_tb(error.__traceback__)[-1]
+        last = traceback.extract_tb(error.__traceback__)[-1]
         raise DetectorError(
             f"detector '{detector.name}': {fault} ({type(error).__name__}: {error}; "
-            f"{place.filename}, line {place.lineno}); correct the detector"
+            f"{last.filename}, line {last.lineno}); correct the detector"
         ) from error
 
 
@@ -466,7 +465,7 @@ def _fault(detector: Detector, answer: object) -> str:
     return ""
 
 
-def _is_own(detector: type[Detector]) -> bool:
+def _is_of_package(detector: type[Detector]) -> bool:
     return detector.__module__.startswith("oppload_cli.")
 
 

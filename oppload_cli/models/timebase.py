@@ -1,8 +1,8 @@
 """Time: the presentation times of frames, counted in intervals (``docs/time.md``).
 
-The step of the models is a time, the interval, and not a frame. The paper and the authors of D-LGMD
-stepped from frame to frame, at 30 frames per second. The background of a response, the median of
-recent responses, covers a span of time too.
+The models compare frames over a time, the interval, and not over a number of frames. The paper and
+the authors of D-LGMD compared successive frames, at 30 frames per second. The background of a
+response, the median of recent responses, covers a span of time too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FRAME = "frame"
 _REFERENCE_S = Fraction(REFERENCE_INTERVAL)
 _SHORTEST_S, _LONGEST_S = 1e-4, 10.0
 NEARLY_ONE = 0.03  # tolerance: times in files are rounded, often to milliseconds
-_MOST_VALUES = 1 << 14  # of a background, in case the times do not grow
+_MOST_VALUES = 1 << 14  # largest number of values of a background, if the times do not grow
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +70,8 @@ class Clock:
     params : TimeParams, optional
         The time base.
     frame_rate : float, optional
-        Frames per second of the video, used for frames without a presentation time. If it is left
-        out, each of these lasts one interval.
+        Frames per second of the video, used for frames without a presentation time. Without a frame
+        rate each of these frames lasts one interval.
 
     Attributes
     ----------
@@ -94,8 +94,8 @@ class Clock:
     def now(self, before: float | None) -> float:
         """Return the time of the current frame, in intervals.
 
-        `before` is the time of the frame before, None for the first frame. If a frame's time is not
-        later than `before`, the frame is taken one step later.
+        `before` is the time of the frame before, None for the first frame. A frame without a time,
+        or with a time not later than `before`, comes one step after the frame before.
         """
         if not self._counts and self.time_s is not None:
             now = float(self.time_s) * self.per_second  # a NumPy number would widen the maps
@@ -117,8 +117,8 @@ class Background:
     reach : float
         Length of the background, in the unit of the times, above 0.
     guard : float
-        Values of this latest span of time are not yet background, at least 0: an event must not
-        raise the background that it is compared with.
+        Length of the latest span of time that is not yet background, at least 0: an event must not
+        raise the background with which it is compared.
     """
 
     def __init__(self, reach: float, guard: float) -> None:

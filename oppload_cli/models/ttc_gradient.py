@@ -127,8 +127,8 @@ class TtcGradient(Detector):
         rows = down.sums(self._products(self._before, before), 0)
         sums = np.moveaxis(across.sums(rows, 2), 1, 0)
         pixels = (height - 1) * (width - 1)
-        whole = _fitted(sums[:, -1, -1:], 0, 0, pixels, max(self.shape))
-        a, b, c, r2 = (float(each[0]) for each in whole)
+        of_frame = _fitted(sums[:, -1, -1:], 0, 0, pixels, max(self.shape))
+        a, b, c, r2 = (float(each[0]) for each in of_frame)
         if sums.shape[1] == 1 or sums.shape[2] == 1:  # no window lies within the frame
             return TtcGradientResponse(0.0, None, a, b, c, r2)
         half, side = self._half, 2 * self._half + 1
@@ -147,16 +147,16 @@ class TtcGradient(Detector):
     def _products(self, now: Map, before: Map) -> Map:
         """Return the ten products of derivatives, shape (height - 1, 10, width - 1).
 
-        Each derivative is taken over cubes of 2 x 2 pixels and 2 frames; x and y are from the
-        middle of the frame.
+        Each derivative is taken over cubes of 2 x 2 pixels and 2 frames. The products with G use x
+        and y from the middle of the frame.
         """
         both, change = now + before, now - before
-        down = both[1:] + both[:-1]
-        ex = (down[:, 1:] - down[:, :-1]) / 4
-        across = both[:, 1:] + both[:, :-1]
-        ey = (across[1:] - across[:-1]) / 4
-        down = change[1:] + change[:-1]
-        et = (down[:, 1:] + down[:, :-1]) / 4
+        of_rows = both[1:] + both[:-1]
+        ex = (of_rows[:, 1:] - of_rows[:, :-1]) / 4
+        of_columns = both[:, 1:] + both[:, :-1]
+        ey = (of_columns[1:] - of_columns[:-1]) / 4
+        of_rows = change[1:] + change[:-1]
+        et = (of_rows[:, 1:] + of_rows[:, :-1]) / 4
         g = self._x * ex + self._y * ey
         pairs = (
             *((ex, ex), (ey, ey), (ex, ey), (g, ex), (g, ey), (g, g)),
@@ -178,17 +178,17 @@ class _Windows:
         self._starts, self._ends = (np.searchsorted(self._edges, each) for each in (starts, ends))
 
     def sums(self, values: NDArray[np.floating[Any]], axis: int) -> Numbers:
-        """Return the sum over each window along the axis, and last the sum over the full axis."""
+        """Return the sum over each window along the axis, then the sum over the complete axis."""
         moved = np.moveaxis(values, axis, 0)
         edges = [edge for edge in self._edges if edge < len(moved)]
         parts = itertools.pairwise([*edges, len(moved)])
         # This loop sums each part between two edges; NumPy's `reduceat` takes three times as long.
         sums = [moved[start:end].sum(0, dtype=values.dtype) for start, end in parts]
-        whole = np.zeros((len(sums) + 1, *moved.shape[1:]))
+        to_edge = np.zeros((len(sums) + 1, *moved.shape[1:]))  # sums from 0 up to each edge
         for number, part in enumerate(sums):
-            np.add(whole[number], part, out=whole[number + 1])
-        every = np.concatenate([whole[self._ends] - whole[self._starts], whole[-1:]])
-        return np.moveaxis(every, 0, axis)
+            np.add(to_edge[number], part, out=to_edge[number + 1])
+        of_windows = to_edge[self._ends] - to_edge[self._starts]
+        return np.moveaxis(np.concatenate([of_windows, to_edge[-1:]]), 0, axis)
 
 
 def _fitted(

@@ -54,7 +54,7 @@ class Cells(NamedTuple):
 def reduce(frame: Grey, reduction: int) -> Grey:
     """Return the means of squares of 1 x 1, 2 x 2 or 4 x 4 pixels, rounded as OpenCV rounds them.
 
-    The sides of the frame must be multiples of the squares' side. Its rows need not be contiguous.
+    The sides of the frame must be multiples of the squares' side. The frame may be a slice.
     """
     rows, columns = (side // reduction for side in frame.shape)
     return np.asarray(cv2.resize(frame, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
@@ -74,16 +74,15 @@ def sampled(
     cells : Cells
         The grid.
     params : RmoParams
-        Gives minimum speed and change.
+        Minimum speed and minimum change.
     """
     sides = now.shape[0] / cells.rows, now.shape[1] / cells.columns  # of a cell, in samples
     # The compiled loops round as OpenCV does, except for sides below one sample, and if both sides
     # are integers. In these cases OpenCV computes the means.
-    alike = min(sides) >= 1 and not all(side.is_integer() for side in sides)
-    chosen = sample if alike else sample.__wrapped__  # type: ignore[attr-defined]
-    return MotionVectors(
-        *chosen(before, now, flow, cells, (params.minimum_speed, params.minimum_change))
-    )
+    rounds_alike = min(sides) >= 1 and not all(side.is_integer() for side in sides)
+    function = sample if rounds_alike else sample.__wrapped__  # type: ignore[attr-defined]
+    least = params.minimum_speed, params.minimum_change
+    return MotionVectors(*function(before, now, flow, cells, least))
 
 
 @with_twin
@@ -159,7 +158,7 @@ class DenseFlow:
         """Take the next frame and return its motion vectors, without computing RMO.
 
         The result is None for the first frame. It has only vectors with at least the minimum speed
-        and change. Give each frame either to this method or to :meth:`step`; the errors are equal.
+        and change. The errors are those of :meth:`step`, which calls this method.
         """
         _check(luma, self._shape)
         if self._shape is None:
@@ -180,42 +179,35 @@ class DenseFlow:
         self._reduction = reduction
         self._spacing = self.params.grid or max(4, round(min(height, width) / 17))
         self._search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST)
-        # OpenCV need not reduce the frames further. Denser patches take twice the time and bring
-        # nothing.
-        self._search.setFinestScale(0)
-        self._search.setPatchStride(6)
+        self._search.setFinestScale(0)  # OpenCV need not reduce the frames further
+        self._search.setPatchStride(6)  # denser patches take twice the time without a better result
 
     def _sampled(self) -> MotionVectors:
         if min(self._reduced[1].shape) < _SHORTEST_SIDE:
             return _nothing()
         change = cv2.absdiff(*self._reduced)
-        # If the mean change of a cell is large enough, so is the change of at least one sample.
+        # A cell with a large enough mean change has at least one sample with such a change.
         _, moved = cv2.threshold(change, 255.0 * self.params.minimum_change, 255, cv2.THRESH_BINARY)
         left, top, width, height = cv2.boundingRect(moved)
         if not width:
             return _nothing()
-        window = self._window(left, top, width, height)
-        reduction = self._reduction_in(window)
+        sides = self._reduced[1].shape
+        part = self._with_margin(top, height, sides[0]), self._with_margin(left, width, sides[1])
+        reduction = self._reduction_in(part)
         if reduction == self._reduction:
             return self._vectors(self._reduced, reduction, (0, 0))
-        reduced = [reduce(frame[window], reduction) for frame in self._frames]
-        return self._vectors(reduced, reduction, (window[1].start, window[0].start))
+        reduced = [reduce(frame[part], reduction) for frame in self._frames]
+        return self._vectors(reduced, reduction, (part[1].start, part[0].start))
 
-    def _window(self, left: int, top: int, width: int, height: int) -> tuple[slice, slice]:
-        """Return the part of the frame that changed, with a margin on each side."""
-        sides = []
-        for first, extent, side in (
-            (top, height, self._reduced[1].shape[0]),
-            (left, width, self._reduced[1].shape[1]),
-        ):
-            room = max(_MARGIN, (_SHORTEST_SIDE - extent + 1) // 2)
-            start, stop = max(0, first - room), min(side, first + extent + room)
-            sides.append(slice(start * self._reduction, stop * self._reduction))
-        return sides[0], sides[1]
+    def _with_margin(self, first: int, extent: int, side: int) -> slice:
+        """Return the pixels of a range of samples with a margin at both ends, along one side."""
+        margin = max(_MARGIN, (_SHORTEST_SIDE - extent + 1) // 2)
+        start, stop = max(0, first - margin), min(side, first + extent + margin)
+        return slice(start * self._reduction, stop * self._reduction)
 
-    def _reduction_in(self, window: tuple[slice, slice]) -> int:
-        """Return the least reduction at which a part takes at most half a frame's time."""
-        height, width = (side.stop - side.start for side in window)
+    def _reduction_in(self, part: tuple[slice, slice]) -> int:
+        """Return the least reduction at which a part takes at most half of a frame's time."""
+        height, width = (side.stop - side.start for side in part)
         most = self._reduced[1].size // 2
         reduction = 1
         while reduction < self._reduction and height * width > most * reduction**2:

@@ -125,9 +125,9 @@ class RmoMetrics(NamedTuple):
 def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
     """Return the radial motion opponency of pairs of opposite vectors; 0 if one of them is zero.
 
-    It is ``sides * min(|v1|, |v2|) / (|v1| + |v2|)``, the closed form of the paper's projection and
-    integral (equations "degree of RMO" and "length of symmetric part"; see ``docs/rmo.md``). The
-    function does not check that the vectors are opposite.
+    RMO is ``sides * min(|v1|, |v2|) / (|v1| + |v2|)``, the closed form of the paper's projection
+    and integral (equations "degree of RMO" and "length of symmetric part"; see ``docs/rmo.md``).
+    The function does not check that the vectors are opposite.
 
     Parameters
     ----------
@@ -142,9 +142,8 @@ def rmo(v1: ArrayLike, v2: ArrayLike, sides: int = 2) -> NDArray[np.float64]:
     ParameterError
         If `sides` is neither 1 nor 2, or the vectors are not pairs of finite numbers.
     """
-    RmoParams(sides=sides)
-    one, other = _points("v1", v1), _points("v2", v2)
-    return _opponency(length(one), length(other), sides)
+    RmoParams(sides=sides)  # checks the value
+    return _opponency(length(_points("v1", v1)), length(_points("v2", v2)), sides)
 
 
 def opposite_pairs(vectors: ArrayLike, tolerance: float = 30.0) -> tuple[Rows, Rows]:
@@ -170,7 +169,7 @@ def opposite_pairs(vectors: ArrayLike, tolerance: float = 30.0) -> tuple[Rows, R
     ParameterError
         If `tolerance` is out of range, or the vectors are not pairs of finite numbers.
     """
-    RmoParams(opposite_tolerance=tolerance)
+    RmoParams(opposite_tolerance=tolerance)  # checks the value
     moving = _Moving(vectors, vectors)
     return moving.named(*_joined(moving.opposite(tolerance)))
 
@@ -235,7 +234,7 @@ def rmo_metrics(
 def metrics_of(
     starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
 ) -> RmoMetrics:
-    """Do the same as :func:`rmo_metrics`, without checks: float64 arrays of shape (n, 2)."""
+    """Do the same as :func:`rmo_metrics`, without checks, for float64 arrays of shape (n, 2)."""
     count, opposite, outward, inward, largest, pairs = rmo_sums(
         starts, vectors, params.opposite_tolerance, params.outward_tolerance, params.sides
     )
@@ -281,8 +280,8 @@ def rmo_sums(
     for first, second in moving.opposite(opposite_tolerance):
         outward, inward = moving.radial(first, second, outward_tolerance)
         values = _opponency(moving.speeds[first], moving.speeds[second], sides)
-        # Pairs that are not outward are set to 0 instead of left out. So both sums do the same
-        # additions, and the index of a pure expansion is exactly 1.
+        # RMO of pairs that are not outward is set to 0, and not left out. So both sums have the
+        # same additions, and the index of a pure expansion is exactly 1.
         kept = values * outward
         pairs += int(outward.sum())
         outward_sum += float(kept.sum())
@@ -292,14 +291,13 @@ def rmo_sums(
     return moving.speeds.size, opposite_sum, outward_sum, inward_sum, largest, pairs
 
 
-# About how many pairs are handled at once: few, so that their arrays stay in the cache.
-_BLOCK = 4096
+_BLOCK = 4096  # approximate number of pairs of a block, whose arrays stay in the cache
 
 
 class _Moving:
     """The vectors that are not zero, sorted by direction.
 
-    All vectors opposite to one vector are then neighbours, so that only opposite pairs are formed.
+    So all vectors opposite to one vector stand side by side, and only opposite pairs are formed.
     """
 
     def __init__(self, starts: ArrayLike, vectors: ArrayLike) -> None:
@@ -311,23 +309,23 @@ class _Moving:
         self.rows = rows[order]
         self.angles = angles[order]
         self.speeds = speeds[self.rows]
-        # As complex numbers x + iy, so that one index operation takes both coordinates.
+        # Complex numbers x + iy: one index operation then takes both coordinates.
         self.units = _complex(motion[self.rows]) / self.speeds
         self.starts = _complex(origin[self.rows])
 
     def opposite(self, tolerance: float) -> Iterator[tuple[Rows, Rows]]:
         """Yield the opposite pairs in blocks, as positions in the sorted arrays."""
-        wide = math.radians(tolerance)
-        if self.angles.size < 2 or self.angles[-1] - self.angles[0] <= math.pi - wide:
+        width = math.radians(tolerance)
+        if self.angles.size < 2 or self.angles[-1] - self.angles[0] <= math.pi - width:
             return
-        low = np.searchsorted(self.angles, self.angles + (math.pi - wide), side="right")
-        high = np.searchsorted(self.angles, self.angles + (math.pi + wide), side="left")
+        low = np.searchsorted(self.angles, self.angles + (math.pi - width), side="right")
+        high = np.searchsorted(self.angles, self.angles + (math.pi + width), side="left")
         counts = np.maximum(high - low, 0)
-        block = np.cumsum(counts) // _BLOCK
-        for some in np.split(np.arange(counts.size), np.flatnonzero(np.diff(block)) + 1):
-            run = counts[some]
-            first = np.repeat(some, run)
-            offset = low[some] - (np.cumsum(run) - run)
+        blocks = np.cumsum(counts) // _BLOCK
+        for block in np.split(np.arange(counts.size), np.flatnonzero(np.diff(blocks)) + 1):
+            run = counts[block]
+            first = np.repeat(block, run)
+            offset = low[block] - (np.cumsum(run) - run)
             second = np.arange(first.size) + np.repeat(offset, run)
             if first.size:
                 yield first, second
@@ -345,7 +343,7 @@ class _Moving:
         return along > across, -along > across
 
     def named(self, first: Rows, second: Rows) -> tuple[Rows, Rows]:
-        """Turn positions into the caller's row numbers, in ascending order."""
+        """Return the caller's row numbers of pairs, in ascending order."""
         pairs = np.sort([self.rows[first], self.rows[second]], axis=0)
         smaller, larger = pairs[:, np.lexsort(pairs[::-1])]
         return smaller, larger
