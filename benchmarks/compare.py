@@ -21,19 +21,9 @@ LEAST_MARGIN = 0.10
 WORKER = """
 import sys, time
 import numpy as np
-from oppload_cli import DlgmdParams, OpplodParams
-from oppload_cli.models import registry
-# Checkouts from before the registry of detectors call the bank ModelBank.
-try:
-    from oppload_cli.models.registry import DetectorBank as Bank
-except ImportError:
-    from oppload_cli.models import bank as module
-    Bank = getattr(module, "DetectorBank", None) or module.ModelBank
+from oppload_cli import DetectorBank, DlgmdParams, parameters_of
 frames = np.random.default_rng(0).random((8, 240, 427), dtype=np.float32)
-# Before 1.0 the parameters of preset reference were the default ones.
-named = "reference" in __import__("oppload_cli.models.presets").models.presets.PRESETS
-opplod = registry.parameters_of("opplod", "reference") if named else OpplodParams()
-bank = Bank((240, 427), [opplod, DlgmdParams()])
+bank = DetectorBank((240, 427), [parameters_of("opplod", "reference"), DlgmdParams()])
 passes = 12 + int(sys.argv[1])
 for luma in frames:
     bank.step(luma)

@@ -68,7 +68,9 @@ def threshold(params: DlgmdParams, change_two_ago: float) -> float:
 
 @with_twin
 def group(presynaptic: Map, side: int, least: float, limit: float, out: Map) -> tuple[float, float]:
-    """Group S: ``C = ones(side, side) * S`` and ``G = S C``, 0 below `least`, at most `limit`.
+    """Group S, and return the means of S and of G over the frame (section 3).
+
+    ``C = ones(side, side) * S`` and ``G = S C``, which is 0 below `least`, and at most `limit`.
 
     Parameters
     ----------
@@ -80,13 +82,6 @@ def group(presynaptic: Map, side: int, least: float, limit: float, out: Map) -> 
         The threshold T, and the largest value of G.
     out : ndarray of float32, shape (height, width)
         Filled with G.
-
-    Returns
-    -------
-    float, float
-        The means of S and of G over the frame.
-
-    Source: ``docs/model.md``, section 3.
     """
     anchor = (side - 1) // 2  # as MATLAB's conv2(..., 'same') places the square
     sums = cv2.boxFilter(

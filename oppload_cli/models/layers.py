@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
@@ -99,8 +100,8 @@ class Photoreceptors:
 
     @property
     def _series(self) -> tuple[_PastFrame | None, ...]:
-        one = self._latest.before
-        return self._latest, one, one.before if one else None
+        before = self._latest.before
+        return self._latest, before, before.before if before else None
 
     @property
     def maps(self) -> list[Map]:
@@ -396,8 +397,7 @@ class Layers:
     def __init__(self, shape: tuple[int, int], clock: Clock | None = None) -> None:
         self.shape = shape
         self.clock = clock or Clock()
-        self._photoreceptors: dict[int, Photoreceptors] = {}
-        self._dpcs: list[tuple[DpcParams, int, Dpc]] = []
+        self._dpcs: dict[tuple[DpcParams, int], list[Dpc]] = {}
         self._others: dict[Hashable, Any] = {}
 
     @property
@@ -407,9 +407,8 @@ class Layers:
 
     def photoreceptors(self, stride: int = 1) -> SharedLayer[Photoreceptors]:
         """Return access to the photoreceptors whose interval is `stride` reference intervals."""
-        if stride not in self._photoreceptors:
-            self._photoreceptors[stride] = Photoreceptors(self.shape, stride, self.clock)
-        return SharedLayer(self._photoreceptors[stride])
+        make = partial(Photoreceptors, self.shape, stride, self.clock)
+        return self.other(("photoreceptors", stride), make)
 
     def dpc(
         self, params: DpcParams, axes: tuple[int, ...] = (), stride: int = 1
@@ -420,15 +419,14 @@ class Layers:
         detector that needs S only; `stride` is as in :meth:`photoreceptors`.
         """
         constants = params.dpc()
-        for known, known_stride, dpc in self._dpcs:
-            same = (known, known_stride) == (constants, stride)
-            if same and (not axes or dpc.axes in {axes, ()}):
+        dpcs = self._dpcs.setdefault((constants, stride), [])
+        for dpc in dpcs:
+            if not axes or dpc.axes in {axes, ()}:
                 if axes and not dpc.axes:
                     dpc.set_axes(axes)
                 return SharedLayer(dpc)
-        dpc = Dpc(self.shape, constants, axes, self.photoreceptors(stride))
-        self._dpcs.append((constants, stride, dpc))
-        return SharedLayer(dpc)
+        dpcs.append(Dpc(self.shape, constants, axes, self.photoreceptors(stride)))
+        return SharedLayer(dpcs[-1])
 
     def other(self, key: Hashable, make: Callable[[], _AnyLayer]) -> SharedLayer[_AnyLayer]:
         """Return access to a layer of another kind; `make` creates it at the first call for a key.

@@ -186,11 +186,8 @@ def _check_class(detector: type[Detector]) -> str:
 
 def _is_again(known: type[Detector], detector: type[Detector]) -> bool:
     """Return whether a class is the known one, or a new definition of it by the user."""
-    same_name = (known.__module__, known.__qualname__) == (
-        detector.__module__,
-        detector.__qualname__,
-    )
-    return known is detector or (same_name and not _is_of_package(known))
+    names = {(each.__module__, each.__qualname__) for each in (known, detector)}
+    return known is detector or (len(names) == 1 and not _is_of_package(known))
 
 
 def _no_parameters(detector: type[Detector]) -> type[Parameters]:

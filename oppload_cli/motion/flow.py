@@ -9,7 +9,7 @@ import numpy as np
 
 from oppload_cli.compute.loops import with_twin
 from oppload_cli.errors import FrameError
-from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, metrics_of
+from oppload_cli.motion.rmo import RmoMetrics, RmoParams, length, rmo_metrics
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -152,7 +152,7 @@ class DenseFlow:
         motion = self.motion(luma)
         if motion is None:
             return None
-        return metrics_of(motion.starts, motion.vectors, self.params)
+        return rmo_metrics(motion.starts, motion.vectors, self.params)
 
     def motion(self, luma: NDArray[np.float32] | NDArray[np.uint8]) -> MotionVectors | None:
         """Take the next frame and return its motion vectors, without computing RMO.

@@ -181,23 +181,8 @@ def rom_pairs(
 
     The common line of a pair has the direction u, that of ``v1/|v1| - v2/|v2|``. The pair is
     outward if the angle between ``start1 - start2`` and u is below `params.outward_tolerance`.
-
-    Parameters
-    ----------
-    starts, vectors : array_like, shape (n, 2)
-        Start (x, y) of each motion vector, and the vector (x, y).
-    params : RmoParams, optional
-        Tolerances; the defaults if left out.
-
-    Returns
-    -------
-    first, second : ndarray of int, shape (pairs,)
-        Row numbers, ``first < second``, in ascending order.
-
-    Raises
-    ------
-    ParameterError
-        If the two arrays do not have the same shape (n, 2), or hold numbers that are not finite.
+    Parameters and errors are those of :func:`rmo_metrics`, and the two arrays that it returns are
+    like those of :func:`opposite_pairs`.
     """
     params = params or DEFAULT_RMO
     moving = _Moving(starts, vectors)
@@ -227,16 +212,11 @@ def rmo_metrics(
     ParameterError
         If the two arrays do not have the same shape (n, 2), or hold numbers that are not finite.
     """
+    params = params or DEFAULT_RMO
     motion, origin = _matching(starts, vectors)
-    return metrics_of(origin, motion, params or DEFAULT_RMO)
-
-
-def metrics_of(
-    starts: NDArray[np.float64], vectors: NDArray[np.float64], params: RmoParams
-) -> RmoMetrics:
-    """Do the same as :func:`rmo_metrics`, without checks, for float64 arrays of shape (n, 2)."""
+    tolerances = params.opposite_tolerance, params.outward_tolerance
     count, opposite, outward, inward, largest, pairs = rmo_sums(
-        starts, vectors, params.opposite_tolerance, params.outward_tolerance, params.sides
+        origin, motion, *tolerances, params.sides
     )
     return RmoMetrics(
         flow_vectors=count,

@@ -84,19 +84,19 @@ class CiLmd(ChangeDetector):
         self._on = self._off = self._zeros()
 
     def _answer(self, p: Plane) -> CiLmdResponse:
-        ask, d = self.params, _difference(p)
+        params, d = self.params, _difference(p)
         brighter = positive(d)
         on = cv2.scaleAdd(self._on, DECAY, brighter)
         off = cv2.scaleAdd(self._off, DECAY, brighter - d)
         w = k3(0, 1 / 4, 1 / 8)
-        so = cv2.addWeighted(on, 1, spread(self._on, w), -ask.on_inhibition, 0)
-        so = cv2.scaleAdd(off, -ask.off_on, so)
-        sf = cv2.addWeighted(off, 1, spread(self._off, w), -ask.off_inhibition, 0)
-        sf = cv2.scaleAdd(on, -ask.on_off, sf)
+        so = cv2.addWeighted(on, 1, spread(self._on, w), -params.on_inhibition, 0)
+        so = cv2.scaleAdd(off, -params.off_on, so)
+        sf = cv2.addWeighted(off, 1, spread(self._off, w), -params.off_inhibition, 0)
+        sf = cv2.scaleAdd(on, -params.on_off, sf)
         self._on, self._off = np.asarray(on), np.asarray(off)
         s = cv2.addWeighted(so, 1, sf, 0.9, 0) + cv2.multiply(so, sf, scale=0.5)
         g = averaged(np.asarray(s))
-        mean = total(g[g >= ask.threshold]) / self.pixels
+        mean = total(g[g >= params.threshold]) / self.pixels
         return CiLmdResponse(mean, None, sigmoid(mean / 0.9))
 
 

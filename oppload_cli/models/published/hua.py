@@ -79,8 +79,8 @@ class _Pathway:
         rise = self._rise(s)
         self._low_pass(self._across[:, :-1], s[:, :-1], s[:, 1:], d[:, :-1], d[:, 1:])
         self._low_pass(self._down[:-1], s[:-1], s[1:], d[:-1], d[1:])
-        # If a pixel and its neighbour are exchanged T changes its sign. Outside the frame the
-        # nearest pixel is repeated, so that T is 0 at the edge.
+        # T of a pixel with its left (upper) neighbour is -T of the neighbour with the pixel. T is 0
+        # at the edge, because outside the frame the nearest pixel is repeated.
         bias, motion = self._bias, self._motion
         np.multiply(bias, self._across, out=motion[_RIGHT])
         np.multiply(bias[:, 1:], self._across[:, :-1], out=motion[_LEFT][:, 1:])
@@ -95,9 +95,9 @@ class _Pathway:
         return list(motion)
 
     def _rise(self, s: Map) -> Map:
-        """Return how much the contrast of S with its 8 neighbours rose since the frame before.
+        """Return the change, since the frame before, of the contrast of S with its 8 neighbours.
 
-        The mean of the neighbours is ``(9 A3 * S - S) / 8``. So the contrast is
+        The mean of the neighbours is ``(9 A3 * S - S) / 8``, and so the contrast
         ``9/8 |S - A3 * S|``.
         """
         before, now = self._contrast, self._other
@@ -125,7 +125,7 @@ def _to_power(values: Map, exponent: float) -> None:
     if exponent == 0.5:
         np.sqrt(values, out=values)
         return
-    # Logarithms are fast: NumPy computes several of them at once.
+    # This takes less time than `np.power`: NumPy computes several logarithms at once.
     np.log(values, out=values)
     np.multiply(values, np.float32(exponent), out=values)
     np.exp(values, out=values)
@@ -134,22 +134,22 @@ def _to_power(values: Map, exponent: float) -> None:
 def _flush(values: Map) -> None:
     """Set values below 1e-9 of a grey level to 0, in place.
 
-    Otherwise values that decay from frame to frame would become so small that the processor is
-    many times slower with them.
+    Otherwise values that decay from frame to frame would become so small ("subnormal") that the
+    processor computes with them many times slower.
     """
     cv2.threshold(values, 1e-9, 0, cv2.THRESH_TOZERO, dst=values)
 
 
-def _blurred(values: Map, line: Map, out: Map | None = None) -> Map:
+def _blurred(values: Map, line: Map, out: Map) -> Map:
     return np.asarray(cv2.sepFilter2D(values, -1, line, line, dst=out, borderType=EDGE), np.float32)
 
 
 class _Motion:
     """The model up to its last layer, which both variants share: net motion along both axes.
 
-    `sums`, shape (2, 2, 2, 2), has the indices axis (across, down), row (upper, lower) and column
-    (left, right) of the quadrant, and direction: 0 for motion to the right or downwards, 1 for the
-    opposite. Each value sums this motion after the Gaussian error linear unit (GELU).
+    `sums`, shape (2, 2, 2, 2), are sums of net motion after the Gaussian error linear unit (GELU).
+    The indices are axis (across, down), row (upper, lower) and column (left, right) of the
+    quadrant, and direction: 0 for motion to the right or downwards, 1 for the opposite motion.
     """
 
     def __init__(self, shape: tuple[int, int], low_pass_ms: float, interval_ms: float) -> None:

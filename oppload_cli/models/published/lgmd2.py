@@ -104,17 +104,17 @@ class Lgmd2(ChangeDetector):
         self._pm, self._nsp = 0.0, 0
 
     def _answer(self, p: Plane) -> Lgmd2Response:
-        ask = self.params
+        params = self.params
         self._pm = low_passed(mean_change(p), self._pm, self.ti, 90)
-        mediated = self._pm / ask.mediation
-        w_on, w_off = max(mediated, ask.on_bias), max(mediated, ask.off_bias)
+        mediated = self._pm / params.mediation
+        w_on, w_off = max(mediated, params.on_bias), max(mediated, params.off_bias)
         g, _ = grouped(self._sums(p, w_on, w_off), 4, 0.01, EDGE)
-        mp = total(g[ask.decay * g >= ask.threshold])
+        mp = total(g[params.decay * g >= params.threshold])
         smp = sigmoid(mp / self.pixels)
         sfa = self._adaptation.step(smp)
-        spike = spikes(sfa, 4, ask.spike)
+        spike = spikes(sfa, 4, params.spike)
         self._nsp = self._nsp + spike if spike else 0
-        collision = int(self._nsp >= ask.enough)
+        collision = int(self._nsp >= params.enough)
         values = mp, smp, sfa, self._pm, w_on, w_off, spike, self._nsp, collision
         return Lgmd2Response(mp / self.pixels, None, *values)
 

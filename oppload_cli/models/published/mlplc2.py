@@ -80,13 +80,13 @@ def _correlate(
     for distance, tau in enumerate(_DELAYS_MS, 1):
         late = low_pass_share(interval_ms, tau)
         d_here = late * now_here + (1 - late) * before_here
-        for own, (dy, dx) in zip(motion, _NEIGHBOURS, strict=True):
+        for in_direction, (dy, dx) in zip(motion, _NEIGHBOURS, strict=True):
             there = here + distance * (dy * width + dx)
             now_there = now[there]
             d_there = late * now_there + (1 - late) * before[there]
             e = d_here * d_there * (now_there - _NULL_WEIGHT * now_here)
             e[(e < 0) | (e > 1)] = 0
-            own[here] += share * e
+            in_direction[here] += share * e
 
 
 def _powered(motion: Plane, exponent: float) -> Plane:
@@ -204,9 +204,9 @@ class Mlplc2(ChangeDetector):
         self._signal, self._now, self._former = np.zeros((3, 2, self.pixels))
         self._motion = np.zeros((2, 4, self.pixels))
         self._moves = np.zeros(self.pixels, bool)
-        edge = np.zeros(self.shape, bool)
-        edge[_BAND:-_BAND, _BAND:-_BAND] = True
-        self._inner = edge.ravel()
+        inner_part = np.zeros(self.shape, bool)
+        inner_part[_BAND:-_BAND, _BAND:-_BAND] = True
+        self._inner = inner_part.ravel()
         self._active: list[Places] = [np.empty(0, np.intp)] * 2
         self._earlier = list(self._active)
         self._fields: list[_Attention] = []
@@ -214,8 +214,8 @@ class Mlplc2(ChangeDetector):
 
     def _answer(self, p: Plane) -> Mlplc2Response:
         self._frames += 1
-        # The present change goes to each slot in turn: at every second frame it inhibits, and the
-        # former change excites.
+        # The present change goes into each slot in turn. So at every second frame the present
+        # change inhibits and the former change excites, as in the authors' program.
         self._slots[self._frames % 2] = p
         self._drive(*self._slots)
         self._compress()
@@ -224,13 +224,13 @@ class Mlplc2(ChangeDetector):
             self._moves[active] = self._moves[earlier] = True
         moving = np.flatnonzero(self._moves & self._inner)
         self._motion[:, :, moving] *= 1 - low_pass_share(self._interval_ms, _MOTION_MS)
-        for motion, pair, now, before in zip(
-            self._motion, self._pairs(), self._now, self._former, strict=True
+        for pathway, pixels, now, before in zip(
+            self._motion, self._pixels(), self._now, self._former, strict=True
         ):
-            _correlate(motion, pair, (now, before), self.shape[1], self._interval_ms)
-        own = self._motion[:, :, moving]
-        self._moves[moving] = (own > _LOST_MOTION).any(axis=(0, 1))
-        t4, t5 = (_powered(*each) for each in zip(own, _EXPONENTS, strict=True))
+            _correlate(pathway, pixels, (now, before), self.shape[1], self._interval_ms)
+        motion = self._motion[:, :, moving]
+        self._moves[moving] = (motion > _LOST_MOTION).any(axis=(0, 1))
+        t4, t5 = (_powered(*each) for each in zip(motion, _EXPONENTS, strict=True))
         return self._attend(moving, _GAIN * (t4 + t5))
 
     def _drive(self, inhibiting: Plane, exciting: Plane) -> None:
@@ -254,10 +254,10 @@ class Mlplc2(ChangeDetector):
             self._now, self._signal, oldest, self._active, strict=True
         ):
             compressed[former] = 0
-            own = signal[at]
-            compressed[at] = np.tanh(own / (_HALF_COMPRESSED + own * self._reach[at]))
+            values = signal[at]
+            compressed[at] = np.tanh(values / (_HALF_COMPRESSED + values * self._reach[at]))
 
-    def _pairs(self) -> Iterator[Places]:
+    def _pixels(self) -> Iterator[Places]:
         """Yield the pixels with an ON, then an OFF signal, in this frame or the frame before."""
         for active, earlier in zip(self._active, self._earlier, strict=True):
             either = np.union1d(active, earlier)
@@ -275,29 +275,30 @@ class Mlplc2(ChangeDetector):
             old = self._frames > attention.birth + _SUMMED_FRAMES
             if old and sum(attention.outputs) < _KEPT_ABOVE and len(self._fields) > 1:
                 self._fields.remove(attention)
-        moved = 0.0, 0, 0
+        largest_motion = 0.0, 0, 0
         if magnitude.any():
             best = int(magnitude.argmax())
-            moved = float(magnitude[best]), int(x[best]), int(y[best])
+            largest_motion = float(magnitude[best]), int(x[best]), int(y[best])
         fields = self._fields or [_Attention(0, -1, -1)]
         oldest, largest = fields[0], max(fields, key=lambda each: each.outputs[-1])
         output, side = largest.outputs[-1], 2.0 * _HALF_FIELD
         left_top = largest.x - _HALF_FIELD, largest.y - _HALF_FIELD
         box = Box(*left_top, side, side) if output > 0 else None
         place, last = (oldest.number, oldest.x, oldest.y), (oldest.outputs[-1], output)
-        count, hit = len(self._fields), int(output >= _COLLISION)
-        values = *moved, float(np.abs(net).sum()), count, *place, *oldest.quadrants, *last, hit
+        count, collision = len(self._fields), int(output >= _COLLISION)
+        sums = float(np.abs(net).sum()), count
+        values = *largest_motion, *sums, *place, *oldest.quadrants, *last, collision
         return Mlplc2Response(output, box, *values)
 
     def _open(self, y: Places, x: Places, magnitude: Plane) -> None:
         """Open a field at the largest motion that the authors' scan finds outside other fields."""
-        # The scan looks only at pixels with more motion than all pixels before them.
+        # The scan considers only pixels with more motion than all pixels before them.
         records = np.flatnonzero(np.diff(np.maximum.accumulate(magnitude), prepend=0.0) > 0)
         y, x = y[records], x[records]
-        beyond = np.ones(len(records), bool)
+        outside = np.ones(len(records), bool)
         for each in self._fields:
-            beyond &= ~(_within(y - each.y) & _within(x - each.x))
-        if beyond.any():
-            last = np.flatnonzero(beyond)[-1]  # the last of these pixels has the largest motion
+            outside &= ~(_within(y - each.y) & _within(x - each.x))
+        if outside.any():
+            last = np.flatnonzero(outside)[-1]  # the last of these pixels has the largest motion
             self._opened += 1
             self._fields.append(_Attention(self._opened, int(y[last]), int(x[last]), self._frames))
