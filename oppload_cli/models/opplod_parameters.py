@@ -223,7 +223,7 @@ class OpplodParams(DpcParams):
             if getattr(self, name) != value:
                 raise ParameterError(
                     f"parameter '{name}' of opplod must be {value} with judgement=pixelwise "
-                    f"(preset paper), which is the paper to the letter"
+                    f"(preset paper), which follows the paper's text literally"
                 )
         if self.units == "every":
             raise ParameterError(

@@ -50,14 +50,14 @@ PRESETS = {
             "paper",
             "for comparison with the paper: its text to the letter, 25 units of 200 x 200 px",
             600,
-            "it responds to inward as to outward motion: no threshold tells approach from retreat",
+            "it responds to inward and outward motion: no threshold separates approach and retreat",
             interval="frame",
         ),
         Preset(
             "lplc2",
             "for neuroscience: tuned like LPLC2 neurons of the fruit fly, with a calcium signal",
             240,
-            "it answers as a neuron does, and nobody has measured which answer warns of a contact",
+            "it responds like a neuron, and nobody has measured which response warns of a contact",
         ),
     )
 }

@@ -1,4 +1,4 @@
-"""The results of the builds and of the plain functions, beside each other."""
+"""The builds of the compiled loops and the plain functions give the same results."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ARITHMETICS = ("wide", "baseline", "portable")
 
 
 def approaching(textured: bool) -> Iterator[NDArray[np.uint8]]:
-    """A disk that grows in the middle: units on both sides of it answer alike."""
+    """A disk that grows in the middle: units on both sides of it have equal responses."""
     ground = texture(96, 96, 1) * 0.3 + 0.6 if textured else 0.9
     for t in range(16):
         yield np.rint(255 * ground * disk(96, 48, 48, 4 + 1.1**t * 3)).astype(np.uint8)

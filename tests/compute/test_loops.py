@@ -1,4 +1,4 @@
-"""The door to the compiled loops: the build that is chosen, the switch, bands, the build hook."""
+"""The compiled loops: the build that is chosen, the switch, bands of rows, the build hook."""
 
 from __future__ import annotations
 
@@ -135,12 +135,12 @@ def test_a_build_that_does_not_fit_is_not_used(
 
 
 def test_a_cut_library_is_not_loaded(builds: Path) -> None:
-    """Loading it could end the process: its checksum says that it is not complete."""
+    """To load it could end the process; the checksum shows that it is not complete."""
     build(builds, "baseline")
     assert loops.why_portable() is None
     library = builds / f"loops.baseline{loops.SUFFIX}"
     cut = library.read_bytes()[:-4096]
-    library.unlink()  # this process has it loaded: cut in place, it would crash at its end
+    library.unlink()  # if the loaded file were changed in place, this process would crash at exit
     library.write_bytes(cut)
     loops._loaded.cache_clear()
     assert loops.arithmetic() == "portable"
@@ -155,7 +155,7 @@ def test_a_run_says_why_it_is_slow(builds: Path, monkeypatch: pytest.MonkeyPatch
     def cut(name: str) -> str:
         library = builds / f"loops.{name}{loops.SUFFIX}"
         content = library.read_bytes()[:-4096]
-        library.unlink()  # as above
+        library.unlink()  # as in the test before
         library.write_bytes(content)
         return f"oppload: {library} is damaged; install oppload again. The alarms are the same, "
 

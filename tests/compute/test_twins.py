@@ -65,7 +65,7 @@ def test_a_twin_has_the_name_and_the_arguments_of_its_plain_function(
 
 
 def photoreceptors(shape: tuple[int, int], seed: int) -> list[Map]:
-    """P(t), P(t-1) and P(t-2): little inhibits, and part of the frame does not change."""
+    """P(t), P(t-1) and P(t-2): inhibition is weak, and part of the frame does not change."""
     rng = np.random.default_rng(seed)
     maps = [rng.random(shape, dtype=np.float32) * np.float32(k) for k in (1, 0.03, 0.02)]
     for each in maps:
@@ -84,8 +84,8 @@ def test_presynaptic_sums(shape: tuple[int, int], radius: int) -> None:
         kernels = Kernels.of(DpcParams(kernel_radius=radius), axes)
         out, other = (PresynapticSums.zeros(shape, axes) for _ in "ab")
         for values in (out.presynaptic, *out.pathways.values()):
-            values[:] = np.nan  # a fresh array may hold anything
-        for seed in (1, 2):  # the second time, zeros of the first stay where they are
+            values[:] = np.nan  # a new array may hold any values
+        for seed in (1, 2):  # the second time, the loops do not write zeros over zeros
             p = photoreceptors(shape, seed)
             dpc.presynaptic_sums(p, kernels, out)
             plain(dpc.presynaptic_sums)(p, kernels, other)

@@ -15,7 +15,7 @@ STEPS = st.lists(
 
 
 def plain(times: list[float], values: list[float], reach: float, guard: float) -> float:
-    """The median of what is older than the guard and reaches back, of all but the last value."""
+    """The median of the values before the last one that are older than the guard, within reach."""
     *before, now = times
     counted = sorted(
         value

@@ -56,7 +56,7 @@ def test_reset_starts_over() -> None:
 
 @pytest.mark.parametrize("kind", detectors().values(), ids=detectors())
 def test_every_detector_refuses_an_array_that_is_no_frame(kind: type[Detector]) -> None:
-    """In any frame, the first one too; its answers stay what they are without such arrays."""
+    """A detector refuses the array at every frame, and then answers as if it had not come."""
     frames = [disk(40, 20, 20, 5 + t) * np.float32(0.9 + 0.1 * (t % 2)) for t in range(7)]
     model, other = kind((40, 40), frame_rate=30), kind((40, 40), frame_rate=30)
     gap = frames[0].copy()
@@ -100,7 +100,7 @@ def test_the_number_of_threads_changes_no_bit() -> None:
 @pytest.mark.parametrize(("stride", "memory"), [(1, 3), (2, 6), (5, 15)])
 def test_a_bank_forgets_within_its_memory(stride: int, memory: int) -> None:
     params = REFERENCE.replaced(receptive_field=40, cell=5, stride=stride, history=0)
-    # Where a frame of high contrast follows faint ones, not everything is inhibited.
+    # A frame of high contrast after faint frames is not completely inhibited.
     frames = [
         each * np.float32(0.02 if t % memory else 1)
         for t, each in enumerate(random_frames(20, (60, 80)))
@@ -131,16 +131,16 @@ def test_the_answer_at_rest_is_that_to_a_repeated_frame() -> None:
 
 
 def test_a_detector_that_has_answered_is_never_silent() -> None:
-    """Also where its first answer was that of a video that stood still for its warm-up."""
+    """Not even if its first answer was `at_rest`, in a video at rest throughout the warm-up."""
     bank = DetectorBank((60, 60), [DlgmdParams(), FrameDifferenceParams()])
     frames = looming(60, 30, 30, 6)
     assert bank.step(frames[0]) == bank.at_rest(0.5)
     assert bank.at_rest(2) == {"dlgmd": None, "frame_difference": Response(0.0)}
     assert bank.at_rest(3)["dlgmd"] == DlgmdResponse(0.0)
-    given = [bank.step(frame)["dlgmd"] for frame in frames[1:]]
-    assert given[:2] == [DlgmdResponse(0.0)] * 2
+    answers = [bank.step(frame)["dlgmd"] for frame in frames[1:]]
+    assert answers[:2] == [DlgmdResponse(0.0)] * 2
     alone = Dlgmd((60, 60))
-    assert given[2:] == [alone.step(frame) for frame in frames][3:]
+    assert answers[2:] == [alone.step(frame) for frame in frames][3:]
     moved = DetectorBank((60, 60), [DlgmdParams()])
     for frame in frames[:2]:
         moved.step(frame)
@@ -153,7 +153,7 @@ class LooseParams(Parameters):
 
 
 class Loose(Detector):
-    """A detector that returns what it was told to."""
+    """A detector that returns its attribute `answer`."""
 
     name, label, colour, meaning = "loose", "Loose", "#000000", "for this test"
     parameters: ClassVar[type[Parameters]] = LooseParams
@@ -232,7 +232,7 @@ class _Failing(Loose):
 
 
 def test_a_detector_that_fails_or_changes_the_frame_is_named() -> None:
-    """The others see the frame as it was."""
+    """The frame stays as it was for the other detectors."""
     registry.register(_Failing)
     try:
         params = [_Failing.parameters(), DlgmdParams()]
@@ -267,7 +267,7 @@ def test_a_detector_that_cannot_be_made_is_named() -> None:
 
 
 def again(**others: object) -> type[Detector]:
-    """Return a class like Loose, as a cell of a notebook defines it once more."""
+    """Return a new class of the same name, as a notebook's cell defines it when it runs again."""
     fields = {"__qualname__": "Again", "name": "again", "parameters": Parameters, **others}
     return type("Again", (Loose,), fields)
 

@@ -1,4 +1,4 @@
-"""What a camera adds to a scene: light that flickers, and bars beside the picture."""
+"""Effects of cameras: light that flickers, bars beside the picture, edges of the frame."""
 
 from __future__ import annotations
 
@@ -100,17 +100,17 @@ def test_light_that_flickers_is_made_steady(gain: Luma) -> None:
 
 @pytest.mark.parametrize("elapsed", [1.0, 2.0])
 def test_a_lasting_change_of_the_light_passes_through_in_time(elapsed: float) -> None:
-    """Of a gain of 0.7, e^-1 of its logarithm is left out after the time constant."""
+    """After one time constant, the share 1 / e of the gain's logarithm is still removed."""
     light = SteadyLight(60.0)
     light.step(scene(), elapsed)
     darker = scene() * np.float32(0.7)
     shown = [light.step(darker, elapsed) for _ in range(1 + round(60 / elapsed))]
     np.testing.assert_allclose(shown[0], scene(), rtol=1e-4)
-    left = np.log(shown[-1] / darker)
-    np.testing.assert_allclose(left, -np.log(0.7) / np.e, rtol=1e-3)
+    removed = np.log(shown[-1] / darker)
+    np.testing.assert_allclose(removed, -np.log(0.7) / np.e, rtol=1e-3)
 
 
-def test_light_that_falls_on_and_on_is_made_up_by_a_factor_of_2_at_most() -> None:
+def test_at_most_a_factor_of_2_is_removed_from_light_that_falls_steadily() -> None:
     light = SteadyLight(1e9)
     for t in range(7):
         luma = scene() * np.float32(0.8**t)
@@ -160,7 +160,7 @@ def test_bars_end_at_the_first_frame_without_them() -> None:
 
 
 def test_a_plain_ground_around_an_object_is_no_bar() -> None:
-    """The lines beside the object are plain up to it, and most of the next line is ground too."""
+    """The lines beside the object are plain, but most of the line with its edge is ground too."""
     bars = Bars()
     luma = np.ones((HEIGHT, WIDTH), np.float32)
     luma[30:80, 50:100] = 0
@@ -170,7 +170,7 @@ def test_a_plain_ground_around_an_object_is_no_bar() -> None:
 
 
 def test_a_strip_that_becomes_narrower_was_ground_and_no_bar() -> None:
-    """A square that fills most of the side rests, and then grows."""
+    """A wide band rests, and then grows."""
     bars = Bars()
     for size in [*[45] * 12, *range(46, 55)]:
         luma = np.ones((HEIGHT, WIDTH), np.float32)

@@ -71,7 +71,7 @@ def test_each_equation_agrees_with_the_literal_reference(
 def test_the_presynaptic_sums_agree_with_the_literal_reference(
     shape: tuple[int, int], axes: tuple[int, ...]
 ) -> None:
-    contrasts = (0.02, 0.02, 0.02, 0.02, 1)  # so that not everything is inhibited
+    contrasts = (0.02, 0.02, 0.02, 0.02, 1)  # so that some excitation is not inhibited
     frames = [f * np.float32(k) for f, k in zip(random_frames(shape), contrasts, strict=True)]
     sums, p = stepped(frames, axes).sums, reference.photoreceptors(frames)
     np.testing.assert_allclose(sums.presynaptic, reference.presynaptic(p), atol=1e-5)
@@ -107,7 +107,7 @@ def test_straight_edge_table(speed: int) -> None:
 
 
 def test_s_is_exactly_0_where_nothing_changed() -> None:
-    """Far from a change that is over, I is 0 but for its last digits, of either sign."""
+    """Far from an earlier change, I is 0 up to rounding errors of either sign."""
     frames = [np.zeros((60, 60), np.float32) for _ in range(5)]
     for t, frame in enumerate(frames[:3]):
         frame[:9, :9] = 0.3 * t
@@ -124,9 +124,9 @@ def test_s_is_exactly_0_where_nothing_changed() -> None:
 
 @pytest.mark.parametrize("levels", [219, 876])
 def test_s_is_exactly_0_beside_a_change(levels: int) -> None:
-    """Half of I less its odd part may be below 0 in its last digit, where E is 0."""
+    """Where E is 0, rounding errors can make I_phi a little less than 0."""
     codes = np.random.default_rng(4).integers(0, levels + 1, (5, 30, 70))
-    codes[:4] //= 100  # little inhibits the last frame
+    codes[:4] //= 100  # so that inhibition is weak in the last frame
     codes[2:, :, 20:50] = codes[2, :, 20:50]
     dpc = Dpc((30, 70), DpcParams(kernel_radius=20, sigma_inhibition=12.0), (0, 90))
     for each in codes:
@@ -137,7 +137,7 @@ def test_s_is_exactly_0_beside_a_change(levels: int) -> None:
 
 
 def test_s_returns_to_0_where_the_motion_has_passed() -> None:
-    """S of the frame before must not remain, in a texture that drifts and an object that moves."""
+    """No S of the frame before remains, with a texture that drifts and an object that moves."""
     shape = (50, 90)
     codes = np.random.default_rng(1).integers(0, 220, shape)
     frames: list[Luma] = []
@@ -233,7 +233,7 @@ def test_a_wrong_array_is_refused(frame: Luma) -> None:
 
 
 def test_luminance_of_8_bits_is_refused() -> None:
-    """It would make every response 255 times too large, and the first alarm come at once."""
+    """Every response would be 255 times too large, and the first frame would cause an alarm."""
     dpc = Dpc((9, 9), DpcParams())
     with pytest.raises(FrameError, match="L is 0 to 1: divide 8 bits by 255"):
         dpc.step(np.full((9, 9), 200, np.float32))

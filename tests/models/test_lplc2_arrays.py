@@ -1,4 +1,4 @@
-"""Models of LPLC2 neurons against literal versions, and what each is known to answer to."""
+"""Models of LPLC2 neurons against literal versions, and their known responses."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SHAPE = 150, 200
 
 @pytest.fixture(autouse=True, scope="module")
 def each_arithmetic() -> None:
-    """Once is enough: no compiled loops take part."""
+    """Run these tests once: no compiled loops are used."""
 
 
 def textured(frames: int, shape: tuple[int, int]) -> Frames:

@@ -22,7 +22,7 @@ FIELD_OF_200 = REFERENCE.replaced(receptive_field=200, cell=10)
 
 
 def strongest(frames: list[np.ndarray], params: OpplodParams) -> tuple[float, int, float, float]:
-    """Peak of R, its frame, and the winning unit's centre."""
+    """Return the peak of R, its frame, and the winning unit's centre."""
     model = Opplod(frames[0].shape, params)
     best = (-1.0, -1, np.nan, np.nan)
     for t, frame in enumerate(frames):
@@ -43,7 +43,7 @@ def test_pooled_opponency_agrees_with_the_literal_reference(
     shape: tuple[int, int], cell: int, field: int, sigma: float, axes: int
 ) -> None:
     rng = np.random.default_rng(5)
-    # A second half without inhibition, so that there is something to pool.
+    # Earlier frames have low contrast, so that inhibition leaves some S to pool.
     frames = [rng.random(shape, dtype=np.float32) * s for s in (0, 0, 0.05, 0.1, 1)]
     params = REFERENCE.replaced(
         receptive_field=field, cell=cell, pool_sigma=sigma, axes=axes, periphery=0.7, gain=2.5,
@@ -169,12 +169,12 @@ def test_defaults_follow_the_height() -> None:
 # ---- Additions of preset default ---------------------------------------------------------------
 
 SHAPE = (40, 61)
-# Random frames have no history that a moving object would have.
+# history=0, because random frames lack the history of a moving object.
 SMALL = REFERENCE.replaced(receptive_field=30, cell=5, pool_sigma=1.0, periphery=0.7, history=0)
 
 
 def random_frames() -> list[Luma]:
-    """Seven frames, the last of high contrast: what excites there is not all inhibited."""
+    """Seven frames; the last has a high contrast, so that some excitation is not inhibited."""
     rng = np.random.default_rng(5)
     contrasts = (0.01, 0.01, 0.02, 0.01, 0.03, 0.05, 1)
     return [rng.random(SHAPE, dtype=np.float32) * np.float32(each) for each in contrasts]
@@ -224,7 +224,7 @@ def test_opponency_agrees_with_the_literal_reference(changes: dict[str, Any]) ->
 
 
 def test_the_border_of_the_frame_answers_nothing() -> None:
-    """Noise that is no further than 6 px from an edge."""
+    """The noise lies within 6 px of the frame's edges."""
     frames = random_frames()
     for frame in frames:
         frame[6:-6, 6:-6] = 0.5
@@ -239,7 +239,7 @@ def test_the_border_of_the_frame_answers_nothing() -> None:
 
 @pytest.mark.parametrize("compression", [0.5, 1.0])
 def test_a_contrast_counts_to_the_power_of_the_compression(compression: float) -> None:
-    """S is linear in the luminance, a product has two of them, and the response R^2 four."""
+    """S is linear in the luminance, an opponent product has two factors S, and R^2 has four."""
     peaks = []
     for contrast in (1.0, 0.25):
         model = Opplod(SHAPE, SMALL.replaced(compression=compression))
@@ -259,7 +259,7 @@ def test_the_frame_at_half_its_size_answers_before_two_intervals_have_passed() -
     )
     assert two[:6] == [None] * 6
     assert both[:3] == [None] * 3
-    for at in range(3, 6):  # R of the frame at half its size alone
+    for at in range(3, 6):  # `both` has only R of the frame at half its size
         halved, more = both[at], one_and_half[at]
         assert halved is not None
         assert more is not None

@@ -44,7 +44,7 @@ def layers(pathways: dict[int, np.ndarray]) -> Dpc:
 def test_cells_lie_centred_in_the_frame() -> None:
     np.testing.assert_allclose(cell_centres(427, 8)[[0, -1]], [1.5 + 4, 427 - 5.5])
     np.testing.assert_allclose(cell_centres(3, 8), [1.5])
-    # An odd number of units has one in the middle.
+    # If the number of units is odd, one of them is in the middle.
     np.testing.assert_allclose(cell_centres(32, 8, 3), [8, 16, 24])
     np.testing.assert_allclose(cell_centres(32, 8, 2), [4, 12, 20, 28])
     np.testing.assert_allclose(cell_centres(8, 8, 1), [4])
@@ -109,7 +109,7 @@ def test_the_cone_drops_offsets_aside_of_the_motion() -> None:
 
 @pytest.mark.parametrize("axis", [0, 45, 90, 135])
 def test_expansion_is_outward_and_contraction_is_inward(axis: int) -> None:
-    """One thing moves along phi at c + u, another along phi + 180 at c - u."""
+    """S_phi is 1 at c + u, and S_(phi+180) at c - u; or the two places are exchanged."""
     up, right = np.sin(np.radians(axis)), np.cos(np.radians(axis))
     ahead = (round(10 - 4 * up), round(10 + 4 * right))
     behind = (20 - ahead[0], 20 - ahead[1])
@@ -180,7 +180,7 @@ def test_a_bar_is_left_out_at_its_own_side(
 
 
 def test_the_compression_widens_what_a_thin_edge_gives() -> None:
-    """The root of a Gaussian is one with sqrt(2) times its sigma; boxes are smaller by that."""
+    """The square root of a Gaussian is a Gaussian with sqrt(2) times its sigma."""
     params = [REFERENCE.replaced(compression=each).resolved(240) for each in (1.0, 0.5)]
     spreads = [PooledJudgement((240, 240), each).maps.spread for each in params]
     assert spreads == pytest.approx([12, 12 * 2**0.5])

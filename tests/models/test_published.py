@@ -1,4 +1,4 @@
-"""The published detectors against literal versions, and what each is known to answer to."""
+"""The published detectors against literal versions, and their known responses."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture(autouse=True, scope="module")
 def each_arithmetic() -> None:
-    """Once is enough: no compiled loops take part."""
+    """Run these tests once: no compiled loops are used."""
 
 
 NAMES = (
@@ -34,7 +34,7 @@ NAMES = (
 
 
 def scene(kind: str, frames: int = 14, shape: tuple[int, int] = (36, 49)) -> Frames:
-    """A soft square that grows over texture; after `flash`, frames that change a lot."""
+    """A square that grows over a texture, with noise; of kind `flash`, some frames are inverted."""
     rng = np.random.default_rng(5)
     ground = 120 + 40 * np.kron(rng.random((9, 13)), np.ones((4, 4)))[: shape[0], : shape[1]]
     y, x = np.mgrid[: shape[0], : shape[1]]
@@ -117,7 +117,7 @@ def test_a_reset_forgets_everything() -> None:
 
 
 def test_the_sum_of_a_map_does_not_depend_on_its_place_in_memory() -> None:
-    # Values that decay from frame to frame differ much in size: each order has another sum.
+    # Values of very different size: each order of additions gives another sum.
     values = np.asarray(10 ** np.random.default_rng(1).uniform(-8, 3, (120, 213)), np.float32)
     room = np.empty(values.size + 16, np.float32)
     sums = set()
@@ -142,7 +142,7 @@ def test_a_collision_stays_over_a_still_scene() -> None:
     assert model.at_rest().collision == 0  # type: ignore[attr-defined]
 
 
-# ---- What each is known to answer to -------------------------------------------------------
+# ---- Known responses of each detector ------------------------------------------------------
 
 
 def growing(
@@ -228,7 +228,7 @@ def test_the_synapses_of_plgmd_transmit_independently() -> None:
 
 
 def test_lgmd_contrast_keeps_its_response_from_a_contrast_of_a_fifth() -> None:
-    # Off the full range: at 1 the disk is black.
+    # The contrast is below 0: at 1 the disk is black.
     peaks = [peak(answers("lgmd_contrast", growing(-c))) for c in (0.2, 0.4, 0.6, 0.8, 1.0)]
     assert max(peaks) <= 1.2 * min(peaks)
     flash = [np.full((72, 99), level, np.uint8) for level in (60, 200)]
@@ -236,7 +236,7 @@ def test_lgmd_contrast_keeps_its_response_from_a_contrast_of_a_fifth() -> None:
 
 
 def test_ci_lmd_answers_to_a_strong_change_when_it_is_over() -> None:
-    # During a change So and Sf have two signs, and their product is below 0.
+    # During a change So and Sf have different signs, so that their product is below 0.
     for frames in (BRIGHT, DARK):
         assert {each.ci_lmd for each in answers("ci_lmd", frames)} == {0.5}
     step = [np.full((40, 40), level, np.uint8) for level in (255, 0, 0, 0)]
@@ -253,7 +253,7 @@ def test_area_growth_is_one_over_the_time_to_contact() -> None:
     ]
     frames.insert(0, np.full((120, 120), 200, np.uint8))
     found = answers("area_growth", frames)
-    # The size of now over that of 3 frames ago: 1 / growth is 3 frames late.
+    # Growth compares with the size 3 frames ago: 1 / growth is 3 frames late.
     assert 1 / found[51].growth == pytest.approx(contact - 50 + 3, rel=0.03)
     retreat = [frames[0], *frames[:0:-1]]
     assert peak(answers("area_growth", retreat)[5:]) == 0

@@ -59,8 +59,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
         ([OPPLOD, DLGMD, DIFFERENCE], 11, 9),
         ([DLGMD, DIFFERENCE, OPPLOD], 11, 9),
         ([OPPLOD, OTHER_SIGMA], 11, 18),
-        # P over one interval, which the bank needs for its mean; over two, from the third frame on;
-        # and in the frame at half its size.
+        # The layers are P over one interval (the bank needs its mean), P over two intervals from
+        # the third frame on, and P in the frame at half its size.
         ([DEFAULT], 11 + 10 + 11, 6 + 9),
         ([DLGMD, DEFAULT, DIFFERENCE], 11 + 10 + 11, 9 + 6 + 9),
     ],
@@ -107,8 +107,8 @@ def test_detectors_with_other_axes_have_layers_of_their_own(calls: Counter[str])
     holds = [
         layers.dpc(DpcParams(), (45, 135)),
         layers.dpc(DpcParams(), (0, 90)),
-        layers.dpc(DpcParams()),  # any axes will do for S
-        layers.dpc(OPPLOD, (0, 90)),  # its other constants do not matter
+        layers.dpc(DpcParams()),  # S is the same with any axes
+        layers.dpc(OPPLOD, (0, 90)),  # only its DPC constants matter
     ]
     assert holds[0].layer is not holds[1].layer
     assert holds[2].layer is holds[0].layer

@@ -47,7 +47,7 @@ def seen(times: Sequence[float], frames: Sequence[Luma], stride: int = 1) -> Pho
 
 
 def numbered(count: int) -> list[Luma]:
-    """Frames of which the change tells which two were compared."""
+    """Frames whose difference shows which two frames were compared."""
     return [np.full((2, 3), 0.001 * t**2, np.float32) for t in range(count)]
 
 
@@ -81,7 +81,7 @@ def test_each_frame_is_compared_with_that_one_interval_earlier(
     [(15, 1, 1), (25, 2, 5 / 6), (30, 2, 1), (33, 2, 1.1), (50, 4, 5 / 6), (60, 4, 1)],
 )
 def test_a_stride_of_two_is_two_intervals(rate: int, back: int, share: float) -> None:
-    """At 50 frames/s 0.06 s are nearer than 0.08 s, but not by much."""
+    """At 50 frames/s, 0.06 s is not much nearer to two intervals than 0.08 s: 0.08 s is taken."""
     count = 3 * back + 1
     frames = numbered(count)
     layer = seen([t / rate for t in range(count)], frames, stride=2)
@@ -99,7 +99,7 @@ def test_a_frame_that_was_dropped_makes_the_interval_longer() -> None:
     np.testing.assert_array_equal(layer.maps, changes)
     layer = seen([t / 30 for t in kept], [frames[t] for t in kept])
     assert (layer.share, layer.elapsed) == (1, 1)
-    # Each change goes by the length of its own interval: the second one was twice as long.
+    # Each mean is scaled by the length of its own interval: that of the third was twice as long.
     means = [float(change.mean()) for change in layer.maps]
     assert layer.means == pytest.approx([means[0], means[1], means[2] / 2])
 
@@ -187,7 +187,7 @@ def test_s_of_an_edge_is_referred_to_one_interval(speed: float, share: float) ->
     e, s = edge_sums(speed / share)
     _, expected = edge_sums(speed)
     assert referred(s, e, share, directional=True) == pytest.approx(expected, rel=0.08)
-    # And back again, where the interval was too short.
+    # The same in the other direction: the actual interval is too short.
     back = referred(expected, e * share, 1 / share, directional=True)
     assert back == pytest.approx(s, rel=0.12)
 
@@ -197,7 +197,7 @@ def test_s_over_the_reference_interval_stays_as_it_is() -> None:
 
 
 def responses(rate: float, name: str, params: OpplodParams = REFERENCE) -> dict[float, Response]:
-    """A disk that grows faster and faster, from 0.2 to 7/15 s."""
+    """The answers to a disk that grows faster and faster, from 0.2 to 7/15 s."""
     bank = DetectorBank((SIZE, SIZE), [params, DlgmdParams()])
     answers = {}
     for t in range(1 + int(rate * 7 / 15 + 1e-9)):
@@ -236,7 +236,7 @@ def test_few_frames_per_second_keep_half_of_the_peak(rate: int, l_over_v_ms: int
     ("rate", "steps"), [(60, 0.5), (30, 1), (25, 1.2), (24, 1.25), (20, 1.3), (12, 1.3)]
 )
 def test_persistence_goes_by_time_down_to_23_frames_per_second(rate: int, steps: float) -> None:
-    dropped = 12  # frames; a single dropped frame does not make pictures rare
+    dropped = 12  # number of the one frame that is dropped; the usual step stays the same
     params = DEFAULT.replaced(adaptation_level=0)
     kept, plain = (
         Opplod((SIZE, SIZE), each, layers=Layers((SIZE, SIZE), Clock(frame_rate=rate)))
@@ -271,7 +271,7 @@ def test_frames_between_change_nothing_at_the_same_times(name: str, rate: int) -
 
 @pytest.mark.parametrize("rate", [60, 90, 120, 240])
 def test_frames_between_change_nothing_for_the_slow_suppression(rate: int) -> None:
-    """Preset `lplc2` goes from interval to interval."""
+    """The suppression of preset `lplc2` follows from its value an interval ago."""
     here = {
         round(30 * time_s, 6): each.response
         for time_s, each in responses(rate, "opplod", LPLC2).items()
@@ -283,7 +283,7 @@ def test_frames_between_change_nothing_for_the_slow_suppression(rate: int) -> No
 
 @pytest.mark.parametrize("rate", [60, 120])
 def test_the_slow_suppression_begins_alike_at_any_rate(rate: int) -> None:
-    """A disk that grows from the first frame on is suppressed as after a complete interval."""
+    """Suppression in a video's first interval is as strong as after a complete interval."""
     found = []
     for each in (30, rate):
         bank = DetectorBank((SIZE, SIZE), [LPLC2])
@@ -315,11 +315,11 @@ def test_the_adaptation_begins_alike_at_any_rate() -> None:
 def test_pictures_rarer_than_the_video_says_are_seen_at_their_own_rate(
     rate: int, alike_from: int
 ) -> None:
-    """After two steps the size at which they are compared goes by their times."""
+    """After two steps the size of the smaller frame follows from the presentation times."""
     params = DEFAULT.replaced(persistence=0, adaptation_level=0)
     series = []
-    for told in (30, rate):
-        clock = Clock(frame_rate=told)
+    for declared in (30, rate):
+        clock = Clock(frame_rate=declared)
         model = Opplod((SIZE, SIZE), params, layers=Layers((SIZE, SIZE), clock))
         found = []
         for t in range(18):
@@ -339,7 +339,7 @@ def test_pictures_rarer_than_the_video_says_are_seen_at_their_own_rate(
     ids=["missed repeats", "steps 1, 2", "steps 1, 3"],
 )
 def test_a_step_that_comes_and_goes_does_not_change_the_size(steps: list[float]) -> None:
-    """A new size has no answer for three frames: until then the one before goes on."""
+    """A new size needs three frames for an answer; until then the former size is used."""
     times = np.cumsum(steps)
     found = []
     for weight in (0.0, 2.0):
@@ -370,7 +370,7 @@ def test_motion_has_a_history_where_something_moved_nearby() -> None:
     assert unknown.sum() == 9
     assert unknown[19:22, 19:22].all()
     one[:] = 0
-    one[20, 13] = 1  # seven cells from the nearest cell beside it
+    one[20, 13] = 1  # seven cells from the cell that moves
     assert not has_history([now, one, two], 0.125)[20, 20]
 
 
@@ -406,7 +406,7 @@ def test_a_pause_before_changes_nothing_under_the_default(rate: int) -> None:
 
 
 def test_an_object_that_sets_off_sideways_answers_nothing() -> None:
-    """Without history all its edges excite all pathways."""
+    """With history=0 all edges of the object excite all pathways."""
     moving = [disk(SIZE, 40 + 4 * t, 60, 20) for t in range(3)]
     largest = []
     for history in (0.0, 0.125):

@@ -1,6 +1,6 @@
-"""Whether the trained receptive field tells hits from misses, retreats and rotations.
+"""The trained receptive field distinguishes hits from misses, retreats and rotations.
 
-Freshly drawn trajectories of balls, seen by 32 units around the head, as in its training
+As in its training, 32 units around the head see random trajectories of balls
 (``docs/detectors.md``).
 """
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 
-STEP_S, SAMPLED = 0.01, 3  # one step in three is seen
+STEP_S, SAMPLED = 0.01, 3  # the units see every third step
 ELEMENT, SIDE, DEGREES = 4, 48, 5  # px, px, degrees per element
 UNITS = 32
 
 
 @pytest.fixture(autouse=True, scope="module")
 def each_arithmetic() -> None:
-    """Once is enough: no compiled loops take part."""
+    """Run these tests once: no compiled loops are used."""
 
 
 def direction(rng: np.random.Generator) -> Floats:
@@ -38,7 +38,7 @@ def direction(rng: np.random.Generator) -> Floats:
 
 
 def retreat(rng: np.random.Generator) -> Floats:
-    """A ball that leaves in a straight line; reversed in time, a hit."""
+    """Return the path of a ball that leaves in a straight line; reversed in time it is a hit."""
     while True:
         start, velocity = direction(rng) * rng.uniform(0, 1), direction(rng) * rng.uniform(2, 10)
         times = STEP_S * np.arange(int(12 / np.linalg.norm(velocity) / STEP_S) + 2)
@@ -50,7 +50,7 @@ def retreat(rng: np.random.Generator) -> Floats:
 
 
 def miss(rng: np.random.Generator) -> Floats:
-    """A ball that passes, up to where it is nearest."""
+    """Return the path of a ball that passes, up to its nearest point."""
     while True:
         start = direction(rng) * rng.uniform(5, 5.01)
         velocity = -np.sign(start) * np.abs(direction(rng) * rng.uniform(2, 10))
@@ -63,7 +63,7 @@ def miss(rng: np.random.Generator) -> Floats:
 
 
 def rotation(rng: np.random.Generator, balls: int) -> Floats:
-    """A world of balls that turns about a random axis, by steps back and forth."""
+    """Return the paths of balls that turn about one random axis, by steps back and forth."""
     places = np.array([direction(rng) * rng.uniform(5, 15) for _ in range(balls)])
     axis, shown = direction(rng), []
     for _ in range(50):
@@ -112,7 +112,7 @@ def probability(path: Floats, radii: Floats, axes: Floats, rays: Floats) -> floa
 
 
 def area_under_curve(ones: Sequence[float], others: Sequence[float]) -> float:
-    """Return the chance that one of the first is larger than one of the others."""
+    """Return the probability that a random one of `ones` is larger than one of `others`."""
     return float(np.mean([(a > b) + 0.5 * (a == b) for a in ones for b in others]))
 
 

@@ -265,7 +265,7 @@ def test_the_grid_of_an_upright_video_is_that_of_a_lying_one() -> None:
 def test_a_part_is_seen_at_the_finest_resolution_that_costs_half(
     radius: int, spacing: float
 ) -> None:
-    """At half of the size a square of 98 px costs as much as half of the frame at a quarter."""
+    """A square of 98 px at half its size costs as much as half of the frame at a quarter."""
     motion = vectors(disk((160, 120), radius), disk((160, 120), radius + 2))
     steps = np.diff(np.unique(motion.starts[:, 0].round(3)))
     assert steps.min() == pytest.approx(spacing, abs=0.02)

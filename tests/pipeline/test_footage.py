@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.slow
 
 DEFAULT = (("opplod", "default"),)
-# The encoder leaves less texture, and with it less background, to a small picture. Without the
-# adaptation these peaks are within 2 %.
+# The encoder removes more texture from a small picture, so that the background of R is smaller.
+# Without the adaptation these peaks differ by at most 2 %.
 LOST = {
     ("opplod, default", "360 rows, CRF 18"): 0.52,
     ("opplod, default", "2160 rows, CRF 18"): 0.2,
@@ -39,12 +39,12 @@ LOST = {
 
 
 class Case(NamedTuple):
-    """How far the ratio of two peaks of `default` may be from 1.
+    """The largest deviation from 1 of the ratio of peaks of preset `default`.
 
-    The first peak is that of a file with repeats. `told` is for the same file if the test says
-    which frames are repeats, so that recognition makes no difference. `plain` is for a file that
-    shows every picture once; here the encoder makes a difference too. `pictures` is the largest
-    distance of the alarms of these two files, in pictures.
+    `told`: the peak divided by that on the same file if the detectors are told the repeats; the
+    recognition of repeats causes this deviation. `plain`: the peak divided by that on the file
+    that shows every picture once; the encoder adds to this deviation. `pictures`: the largest
+    difference between the starts of alarms, in pictures.
     """
 
     how: str
@@ -57,30 +57,30 @@ GENERATED = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.02, 0.02),
     Case("twice, CRF 23", 0.005, 0.005),
-    # A picture of the small disk is taken for a repeat: the clock begins with short intervals.
+    # A picture of the small disk counts as a repeat, so that the first intervals are too short.
     Case("12 in 30, CRF 23", 0.07, 0.07),
-    Case("twice, CRF 28", 0.005, 0.02, pictures=1.6),  # 0.05 s earlier because of the encoder
+    Case("twice, CRF 28", 0.005, 0.02, pictures=1.6),  # 0.05 s earlier, due to the encoder
     # 27 of 45 repeats are missed while the disk is small: the clock begins 10 pictures before, and
     # frames are seen at half their size for longer.
     Case("12 in 30, CRF 28", 0.02, 0.08),
 )
-# The encoder also codes a picture in another way if repeats follow.
+# The encoder encodes a picture in another way if it is repeated.
 TC22 = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.005, 0.005),
     Case("twice, CRF 23", 0.005, 0.11),
     Case("12 in 30, CRF 23", 0.005, 0.05),
-    # The repeats before the cadence is known are shown, and are background of the adaptation.
+    # Repeats before the cadence is recognised count as frames, and as background of the adaptation.
     Case("twice, CRF 28", 0.12, 0.15),
     Case("12 in 30, CRF 28", 0.05, 0.12),
 )
-# Peaks are below the alarm's floor; `compared` takes those below a quarter of it for equal.
+# Peaks are below the alarm's floor; `compared` treats peaks below a quarter of the floor as equal.
 C38 = (
     Case("twice, exactly", 0.005, 0.005),
     Case("12 in 30, exactly", 0.005, 0.005),
     Case("twice, CRF 23", 0.005, 0.01),
     Case("12 in 30, CRF 23", 0.005, 0.005),
-    # Steps are irregular where repeats are missed, and P is compared with other frames then.
+    # Missed repeats make the steps irregular, so that other frames are compared.
     Case("twice, CRF 28", 0.24, 0.24),
     # Both peaks are below a quarter of the floor; one of the files has an alarm of a near contact.
     Case("12 in 30, CRF 28", 0.005, 0.005, pictures=float("inf")),
@@ -88,7 +88,7 @@ C38 = (
 
 
 def check(shown: list[Plane], folder: Path, cases: tuple[Case, ...]) -> None:
-    """Check that `default` alarms as it does for the file with every picture once."""
+    """Check that the alarms of `default` are those on the file that shows every picture once."""
     limits, seen = {case.how: case for case in cases}, 0
     for pair in repeated(shown, Fraction(30), folder):
         if pair.how not in limits:
@@ -119,7 +119,7 @@ def test_repeats_of_a_clip_change_no_alarm(
 
 
 def test_the_size_of_a_video_changes_little(tmp_path: Path) -> None:
-    """The encoder loses most texture of a small picture, and so `default` loses background."""
+    """The encoder removes most texture from a small picture, and so the background of R."""
     path = coded(tmp_path / "a.mp4", generated(2160, 30), Fraction(30), LOSSLESS)
     for how, here, there, *_ in sizes(path, 30, tmp_path):
         plain = answers(there)[0]

@@ -85,7 +85,7 @@ def _lplc2_units(right: Plane, down: Plane, field: int, threshold: float) -> Pla
     """
     half, width = field // 2, round(field * 2 / 5)
     units = _arms(right, half, width, threshold)
-    if units.any():  # in most frames all units are 0 by now
+    if units.any():  # in most frames all units are already 0
         units *= _arms(np.ascontiguousarray(down.T), half, width, threshold).T
     return units
 

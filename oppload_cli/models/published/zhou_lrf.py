@@ -87,10 +87,10 @@ class _Blur:
 
     def __init__(self, element: int) -> None:
         self._step, self._reach = element // 2, 2 * element
-        # The kernel is cut into bands, half an element high; each row of a band becomes a matrix.
-        self._bands = (
-            _blur_kernel(element).reshape(-1, self._step, 2 * self._reach).transpose(1, 2, 0)
-        )
+        # The kernel is cut into bands of rows, each half an element high. Rows that have the same
+        # number in their bands form one matrix, shape (columns, bands).
+        bands = _blur_kernel(element).reshape(-1, self._step, 2 * self._reach)
+        self._matrices = bands.transpose(1, 2, 0)
 
     def __call__(self, image: Plane, rows: int, columns: int) -> Plane:
         """Return the blurred image, shape (2 rows + 1, 2 columns + 1).
@@ -100,12 +100,12 @@ class _Blur:
         padded = cv2.copyMakeBorder(image, *(self._reach,) * 4, borderType=EDGE)
         wide = np.lib.stride_tricks.sliding_window_view(padded, 2 * self._reach, axis=1)
         wide = wide[:, : 2 * columns * self._step + 1 : self._step]
-        count = self._bands.shape[2]
+        count = self._matrices.shape[2]
         end = (2 * rows + count) * self._step
         sums = np.zeros((2 * rows + count, 2 * columns + 1, count))
-        for row, band in enumerate(self._bands):
-            sums += np.ascontiguousarray(wide[row : end : self._step]) @ band
-        # Each place is the sum of one band of the kernel from each band of the image.
+        for row, matrix in enumerate(self._matrices):
+            sums += np.ascontiguousarray(wide[row : end : self._step]) @ matrix
+        # Row r of the result is the sum over n of the kernel's band n with the image's band r + n.
         out = np.zeros((2 * rows + 1, 2 * columns + 1))
         for number in range(count):
             out += sums[number : number + len(out), :, number]
