@@ -12,14 +12,16 @@ import tempfile
 import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from fractions import Fraction
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+import av
 import cv2
 import numpy as np
 
-from benchmarks import decoding, media, references
+from benchmarks import decoding, references
 from oppload_cli.environment import environment
 from oppload_cli.models.dlgmd import DlgmdParams, group, threshold
 from oppload_cli.models.layers import Dpc
@@ -27,6 +29,7 @@ from oppload_cli.models.opposing_motion import PooledJudgement
 from oppload_cli.models.registry import DetectorBank, default_names, parameters_of
 from oppload_cli.motion.flow import DenseFlow
 from oppload_cli.video.source import open_video
+from oppload_cli.video.writers import ON_ANY_PROCESSOR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -40,6 +43,51 @@ if TYPE_CHECKING:
 RESULTS = Path(__file__).parent / "results"
 COMMAND = str(Path(sys.executable).with_name("oppload"))  # the command that users call
 LENGTHS = (600, 1800)  # frames of a run: the start-up is a smaller part of a longer run
+
+
+# ---- Videos and frames, which follow from a seed ---------------------------------------------
+
+
+def _scene(width: int, height: int, frames: int) -> Iterator[NDArray[np.uint8]]:
+    """Yield colour pictures: a drifting texture, and a disk that looms again and again."""
+    rng = np.random.default_rng(1)
+    coarse = rng.integers(0, 256, (height // 8, (width + 2 * frames) // 8 + 2, 3), np.uint8)
+    ground = cv2.resize(coarse, (width + 2 * frames + 16, height), interpolation=cv2.INTER_CUBIC)
+    for t in range(frames):
+        image = np.array(ground[:, 2 * t : 2 * t + width], np.uint8)
+        radius = int(height * 0.02 / max(0.02, 1 - (t % 90) / 90))
+        cv2.circle(image, (width // 2, height // 2), min(radius, height), (20, 20, 20), -1)
+        yield image
+
+
+def _h264(width: int, height: int, frames: int) -> Path:
+    """Return an H.264 file of the scene; make it if it does not exist."""
+    path = RESULTS / f"scene-{width}x{height}-{frames}.mp4"
+    if path.exists():
+        return path
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part.mp4")
+    with av.open(str(part), "w") as container:
+        options = {"preset": "veryfast", "crf": "23", **ON_ANY_PROCESSOR}
+        stream: Any = container.add_stream("libx264", rate=Fraction(30), options=options)
+        stream.codec_context.thread_count = 1  # another number gives other bytes
+        stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+        for image in _scene(width, height, frames):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+        container.mux(stream.encode())
+    part.rename(path)
+    return path
+
+
+def _luminance(width: int, height: int, frames: int) -> list[Luma]:
+    """Return the luminance of the scene, frame by frame."""
+    return [
+        cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32) / np.float32(255)
+        for image in _scene(width, height, frames)
+    ]
+
+
+# ---- Measurements ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -127,7 +175,7 @@ def _runs(rounds: int) -> Iterator[_Measurement]:
     """Measure complete runs against bare decoding and against PySceneDetect."""
     for width, height, must, aim in ((1920, 1080, "1.6", "1.15"), (1280, 720, "2.2", "1.3")):
         for frames in LENGTHS:
-            path = media.h264(RESULTS, width, height, frames)
+            path = _h264(width, height, frames)
             ours = partial(references.run, _run_command(path))
             yield _ratio(
                 f"oppload run, {height}p H.264, {frames} frames, over bare decoding",
@@ -145,13 +193,13 @@ def _runs(rounds: int) -> Iterator[_Measurement]:
 
 def _models_alone(rounds: int) -> Iterator[_Measurement]:
     """Measure the models without decoding."""
-    small = media.luminance(427, 240, 60)
+    small = _luminance(427, 240, 60)
     [times] = _times(rounds, _models(small))  # one thread computes frames of this size
     yield _measurement(
         "models alone, 427 x 240, one core: frames/s", ">= 400", "1000",
         [len(small) / each for each in times], "frames/s", seconds=statistics.median(times),
     )  # fmt: skip
-    large = media.luminance(1280, 720, 12)
+    large = _luminance(1280, 720, 12)
     ours = _models(large)
     yield _ratio(
         "models alone, 1280 x 720, against DIS ultrafast and divergence", ">= 1", "2",
@@ -161,7 +209,7 @@ def _models_alone(rounds: int) -> Iterator[_Measurement]:
         "models alone, 1280 x 720, against Farneback and divergence", ">= 15", "40",
         ours, partial(references.farneback, large), rounds, faster=True,
     )  # fmt: skip
-    paper = media.luminance(800, 600, 6)
+    paper = _luminance(800, 600, 6)
     for preset, must, aim in (("reference", ">= 20", "60"), ("paper", ">= 8", "20")):
         yield _ratio(
             f"preset {preset}, 800 x 600, against the literal reference", must, aim,
@@ -173,7 +221,7 @@ def _models_alone(rounds: int) -> Iterator[_Measurement]:
 
 def _stages(rounds: int) -> Iterator[_Measurement]:
     """Measure the time of each stage per frame of 427 x 240, in ms."""
-    frames = media.luminance(427, 240, 60)
+    frames = _luminance(427, 240, 60)
     opplod = cast("OpplodParams", parameters_of("opplod", "reference")).resolved(240)
     shape, dlgmd = (240, 427), DlgmdParams()
     dpc = Dpc(shape, opplod, opplod.both_axes)
@@ -207,7 +255,7 @@ def _stages(rounds: int) -> Iterator[_Measurement]:
         yield _measurement(
             f"stage: {name}", "", "", costs, "ms/frame", seconds=statistics.median(times)
         )
-    path = media.h264(RESULTS, 1280, 720, LENGTHS[0])
+    path = _h264(1280, 720, LENGTHS[0])
 
     def read() -> None:
         with open_video(path) as video:
@@ -235,7 +283,7 @@ def _start(rounds: int) -> Iterator[_Measurement]:
 def _memory(_rounds: int) -> Iterator[_Measurement]:
     """Measure the peak memory of complete runs."""
     for frames in (150, LENGTHS[0]):
-        peak = _peak_mb(_run_command(media.h264(RESULTS, 1920, 1080, frames)))
+        peak = _peak_mb(_run_command(_h264(1920, 1080, frames)))
         yield _measurement(f"peak memory, 1080p, {frames} frames", "<= 250", "150", [peak], "MB")
 
 
@@ -263,11 +311,11 @@ def _scaling(rounds: int) -> Iterator[_Measurement]:
     sizes = [(128, 72), (256, 144), (512, 288), (1280, 720)]
     costs = []
     for width, height in sizes:
-        [times] = _times(rounds, _models(media.luminance(width, height, 12)))
+        [times] = _times(rounds, _models(_luminance(width, height, 12)))
         costs.append(min(times))
     pixels = [width * height for width, height in sizes]
     yield _exponent("cost of the models against pixels", pixels, costs)
-    frames = media.luminance(128, 72, 1)
+    frames = _luminance(128, 72, 1)
     counts = [10, 100, 1000]
     totals = []
     for count in counts:
@@ -286,7 +334,7 @@ def _exponent(title: str, sizes: Sequence[float], costs: Sequence[float]) -> _Me
 
 def _live(_rounds: int) -> Iterator[_Measurement]:
     """Measure the time from a frame to its response at 720p and 30 frames/s, 99th percentile."""
-    images = [(luma * 255).astype(np.uint8) for luma in media.luminance(1280, 720, 60)]
+    images = [(luma * 255).astype(np.uint8) for luma in _luminance(1280, 720, 60)]
     bank = _bank((240, 427))
     flow = DenseFlow()
     latencies = []

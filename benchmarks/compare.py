@@ -3,9 +3,9 @@
     python -m benchmarks.compare BASE HEAD
     python -m benchmarks.compare --self-test
 
-Each round runs base, head and base again, each in a process of its own. The comparison fails if,
-in the median over the rounds, the head is slower by more than a tenth, and by more than twice the
-median difference between the two runs of the base.
+Each round runs base, head and base again, each in a process of its own. The comparison fails if the
+median ratio of head to base is above 1 by more than a tenth, and by more than twice the median
+difference between the two runs of the base.
 """  # fmt: skip
 
 from __future__ import annotations

@@ -5,12 +5,11 @@
     python -m benchmarks.rates --clips MANIFEST.csv
 
 The program draws looming disks at the times of the frames, at 10 to 240 frames/s and with dropped
-and jittered frames, and analyses them as ``oppload run`` does. Two frame sequences of one disk at
-30 frames/s may have different peaks, because the last frame comes more or less shortly before the
-disk stops to grow. So every rate is shown with `--phases` shifts of its first frame, and compared
-with the mean at 30 frames/s. The frames end when the disk stops to grow. With `--preset` only
-OppLoD runs, under that preset. `--clips` shows every frame, every second or every third frame of
-labelled clips, and counts the alarms at the floors of the package.
+and jittered frames. It analyses them as ``oppload run`` does. The frames end when the disk stops to
+grow. The peak depends on the time from the last frame to this moment. So every rate is shown with
+`--phases` shifts of its first frame, and compared with the mean at 30 frames/s. With `--preset`
+only OppLoD runs, under that preset. `--clips` shows every frame, every second or every third frame
+of labelled clips, and counts the alarms at the floors of the package.
 """
 
 from __future__ import annotations
@@ -105,8 +104,8 @@ def _disk(name: str) -> tuple[Protocol, float]:
 def _frame_times(rate: float, kind: str, phase: float, end_s: float) -> Times:
     """Return the times of frames up to `end_s`, of which the first is `phase` frames late.
 
-    `kind` is empty for even times. With "dropped" about every seventh frame is left out, with
-    "jittered" each time changes by up to a quarter of a frame, with "steps 1, 3" the steps from
+    `kind` is empty for even times. With "dropped" about every seventh frame is left out. With
+    "jittered" each time changes by up to a quarter of a frame. With "steps 1, 3" the steps from
     frame to frame are 1 and 3 frames in turns.
     """
     times = (np.arange(int(end_s * rate) + 1) + phase) / rate

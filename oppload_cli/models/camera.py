@@ -159,8 +159,8 @@ class Bars:
     """Plain strips along the sides of the frame, as beside an upright video in a wide frame.
 
     An edge that appears from behind a bar meets no inhibition, like an edge that enters the frame.
-    A strip is a bar if its width has been the same for 7.5 intervals (a quarter of a second), and
-    if it ends in a straight edge along most of the side.
+    A strip is a bar if its width has been the same for 7.5 intervals (a quarter of a second). It
+    must also end in a straight edge along most of the side.
 
     Attributes
     ----------

@@ -94,7 +94,7 @@ class Kernels:
         return cls(_trimmed(excitation_kernel(params)), inhibition_kernels(params), odd_masks)
 
 
-def _spread(params: DpcParams, sigma: float) -> Kernel:
+def _gaussian(params: DpcParams, sigma: float) -> Kernel:
     """Return g_s(d), the Gaussian of eq. (kernel EI) with the spread s in pixels.
 
     As in the authors' code, its amplitude is that of a one-dimensional Gaussian,
@@ -118,8 +118,8 @@ def excitation_kernel(params: DpcParams) -> Kernel:
 
     With the default constants five pixels are not 0; their sum is 0.528889.
     """
-    excitation = _spread(params, params.sigma_excitation)
-    inhibition = params.inhibition_strength * _spread(params, params.sigma_inhibition)
+    excitation = _gaussian(params, params.sigma_excitation)
+    inhibition = params.inhibition_strength * _gaussian(params, params.sigma_inhibition)
     undelayed = latency(params) < params.latency_one
     return np.where(undelayed, np.maximum(0, excitation - inhibition), 0)
 
@@ -130,7 +130,7 @@ def inhibition_kernels(params: DpcParams) -> tuple[Kernel, Kernel]:
     With the default constants W_I1 has 64 pixels other than 0, with a sum of 6.103130, and W_I2
     has 100, with a sum of 5.555562.
     """
-    inhibition = params.inhibition_strength * _spread(params, params.sigma_inhibition)
+    inhibition = params.inhibition_strength * _gaussian(params, params.sigma_inhibition)
     tau = latency(params)
     late = tau > params.latency_two
     early = (tau >= params.latency_one) & ~late

@@ -192,8 +192,8 @@ class Photoreceptors:
         Raises
         ------
         FrameError
-            If the array is not float32 of the right shape, or has a value that is not finite, or
-            if one of the first three frames has a value above 2, which suggests luminance of 0 to
+            If the array is not float32 of the right shape, or has a value that is not finite. Also
+            if one of the first three frames has a value above 2: its luminance is probably 0 to
             255. The frame is then not taken. Other values outside 0 to 1 are not checked.
         """
         self.need(luma)
