@@ -94,18 +94,10 @@ class Answer(NamedTuple):
 def coded(
     path: Path, planes: Planes, rate: Fraction, crf: int | None, height: int | None = None
 ) -> Path:
-    """Write grey pictures as an H.264 video, and return its path.
+    """Write grey pictures of one shape as an H.264 video of `rate` frames/s, and return its path.
 
-    Parameters
-    ----------
-    planes : iterable of ndarray of uint8, shape (rows, columns)
-        The pictures, of one shape.
-    rate : Fraction
-        Frames per second.
-    crf : int or None
-        Constant rate factor; None keeps every value of luma.
-    height : int, optional
-        Number of rows, even, to which pictures are enlarged (bicubic) or reduced (by area).
+    With `crf`, the constant rate factor, None, every value of luma is kept. `height` is the number
+    of rows, even, to which pictures are enlarged (bicubic) or reduced (by area).
     """
     options = {"preset": "veryfast", "crf": str(crf)} if crf else {"preset": "ultrafast", "qp": "0"}
     options |= ON_ANY_PROCESSOR

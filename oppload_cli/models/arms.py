@@ -78,17 +78,9 @@ def graded_motion(p: Sequence[Map], kernels: Kernels) -> _Motion:
 def arm_weights(reach: float, direction: float, cone: float) -> Map:
     """Return the weights with which an arm sums the cells around its unit.
 
-    Parameters
-    ----------
-    reach : float
-        Length of the arm in cells, above 0.
-    direction, cone : float
-        Direction of the arm (counter-clockwise, 0 = right) and half-width of its cone, in degrees.
-
-    Returns
-    -------
-    ndarray of float32, shape (2 n + 1, 2 n + 1)
-        From 0 to 1 by row and column of the offset; 0 in the middle.
+    `reach` is the length of the arm in cells, above 0. `direction` (counter-clockwise, 0 = right)
+    and `cone`, the half-width of the arm's cone, are in degrees. The weights, 0 to 1, are arranged
+    by row and column of the offset; in the middle is 0.
     """
     n = math.ceil(reach)
     y, x = np.mgrid[n : -n - 1 : -1, -n : n + 1].astype(np.float64)

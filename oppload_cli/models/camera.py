@@ -93,15 +93,9 @@ class SteadyLight:
 def change_of_light(before: Map, now: Map) -> NDArray[np.float32]:
     """Return the logarithm of the gain of the light between two frames.
 
-    Parameters
-    ----------
-    before, now : ndarray of float32, shape (rows, columns)
-        Mean luminance over cells, 0 to 1.
-
-    Returns
-    -------
-    ndarray of float32, shape (1, 1) or (rows, 1)
-        One gain, or one for each row of cells; 0 if neither explains the change.
+    `before` and `now` are the mean luminance over cells, 0 to 1, shape (rows, columns). The result
+    is one gain, shape (1, 1), or one for each row of cells, shape (rows, 1); 0 if neither explains
+    the change.
     """
     none = np.zeros((1, 1), np.float32)
     darker = np.minimum(before, now)
@@ -266,10 +260,8 @@ def leave_out_moving(
         P(t), 0 to 1.
     border : int
         Number of pixels at the start of each line; their largest P is the P of the line's motion.
-    least : float
-        Least P of a pixel that moves.
-    share : float
-        Least P of a pixel that moves, as a share of the P of the line's motion.
+    least, share : float
+        Least P of a pixel that moves: as luminance, and as a share of the P of the line's motion.
     """
     at_edge = change[:, :border].max(axis=1, initial=0.0, keepdims=True)
     rests = np.ones((len(change), change.shape[1] + 1), np.bool_)

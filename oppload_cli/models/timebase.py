@@ -112,13 +112,9 @@ def nearly_one(ratio: float) -> float:
 class Background:
     """The median of the recent responses, at most 16384 of them.
 
-    Parameters
-    ----------
-    reach : float
-        Length of the background, in the unit of the times, above 0.
-    guard : float
-        Length of the latest span of time that is not yet background, at least 0: an event must not
-        raise the background with which it is compared.
+    `reach`, above 0, is the length of the background in the unit of the times. `guard`, at least 0,
+    is the length of the latest span of time that is not yet background: an event must not raise
+    the background with which it is compared.
     """
 
     def __init__(self, reach: float, guard: float) -> None:

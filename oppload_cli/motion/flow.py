@@ -65,16 +65,8 @@ def sampled(
 ) -> MotionVectors:
     """Average the flow over each cell, and keep the vectors of cells that move and change enough.
 
-    Parameters
-    ----------
-    before, now : ndarray of uint8, shape (h, w)
-        Reduced frames.
-    flow : ndarray of float32, shape (h, w, 2)
-        Flow (x, y) from `before` to `now`, in their pixels.
-    cells : Cells
-        The grid.
-    params : RmoParams
-        Minimum speed and minimum change.
+    `before` and `now` are reduced frames, uint8 of shape (h, w). `flow`, float32 of shape (h, w, 2),
+    is the motion (x, y) between them in their pixels. `params` has the minimum speed and change.
     """
     sides = now.shape[0] / cells.rows, now.shape[1] / cells.columns  # of a cell, in samples
     # The compiled loops round as OpenCV does, except for sides below one sample, and if both sides

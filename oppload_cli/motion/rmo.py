@@ -202,8 +202,8 @@ def rmo_metrics(
     Parameters
     ----------
     starts, vectors : array_like, shape (n, 2)
-        Start (x, y) of each motion vector, and the vector (x, y). Zero vectors are left out; no
-        minimum speed is applied.
+        Start (x, y) of each motion vector, and the vector (x, y). Zero vectors are left out; there
+        is no minimum speed.
     params : RmoParams, optional
         Tolerances and sides; the defaults if left out.
 
