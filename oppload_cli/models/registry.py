@@ -167,7 +167,10 @@ def _check_class(detector: type[Detector]) -> str:
     name = getattr(detector, "name", None)
     where = f"detector '{name}' ({detector.__module__}.{detector.__qualname__})"
     if not isinstance(name, str) or not re.fullmatch(r"[a-z][a-z0-9_]*", name):
-        raise ParameterError(f"{where}: its name must be lower case, digits and underscores")
+        raise ParameterError(
+            f"{where}: its name must begin with a lower-case letter, and have only lower-case "
+            f"letters, digits and underscores"
+        )
     if missing := ", ".join(sorted(getattr(detector, "__abstractmethods__", ()))):
         raise ParameterError(f"{where}: it lacks {missing}; define it")
     if not re.fullmatch(r"#[0-9A-Fa-f]{6}", getattr(detector, "colour", "")):

@@ -65,7 +65,7 @@ def sampled(
 ) -> MotionVectors:
     """Average the flow over each cell, and keep the vectors of cells that move and change enough.
 
-    `before` and `now` are reduced frames, uint8 of shape (h, w). `flow`, float32 of shape (h, w, 2),
+    `before` and `now` are reduced frames, uint8, shape (h, w). `flow`, float32, shape (h, w, 2),
     is the motion (x, y) between them in their pixels. `params` has the minimum speed and change.
     """
     sides = now.shape[0] / cells.rows, now.shape[1] / cells.columns  # of a cell, in samples

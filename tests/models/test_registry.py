@@ -181,11 +181,11 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"name": "Other"}, "its name must be lower case, digits and underscores"),
-        ({"name": "2nd"}, "its name must be lower case"),
-        ({"name": ""}, "its name must be lower case"),
-        ({"name": "a-b"}, "its name must be lower case"),
-        ({"name": None}, "its name must be lower case"),
+        ({"name": "Other"}, "its name must begin with a lower-case letter, and have only"),
+        ({"name": "2nd"}, "its name must begin with a lower-case letter"),
+        ({"name": ""}, "its name must begin with a lower-case letter"),
+        ({"name": "a-b"}, "its name must begin with a lower-case letter"),
+        ({"name": None}, "its name must begin with a lower-case letter"),
         ({"name": "dlgmd"}, "its name is taken; choose another one"),
         ({"name": "alarm"}, "its name is taken"),
         ({"name": "rmo"}, "its name is taken"),
