@@ -1,8 +1,7 @@
-"""The ground behind the objects: an even luminance, drawn surroundings, a video or a still picture.
+"""The background of a stimulus: an even luminance, drawn surroundings, a video or a still picture.
 
-Drawn surroundings are flat surfaces with random textures, drawn back to front; all of it follows
-from a seed. A surface is far (the sky), endless (the ground), or ends (a wall, a post, a trunk);
-what lies further away is paler, as in haze.
+Drawn surroundings are flat surfaces with random textures that follow from a seed: a sky very far
+away, an endless ground, walls, posts and trunks. Haze makes distant surfaces paler.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ from oppload_cli.video.source import open_video
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from fractions import Fraction
 
     from numpy.typing import NDArray
 
     from oppload_cli.stimulus import protocol as protocols
     from oppload_cli.stimulus.courses import Vector
     from oppload_cli.stimulus.staging import View
+    from oppload_cli.stimulus.tables import Display, Scene
 
     Picture = NDArray[np.float32]
     Footage = tuple[tuple[float, ...], NDArray[np.uint8], float]
@@ -40,29 +39,25 @@ if TYPE_CHECKING:
     Random = np.random.Generator
 
 
-_MOST_BYTES = 1 << 30  # of a video's part that is used
-_SIDE = 512  # texels of a texture
+_MOST_BYTES = 1 << 30  # of a video's decoded pictures in memory
+_SIDE = 512  # texels along each side of a texture
 _RIGHT, _UP, _AHEAD = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _BACKDROP_M = 4000.0
-_CLEAR_M = 80.0  # haze takes most of a wall that far away
+_CLEAR_M = 80.0  # haze hides 63 % of a wall at this distance
 
 
 class _Background(Protocol):
-    """The ground behind the objects."""
+    """The background of a stimulus.
+
+    Both methods take a time while the shutter is open, and the time of the frame, in seconds of
+    the clip.
+    """
 
     def look(self, time: float, frame_s: float) -> object:
-        """Return all that the picture depends on."""
+        """Return the values that the picture depends on."""
 
     def picture(self, time: float, frame_s: float) -> Picture:
-        """Return a new picture, float32 (h, w), luminance 0 to 1.
-
-        Parameters
-        ----------
-        time : float
-            Seconds of the clip.
-        frame_s : float
-            The time of the frame to which `time`, in its open shutter, belongs.
-        """
+        """Return a new picture, float32 (h, w), luminance 0 to 1."""
 
 
 def background_of(protocol: protocols.Protocol) -> _Background:
@@ -73,28 +68,30 @@ def background_of(protocol: protocols.Protocol) -> _Background:
     StimulusError
         If its video or picture cannot be read, or does not fit the display.
     """
-    if protocol.scene.background is None:
-        return _Even(protocol)
-    if not protocol.scene.has_file:
+    scene, display = protocol.scene, protocol.display
+    if scene.background is None:
+        even = np.full((display.height, display.width), display.background, np.float32)
+        return _Constant(even)
+    if not scene.has_file:
         return Drawn(protocol)
-    path = Path(protocol.scene.background)
-    # Of a pattern such as frame_%03d.png there is no such file.
-    still = path.suffix.lower() in IMAGE_SUFFIXES and path.is_file()
-    return _Still(protocol) if still else _Video(protocol)
+    path = Path(scene.background)
+    # A pattern of image names, such as frame_%03d.png, is a video.
+    if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
+        return _Constant(_still_picture(scene, display))
+    return _Video(protocol)
 
 
-class _Even:
-    """An even luminance."""
+class _Constant:
+    """A picture that is the same in all frames."""
 
-    def __init__(self, protocol: protocols.Protocol) -> None:
-        display = protocol.display
-        self._shape, self._luminance = (display.height, display.width), display.background
+    def __init__(self, picture: Picture) -> None:
+        self._picture = picture
 
     def look(self, _time: float, _frame_s: float) -> object:
         return None
 
     def picture(self, _time: float, _frame_s: float) -> Picture:
-        return np.full(self._shape, self._luminance, dtype=np.float32)
+        return self._picture.copy()
 
 
 class Drawn:
@@ -109,81 +106,68 @@ class Drawn:
         """Return the surroundings and the camera at a time."""
         protocol = self._protocol
         cut = protocol.scene.cut_s
-        # a second place, which no protocol with a nearby seed has as its first
+        # The seed after a cut is far away, so that no other protocol is likely to use it.
         seed = protocol.seed + (1_000_003 if cut is not None and time >= cut else 0)
         kind = str(protocol.scene.background)
         return _surroundings(kind, seed, camera_of(protocol).height_m), view_of(protocol, time)
 
     def look(self, time: float, _frame_s: float) -> object:
-        """Return all that the picture depends on."""
-        cut = self._protocol.scene.cut_s
-        return view_of(self._protocol, time), cut is not None and time >= cut
+        """Return the values that the picture depends on."""
+        return self.at(time)
 
-    def picture(self, time: float, frame_s: float) -> Picture:
+    def picture(self, time: float, _frame_s: float) -> Picture:
         """Return a new picture, float32 (h, w), luminance 0 to 1."""
-        look = self.look(time, frame_s)
+        look = self.at(time)
         if self._last is None or self._last[0] != look:
-            place, view = self.at(time)
+            place, view = look
             self._last = look, place.picture(view, *self._shape)
         return self._last[1].copy()
 
 
-class _Still:
-    """A picture that is the same in all frames."""
-
-    def __init__(self, protocol: protocols.Protocol) -> None:
-        scene, display = protocol.scene, protocol.display
-        where = f"scene: background = '{scene.background}'"
-        for key in ("background_start_s", "background_end", "background_rate"):
-            if getattr(scene, key) is not None:
-                raise StimulusError(f"{where} is a still picture; {key} goes with a video")
-        try:
-            luma, opacity = read_transparent(str(scene.background))
-            if opacity is not None:
-                luma = display.background + (luma - display.background) * opacity
-            rows, columns = luma.shape
-            _check_size((columns, rows), (display.width, display.height), scene.background_fit)
-        except OpploadError as problem:
-            raise StimulusError(f"{where}: {problem}") from None
-        grey = _covering(luma, display.width, display.height)
-        self._picture = grey.astype(np.float32) / np.float32(255)
-
-    def look(self, _time: float, _frame_s: float) -> object:
-        return None
-
-    def picture(self, _time: float, _frame_s: float) -> Picture:
-        return self._picture.copy()
+def _still_picture(scene: Scene, display: Display) -> Picture:
+    where = f"scene: background = '{scene.background}'"
+    for key in ("background_start_s", "background_end", "background_rate"):
+        if getattr(scene, key) is not None:
+            raise StimulusError(f"{where} is a still picture; {key} goes with a video")
+    try:
+        luma, opacity = read_transparent(str(scene.background))
+        if opacity is not None:
+            luma = display.background + (luma - display.background) * opacity
+        rows, columns = luma.shape
+        _check_size(columns, rows, scene, display)
+    except OpploadError as problem:
+        raise StimulusError(f"{where}: {problem}") from None
+    grey = _covering(luma, display.width, display.height)
+    return np.asarray(grey.astype(np.float32) / np.float32(255))
 
 
 class _Video:
-    """A video, each picture of which is shown from its time on."""
+    """A video; the stimulus shows each of its pictures until the time of the next one."""
 
     def __init__(self, protocol: protocols.Protocol) -> None:
-        self._scene, display = protocol.scene, protocol.display
-        self._first = self._scene.background_start_s or 0.0
-        path, fit = str(self._scene.background), self._scene.background_fit or "exact"
-        self._where = f"scene: background = '{path}'"
+        scene = protocol.scene
+        self._first = scene.background_start_s or 0.0
+        where = f"scene: background = '{scene.background}'"
         last = self._first + protocol.timing.total_s
         try:
-            stamp = Path(path).stat().st_mtime_ns
-            rate = display.frame_rate if self._scene.background_rate != "own" else None
-            size = display.width, display.height
-            wanted = _Wanted(path, size, fit, rate, last)
-            self._times, self._pictures, self._end = _footage(wanted, stamp)
+            changed = Path(str(scene.background)).stat().st_mtime_ns
+            self._times, self._pictures, self._end = _footage(
+                scene, protocol.display, last, changed
+            )
         except (OpploadError, OSError) as problem:
-            raise StimulusError(f"{self._where}: {problem}") from None
+            raise StimulusError(f"{where}: {problem}") from None
         shown = protocol.time_of(protocol.frame_count - 1) + self._first
-        if self._scene.background_end != "loop" and shown >= self._end:
+        if scene.background_end != "loop" and shown >= self._end:
             raise StimulusError(
-                f"{self._where} ends at {self._end:.3g} s, before the last frame, which shows "
-                f"{shown:.3g} s of it; shorten timing, or write background_end = 'loop'"
+                f"{where} ends at {self._end:.3g} s, before the last frame, which shows its time "
+                f"{shown:.3g} s; shorten timing, or write background_end = 'loop'"
             )
 
     def look(self, _time: float, frame_s: float) -> object:
         return self._index(frame_s)
 
     def picture(self, _time: float, frame_s: float) -> Picture:
-        # the video's own camera has blurred its motion: all times of a frame show one picture
+        # The video has its own motion blur: it shows one picture while the shutter is open.
         picture = self._pictures[self._index(frame_s)].astype(np.float32)
         return np.asarray(picture / np.float32(255))
 
@@ -192,62 +176,53 @@ class _Video:
         return max(int(np.searchsorted(self._times, shown, side="right")) - 1, 0)
 
 
-class _Wanted(NamedTuple):
-    """A part of a video: up to a time, as it fits a display."""
-
-    path: str
-    size: tuple[int, int]
-    fit: str
-    rate: Fraction | None
-    last_s: float
-
-
 @lru_cache(maxsize=2)
-def _footage(wanted: _Wanted, stamp: int) -> Footage:  # noqa: ARG001 - it tells of changes
-    """Read a video up to a time.
+def _footage(scene: Scene, display: Display, last_s: float, changed: int) -> Footage:  # noqa: ARG001
+    """Read the video of a scene up to the time `last_s`.
 
-    Returns the times of its pictures, the pictures in grey, and where the last one ends.
+    Returns the times of its pictures, the pictures in grey, and the end of the last picture.
+    `changed` is the time at which the file was changed: a changed file is read again.
     """
-    path, (width, height), rate = wanted.path, wanted.size, wanted.rate
+    path, width, height = str(scene.background), display.width, display.height
     times: list[float] = []
     pictures: list[NDArray[np.uint8]] = []
     with open_video(path, height=None) as probe:
-        facts, native = probe.facts, probe.working
-    _check_size((native.width, native.height), wanted.size, wanted.fit)
-    found = facts.frame_rate
-    if rate is not None and (found is None or abs(found / rate - 1) > 1e-3):
-        said = "no constant rate" if found is None else f"{float(found):g} frames/s"
+        rate, native = probe.facts.frame_rate, probe.working
+    _check_size(native.width, native.height, scene, display)
+    same = rate is not None and abs(rate / display.frame_rate - 1) <= 1e-3
+    if scene.background_rate != "own" and not same:
+        said = "no constant rate" if rate is None else f"{float(rate):g} frames/s"
         raise StimulusError(
-            f"it has {said} and the display {float(rate):g}; change display.frame_rate, or write "
-            "background_rate = 'own'"
+            f"it has {said} and the display {float(display.frame_rate):g}; change "
+            "display.frame_rate, or write background_rate = 'own'"
         )
-    tall = max(height, math.ceil(width * native.height / native.width))
-    with open_video(path, height=tall) as video:
+    working_height = max(height, math.ceil(width * native.height / native.width))
+    with open_video(path, height=working_height) as video:
         for frame in video:
             times.append(frame.time_s)
             pictures.append(_covering(frame.luma, width, height))
-            if frame.time_s > wanted.last_s:
+            if frame.time_s > last_s:
                 break
             if len(pictures) * width * height > _MOST_BYTES:
-                raise StimulusError("it is too large to be kept; shorten timing")
+                raise StimulusError("it does not fit into memory; shorten timing")
     if not times:
         raise StimulusError("it has no frame that can be read; give another video")
-    step = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / float(found or 30)
+    step = (times[-1] - times[0]) / (len(times) - 1) if len(times) > 1 else 1 / float(rate or 30)
     return tuple(times), np.stack(pictures), times[-1] + step
 
 
-def _check_size(size: tuple[int, int], display: tuple[int, int], fit: str | None) -> None:
-    """Raise StimulusError for pictures of another size than the display, unless they cover it."""
-    if fit != "cover" and size != display:
+def _check_size(width: int, height: int, scene: Scene, display: Display) -> None:
+    """Refuse pictures of another size than the display, unless they may be scaled."""
+    if scene.background_fit != "cover" and (width, height) != (display.width, display.height):
         raise StimulusError(
-            f"its pictures are {size[0]} x {size[1]} px and the display has {display[0]} x "
-            f"{display[1]}; change display.width and display.height, or write "
+            f"its pictures are {width} x {height} px and the display has {display.width} x "
+            f"{display.height}; change display.width and display.height, or write "
             "background_fit = 'cover'"
         )
 
 
 def _covering(luma: Picture, width: int, height: int) -> NDArray[np.uint8]:
-    """Scale a picture so that it covers the display, and cut its middle out."""
+    """Scale a picture until it covers the display, and return the part in its middle."""
     scale = max(width / luma.shape[1], height / luma.shape[0])
     if abs(scale - 1) > 1e-9:
         size = max(width, round(luma.shape[1] * scale)), max(height, round(luma.shape[0] * scale))
@@ -259,7 +234,7 @@ def _covering(luma: Picture, width: int, height: int) -> NDArray[np.uint8]:
 
 
 class _Piece(NamedTuple):
-    """A surface, and the distance in metres over which haze takes most of it (0: no haze)."""
+    """A surface, and the distance in metres at which haze hides 63 % of it (0: no haze)."""
 
     surface: Surface
     clear_m: float
@@ -267,14 +242,14 @@ class _Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """A place, drawn back to front.
+    """A place.
 
     Attributes
     ----------
     pieces : tuple of _Piece
-        Surfaces of the place.
+        The surfaces of the place, in the order in which they are drawn.
     haze : float
-        Luminance of the haze, and of all that is too far away.
+        Luminance of the haze, and of pixels that show no surface.
     """
 
     pieces: tuple[_Piece, ...]
@@ -295,18 +270,11 @@ class _Surroundings:
     def flow(self, view: View, later: View, height: int, width: int) -> Floats:
         """Return the exact optical flow from one view to another.
 
-        Parameters
-        ----------
-        view, later : View
-            The camera at the two times.
-        height, width : int
-            The display in pixels.
-
         Returns
         -------
         ndarray
-            float64 (h, w, 2): displacement of the content of each pixel, right and down, in pixels;
-            NaN where nothing is drawn, or where the content leaves the space before the camera.
+            float64 (h, w, 2): displacement of the content of each pixel, right and down, in pixels.
+            NaN if the pixel shows no surface, or if its content comes to lie behind the camera.
         """
         x = np.arange(width)[None, :] + 0.5
         y = np.arange(height)[:, None] + 0.5
@@ -321,7 +289,7 @@ class _Surroundings:
     def _seen(
         self, view: View, height: int, width: int
     ) -> Iterator[tuple[_Piece, Placed, Picture]]:
-        """Yield the surfaces on the display, with their places and their share of each pixel."""
+        """Yield each surface that is seen, its points, and the share of each pixel it covers."""
         for piece in self.pieces:
             seen = piece.surface.seen(view, height, width)
             if seen is not None:
@@ -330,17 +298,7 @@ class _Surroundings:
 
 @lru_cache(maxsize=8)
 def _surroundings(kind: str, seed: int, camera_m: float) -> _Surroundings:
-    """Return drawn surroundings.
-
-    Parameters
-    ----------
-    kind : str
-        ``plane``, ``street``, ``forest``, ``room`` or ``sky``.
-    seed : int
-        Everything random follows from it.
-    camera_m : float
-        Height of the camera above the ground.
-    """
+    """Return drawn surroundings; `camera_m` is the height of the camera above the ground."""
     random = np.random.default_rng([seed, *kind.encode()])
     return _KINDS[kind](random, -camera_m)
 
@@ -357,7 +315,7 @@ def _repeated(values: Floats | Picture) -> Texture:
 
 
 def _backdrop(values: Floats | Picture, wide_m: float) -> tuple[_Piece, ...]:
-    """Return a picture very far away, ahead and on both sides, `wide_m` wide before it repeats."""
+    """Return a picture very far away, ahead and on both sides; it repeats every `wide_m` metres."""
     texture, far = _repeated(values), _BACKDROP_M
     sides: tuple[tuple[Vector, Vector], ...] = (
         ((0.0, 0.0, far), _RIGHT),
@@ -372,7 +330,7 @@ def _backdrop(values: Floats | Picture, wide_m: float) -> tuple[_Piece, ...]:
 
 
 def _ground(values: Floats | Picture, down: float, tile_m: float, clear_m: float) -> _Piece:
-    """Return an endless ground whose texture repeats; its middle lies before the camera."""
+    """Return an endless ground; the middle column of its repeating texture lies straight ahead."""
     corner = (-tile_m / 2, 0.0)
     texture = _repeated(values)
     return _Piece(Surface((0, down, 0), _RIGHT, _AHEAD, texture, _SIDE / tile_m, corner), clear_m)
@@ -381,7 +339,11 @@ def _ground(values: Floats | Picture, down: float, tile_m: float, clear_m: float
 def _wall(
     values: Floats | Picture, at: Vector, along: Vector, size: tuple[float, float, float]
 ) -> _Piece:
-    """Return an upright wall from its lower corner `at`; `size` is its length, height and tile."""
+    """Return an upright wall.
+
+    `at` is its lower corner, `along` its direction, `size` its length, its height and the side of
+    its texture, in metres.
+    """
     long, high, tile_m = size
     extent = (0.0, 0.0, long, high)
     surface = Surface(at, along, _UP, _repeated(values), _SIDE / tile_m, (0.0, high), extent)
@@ -389,7 +351,7 @@ def _wall(
 
 
 def _sky(random: Random, horizon: float = 0.8) -> Picture:
-    """Return clouds over low hills: 1 unit of height is the width of the picture."""
+    """Return clouds over low hills."""
     clouds = np.clip(0.72 + 0.12 * _noise(random, 1.4), 0.45, 1)
     rise = (np.arange(_SIDE)[::-1, None] - _SIDE / 2) / _SIDE
     hills = 0.012 * (1.2 + _noise(random, 1.5)[0][None, :])
@@ -406,7 +368,7 @@ def _plane(random: Random, down: float) -> _Surroundings:
 
 
 def _facade(random: Random) -> Floats:
-    """Return four by four windows on plaster."""
+    """Return a plastered wall with four rows of four windows."""
     wall = 0.4 * (1 + 0.1 * _noise(random)) * random.uniform(0.8, 1.4)
     cell = _SIDE // 4
     for row in range(4):
@@ -494,7 +456,7 @@ def _room(random: Random, down: float) -> _Surroundings:
 
 
 def _open_sky(random: Random, down: float) -> _Surroundings:
-    """Return clouds, and fields below."""
+    """Return clouds above fields."""
     fields = 0.4 * (1 + 0.3 * _noise(random, 1.2))
     for _ in range(24):
         y, x = random.integers(0, _SIDE, 2)

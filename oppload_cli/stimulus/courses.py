@@ -1,7 +1,7 @@
-"""Courses: how an object moves in three dimensions, as a table and in closed form.
+"""Courses: the path of a picture in three dimensions, as a table and as formulas of time.
 
-Positions are ``(right, up, ahead)`` in metres from the camera, along the world's axes.
-A moving camera takes these axes with it: speeds are those towards the camera.
+Positions are ``(right, up, ahead)`` in metres from the camera, along the world's axes, and speeds
+are relative to the camera, also while the camera moves.
 """
 
 from __future__ import annotations
@@ -15,15 +15,12 @@ from oppload_cli.schema import REQUIRED, Table, parameter
 
 Vector = tuple[float, float, float]
 
-_COURSES = (
-    *("collision", "near-miss", "crossing", "overtaking", "receding", "hovering", "straight"),
-)
 _TOWARDS = ("collision", "near-miss")
 _PASSING = ("near-miss", "crossing", "overtaking")
 _MOVING = (*_TOWARDS, "crossing", "overtaking", "receding")
 _FROM = ("crossing", "receding", "hovering")
 _SIDES = {"left": (-1.0, 0.0, 0.0), "right": (1.0, 0.0, 0.0), "above": (0.0, 1.0, 0.0)}
-HIT_SIZES = 0.5  # an object whose middle passes nearer than half its size hits the camera
+HIT_SIZES = 0.5  # a picture hits the camera if its miss distance is at most this, in its sizes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +32,7 @@ class Course(Table):
         "collision: straight at the camera; near-miss: past it; crossing: from side to side; "
         "overtaking: past the camera from behind; receding; hovering: stays where it is; "
         "straight: as start_m and velocity_m_s say",
-        choices=_COURSES,
+        choices=(*_TOWARDS, "crossing", "overtaking", "receding", "hovering", "straight"),
     )
     speed_m_s: float | None = parameter(
         None, "speed", unit="m/s", above=0, high=1000, kinds=_MOVING, needed_by=_MOVING
@@ -83,7 +80,7 @@ class Course(Table):
         kinds=_PASSING,
     )
     braking_m_s2: float = parameter(
-        0.0, "how fast its speed falls, until it stands", unit="m/s2", low=0, high=1000
+        0.0, "deceleration, until it stands still", unit="m/s2", low=0, high=1000
     )
     sway_m: float = parameter(
         0.0, "how far it sways to each side", unit="m", low=0, high=1000, kinds=("hovering",)
@@ -112,18 +109,18 @@ class Course(Table):
 
 
 class Line(NamedTuple):
-    """A straight way in three dimensions, driven at a speed that may fall to 0.
+    """A straight path in three dimensions, with a speed that may fall to 0.
 
     Attributes
     ----------
     start : tuple of float
         Position at the start in metres.
     heading : tuple of float
-        Direction of length 1; 0 of an object that stays where it is.
+        Direction of length 1; (0, 0, 0) for an object that hovers.
     speed, braking : float
-        Speed at the start in m/s and how fast it falls in m/s2.
+        Speed at the start in m/s, and deceleration in m/s2.
     sway : tuple of float
-        How far in metres, and how often per second, it sways to each side.
+        Amplitude in metres and frequency in Hz of a movement to both sides.
     """
 
     start: Vector
@@ -133,99 +130,92 @@ class Line(NamedTuple):
     sway: tuple[float, float] = (0.0, 1.0)
 
     @classmethod
-    def of(cls, course: Course, size_m: float, lasts_s: float) -> Line:
-        """Return the way of an object.
-
-        Parameters
-        ----------
-        course : Course
-            Table of the course.
-        size_m : float
-            Size of the object in metres.
-        lasts_s : float
-            Duration of its motion, the default of ``contact_s``.
+    def of(cls, course: Course, size_m: float, duration_s: float) -> Line:
+        """Return the path of a picture of this size; `duration_s` is that of its motion.
 
         Raises
         ------
         StimulusError
-            If it stands still although its course is straight.
+            If the course is straight and its velocity is 0.
         """
-        bearing = _direction(course.bearing_deg)
-        speed, distance = course.speed_m_s or 0.0, course.distance_m or 0.0
-        way = speed * (lasts_s if course.contact_s is None else course.contact_s)
-        side, brake = _SIDES[course.side], course.braking_m_s2
-        missed = _scaled(side, (course.miss_sizes or 0.0) * size_m)
-        back = _scaled(bearing, -1.0)
-        if course.kind in _TOWARDS:
-            return cls(_sum(_across(missed, bearing), _scaled(bearing, way)), back, speed, brake)
-        if course.kind == "overtaking":
-            return cls(_sum(missed, (0.0, 0.0, -way)), (0.0, 0.0, 1.0), speed, brake)
-        middle = _scaled(bearing, distance)
-        if course.kind == "crossing":
-            return cls(_sum(middle, _scaled(side, way)), _scaled(side, -1.0), speed, brake)
-        if course.kind == "receding":
-            return cls(middle, bearing, speed, brake)
-        if course.kind == "hovering":
-            return cls(middle, (0.0, 0.0, 0.0), 0.0, 0.0, (course.sway_m, course.sway_hz))
-        velocity = course.velocity_m_s or (0.0, 0.0, 0.0)
-        speed = math.hypot(*velocity)
-        if not speed:
-            raise StimulusError("velocity_m_s is 0; use kind 'hovering' for an object at rest")
-        return cls(course.start_m or (0.0, 0.0, 0.0), _scaled(velocity, 1 / speed), speed, brake)
+        bearing, side = _direction(course.bearing_deg), _SIDES[course.side]
+        speed, braking = course.speed_m_s or 0.0, course.braking_m_s2
+        length = speed * (duration_s if course.contact_s is None else course.contact_s)
+        miss = _scaled(side, (course.miss_sizes or 0.0) * size_m)
+        middle = _scaled(bearing, course.distance_m or 0.0)
+        match course.kind:
+            case "overtaking":
+                start, heading = _sum(miss, (0.0, 0.0, -length)), (0.0, 0.0, 1.0)
+            case "crossing":
+                start, heading = _sum(middle, _scaled(side, length)), _scaled(side, -1.0)
+            case "receding":
+                start, heading = middle, bearing
+            case "hovering":
+                return cls(middle, (0.0, 0.0, 0.0), 0.0, sway=(course.sway_m, course.sway_hz))
+            case "straight":
+                velocity = course.velocity_m_s or (0.0, 0.0, 0.0)
+                speed = math.hypot(*velocity)
+                if not speed:
+                    raise StimulusError(
+                        "velocity_m_s is 0; use kind 'hovering' for an object at rest"
+                    )
+                start, heading = course.start_m or (0.0, 0.0, 0.0), _scaled(velocity, 1 / speed)
+            case _:  # collision, near-miss
+                start = _sum(_across(miss, bearing), _scaled(bearing, length))
+                heading = _scaled(bearing, -1.0)
+        return cls(start, heading, speed, braking)
 
     def position(self, elapsed: float) -> Vector:
-        """Return the position after some seconds."""
-        driven, (far, rate) = self._driven(elapsed), self.sway
-        right, up, ahead = (
-            at + driven * along for at, along in zip(self.start, self.heading, strict=True)
-        )
-        return right + far * math.sin(2 * math.pi * rate * elapsed), up, ahead
+        """Return the position in metres, `elapsed` seconds after the start of the motion."""
+        moving = min(elapsed, self.speed / self.braking) if self.braking else elapsed
+        path = _scaled(self.heading, self.speed * moving - self.braking * moving**2 / 2)
+        (right, up, ahead), (amplitude, rate) = _sum(self.start, path), self.sway
+        return right + amplitude * math.sin(2 * math.pi * rate * elapsed), up, ahead
 
     def velocity(self, elapsed: float) -> Vector:
-        """Return the velocity in m/s after some seconds."""
-        speed, (far, rate) = max(0.0, self.speed - self.braking * elapsed), self.sway
-        right, up, ahead = (speed * along for along in self.heading)
+        """Return the velocity in m/s, `elapsed` seconds after the start of the motion."""
+        right, up, ahead = _scaled(self.heading, max(0.0, self.speed - self.braking * elapsed))
+        amplitude, rate = self.sway
         turn = 2 * math.pi * rate
-        return right + far * turn * math.cos(turn * elapsed), up, ahead
+        return right + amplitude * turn * math.cos(turn * elapsed), up, ahead
 
     def closest(self) -> tuple[float | None, float]:
         """Return when the object is nearest to the camera, and its distance then in metres.
 
-        The time counts from the start of the motion; None where it comes no nearer, or where it
-        comes to rest before.
+        The time counts in seconds from the start of the motion. It is None if the object never
+        comes nearer, or if it stops before the nearest point of its line.
         """
-        way = -sum(at * along for at, along in zip(self.start, self.heading, strict=True))
-        if way <= 0 or not self.speed:
+        length = -_product(self.start, self.heading)
+        if length <= 0 or not self.speed:
             return None, math.hypot(*self.start)
         if not self.braking:
-            time: float | None = way / self.speed
-        elif self.speed**2 < 2 * self.braking * way:
-            time, way = None, self.speed**2 / (2 * self.braking)
+            time: float | None = length / self.speed
+        elif self.speed**2 < 2 * self.braking * length:
+            time, length = None, self.speed**2 / (2 * self.braking)
         else:
-            time = (self.speed - math.sqrt(self.speed**2 - 2 * self.braking * way)) / self.braking
-        return time, math.dist(self.start, [-way * along for along in self.heading])
-
-    def _driven(self, elapsed: float) -> float:
-        if self.braking:
-            elapsed = min(elapsed, self.speed / self.braking)
-        return self.speed * elapsed - self.braking * elapsed**2 / 2
+            root = math.sqrt(self.speed**2 - 2 * self.braking * length)
+            time = (self.speed - root) / self.braking
+        return time, math.dist(self.start, _scaled(self.heading, -length))
 
 
 def _direction(bearing_deg: tuple[float, float]) -> Vector:
-    """Return the direction, of length 1, that lies so many degrees right and up in the picture."""
+    """Return the direction, of length 1, at these angles right and up from ahead."""
     right, up = (math.tan(math.radians(angle)) for angle in bearing_deg)
     length = math.hypot(right, up, 1.0)
     return right / length, up / length, 1 / length
 
 
 def _across(offset: Vector, heading: Vector) -> Vector:
-    """Turn an offset so that it is at right angles to the heading, its length kept."""
+    """Turn an offset so that it is at right angles to the heading and keeps its length."""
     length = math.hypot(*offset)
     if not length:
         return offset
-    along = sum(a * b for a, b in zip(offset, heading, strict=True))
-    plain = _sum(offset, _scaled(heading, -along))
-    return _scaled(plain, length / math.hypot(*plain))
+    across = _sum(offset, _scaled(heading, -_product(offset, heading)))
+    return _scaled(across, length / math.hypot(*across))
+
+
+def _product(first: Vector, second: Vector) -> float:
+    return sum(a * b for a, b in zip(first, second, strict=True))
 
 
 def _scaled(vector: Vector, factor: float) -> Vector:

@@ -1,8 +1,8 @@
 """Exact area coverage: which share of each pixel a disk or a polygon covers.
 
-The outline is cut at every pixel border; each piece then lies in one pixel, and its
-share of that pixel's area is a closed form, for straight lines and for arcs. Sums along
-the rows fill the inside.
+The outline is cut at every pixel border, so that each piece lies in one pixel. A formula gives the
+area between the piece, straight or an arc, and the right border of the pixel. Cumulative sums along
+the rows then cover the inside.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Window:
     def around(
         cls, low: tuple[float, float], high: tuple[float, float], height: int, width: int
     ) -> Window:
-        """Return the pixels of the display that a box between two corners (x, y) touches."""
+        """Return the pixels of the display that the box between two corners (x, y) touches."""
         left, top = (
             int(np.clip(np.floor(v), 0, n)) for v, n in zip(low, (width, height), strict=True)
         )
@@ -59,12 +59,12 @@ def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[Windo
     corners : array_like
         (n, 2), x and y in pixels, in order around the polygon.
     height, width : int
-        The display in pixels.
+        Size of the display in pixels.
 
     Returns
     -------
     Window
-        Where the polygon is.
+        The pixels of the display that the polygon may touch.
     ndarray
         float64 of the window's shape, 0 to 1.
     """
@@ -91,15 +91,15 @@ def disk_coverage(
     radius : float
         In pixels.
     height, width : int
-        The display in pixels.
+        Size of the display in pixels.
 
     Returns
     -------
     Window
-        Where the disks are.
+        The pixels of the display that the disks may touch.
     ndarray
-        float64 of the window's shape, 0 to 1; where disks overlap, coverages add up to
-        at most 1.
+        float64 of the window's shape, 0 to 1; the coverages of overlapping disks are added, up
+        to 1.
     """
     cx, cy = (np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (x, y))
     window = Window.around(
@@ -111,8 +111,8 @@ def disk_coverage(
     angles = _crossing_angles(cx, cy, radius, window)
     first, last = angles[:, :-1], angles[:, 1:]
     dy = radius * (np.sin(last) - np.sin(first))
-    bow = (last - first) / 2 + (np.sin(2 * last) - np.sin(2 * first)) / 4
-    x_dy = cx[:, None] * dy + radius**2 * bow
+    arc = (last - first) / 2 + (np.sin(2 * last) - np.sin(2 * first)) / 4
+    x_dy = cx[:, None] * dy + radius**2 * arc
     middle = (first + last) / 2
     column = np.floor(cx[:, None] + radius * np.cos(middle))
     row = np.floor(cy[:, None] + radius * np.sin(middle))
@@ -120,7 +120,7 @@ def disk_coverage(
 
 
 def _crossing_angles(cx: Floats, cy: Floats, radius: float, window: Window) -> Floats:
-    """Angles, rising, where circles cross pixel borders inside the window: (n, pieces + 1)."""
+    """Return the sorted angles at which circles cross pixel borders: (n, pieces + 1)."""
     by_column = np.arccos(_border_offsets(cx, radius, window.left, window.right))
     by_row = np.arcsin(_border_offsets(cy, radius, window.top, window.bottom))
     angles = np.concatenate(
@@ -131,16 +131,16 @@ def _crossing_angles(cx: Floats, cy: Floats, radius: float, window: Window) -> F
 
 
 def _border_offsets(centre: Floats, radius: float, low: int, high: int) -> Floats:
-    """Offsets of the pixel borders that each circle can cross, over the radius: (n, borders)."""
+    """Return the distances from the centre to the borders that a circle may cross, in radii."""
     first = np.maximum(np.floor(centre - radius), low)
     count = min(int(np.ceil(2 * radius)) + 2, high - low + 1)
     borders = first[:, None] + np.arange(count)
-    # a border beyond the circle becomes its extreme point, which makes a piece of length 0
+    # A border beyond the circle becomes the end of the circle and adds a piece of length 0.
     return np.clip((borders - centre[:, None]) / max(radius, 1e-12), -1.0, 1.0)
 
 
 def _line_pieces(start: Floats, stop: Floats, window: Window) -> tuple[Floats, ...]:
-    """Cut a line at the pixel borders: rise, integral of x over y, column and row of each piece."""
+    """Cut a line at pixel borders; return dy, integral of x dy, column and row of each piece."""
     step = stop - start
     cuts = [np.array([0.0, 1.0])]
     for axis, low, high in ((0, window.left, window.right), (1, window.top, window.bottom)):
@@ -158,7 +158,7 @@ def _line_pieces(start: Floats, stop: Floats, window: Window) -> tuple[Floats, .
 
 
 def _filled(window: Window, dy: Floats, x_dy: Floats, column: Floats, row: Floats) -> Floats:
-    """Add the pieces up: the part of a row to the right of a piece is inside."""
+    """Add up the areas to the right of all pieces; `dy` gives them their signs."""
     height, width = window.shape
     if not height or not width:
         return np.zeros((height, width))
@@ -166,7 +166,7 @@ def _filled(window: Window, dy: Floats, x_dy: Floats, column: Floats, row: Float
     x_dy = x_dy - window.left * dy
     inside = (row >= 0) & (row < height) & (column < width)
     dy, x_dy, column, row = dy[inside], x_dy[inside], column[inside], row[inside]
-    # left of the window only the rise counts: the complete row lies to the right
+    # A piece left of the window has all columns of the window on its right: only dy counts.
     left = column < 0
     x_dy, column = np.where(left, 0.0, x_dy), np.where(left, 0.0, column)
     cell = (row * (width + 1) + column).astype(np.intp)

@@ -13,20 +13,20 @@ if TYPE_CHECKING:
     Point = tuple[float, float]
 
 
-# tan() beyond this is too large to draw, and a shape that large fills every display
-WIDEST_DEG = 89.9
+# A shape of this half size fills every display; the tangent of more is too large to draw.
+_WIDEST_DEG = 89.9
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Reach of a shape to both sides of its anchor, along its axis.
+    """The reach of a shape to both sides of its anchor point, along its axis.
 
     Attributes
     ----------
     forward, backward : float
         Degrees, at least 0.
     forward_speed, backward_speed : float
-        How fast they grow, in deg/s.
+        Their growth, in deg/s.
     """
 
     forward: float
@@ -40,7 +40,7 @@ class Extent:
         return self.forward + self.backward
 
     def times(self, sign: float) -> Extent:
-        """Return the same reach, its speeds times 1 (forwards in time), -1 (backwards) or 0."""
+        """Return a copy whose speeds are multiplied by `sign`: 1, -1 (backwards) or 0 (still)."""
         return Extent(
             self.forward, self.backward, sign * self.forward_speed, sign * self.backward_speed
         )
@@ -53,21 +53,21 @@ class Pose:
     Attributes
     ----------
     visible : bool
-        Whether it is drawn.
+        Whether the object is drawn.
     centre_deg, velocity_deg_s : tuple of float
         Anchor point [right, up] and its velocity.
     orientation_deg : float
-        Direction of its axis.
+        Direction of the axis.
     extent : Extent
-        Reach to both sides of the anchor along the axis, and its speeds.
+        Reach to both sides of the anchor point.
     luminance : float
         0 to 1.
     zoom : float
         Scale of a pattern.
     travel_deg : tuple of float
-        The object's own movement since the start, in the scene's frame before any turn.
+        The object's own displacement since the start, without turn and motion of the scene.
     contact_in_s : float or None
-        Time to contact while it approaches and does not pass.
+        Time to contact while the object approaches and does not pass.
     looming : bool
         Whether its complete outline grows, and it does not pass.
     """
@@ -85,7 +85,7 @@ class Pose:
 
     @property
     def look(self) -> tuple[object, ...]:
-        """All that the picture depends on."""
+        """The values that the object's pixels depend on."""
         reach = (self.extent.forward, self.extent.backward)
         place = (self.centre_deg, self.orientation_deg, self.zoom, self.travel_deg)
         return (self.visible, self.luminance, *reach, *place)
@@ -96,9 +96,8 @@ class Projection:
     """The map from angles to pixels; pixel i covers [i, i + 1), y grows down.
 
     Flat: pixels per degree are constant. Perspective: a point at the eccentricity e lies
-    ``f tan(e)`` from the middle, in its direction, with ``f`` the distance of the eye in
-    pixels; shapes are parallel to the screen, and their size is the angle that they
-    would span in the middle of the field.
+    ``f tan(e)`` pixels from the middle, where f is the distance of the eye in pixels. Shapes are
+    parallel to the screen, and their size is the angle that they would span in the middle.
 
     Attributes
     ----------
@@ -107,7 +106,7 @@ class Projection:
     scale : float
         Pixels per degree in the middle.
     perspective : bool
-        Whether the projection is the tangent.
+        Whether the projection is perspective.
     """
 
     middle: Point
@@ -129,33 +128,19 @@ class Projection:
         """Return the length in pixels that an angle from the middle, in degrees, spans."""
         if not self.perspective:
             return self.scale * angle_deg
-        capped = min(max(angle_deg, -WIDEST_DEG), WIDEST_DEG)
+        capped = min(max(angle_deg, -_WIDEST_DEG), _WIDEST_DEG)
         return self.eye_px * math.tan(math.radians(capped))
 
     def reach_speed(self, angle_deg: float, speed_deg_s: float) -> float:
-        """Return how fast :meth:`reach` grows, in pixels per second.
-
-        Parameters
-        ----------
-        angle_deg : float
-            The angle from the middle.
-        speed_deg_s : float
-            How fast the angle grows.
-        """
+        """Return the growth of :meth:`reach` in pixels/s while the angle grows at `speed_deg_s`."""
         if not self.perspective:
             return self.scale * speed_deg_s
-        if abs(angle_deg) >= WIDEST_DEG:
+        if abs(angle_deg) >= _WIDEST_DEG:
             return 0.0
         return self.scale * speed_deg_s / math.cos(math.radians(angle_deg)) ** 2
 
     def to_px(self, x_deg: float, y_deg: float) -> Point:
-        """Return the pixel position (x, y), y down, of a point of the field.
-
-        Parameters
-        ----------
-        x_deg, y_deg : float
-            Degrees right and up from the middle.
-        """
+        """Return the pixel position (x, y), y down, of a point given in degrees right and up."""
         eccentricity = math.hypot(x_deg, y_deg)
         scale = self.scale
         if self.perspective and eccentricity > 0:
@@ -163,14 +148,14 @@ class Projection:
         return self.middle[0] + scale * x_deg, self.middle[1] - scale * y_deg
 
     def middle_of(self, pose: Pose) -> tuple[Point, tuple[float, float]]:
-        """Return the middle of a shape as drawn, and its reach from its anchor.
+        """Return the middle of a shape in pixels, and its reach from its anchor point in pixels.
 
         Returns
         -------
         tuple of float
-            (x, y) of the middle in pixels, y down.
+            (x, y) of the middle, y down.
         tuple of float
-            Reach along the axis and against it, in pixels.
+            Reach along the axis, and against it.
         """
         x, y = self.to_px(*pose.centre_deg)
         ahead, behind = self.reach(pose.extent.forward), self.reach(pose.extent.backward)
@@ -184,28 +169,14 @@ class Projection:
 def corners_of(
     projection: Projection, obj: Object, pose: Pose, height: int, width: int
 ) -> list[Point]:
-    """Return the corners of a shape with straight sides.
+    """Return the corners (x, y) in pixels of a square, bar, cross or edge, in order around it.
 
-    Parameters
-    ----------
-    projection : Projection
-        From degrees to pixels.
-    obj : Object
-        A square, bar, cross or edge.
-    pose : Pose
-        Pose of the shape.
-    height, width : int
-        The display in pixels.
-
-    Returns
-    -------
-    list of tuple of float
-        (x, y) in pixels, in order around the shape.
+    `height` and `width` are the size of the display in pixels.
     """
     (x, y), (ahead, behind) = projection.middle_of(pose)
     half = (ahead + behind) / 2
     if obj.kind == "edge":
-        # the covered side of an edge reaches beyond every corner of the display
+        # The covered half plane of an edge reaches beyond every corner of the display.
         far = 2.0 * (height + width + math.hypot(x, y))
         outline = [(0.0, far), (-far, far), (-far, -far), (0.0, -far)]
     elif obj.kind == "cross":
@@ -224,5 +195,5 @@ def corners_of(
 
 
 def exact(value: float) -> float:
-    """Take the rounding error off the sines and cosines of multiples of 90 degrees."""
+    """Remove the rounding error from the sine or cosine of a multiple of 90 degrees."""
     return float(round(value)) if abs(value - round(value)) < 1e-12 else value

@@ -1,7 +1,7 @@
 """The pose of an object at any time of the clip: its place, size, speeds and luminance.
 
-Closed forms of time, never steps: the same protocol has the same sizes at the same
-times at every frame rate.
+Every value is a closed formula of time and does not depend on the frame before. A protocol
+therefore has the same sizes at the same times at every frame rate.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
 _Vector = tuple[float, float]
 _STILL: _Vector = (0.0, 0.0)
-# Seconds since a start are differences of floats: a frame on a switch is on the side after it.
+# Times are rounded. A change at the time of a frame counts as done in this frame.
 ROUNDING_S = 1e-9
 
 
 def motion_times(timing: Timing, obj: Object) -> tuple[float, float]:
     """Return when an object's motion starts and ends, in seconds of the clip."""
-    begun = timing.before_s, obj.onset_s
+    start = exact_sum(timing.before_s, obj.onset_s)
     if obj.duration_s is None:
-        return float(exact_sum(*begun)), timing.end_s
-    return float(exact_sum(*begun)), float(exact_sum(*begun, obj.duration_s))
+        return float(start), timing.end_s
+    return float(start), float(exact_sum(timing.before_s, obj.onset_s, obj.duration_s))
 
 
 def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
@@ -41,7 +41,7 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     start, end = motion_times(protocol.timing, obj)
     moving = start <= time < end
     elapsed = min(max(time - start, 0.0), end - start)
-    # backwards, the growth and the movement run from their end to their start
+    # With `reverse`, growth and movement run from their end to their start.
     phase = end - start - elapsed if obj.reverse else elapsed
     sign = (-1.0 if obj.reverse else 1.0) if moving else 0.0
     extent = _extent_of(obj, phase, start, end).times(sign)
@@ -50,7 +50,7 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
     centre, moved = _in_scene(protocol, (x, y), (sign * velocity[0], sign * velocity[1]), time)
     speed = extent.forward_speed + extent.backward_speed
     return Pose(
-        visible=shown(obj, time, start, end),
+        visible=is_drawn(obj, time, start, end),
         centre_deg=centre,
         velocity_deg_s=moved,
         orientation_deg=obj.axis_deg + turn + _scene_turn(protocol, time),
@@ -66,7 +66,7 @@ def pose_of(protocol: ProtocolTables, obj: Object, time: float) -> Pose:
 
 
 def aperture_centre(protocol: ProtocolTables, obj: Object) -> tuple[float, float]:
-    """Return the middle [right, up] of a pattern's aperture in degrees; no motion moves it."""
+    """Return the middle [right, up] of a pattern's aperture in degrees; motions do not move it."""
     scene = protocol.scene
     x, y = _turned(obj.centre_deg, math.radians(scene.rotation_deg))
     return x + scene.centre_deg[0], y + scene.centre_deg[1]
@@ -75,8 +75,8 @@ def aperture_centre(protocol: ProtocolTables, obj: Object) -> tuple[float, float
 def reaches_field(protocol: ProtocolTables, obj: Object, pose: Pose) -> bool:
     """Tell whether an object may touch the display.
 
-    It is False only where the object is not drawn, or where the bounding circle of a shape
-    is outside the display; a pattern always fills the display.
+    The answer is False if the object is not drawn, or if the circle around a shape is outside the
+    display. A pattern always touches the display.
     """
     if not pose.visible:
         return False
@@ -86,7 +86,7 @@ def reaches_field(protocol: ProtocolTables, obj: Object, pose: Pose) -> bool:
     projection = Projection.of(display)
     reach = max(pose.extent.forward, pose.extent.backward)
     across = reach if obj.kind in {"square", "cross"} else (obj.width_deg or 0.0) / 2
-    if not pose.extent.forward + pose.extent.backward > 0:
+    if pose.extent.size <= 0:
         return False
     radius = math.hypot(projection.reach(reach), projection.reach(across))
     x, y = projection.to_px(*pose.centre_deg)
@@ -95,28 +95,42 @@ def reaches_field(protocol: ProtocolTables, obj: Object, pose: Pose) -> bool:
     return math.hypot(dx, dy) < radius
 
 
-def shown(obj: Object, time: float, start: float, end: float) -> bool:
+def is_drawn(obj: Object, time: float, start: float, end: float) -> bool:
     """Tell whether an object is drawn at a time; its motion lasts from `start` to `end`."""
     appeared = obj.appears == "start" or time >= start
     return appeared and (obj.vanishes == "never" or time < end)
 
 
 def _contact_in(obj: Object, time: float, start: float, end: float) -> float | None:
-    growth = obj.growth
-    if growth is None or growth.kind != "approach" or obj.reverse or passes(obj, start, end):
+    if obj.reverse or passes(obj, start, end):
         return None
-    contact = end if growth.contact_s is None else growth.contact_s
-    return contact - time if start <= time < min(contact, end) else None
+    contact = approach_contact(obj, end)
+    return contact - time if contact is not None and start <= time < min(contact, end) else None
+
+
+def approach_contact(obj: Object, end: float) -> float | None:
+    """Return when an approach reaches the observer; None for an object without an approach.
+
+    Parameters
+    ----------
+    obj : Object
+        A shape.
+    end : float
+        The end of its motion, in seconds of the clip like the returned time.
+    """
+    if obj.growth is None or obj.growth.kind != "approach":
+        return None
+    return end if obj.growth.contact_s is None else obj.growth.contact_s
 
 
 def passes(obj: Object, start: float, end: float) -> bool:
-    """Tell whether a shape that grows moves aside so far that it passes the observer.
+    """Tell whether a shape that grows moves sideways so far that it passes the observer.
 
-    The distance at which an object on a straight course passes, in its own sizes, is the movement
-    of its middle over the growth of its size, both as angles (Regan and Kaushal 1994, Vision Res
-    34:163): at more than half, all of its edges move to the same side. The movement is that from
-    the start to the end of its growth. A shake and the movement of the scene, which are those of a
-    camera, do not count.
+    An object on a straight course passes at a distance, in its own sizes, that equals the movement
+    of its middle divided by the growth of its size, both as angles (Regan and Kaushal 1994, Vision
+    Res 34:163). Above half a size, all of its edges move to the same side. The movement counts
+    from the start to the end of the growth. The shake of the object and the movement of the scene
+    do not count, because they show the movement of a camera.
 
     Parameters
     ----------
@@ -127,7 +141,7 @@ def passes(obj: Object, start: float, end: float) -> bool:
     """
     if obj.growth is None or obj.motion is None:
         return False
-    first, last = _growing(obj.growth, obj.size_deg or 0.0, start, end)
+    first, last = _growth_times(obj, obj.growth, start, end)
     motion = replace(obj.motion, shake_deg=0.0)
     before, after = (
         (_movement(motion, time, obj.axis_deg, "")[0], _extent_of(obj, time, start, end).size)
@@ -137,32 +151,32 @@ def passes(obj: Object, start: float, end: float) -> bool:
     return 0 < HIT_SIZES * grown < math.dist(before[0], after[0])
 
 
-def _growing(growth: Growth, size: float, start: float, end: float) -> tuple[float, float]:
-    """Return the first and the last second of a growth, from the start of the motion."""
+def _growth_times(obj: Object, growth: Growth, start: float, end: float) -> tuple[float, float]:
+    """Return when a growth starts and ends, in seconds after the start of the motion."""
     first, last = 0.0, end - start
-    if growth.kind == "approach":
+    contact = approach_contact(obj, end)
+    if contact is not None:
         ratio = (growth.l_over_v_ms or 0.0) / 1000
-        ends = (end if growth.contact_s is None else growth.contact_s) - start
         if growth.least_deg > 0:
-            first = max(first, ends - ratio / math.tan(math.radians(growth.least_deg / 2)))
-        last = min(last, ends - ratio / math.tan(math.radians(growth.most_deg / 2)))
+            least = math.tan(math.radians(growth.least_deg / 2))
+            first = max(first, contact - start - ratio / least)
+        last = min(last, contact - start - ratio / math.tan(math.radians(growth.most_deg / 2)))
     elif growth.kind == "edge-speed" and growth.end_deg is not None:
         edges = (growth.speed_deg_s or 0.0) * (2 if growth.sides == "both" else 1)
-        last = min(last, abs(growth.end_deg - size) / edges)
+        last = min(last, abs(growth.end_deg - (obj.size_deg or 0.0)) / edges)
     return min(first, last), last
 
 
 def _in_scene(
-    protocol: ProtocolTables, point: tuple[float, float], velocity: tuple[float, float], time: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Turn and shift a point and its velocity as the scene does."""
+    protocol: ProtocolTables, point: _Vector, velocity: _Vector, time: float
+) -> tuple[_Vector, _Vector]:
+    """Turn and shift a point and its velocity by the turn and the shift of the scene."""
     scene, timing = protocol.scene, protocol.timing
     angle = math.radians(_scene_turn(protocol, time))
     x, y = _turned(point, angle)
     vx, vy = _turned(velocity, angle)
-    elapsed = min(max(time - timing.before_s, 0.0), timing.motion_s)
     (dx, dy), (dvx, dvy), _ = _movement(
-        scene.motion, elapsed, scene.rotation_deg, f"{protocol.seed}/scene"
+        scene.motion, timing.elapsed(time), scene.rotation_deg, f"{protocol.seed}/scene"
     )
     if scene.motion is not None and timing.before_s <= time < timing.end_s:
         spin = math.radians(scene.motion.rotation_deg_s)
@@ -171,14 +185,12 @@ def _in_scene(
 
 
 def _scene_turn(protocol: ProtocolTables, time: float) -> float:
-    scene, timing = protocol.scene, protocol.timing
-    if scene.motion is None:
-        return scene.rotation_deg
-    elapsed = min(max(time - timing.before_s, 0.0), timing.motion_s)
-    return scene.rotation_deg + scene.motion.rotation_deg_s * elapsed
+    scene = protocol.scene
+    spin = scene.motion.rotation_deg_s if scene.motion is not None else 0.0
+    return scene.rotation_deg + spin * protocol.timing.elapsed(time)
 
 
-def _turned(point: tuple[float, float], angle: float) -> tuple[float, float]:
+def _turned(point: _Vector, angle: float) -> _Vector:
     if angle == 0:
         return point
     x, y = point
@@ -188,17 +200,15 @@ def _turned(point: tuple[float, float], angle: float) -> tuple[float, float]:
 def _movement(
     motion: Motion | None, elapsed: float, axis_deg: float, seed: str
 ) -> tuple[_Vector, _Vector, float]:
-    """Displacement [right, up] in degrees, velocity in deg/s, and turn in degrees.
+    """Return displacement [right, up] in degrees, velocity in deg/s, and turn in degrees.
 
-    `axis_deg` is the direction where the motion has none; the text `seed` sets the shake.
+    `axis_deg` is the direction of a motion that states none; the text `seed` sets the shake.
     """
     if motion is None:
         return _STILL, _STILL, 0.0
     heading = math.radians(axis_deg if motion.direction_deg is None else motion.direction_deg)
-    x_speed, y_speed = (
-        motion.speed_deg_s * math.cos(heading),
-        motion.speed_deg_s * math.sin(heading),
-    )
+    speed = motion.speed_deg_s
+    x_speed, y_speed = speed * math.cos(heading), speed * math.sin(heading)
     x, y = x_speed * elapsed, y_speed * elapsed
     for (dx, dy), (vx, vy) in (_path(motion, elapsed), shaken(motion, elapsed, seed)):
         x, y, x_speed, y_speed = x + dx, y + dy, x_speed + vx, y_speed + vy
@@ -208,7 +218,7 @@ def _movement(
 def _luminance_at(
     brightness: Brightness | None, base: float, elapsed: float, duration: float
 ) -> float:
-    """Luminance some seconds after the start of the motion (negative before it)."""
+    """Return the luminance `elapsed` seconds after the start of the motion (negative: before)."""
     if brightness is None or elapsed + ROUNDING_S < brightness.start_s:
         return base
     since = max(elapsed - brightness.start_s, 0.0)
@@ -219,36 +229,36 @@ def _luminance_at(
         share = min(since / length, 1.0)
     else:
         cycle = since * (brightness.frequency_hz or 0.0)
-        sine = brightness.waveform == "sine"
-        # a cycle starts at the base; 1e-9 keeps a frame on the switch on one side of it
-        share = (
-            (1 - math.cos(2 * math.pi * cycle)) / 2 if sine else float((cycle + 1e-9) % 1 >= 0.5)
-        )
+        if brightness.waveform == "sine":
+            share = (1 - math.cos(2 * math.pi * cycle)) / 2
+        else:  # 1e-9: a rounded time may lie just before the switch
+            share = float((cycle + 1e-9) % 1 >= 0.5)
     return base + (brightness.to - base) * share
 
 
 def _path(motion: Motion, elapsed: float) -> tuple[_Vector, _Vector]:
+    """Return the displacement and the velocity along the points of a path."""
     points, times = motion.path_deg, motion.path_s
     if not points:
         return _STILL, _STILL
-    for index in range(1, len(points)):
-        if times[index - 1] <= elapsed + ROUNDING_S < times[index]:
-            (x0, y0), (x1, y1) = points[index - 1], points[index]
-            length = times[index] - times[index - 1]
-            vx, vy = (x1 - x0) / length, (y1 - y0) / length
-            since = elapsed - times[index - 1]
-            return (x0 + vx * since, y0 + vy * since), (vx, vy)
-    return points[0] if elapsed + ROUNDING_S < times[0] else points[-1], _STILL
+    reached = bisect.bisect_right(times, elapsed + ROUNDING_S)
+    if reached in {0, len(points)}:  # before the first point, or after the last one
+        return points[max(reached - 1, 0)], _STILL
+    (x0, y0), (x1, y1) = points[reached - 1 : reached + 1]
+    length, since = times[reached] - times[reached - 1], elapsed - times[reached - 1]
+    vx, vy = (x1 - x0) / length, (y1 - y0) / length
+    return (x0 + vx * since, y0 + vy * since), (vx, vy)
 
 
 def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector, _Vector]:
     """Return the displacement [right, up] in degrees of a shake, and its velocity in deg/s.
 
-    It is a sum of seeded sinusoids: random to the eye, but a function of time.
+    The shake is a sum of sine waves whose frequencies and phases follow from `seed`. It looks
+    random, but is a function of time.
     """
     if not motion.shake_deg:
         return _STILL, _STILL
-    # a generator of its own for each object; text seeds are the same in every process
+    # Every object has its own generator. A text gives the same numbers in every process.
     chance = random.Random(f"{seed}/shake")  # noqa: S311
     waves = 6
     amplitude = motion.shake_deg / math.sqrt(waves)
@@ -263,28 +273,28 @@ def shaken(motion: Motion | Camera, elapsed: float, seed: str) -> tuple[_Vector,
 
 
 def _extent_of(obj: Object, elapsed: float, start: float, end: float) -> Extent:
-    """Reach of a shape, with its speeds when time runs forwards.
+    """Return the reach of a shape and its speeds, without regard to `reverse`.
 
     `elapsed` counts from the start of its motion; `start` and `end` are seconds of the clip.
     """
     growth, size = obj.growth, obj.size_deg or 0.0
-    if growth is None:
-        return Extent(size / 2, size / 2)
-    if growth.kind == "approach":
-        contact = end if growth.contact_s is None else growth.contact_s
+    contact = approach_contact(obj, end)
+    if growth is not None and contact is not None:
         return _approach(growth, contact - start - elapsed)
-    if growth.kind == "steps":
-        index = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
-        size = growth.sizes_deg[index - 1] if index else size
-        return Extent(size / 2, size / 2)
-    return _constant_edge_speed(growth, size, elapsed)
+    if growth is not None and growth.kind == "edge-speed":
+        return _constant_edge_speed(growth, size, elapsed)
+    if growth is not None:
+        reached = bisect.bisect_right(growth.times_s, elapsed + ROUNDING_S)
+        size = growth.sizes_deg[reached - 1] if reached else size
+    return Extent(size / 2, size / 2)
 
 
 def _approach(growth: Growth, remaining: float) -> Extent:
-    """Reach of an object that approaches at constant speed, some seconds before contact.
+    """Return the reach of an object that approaches at constant speed.
 
-    Its angular size is ``2 atan((l/v) / (contact - t))``, with l the half size of the
-    object and v its speed (Gabbiani et al. 1999). From contact on it fills the view.
+    Its angular size is ``2 atan((l/v) / remaining)``, with l the half size of the object, v its
+    speed and `remaining` the seconds until contact (Gabbiani et al. 1999). From contact on, the
+    object fills the view.
     """
     ratio = (growth.l_over_v_ms or 0.0) / 1000
     half = math.degrees(math.atan2(ratio, remaining)) if remaining > 0 else 90.0
@@ -295,14 +305,14 @@ def _approach(growth: Growth, remaining: float) -> Extent:
 
 
 def _constant_edge_speed(growth: Growth, size: float, elapsed: float) -> Extent:
-    """Reach of a shape of this size at the start, its edges moving at constant speed."""
+    """Return the reach of a shape whose edges move at constant speed; `size` is that at first."""
     speed = growth.speed_deg_s or 0.0
     forward = speed if growth.sides in {"both", "forward"} else 0.0
     backward = speed if growth.sides in {"both", "backward"} else 0.0
     moving = True
     if growth.end_deg is not None:
-        lasts = abs(growth.end_deg - size) / (forward + backward)
-        moving, elapsed = elapsed + ROUNDING_S < lasts, min(elapsed, lasts)
+        duration = abs(growth.end_deg - size) / (forward + backward)
+        moving, elapsed = elapsed + ROUNDING_S < duration, min(elapsed, duration)
         if growth.end_deg < size:
             forward, backward = -forward, -backward
     reach = Extent(size / 2 + forward * elapsed, size / 2 + backward * elapsed, forward, backward)

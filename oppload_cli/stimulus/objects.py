@@ -17,7 +17,7 @@ SIZED = ("disk", "square", "bar", "cross", "ring", "patch")
 PICTURE = "picture"
 KINDS = (*SIZED, "edge", *FIELDS, PICTURE)
 DRAWINGS = ("ball", "box", "car", "bird")
-# A shape looms where its complete outline grows; a bar or a cross grows along lines only.
+# These shapes loom when they grow. A bar or a cross grows along lines, not as a complete outline.
 LOOMING = ("disk", "square", "ring", "patch")
 _TEXTURED = ("texture", "patch")
 
@@ -111,7 +111,7 @@ class Growth(Table):
     )
     least_deg: float = parameter(
         0.0,
-        "shown at least at this size (the time course is cut, not shifted)",
+        "smallest size shown; a smaller size is shown as this one, and times stay the same",
         unit="deg",
         low=0,
         high=180,
@@ -119,7 +119,7 @@ class Growth(Table):
     )
     most_deg: float = parameter(
         180.0,
-        "shown at most at this size (the time course is cut, not shifted)",
+        "largest size shown; a larger size is shown as this one, and times stay the same",
         unit="deg",
         above=0,
         high=180,
@@ -154,7 +154,7 @@ class Brightness(Table):
         "step: at once; ramp: evenly; flicker: back and forth",
         choices=("step", "ramp", "flicker"),
     )
-    to: float = parameter(REQUIRED, "the other luminance", low=0, high=1)
+    to: float = parameter(REQUIRED, "luminance to which it changes", low=0, high=1)
     start_s: float = parameter(0.0, "when the change starts", unit="s", low=0, high=3600)
     duration_s: float | None = parameter(
         None,
@@ -241,7 +241,7 @@ class Object(Table):
     contrast: float = parameter(
         1.0,
         "grating, plaid: Michelson contrast; texture, patch: RMS contrast; dots: luminance "
-        "of the dots over that of the ground, minus 1 (negative: dark dots)",
+        "of the dots divided by that of the ground, minus 1 (negative: dark dots)",
         low=-1,
         high=10,
         kinds=(*_PATTERNS, "patch"),
@@ -316,7 +316,8 @@ class Object(Table):
     )
     relative_luminance: float | None = parameter(
         None,
-        "mean luminance over that of the background in the first frame; default: as it is",
+        "mean luminance divided by that of the background in the first frame; default: the "
+        "picture's own luminance",
         low=0,
         high=100,
         kinds=(PICTURE,),
@@ -338,8 +339,8 @@ class Object(Table):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.luminance is None:
-            shaded = self.kind in _PATTERNS or self.kind == "patch"
-            object.__setattr__(self, "luminance", 0.5 if shaded else 0.0)
+            patterned = self.kind in (*_PATTERNS, "patch")
+            object.__setattr__(self, "luminance", 0.5 if patterned else 0.0)
         self._check_size()
         self._check_contrast()
         if self.kind == PICTURE:
@@ -351,7 +352,7 @@ class Object(Table):
 
     @property
     def base_luminance(self) -> float:
-        """The luminance, which is never None once the object is made."""
+        """The luminance; never None, because an object without one has a default."""
         return self.luminance if self.luminance is not None else 0.0
 
     def _check_size(self) -> None:
@@ -370,37 +371,34 @@ class Object(Table):
     def _check_picture(self) -> None:
         if (self.file is None) == (self.drawing is None):
             raise StimulusError("kind 'picture' needs either file or drawing, and only one")
-        for key in ("motion", "brightness"):
-            if getattr(self, key) is not None:
+        for key in ("motion", "brightness", "reverse"):
+            if getattr(self, key):
                 raise StimulusError(f"{key} does not go with kind 'picture'; use course")
-        if self.reverse:
-            raise StimulusError("reverse does not go with kind 'picture'; use course")
 
     def _check_contrast(self) -> None:
-        if self.kind in GRATINGS and not 0 <= self.contrast * self.base_luminance <= 1 - (
-            self.base_luminance
-        ):
+        mean, contrast = self.base_luminance, self.contrast
+        if self.kind in GRATINGS and not 0 <= contrast * mean <= 1 - mean:
             raise StimulusError(
-                f"contrast = {self.contrast:g} takes luminance = {self.base_luminance:g} out of "
-                "0 to 1; lower one of them"
+                f"contrast = {contrast:g} takes luminance = {mean:g} out of 0 to 1; lower one of "
+                "them"
             )
-        if self.kind == "dots" and self.base_luminance * (1 + self.contrast) > 1:
+        if self.kind == "dots" and mean * (1 + contrast) > 1:
             raise StimulusError(
-                f"contrast = {self.contrast:g} makes the dots brighter than 1 at luminance = "
-                f"{self.base_luminance:g}; lower one of them"
+                f"contrast = {contrast:g} makes the dots brighter than 1 at luminance = {mean:g}; "
+                "lower one of them"
             )
-        if self.kind in _TEXTURED and self.contrast < 0:
+        if self.kind in _TEXTURED and contrast < 0:
             raise StimulusError(f"contrast of a {self.kind} must be at least 0")
 
 
 def _check_times(
-    times: tuple[float, ...], values: tuple[Any, ...], first: str, second: str
+    times: tuple[float, ...], values: tuple[Any, ...], times_key: str, values_key: str
 ) -> None:
-    """Check a list of rising times and the list of values that goes with it."""
+    """Check that times rise, and that there is one value for each time."""
     if not times or len(times) != len(values):
         raise StimulusError(
-            f"{first} and {second} must be lists of the same length, not {len(times)} and "
+            f"{times_key} and {values_key} must be lists of the same length, not {len(times)} and "
             f"{len(values)} values"
         )
     if any(after <= before for before, after in itertools.pairwise(times)):
-        raise StimulusError(f"{first} must rise from value to value")
+        raise StimulusError(f"{times_key} must rise from value to value")

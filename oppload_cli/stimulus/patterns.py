@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 _MOST_DOTS = 1_000_000
-# below this a pixel is flat along that direction, and the average over it is the value
+# A phase that changes by less than this across a pixel counts as constant in the pixel.
 _FLAT = 1e-6
 
 
 def generator(seed: int, name: str) -> np.random.Generator:
-    """Return a random generator that depends on a protocol's seed and an object's name only."""
+    """Return a random generator for an object; its numbers follow from the seed and the name."""
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
 
@@ -61,12 +61,12 @@ def noise_tile(side: int, exponent: float, finest: float, random: np.random.Gene
 
 
 class Tile:
-    """A tile and its smaller copies, read at any position by linear interpolation.
+    """A tile that repeats in both directions, read at any position by linear interpolation.
 
     Parameters
     ----------
     tile : ndarray
-        float32 (side, side), side a power of 2; it repeats in both directions.
+        float32 (side, side), side a power of 2.
     """
 
     def __init__(self, tile: Picture) -> None:
@@ -82,11 +82,11 @@ class Tile:
         Parameters
         ----------
         u, v : ndarray
-            Column and row position in tiles (1 = one tile). (1, w) and (h, 1) are read
-            as a grid, which is faster; otherwise both are (h, w).
+            Column and row, in sides of the tile: both (h, w), or (1, w) and (h, 1) for a grid,
+            which is faster.
         per_pixel : float
-            Samples of the full tile per pixel of the display: from 2 on, smaller copies
-            are read, so that nothing flickers.
+            Samples of the tile per pixel of the display. From 2 on, the values come from smaller
+            copies of the tile, so that the texture does not flicker when it moves.
 
         Returns
         -------
@@ -103,7 +103,7 @@ class Tile:
     def _sampled(self, level: int, u: Floats, v: Floats) -> Picture:
         tile = self.levels[level]
         side = tile.shape[0]
-        # sample k stands for the middle of its cell
+        # Sample k is the value at k + 0.5.
         (left, right, fx), (top, low, fy) = (_between(w * side - 0.5, side) for w in (u, v))
         if u.shape[0] == 1 and v.shape[1] == 1:
             rows = tile[top[:, 0]] * (1 - fy) + tile[low[:, 0]] * fy
@@ -128,18 +128,19 @@ def shaded(mean: float, contrast: float, values: Picture) -> Picture:
 
 
 def square_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
-    """Return a square wave averaged over pixels.
+    """Return a square wave, 1 in the first half of a cycle and -1 in the second, over pixels.
 
-    A pixel, seen along the grating's axis, is a trapezoid: two boxes convolved. The
-    average is therefore a second difference of the wave's second integral.
+    The value of a pixel is the mean of the wave over the pixel. Projected onto the grating's axis,
+    a pixel is the convolution of two boxes. The mean is therefore a second difference of the
+    wave's second integral.
 
     Parameters
     ----------
     phase : ndarray
-        Phase at the pixels' centres, in cycles; +1 in the first half of a cycle.
+        Phase at the pixels' centres, in cycles.
     width, depth : ndarray
-        Widths of the two boxes in cycles: how much the phase changes across the pixel
-        along x and along y. They broadcast against `phase`.
+        Change of the phase across a pixel along x and along y, in cycles. They broadcast against
+        `phase`.
 
     Returns
     -------
@@ -151,7 +152,7 @@ def square_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
     if np.max(short) < _FLAT:
         return _box(phase, np.maximum(long, _FLAT))
     short = np.maximum(short, _FLAT)
-    # a _FLAT by _FLAT difference would be all rounding error
+    # With two boxes as small as _FLAT, the difference would consist of rounding errors.
     long = np.maximum(long, 1e-4)
     outer, inner = (long + short) / 2, (long - short) / 2
     second = (
@@ -164,18 +165,7 @@ def square_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
 
 
 def sine_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
-    """Return a sine wave averaged over pixels.
-
-    Parameters
-    ----------
-    phase, width, depth : ndarray
-        As for :func:`square_wave`.
-
-    Returns
-    -------
-    ndarray
-        -1 to 1.
-    """
+    """Return the mean of a sine wave over each pixel, with arguments as of :func:`square_wave`."""
     return np.asarray(np.sin(2 * np.pi * phase) * np.sinc(width) * np.sinc(depth))
 
 
@@ -184,29 +174,32 @@ def _box(phase: Floats, width: Floats) -> Floats:
 
 
 def _integrated(phase: Floats) -> Floats:
-    """Integral of the square wave: a triangle from 0 to 1/2, periodic."""
+    """Return the integral of the square wave: a periodic triangle from 0 to 1/2."""
     cycle = phase - np.floor(phase)
     return 0.5 - np.abs(cycle - 0.5)
 
 
 def _twice_integrated(phase: Floats) -> Floats:
-    """Integral of the triangle minus its mean 1/4, periodic; the second difference cancels it."""
+    """Return the integral of the triangle minus its mean 1/4, so that the integral is periodic.
+
+    The second difference removes the effect of the subtracted mean.
+    """
     cycle = phase - np.floor(phase)
-    late = cycle - 0.5
-    return np.where(cycle < 0.5, cycle * (cycle / 2 - 0.25), late * (0.25 - late / 2))
+    second_half = cycle - 0.5
+    return np.where(cycle < 0.5, cycle * (cycle / 2 - 0.25), second_half * (0.25 - second_half / 2))
 
 
 class DotField:
-    """Random dots in a square that repeats and is larger than its part on the display.
+    """Random dots in a square that repeats and is larger than the display.
 
     Parameters
     ----------
     obj : Object
         An object of kind ``dots``.
     seed : int
-        The protocol's.
+        The seed of the protocol.
     view_deg : float
-        Diameter of the display in degrees of the pattern, at its smallest scale.
+        Diameter of the display in degrees of the pattern, at the smallest scale of the clip.
     """
 
     def __init__(self, obj: Object, seed: int, view_deg: float) -> None:
@@ -220,19 +213,18 @@ class DotField:
         random = generator(seed, obj.id)
         self.places = random.uniform(-self.side / 2, self.side / 2, (number, 2))
         directions = random.uniform(0, 2 * math.pi, number)
-        own = round((1 - obj.coherence) * number)
-        self.headings = np.stack([np.cos(directions), np.sin(directions)], axis=1)[:own]
+        incoherent = round((1 - obj.coherence) * number)
+        self.headings = np.stack([np.cos(directions), np.sin(directions)], axis=1)[:incoherent]
 
     def positions(self, pose: Pose) -> Floats:
-        """Return the dots' positions, float64 (n, 2): degrees right and up."""
+        """Return the positions of the dots, float64 (n, 2): degrees right and up."""
         angle = math.radians(pose.orientation_deg)
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         places = self.places.copy()
-        own = len(self.headings)
-        if own:
-            # they move as far as the others, each in a direction of its own
-            common = np.array(pose.travel_deg)
-            places[:own] += (np.hypot(*common) * self.headings - common) @ turn / pose.zoom
+        # An incoherent dot moves as far as the coherent dots, but in its own direction.
+        common = np.array(pose.travel_deg)
+        own = np.hypot(*common) * self.headings - common
+        places[: len(self.headings)] += own @ turn / pose.zoom
         centre = np.array(pose.centre_deg)
         middle = -centre @ turn / pose.zoom
         places += self.side * np.round((middle - places) / self.side)
@@ -240,7 +232,7 @@ class DotField:
 
 
 def _between(position: Floats, side: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Picture]:
-    """Find the two samples around a position, and the weight of the second."""
+    """Return the two samples around a position, and the weight of the second one."""
     floor = np.floor(position)
     first = floor.astype(np.intp) % side
     return first, (first + 1) % side, (position - floor).astype(np.float32)

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     Picture = NDArray[np.float32]
 
 _SIDE = 512  # texels of the longer side of a drawing
-_SMALLEST = 256  # an image with a shorter longer side is enlarged to it
-_LARGEST = 2048
+# The longer side of an image is scaled to lie between these numbers of texels.
+_SMALLEST, _LARGEST = 256, 2048
 
 
 class _Cutout(NamedTuple):
@@ -37,9 +37,9 @@ class _Cutout(NamedTuple):
     texture : Texture
         Luminance times opacity, and opacity.
     width, height : float
-        Of the picture in its size (the longer side is 1).
+        Width and height divided by the longer one of them.
     mean : float
-        Mean luminance of the opaque part.
+        Mean luminance, weighted by opacity.
     """
 
     texture: Texture
@@ -63,25 +63,23 @@ def cutout_of(obj: Object, seed: int) -> _Cutout:
 
 @lru_cache(maxsize=32)
 def _drawn(drawing: str, seed: int) -> _Cutout:
-    random = np.random.default_rng(seed)
-    luminance, opacity = _DRAWINGS[drawing](random)
-    return _cut(luminance, opacity)
+    return _cut(*_DRAWINGS[drawing](np.random.default_rng(seed)))
 
 
 @lru_cache(maxsize=32)
-def _from_file(identity: str, path: str) -> _Cutout:
-    place = f"object '{identity}': file = '{path}'"
+def _from_file(object_id: str, path: str) -> _Cutout:
+    where = f"object '{object_id}': file = '{path}'"
     try:
         luminance, opacity = read_transparent(path)
     except OpploadError as problem:
-        raise StimulusError(f"{place}: {problem}") from None
+        raise StimulusError(f"{where}: {problem}") from None
     if opacity is None or opacity.min() == 1:
         raise StimulusError(
-            f"{place} has no transparency, so that its outline is not known; save it with an "
+            f"{where} has no transparency, so that its outline is not known; save it with an "
             "alpha channel"
         )
     if opacity.max() < 0.5:
-        raise StimulusError(f"{place} is transparent everywhere; give a picture of something")
+        raise StimulusError(f"{where} is transparent everywhere; give an image with an opaque part")
     return _cut(luminance, opacity)
 
 
@@ -103,11 +101,11 @@ def _cut(luminance: Picture, opacity: Picture) -> _Cutout:
     return _Cutout(Texture(both, repeats=False), width, height, mean)
 
 
-# ---- Drawings: (luminance, opacity) of _SIDE texels to a size -------------------------------
+# ---- Drawings: luminance and opacity, _SIDE texels along the longer side --------------------
 
 
 def _grid(width: float, height: float) -> tuple[Floats, Floats]:
-    """Return x and y (up) of the texels from the middle, in half sizes."""
+    """Return x (right) and y (up) of the texels; the longer side reaches from -1 to 1."""
     columns, rows = round(_SIDE * width), round(_SIDE * height)
     x = (np.arange(columns) + 0.5 - columns / 2) / (_SIDE / 2)
     y = (rows / 2 - np.arange(rows) - 0.5) / (_SIDE / 2)

@@ -35,7 +35,7 @@ from oppload_cli.stimulus.surfaces import Surface
 from oppload_cli.stimulus.truth import FrameTruth, frame_truth
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     Picture = NDArray[np.float32]
 
 
-# v / 255 in single precision, rounded once
+# The luminance of each grey value, as reading a lossless file gives it.
 _LUMINANCE = np.arange(256, dtype=np.float32) / np.float32(255)
 _LARGEST_TILE = 2048
 
@@ -79,12 +79,14 @@ class StimulusFrame:
 
 
 class Renderer:
-    """Draws any frame of a protocol, each by itself, in any order."""
+    """Draws the frames of a protocol, in any order."""
 
     def __init__(self, protocol: Protocol) -> None:
         self.protocol = protocol
         self._background = background_of(protocol)
-        self._painters = [_painter_of(protocol, obj) for obj in protocol.objects]
+        self._painters = [
+            _PAINTERS.get(obj.kind, _Painter)(protocol, obj) for obj in protocol.objects
+        ]
         self._last: tuple[list[object], NDArray[np.float32]] | None = None
 
     def grey(self, frame: int) -> NDArray[np.uint8]:
@@ -110,8 +112,8 @@ class Renderer:
         Returns
         -------
         ndarray
-            float64 (h, w, 2): pixels right and down; NaN where nothing is drawn, and everywhere
-            if the surroundings change between the two frames (``scene.cut_s``).
+            float64 (h, w, 2): pixels right and down. NaN for pixels that show no surface, and for
+            all pixels if the surroundings change between the two frames (``scene.cut_s``).
 
         Raises
         ------
@@ -149,7 +151,7 @@ class Renderer:
         return picture
 
     def _blurred(self, time: float) -> NDArray[np.float32]:
-        """Average over the open shutter; its middle is the frame's time."""
+        """Return the mean of pictures from the time while the shutter is open around `time`."""
         effects, rate = self.protocol.effects, float(self.protocol.display.frame_rate)
         count = effects.shutter_samples
         shifts = ((np.arange(count) + 0.5) / count - 0.5) * effects.shutter / rate
@@ -160,9 +162,9 @@ class Renderer:
         return total / np.float32(count)
 
     def _picture(self, time: float, frame_s: float) -> NDArray[np.float32]:
-        """Draw the scene, or return the picture drawn last where nothing has changed since.
+        """Draw the scene, or return the last picture if the scene has not changed since.
 
-        `frame_s` is the time of the frame, which the shutter surrounds.
+        `time` is a time at which the shutter is open, `frame_s` the time of the frame.
         """
         poses = [painter.pose(time) for painter in self._painters]
         looks = [self._background.look(time, frame_s), *(pose.look for pose in poses)]
@@ -182,7 +184,7 @@ def frames(protocol: Protocol) -> Iterator[StimulusFrame]:
     Yields
     ------
     StimulusFrame
-        The luminance is exactly that of the lossless file when it is read back.
+        Its luminance equals that of the lossless file that :func:`write` makes.
     """
     renderer = Renderer(protocol)
     for index in range(protocol.frame_count):
@@ -191,39 +193,18 @@ def frames(protocol: Protocol) -> Iterator[StimulusFrame]:
         yield StimulusFrame(index, truth.time_s, grey, _LUMINANCE[grey], truth)
 
 
-def _painter_of(protocol: Protocol, obj: Object) -> _AnyPainter:
-    """Return the painter of an object of the protocol.
-
-    Raises
-    ------
-    StimulusError
-        If its picture cannot be used.
-    """
-    if obj.kind == PICTURE:
-        return _PicturePainter(protocol, obj)
-    if obj.kind in GRATINGS:
-        return _GratingPainter(protocol, obj)
-    others: dict[str, type[_Painter]] = {
-        "field": _PatternPainter,
-        "texture": _TexturePainter,
-        "dots": _DotsPainter,
-        "patch": _PatchPainter,
-    }
-    return others.get(obj.kind, _Painter)(protocol, obj)
-
-
 class _AnyPainter(typing.Protocol):
-    """Paints one object."""
+    """Paints one object of a protocol."""
 
     def pose(self, time: float) -> Any:
-        """Return the object at a time: whether it is `visible`, and its `look`."""
+        """Return the object at a time, in seconds of the clip: its attribute `visible` and more."""
 
     def paint(self, picture: Picture, pose: Any) -> None:
-        """Paint the object over the picture, float32 (h, w), in place."""
+        """Paint the object onto the picture, float32 (h, w) luminance, in place."""
 
 
 class _Painter:
-    """Paints a shape of one colour; the base of the others."""
+    """Paints a shape of one luminance; the base class of the painters of patterns."""
 
     def __init__(self, protocol: Protocol, obj: Object) -> None:
         self.protocol, self.obj = protocol, obj
@@ -231,19 +212,9 @@ class _Painter:
         self.height, self.width = protocol.display.height, protocol.display.width
 
     def pose(self, time: float) -> Pose:
-        """Return the pose of the object at a time, in seconds of the clip."""
         return pose_of(self.protocol, self.obj, time)
 
     def paint(self, picture: Picture, pose: Pose) -> None:
-        """Paint the object over the picture.
-
-        Parameters
-        ----------
-        picture : ndarray
-            float32 (h, w), luminance; changed in place.
-        pose : Pose
-            The pose of the object.
-        """
         self._blend(picture, pose, *self._coverage(pose))
 
     def _blend(self, picture: Picture, pose: Pose, window: Window, coverage: Floats) -> None:
@@ -256,7 +227,7 @@ class _Painter:
         return np.full(window.shape, pose.luminance, dtype=np.float32)
 
     def _coverage(self, pose: Pose) -> tuple[Window, Floats]:
-        """Share of each pixel that the shape covers."""
+        """Return the share of each pixel that the shape covers."""
         size = self.height, self.width
         if self.obj.kind not in {"disk", "patch", "ring"}:
             corners = corners_of(self.projection, self.obj, pose, *size)
@@ -273,36 +244,31 @@ class _Painter:
 
 
 class _PatchPainter(_Painter):
-    """Paints a textured disk; the texture grows with it."""
+    """Paints a textured disk. One tile of the texture spans the disk and grows with it."""
 
     _SIDE = 256
 
     @cached_property
     def _tile(self) -> Tile:
-        """One tile spans the disk."""
         random = generator(self.protocol.seed, self.obj.id)
         return Tile(noise_tile(self._SIDE, self.obj.exponent, self._SIDE / 8, random))
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the texture, turned and scaled as the disk is."""
         (x, y), (ahead, behind) = self.projection.middle_of(pose)
         size = max(ahead + behind, 1e-9)
         angle = math.radians(pose.orientation_deg)
         u: Floats = (np.arange(window.left + 0.5, window.right)[None, :] - x) / size
         v: Floats = (np.arange(window.top + 0.5, window.bottom)[:, None] - y) / size
         if angle:
-            u, v = (
-                u * math.cos(angle) - v * math.sin(angle),
-                u * math.sin(angle) + v * math.cos(angle),
-            )
+            cosine, sine = math.cos(angle), math.sin(angle)
+            u, v = u * cosine - v * sine, u * sine + v * cosine
         return shaded(pose.luminance, self.obj.contrast, self._tile.at(u, v, self._SIDE / size))
 
 
 class _PatternPainter(_Painter):
-    """Base of the patterns, which cover the display or a round aperture of it."""
+    """Paints an even field; the base class of painters that fill the display or an aperture."""
 
     def paint(self, picture: Picture, pose: Pose) -> None:
-        """Paint the pattern over the picture."""
         self._blend(picture, pose, *self._aperture)
 
     @cached_property
@@ -315,21 +281,21 @@ class _PatternPainter(_Painter):
 
     @cached_property
     def _grid_deg(self) -> tuple[Floats, Floats]:
-        """Degrees right and up of the pixels' centres: (1, w) and (h, 1), or both (h, w)."""
+        """The pixels' centres in degrees right and up: (1, w) and (h, 1), or both (h, w)."""
         middle_x, middle_y = self.projection.middle
         x: Floats = (np.arange(0.5, self.width)[None, :] - middle_x) / self.projection.scale
         y: Floats = (middle_y - np.arange(0.5, self.height)[:, None]) / self.projection.scale
         if not self.projection.perspective:
             return x, y
-        # the eccentricity of a pixel is the arctangent of its distance from the middle
+        # The eccentricity of a pixel is the arctangent of its distance from the middle.
         distance = np.radians(np.hypot(x, y))
         ratio = np.where(distance > 0, np.arctan(distance) / np.maximum(distance, 1e-12), 1.0)
         return x * ratio, y * ratio
 
     def _pattern_grid(self, pose: Pose, window: Window) -> tuple[Floats, Floats]:
-        """Pixels in the pattern's own coordinates: degrees along its axis and across it.
+        """Return the pixels' positions on the pattern, in degrees along its axis and across it.
 
-        The arrays are (1, w) and (h, 1) where nothing turns.
+        The arrays are (1, w) and (h, 1) if the axis is 0 degrees and the projection flat.
         """
         x, y = self._grid_deg
         rows, columns = window.slices
@@ -347,7 +313,6 @@ class _GratingPainter(_PatternPainter):
     """Paints square and sine gratings and plaids."""
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the mean luminance times 1 plus the contrast times the wave."""
         obj = self.obj
         if obj.kind != "plaid":
             wave = self._wave(pose, window, 0.0)
@@ -358,9 +323,9 @@ class _GratingPainter(_PatternPainter):
         return np.broadcast_to(luminance, window.shape).astype(np.float32)
 
     def _wave(self, pose: Pose, window: Window, turn_deg: float) -> Floats:
-        # a gradient takes neighbours, which a window of one pixel does not have
-        whole = Window(0, self.height, 0, self.width)
-        x, y = self._pattern_grid(pose, whole if self.projection.perspective else window)
+        # A gradient needs neighbours, and a window may be one pixel wide.
+        display = Window(0, self.height, 0, self.width)
+        x, y = self._pattern_grid(pose, display if self.projection.perspective else window)
         turn, period = math.radians(turn_deg), self.obj.period_deg or 1.0
         phase = (x * math.cos(turn) + y * math.sin(turn)) / period
         if self.projection.perspective:
@@ -380,16 +345,16 @@ class _GratingPainter(_PatternPainter):
 
 
 class _TexturePainter(_PatternPainter):
-    """Paints a 1/f texture over the display."""
+    """Paints a 1/f texture, whose tile repeats over the display."""
 
     @cached_property
     def _tile_deg(self) -> float:
-        """Side of the tile that repeats."""
+        """Side of the tile in degrees."""
         return max(self.height, self.width) / self.projection.scale
 
     @cached_property
     def _tile(self) -> Tile:
-        """The texture, at least two samples to a pixel where the tile is not too large."""
+        # At least two samples per pixel, unless the tile would be too large.
         pixels = max(self.height, self.width)
         side = min(2 ** math.ceil(math.log2(2 * pixels)), _LARGEST_TILE)
         finest = self.obj.finest_deg or 4 / self.projection.scale
@@ -398,7 +363,6 @@ class _TexturePainter(_PatternPainter):
         return Tile(noise_tile(side, self.obj.exponent, wavelength, random))
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the mean luminance times 1 plus the contrast times the texture."""
         x, y = self._pattern_grid(pose, window)
         per_pixel = self._tile.levels[0].shape[0] / self._tile_deg
         per_pixel /= self.projection.scale * pose.zoom
@@ -411,16 +375,13 @@ class _DotsPainter(_PatternPainter):
 
     @cached_property
     def _dots(self) -> DotField:
-        """All dots of the clip."""
         x, y = self._grid_deg
         view = 2 * float(np.hypot(np.abs(x).max(), np.abs(y).max()))
-        motion = self.obj.motion
-        lasts = self.protocol.timing.motion_s
-        smallest = min(1.0, math.exp(motion.zoom_per_s * lasts)) if motion else 1.0
+        motion, duration = self.obj.motion, self.protocol.timing.motion_s
+        smallest = min(1.0, math.exp(motion.zoom_per_s * duration)) if motion else 1.0
         return DotField(self.obj, self.protocol.seed, view / smallest)
 
     def _colours(self, pose: Pose, window: Window) -> Picture:
-        """Return the ground, with the dots on it."""
         places = self._dots.positions(pose)
         x, y = np.transpose([self.projection.to_px(*place) for place in places])
         radius = self.projection.reach((self.obj.dot_deg or 0.0) / 2)
@@ -443,28 +404,25 @@ class _PicturePainter:
         self._down = -camera_of(protocol).height_m
 
     def pose(self, time: float) -> Sight:
-        """Return the picture as the camera meets it."""
         return sight_of(self._protocol, self._obj, time)
 
     def paint(self, picture: Picture, pose: Sight) -> None:
-        """Paint the shadow and the picture."""
         (right_m, up_m, ahead_m), offset = pose.view.place, pose.offset
         place = right_m + offset[0], up_m + offset[1], ahead_m + offset[2]
         size = self._obj.size_m or 0.0
         wide, high = self._cutout.width * size / 2, self._cutout.height * size / 2
-        ground = place[0], self._down, place[2]
-        ahead, right, up = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+        right, up, ahead = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
         if self._obj.shadow:
-            side = shadow_of()
+            # A circle that lies on the ground; only its middle part is shown.
+            texture, ground = shadow_of(), (place[0], self._down, place[2])
+            scale, corner = texture.width / (2.2 * wide), (-1.1 * wide, 1.1 * wide)
             extent = -1.1 * wide, -0.4 * wide, 1.1 * wide, 0.4 * wide
-            # a circle, half as deep as wide
-            scale = side.width / (2.2 * wide)
-            shade = Surface(ground, right, ahead, side, scale, (-1.1 * wide, 1.1 * wide), extent)
-            self._blend(picture, shade, pose, 0.0, self._obj.shadow)
-        scale = self._cutout.texture.width / (2 * wide)
-        extent = -wide, -high, wide, high
-        flat = Surface(place, right, up, self._cutout.texture, scale, (-wide, high), extent)
-        self._blend(picture, flat, pose, self._gain, 1.0)
+            shadow = Surface(ground, right, ahead, texture, scale, corner, extent)
+            self._blend(picture, shadow, pose, 0.0, self._obj.shadow)
+        texture, extent = self._cutout.texture, (-wide, -high, wide, high)
+        scale = texture.width / (2 * wide)
+        upright = Surface(place, right, up, texture, scale, (-wide, high), extent)
+        self._blend(picture, upright, pose, self._gain, 1.0)
 
     def _blend(
         self, picture: Picture, surface: Surface, pose: Sight, gain: float, share: float
@@ -482,8 +440,19 @@ class _PicturePainter:
     @cached_property
     def _gain(self) -> float:
         """The factor by which the luminance of the picture is multiplied."""
-        wanted = self._obj.relative_luminance
-        if wanted is None:
+        relative = self._obj.relative_luminance
+        if relative is None:
             return 1.0
-        behind = background_of(self._protocol).picture(0.0, 0.0)
-        return wanted * float(behind.mean(dtype=np.float64)) / max(self._cutout.mean, 1e-6)
+        background = background_of(self._protocol).picture(0.0, 0.0)
+        return relative * float(background.mean(dtype=np.float64)) / max(self._cutout.mean, 1e-6)
+
+
+# Every other kind is a shape of one luminance.
+_PAINTERS: dict[str, Callable[[Protocol, Object], _AnyPainter]] = {
+    "patch": _PatchPainter,
+    "field": _PatternPainter,
+    **dict.fromkeys(GRATINGS, _GratingPainter),
+    "texture": _TexturePainter,
+    "dots": _DotsPainter,
+    PICTURE: _PicturePainter,
+}

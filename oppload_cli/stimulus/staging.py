@@ -1,8 +1,8 @@
 """Staged scenes: the camera and its pictures at any time, in metres and in pixels.
 
-The camera stands at the origin, looks ahead, and is an exact pinhole. World positions are
-``(right, up, ahead)`` in metres from its first place; the ground lies ``height_m`` below it.
-A picture is flat and upright, at right angles to the world's axis ahead.
+The camera is an exact pinhole. World positions are ``(right, up, ahead)`` in metres from the
+camera's place at the start; the ground lies ``height_m`` below the camera. A picture is flat,
+upright, and at right angles to the world's axis ahead.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from oppload_cli.errors import StimulusError
 from oppload_cli.stimulus.courses import HIT_SIZES, Line, Vector
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.kinematics import ROUNDING_S, motion_times, shaken, shown
+from oppload_cli.stimulus.kinematics import ROUNDING_S, is_drawn, motion_times, shaken
 from oppload_cli.stimulus.objects import PICTURE
 from oppload_cli.stimulus.tables import Camera
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from oppload_cli.stimulus.objects import Object
     from oppload_cli.stimulus.tables import ProtocolTables
 
-NEAREST_M = 0.01  # nothing nearer to the camera than that is drawn
-_USUAL_CAMERA = Camera()
-Box = tuple[float, float, float, float]
+NEAREST_M = 0.01  # a picture that is nearer to the camera is not drawn
+_DEFAULT_CAMERA = Camera()
+_Box = tuple[float, float, float, float]
 
 
 class View(NamedTuple):
@@ -36,7 +36,7 @@ class View(NamedTuple):
     place : tuple of float
         Place of the camera in the world, in metres.
     axes : tuple of tuple of float
-        Right, up and ahead of the camera, in the world's axes.
+        The camera's directions right, up and ahead, in the world's axes.
     eye_px : float
         Focal length in pixels.
     middle : tuple of float
@@ -49,16 +49,17 @@ class View(NamedTuple):
     middle: tuple[float, float]
 
     def from_camera(self, offset: Vector) -> Vector:
-        """Return an offset from the camera, given in the world's axes, in the camera's axes."""
-        right, up, ahead = (_dot(axis, offset) for axis in self.axes)
+        """Convert an offset from the camera from the world's axes to the camera's axes."""
+        right, up, ahead = (
+            axis[0] * offset[0] + axis[1] * offset[1] + axis[2] * offset[2] for axis in self.axes
+        )
         return right, up, ahead
 
-    def to_px(self, seen: Vector) -> tuple[float, float]:
+    def to_px(self, point: Vector) -> tuple[float, float]:
         """Return the pixel position (x, y), y down, of a point in the camera's axes."""
-        right, up, ahead = seen
-        return self.middle[0] + self.eye_px * right / ahead, self.middle[1] - self.eye_px * up / (
-            ahead
-        )
+        right, up, ahead = point
+        x, y = self.middle
+        return x + self.eye_px * right / ahead, y - self.eye_px * up / ahead
 
 
 @dataclass(frozen=True)
@@ -68,11 +69,12 @@ class Sight:
     Attributes
     ----------
     visible : bool
-        Whether it is drawn: before the camera, in its time.
+        Whether it is drawn: it has appeared, has not vanished, and is in front of the camera.
     offset, velocity : tuple of float
-        Of its middle from the camera, in metres and m/s, in the world's axes.
+        Position of its middle relative to the camera in metres, and velocity in m/s, in the
+        world's axes.
     contact_in_s : float or None
-        Time until it hits the camera, while it moves on a course to hit.
+        Time to contact, while the picture moves on a course that hits the camera.
     view : View
         The camera.
     """
@@ -85,22 +87,22 @@ class Sight:
 
     @property
     def look(self) -> tuple[object, ...]:
-        """All that the picture depends on."""
+        """The values that the object's pixels depend on."""
         return self.visible, self.offset, self.view
 
-    def box(self, half_width: float, half_height: float) -> Box | None:
-        """Return the box around a rectangle in its place, at right angles to the axis ahead.
+    def box(self, half_width: float, half_height: float) -> _Box | None:
+        """Return the box around the picture.
 
         Parameters
         ----------
         half_width, half_height : float
-            Of the rectangle, in metres.
+            Half the size of the picture in metres.
 
         Returns
         -------
         tuple of float or None
-            Left, top, width and height in pixels, which may reach beyond the display; None where
-            a part of it is beside or behind the camera.
+            Left, top, width and height in pixels; the box may reach beyond the display. None if a
+            corner of the picture is beside or behind the camera.
         """
         right, up, ahead = self.offset
         corners = [
@@ -115,14 +117,13 @@ class Sight:
 
 
 def camera_of(protocol: ProtocolTables) -> Camera:
-    """Return the camera of a protocol; the usual one where it names none."""
-    return protocol.camera or _USUAL_CAMERA
+    """Return the camera of a protocol, or the default camera."""
+    return protocol.camera or _DEFAULT_CAMERA
 
 
 def view_of(protocol: ProtocolTables, time: float) -> View:
-    """Return the camera of a protocol at a time, in seconds of the clip."""
-    camera, timing = camera_of(protocol), protocol.timing
-    elapsed = min(max(time - timing.before_s, 0.0), timing.motion_s)
+    """Return the view of a protocol's camera at a time, in seconds of the clip."""
+    camera, elapsed = camera_of(protocol), protocol.timing.elapsed(time)
     (shake_x, shake_y), _ = shaken(camera, elapsed, f"{protocol.seed}/camera")
     turn = math.radians(camera.start_deg + camera.pan_deg_s * elapsed + shake_x)
     tilt = math.radians(shake_y)
@@ -152,11 +153,11 @@ def sight_of(protocol: ProtocolTables, obj: Object, time: float) -> Sight:
     moving = start <= time < end
     velocity = line.velocity(elapsed) if moving else (0.0, 0.0, 0.0)
     contact = contact_of(protocol, obj)
-    left = None
+    contact_in_s = None
     if contact is not None and moving and time + ROUNDING_S < contact:
-        left = contact - time
-    visible = shown(obj, time, start, end) and view.from_camera(offset)[2] > NEAREST_M
-    return Sight(visible, offset, velocity, left, view)
+        contact_in_s = contact - time
+    visible = is_drawn(obj, time, start, end) and view.from_camera(offset)[2] > NEAREST_M
+    return Sight(visible, offset, velocity, contact_in_s, view)
 
 
 def contact_of(protocol: ProtocolTables, obj: Object) -> float | None:
@@ -168,10 +169,7 @@ def contact_of(protocol: ProtocolTables, obj: Object) -> float | None:
 
 
 def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
-    """Return the least distance of a picture's course from the camera, in its own sizes.
-
-    None for one that comes no nearer.
-    """
+    """Return the miss distance of a picture, in its own sizes; None if it never comes nearer."""
     line = _line(protocol, obj)
     distance = line.closest()[1]
     if not line.speed or distance >= math.hypot(*line.start) - 1e-9:
@@ -180,7 +178,7 @@ def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
 
 
 def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
-    """Tell whether a picture may touch the display: its bounding square does."""
+    """Tell whether the square around a picture touches the display."""
     sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
     if not sight.visible:
         return False
@@ -193,12 +191,12 @@ def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
 
 
 def check_stage(protocol: ProtocolTables) -> None:
-    """Check the rules that a staged scene sets for the tables of a protocol together.
+    """Check that the camera, the background and the pictures of a protocol go together.
 
     Raises
     ------
     StimulusError
-        If they do not go together; the message names the key.
+        If they do not; the message names the key.
     """
     pictures = [obj for obj in protocol.objects if obj.kind == PICTURE]
     scene, camera = protocol.scene, protocol.camera
@@ -218,19 +216,13 @@ def check_stage(protocol: ProtocolTables) -> None:
             "the camera; remove them"
         )
     for obj in pictures:
+        where = f"object '{obj.id}': course"
         try:
-            _check_start(protocol, obj)
+            ahead = _line(protocol, obj).start[2]
         except StimulusError as problem:
-            raise StimulusError(f"object '{obj.id}': course: {problem}") from None
-
-
-def _check_start(protocol: ProtocolTables, obj: Object) -> None:
-    ahead = _line(protocol, obj).start[2]
-    if ahead <= 0 and obj.course is not None and obj.course.kind != "overtaking":
-        raise StimulusError(
-            f"it starts {-ahead:g} m behind the camera; change start_m, or use kind 'overtaking'"
-        )
-
-
-def _dot(first: Vector, second: Vector) -> float:
-    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
+            raise StimulusError(f"{where}: {problem}") from None
+        if ahead <= 0 and obj.course is not None and obj.course.kind != "overtaking":
+            raise StimulusError(
+                f"{where}: it starts {-ahead:g} m behind the camera; change start_m, or use kind "
+                "'overtaking'"
+            )

@@ -1,8 +1,8 @@
 """Flat textured surfaces in three dimensions, seen by a pinhole camera in exact perspective.
 
-A point of a surface is ``origin + u right + v up``. Its pixel follows from a matrix of 3 x 3,
-and so does the derivative of the texture's coordinates by the pixel: the number of texels that a
-pixel covers is exact too, and the texture is averaged over them.
+A point of a surface is ``origin + u right + v up``. A matrix of 3 x 3 maps pixels to u and v. The
+derivatives of u and v by the pixel's position follow from the same matrix; they give the exact
+number of texels (pixels of the texture) that a pixel covers and over which it is averaged.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _TAPS = 4  # samples along the longer side of the area that a pixel covers
 _NEAREST_M, _FARTHEST_M = 1e-6, 1e4
-_LEAST = 1e-3  # weight below which a level of the pyramid is not read
+_LEAST_WEIGHT = 1e-3  # a level of the pyramid is not read where its weight is at most this
 
 
 class Texture:
@@ -37,10 +37,9 @@ class Texture:
     Parameters
     ----------
     values : ndarray
-        float32 (h, w) luminance, or (h, w, 2) with the opacity, by which the luminance has been
-        multiplied.
+        float32 (h, w): luminance; or (h, w, 2): luminance times opacity, and opacity.
     repeats : bool
-        Whether it repeats in both directions; its sides are then powers of 2.
+        Whether the picture repeats in both directions; its sides must then be powers of 2.
     """
 
     def __init__(self, values: Picture, *, repeats: bool) -> None:
@@ -65,8 +64,8 @@ class Texture:
         Parameters
         ----------
         x, y : ndarray
-            float32 (h, w): column and row in texels of the picture, 0 at its left and upper edge;
-            OpenCV reads no further than 32767 texels.
+            float32 (h, w): column and row in texels of the picture, 0 at its left and upper edge,
+            at most 32767 (a limit of OpenCV).
         texels : ndarray
             float32 (h, w): side of the square of texels to average, at least 0.
 
@@ -79,7 +78,7 @@ class Texture:
         total = np.zeros((*x.shape, *self.levels[0].shape[2:]), np.float32)
         for level in range(int(depth.min()), math.ceil(float(depth.max())) + 1):
             weight = np.maximum(1 - np.abs(depth - np.float32(level)), 0)
-            part = _bounds(weight > _LEAST)
+            part = _bounds(weight > _LEAST_WEIGHT)
             if part is None:
                 continue
             weight = weight[part][..., None] if total.ndim == 3 else weight[part]
@@ -88,7 +87,7 @@ class Texture:
 
     def _read(self, level: int, x: Picture, y: Picture) -> Picture:
         values, scale = self.levels[level], np.float32(0.5**level)
-        # sample k stands for the middle of its cell
+        # Sample k is the value at the middle of texel k.
         column = (x + np.float32(self._margin)) * scale - np.float32(0.5)
         row = (y + np.float32(self._margin)) * scale - np.float32(0.5)
         border = cv2.BORDER_WRAP if self.repeats else cv2.BORDER_CONSTANT
@@ -96,25 +95,26 @@ class Texture:
 
 
 class Placed(NamedTuple):
-    """A surface in a part of the picture.
+    """The points of a surface that the pixels of a window show.
 
     Attributes
     ----------
     window : Window
-        The part.
+        The window of the display.
     u, v : ndarray
-        float64 (h, w), place on the surface in metres.
+        float64 (h, w), position on the surface in metres.
     depth : ndarray
-        float64 (h, w), distance along the camera's axis in metres; 0 where nothing is seen.
-    steps : tuple of ndarray
-        Derivatives of u and v by x, then those by y, in metres per pixel.
+        float64 (h, w), distance along the camera's axis in metres; 0 if the pixel does not show
+        the surface.
+    steps : ndarray
+        float64 (4, h, w), derivatives of u and v by x, then of u and v by y, in metres per pixel.
     """
 
     window: Window
     u: Floats
     v: Floats
     depth: Floats
-    steps: tuple[Floats, Floats, Floats, Floats]
+    steps: Floats
 
 
 @dataclass(frozen=True)
@@ -124,17 +124,17 @@ class Surface:
     Attributes
     ----------
     origin : tuple of float
-        The surface's point ``u = v = 0`` in the world, in metres.
+        Position of the point ``u = v = 0`` in the world, in metres.
     right, up : tuple of float
         Directions of u and v, of length 1 and at right angles.
     texture : Texture
-        The texture, whose upper left corner lies at `corner`.
+        The texture.
     per_metre : float
         Texels per metre.
     corner : tuple of float
         u and v of the texture's upper left corner.
     extent : tuple of float or None
-        Least u, least v, largest u, largest v; None for an endless surface.
+        Smallest u, smallest v, largest u, largest v; None for an endless surface.
     """
 
     origin: Vector
@@ -154,11 +154,11 @@ class Surface:
         rays = camera @ np.array([[1 / eye, 0, -x / eye], [0, -1 / eye, y / eye], [0, 0, 1.0]])
         return np.asarray(np.linalg.solve(on_surface, rays))
 
-    def window(self, view: View, height: int, width: int) -> Window:
+    def _window(self, view: View, height: int, width: int) -> Window:
         """Return the part of the display that the surface may touch.
 
-        It is empty if the camera lies in the plane of the surface, or the surface behind the
-        camera.
+        The part is empty if the camera lies in the plane of the surface, or if the surface lies
+        behind the camera.
         """
         away = np.subtract(self.origin, view.place) @ np.cross(self.right, self.up)
         if abs(away) < _NEAREST_M:
@@ -173,7 +173,7 @@ class Surface:
         if over.min() <= 0:  # a corner beside or behind the camera
             return Window(0, height, 0, width)
         x, y = x / over, y / over
-        # averaging takes transparent edges a little further
+        # Averaging spreads transparent edges over a few more pixels.
         low, high = (x.min() - 3, y.min() - 3), (x.max() + 3, y.max() + 3)
         return Window.around(low, high, height, width)
 
@@ -182,28 +182,24 @@ class Surface:
         x = np.arange(window.left, window.right)[None, :] + 0.5
         y = np.arange(window.top, window.bottom)[:, None] + 0.5
         over = m[2, 0] * x + m[2, 1] * y + m[2, 2]
-        # behind the camera and beyond the horizon nothing is seen
         depth = 1 / np.maximum(over, 1 / _FARTHEST_M)
         u, v = ((m[i, 0] * x + m[i, 1] * y + m[i, 2]) * depth for i in (0, 1))
-        steps = tuple(
-            (m[i, j] - at * m[2, j]) * depth for j in (0, 1) for i, at in ((0, u), (1, v))
-        )
+        steps = [(m[i, j] - at * m[2, j]) * depth for j in (0, 1) for i, at in ((0, u), (1, v))]
+        # A pixel that looks behind the camera or beyond the horizon does not show the surface.
         depth = np.where(over > 1 / _FARTHEST_M, depth, 0.0)
-        return Placed(window, u, v, depth, (steps[0], steps[1], steps[2], steps[3]))
+        return Placed(window, u, v, depth, np.stack(steps))
 
     def seen(self, view: View, height: int, width: int) -> tuple[Placed, Picture] | None:
-        """Return the part of the display that shows the surface, and its share of each pixel.
+        """Return the pixels that show the surface; None if the surface is not seen.
 
         Returns
         -------
         Placed
-            Where on the surface each pixel of the part looks.
+            The point of the surface that each pixel shows.
         ndarray
-            float32 (h, w), 0 to 1.
-
-        None where the surface is not seen.
+            float32 (h, w), the share of each pixel that the surface covers, 0 to 1.
         """
-        window = self.window(view, height, width)
+        window = self._window(view, height, width)
         if 0 in window.shape:
             return None
         placed = self._placed(view, window)
@@ -214,30 +210,29 @@ class Surface:
         rows, columns = part
         top, left = window.top, window.left
         inner = Window(top + rows.start, top + rows.stop, left + columns.start, left + columns.stop)
-        u, v, depth, *steps = (each[part] for each in (*placed[1:4], *placed.steps))
-        return Placed(inner, u, v, depth, (steps[0], steps[1], steps[2], steps[3])), covered[part]
+        u, v, depth = placed.u[part], placed.v[part], placed.depth[part]
+        return Placed(inner, u, v, depth, placed.steps[:, rows, columns]), covered[part]
 
     def _coverage(self, placed: Placed) -> Picture:
-        before = placed.depth > 0
-        # transparency has edges of its own
+        ahead = placed.depth > 0
+        # The opacity of a texture already gives soft edges.
         if self.extent is None or self.texture.levels[0].ndim == 3:
-            return np.asarray(before, np.float32)
+            return np.asarray(ahead, np.float32)
         u0, v0, u1, v1 = self.extent
         ux, vx, uy, vy = placed.steps
-        across, along = np.hypot(ux, uy), np.hypot(vx, vy)
-        wide = _inside(placed.u, u0, u1, across)
-        high = _inside(placed.v, v0, v1, along)
-        return np.asarray(wide * high * before, np.float32)
+        wide = _inside(placed.u, u0, u1, np.hypot(ux, uy))
+        high = _inside(placed.v, v0, v1, np.hypot(vx, vy))
+        return np.asarray(wide * high * ahead, np.float32)
 
     def values(self, placed: Placed) -> Picture:
-        """Return the texture as each pixel sees it: float32 (h, w) or (h, w, 2)."""
+        """Return the texture, averaged over each pixel: float32 (h, w) or (h, w, 2)."""
         scale = self.per_metre
         x, y = (placed.u - self.corner[0]) * scale, (self.corner[1] - placed.v) * scale
         if self.texture.repeats:
             x -= self.texture.width * np.floor(x / self.texture.width)
             y -= self.texture.height * np.floor(y / self.texture.height)
         column, row = x.astype(np.float32), y.astype(np.float32)
-        ux, vx, uy, vy = (step * scale for step in placed.steps)
+        ux, vx, uy, vy = placed.steps * scale
         by_x, by_y = np.hypot(ux, vx), np.hypot(uy, vy)
         longer = by_x >= by_y
         long, short = np.where(longer, by_x, by_y), np.where(longer, by_y, by_x)
@@ -251,7 +246,7 @@ class Surface:
         return np.asarray(sum(taps[1:], taps[0]) / np.float32(_TAPS), np.float32)
 
     def to_px(self, view: View, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-        """Return the pixel positions x and y of places on the surface; NaN behind the camera."""
+        """Return the pixel positions x and y of points (u, v); NaN for points behind the camera."""
         back = np.linalg.inv(self._matrix(view))
         over = back[2, 0] * u + back[2, 1] * v + back[2, 2]
         over = np.where(over > 0, over, np.nan)
@@ -260,14 +255,14 @@ class Surface:
 
 
 def _inside(at: Floats, low: float, high: float, pixel: Floats) -> Floats:
-    """Return the share of pixels, each `pixel` metres wide, that lies between two lines."""
+    """Return the share of each pixel, `pixel` metres wide, that lies between `low` and `high`."""
     wide = np.maximum(pixel, 1e-12)
     ends = np.minimum(at + wide / 2, high) - np.maximum(at - wide / 2, low)
     return np.asarray(np.clip(ends / wide, 0.0, 1.0))
 
 
 def _bounds(wanted: NDArray[np.bool_]) -> tuple[slice, slice] | None:
-    """Return the rows and columns of a picture that hold all True pixels; None without any."""
+    """Return the rows and columns that contain all True pixels; None if no pixel is True."""
     rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
     if not len(rows):
         return None

@@ -16,9 +16,10 @@ SURROUNDINGS = ("plane", "street", "forest", "room", "sky")  # drawn by the pack
 
 @lru_cache(maxsize=1024)
 def exact_sum(*seconds: float) -> Fraction:
-    """Return the sum of durations as they are written: 0.1 and 0.2 make 3/10.
+    """Return the exact sum of durations as they are written: 0.1 and 0.2 make 3/10.
 
-    A sum of floats may lie after the frame at that time, which is rounded from a fraction.
+    The time of a frame is a rounded fraction. A sum of floats could be slightly later than the
+    frame at the same time.
     """
     return sum((Fraction(repr(each)) for each in seconds), Fraction(0))
 
@@ -96,10 +97,14 @@ class Timing(Table):
         """The clip's duration in seconds."""
         return float(exact_sum(self.before_s, self.motion_s, self.after_s))
 
+    def elapsed(self, time: float) -> float:
+        """Return the seconds of the motion that have passed at a time of the clip."""
+        return min(max(time - self.before_s, 0.0), self.motion_s)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Camera(Table):
-    """The camera of a staged scene: it looks ahead, level, and begins to move with the motion."""
+    """The camera of a staged scene: it looks straight ahead and moves while the motion lasts."""
 
     height_m: float = parameter(1.5, "height above the ground", unit="m", above=0, high=10_000)
     forward_m_s: float = parameter(
@@ -109,7 +114,7 @@ class Camera(Table):
         0.0, "speed of turning to the right (negative: left)", unit="deg/s", low=-1000, high=1000
     )
     start_deg: float = parameter(
-        0.0, "direction of its first look, right of ahead", unit="deg", low=-60, high=60
+        0.0, "direction at the start, to the right of ahead", unit="deg", low=-60, high=60
     )
     shake_deg: float = parameter(
         0.0, "RMS angle of a shake from its middle", unit="deg", low=0, high=45
@@ -117,7 +122,7 @@ class Camera(Table):
     shake_hz: float = parameter(4.0, "middle frequency of the shake", unit="Hz", above=0, high=500)
     looming_within_s: float = parameter(
         1.5,
-        "a picture on course to hit looms from this long before contact on",
+        "time before contact from which a picture on a collision course counts as looming",
         unit="s",
         above=0,
         high=3600,
@@ -211,13 +216,13 @@ class Effects(Table):
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolTables(Table):
-    """All tables of a stimulus, each valid by itself; a protocol checks them together."""
+    """The tables of a stimulus. Each table checks itself; `Protocol` checks them together."""
 
     name: str = parameter("stimulus", "its name")
-    description: str = parameter("", "one line on what it shows")
+    description: str = parameter("", "its content in one line")
     source: str = parameter("", "its publication or its purpose")
     tags: tuple[str, ...] = parameter((), "words to search for")
-    seed: int = parameter(0, "seed of everything random in it", low=0, high=2**32 - 1)
+    seed: int = parameter(0, "seed of all its random numbers", low=0, high=2**32 - 1)
     display: Display = parameter(REQUIRED, "the screen")
     timing: Timing = parameter(REQUIRED, "pauses and duration")
     scene: Scene = parameter(Scene(), "shift, turn and motion of all objects together")

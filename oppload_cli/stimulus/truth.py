@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import StimulusError
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.geometry import Projection
-from oppload_cli.stimulus.kinematics import aperture_centre, motion_times, passes, pose_of
+from oppload_cli.stimulus.kinematics import (
+    aperture_centre,
+    approach_contact,
+    motion_times,
+    passes,
+    pose_of,
+)
 from oppload_cli.stimulus.objects import FIELDS, LOOMING, PICTURE, SIZED
 from oppload_cli.stimulus.pictures import cutout_of
 from oppload_cli.stimulus.staging import NEAREST_M, camera_of, contact_of, miss_of, sight_of
@@ -41,17 +47,17 @@ class ObjectTruth:
     angular_size_deg : float or None
         Diameter, side, or length along the axis; None for an edge or a pattern.
     edge_speed_deg_s : float
-        Speed of the edges away from the anchor (negative: towards it); of an object that
-        does not grow, the speed of its movement.
+        Speed of the faster edge away from the anchor point (negative: towards it). For an object
+        that does not grow, the speed of its movement.
     edge_speed_px_frame : float
-        The same on the display, in pixels per frame.
+        The same speed on the display, in pixels per frame.
     centre_x_px, centre_y_px : float
-        Middle of the shape as drawn; of a pattern its origin, or the middle of its aperture.
+        Middle of the drawn shape. For a pattern its origin, or the middle of its aperture.
         x right, y down, pixel i covers [i, i + 1).
     time_to_contact_s : float or None
-        Only while it approaches and does not pass.
+        A number only while the object approaches and does not pass.
     looming : bool
-        Whether its complete outline grows, and it does not move aside so far that it passes.
+        Whether its complete outline grows, and it does not move sideways so far that it passes.
     """
 
     id: str
@@ -70,21 +76,21 @@ class ObjectTruth:
 class PictureTruth(ObjectTruth):
     """One picture of a staged scene in one frame.
 
-    Its size is the angle that its longer side would span straight ahead; its edge speed is half
-    of that angle's growth. It looms while it is seen on a course to hit the camera, from
-    ``camera.looming_within_s`` before contact on. While it is not drawn its centre is the middle
-    of the display.
+    Its angular size is the angle that its longer side would span straight ahead; its edge speed
+    is half the growth of that angle. It looms while it is drawn, its course hits the camera, and
+    contact is at most ``camera.looming_within_s`` away. While it is not drawn, its centre is the
+    middle of the display.
 
     Attributes
     ----------
     box_px : tuple of float or None
-        Left, top, width and height around its opaque part; it may reach beyond the display. None
-        while it is not drawn.
+        Left, top, width and height around its opaque part; the box may reach beyond the display.
+        None while the picture is not drawn.
     offset_m : tuple of float
-        Position from the camera, along the world's axes [right, up, ahead].
+        Position relative to the camera, along the world's axes [right, up, ahead].
     miss_sizes : float or None
-        Least distance of its course from the camera in its own sizes: at most 0.5 for one that
-        hits. None for one that comes no nearer.
+        Miss distance in its own sizes; at most 0.5 if the picture hits the camera. None if it
+        never comes nearer.
     """
 
     box_px: tuple[float, float, float, float] | None
@@ -127,18 +133,12 @@ def frame_truth(protocol: Protocol, frame: int) -> FrameTruth:
 
 
 def ground_truth(protocol: Protocol) -> dict[str, Any]:
-    """Return the ground truth of a stimulus as ``docs/stimuli.md`` describes it."""
+    """Return the ground truth of a stimulus; ``docs/stimuli.md`` describes its keys."""
     return {**_head(protocol), "frames": list(_frames(protocol))}
 
 
 def ground_truth_text(protocol: Protocol) -> Iterator[str]:
-    """Return the ground truth as the text of its file, a line for each frame.
-
-    Yields
-    ------
-    str
-        Part of the JSON, so that the truth of a long clip need not fit into memory.
-    """
+    """Yield the JSON text of a ground truth in parts, so that it need not fit into memory."""
     yield json.dumps(_head(protocol), indent=1, ensure_ascii=False)[:-2] + ',\n "frames": ['
     for index, frame in enumerate(_frames(protocol)):
         yield ("," if index else "") + "\n  " + json.dumps(frame, ensure_ascii=False)
@@ -176,27 +176,22 @@ def _head(protocol: Protocol) -> dict[str, Any]:
 
 
 def contact_time(protocol: Protocol) -> float | None:
-    """Return the first time of contact.
+    """Return the first time of contact in seconds of the clip, maybe after its end.
 
-    Returns
-    -------
-    float or None
-        Seconds of the clip, maybe after its end; None where nothing approaches, or all passes.
+    None if no object approaches, or if all of them pass.
     """
-    times = [
-        end if obj.growth.contact_s is None else obj.growth.contact_s
-        for obj in protocol.objects
-        if obj.kind in LOOMING and not obj.reverse
-        if obj.growth is not None and obj.growth.kind == "approach"
-        for start, end in [motion_times(protocol.timing, obj)]
-        if not passes(obj, start, end)
-    ]
-    staged = (contact_of(protocol, obj) for obj in protocol.objects if obj.kind == PICTURE)
-    return min([*times, *(time for time in staged if time is not None)], default=None)
+    times = []
+    for obj in protocol.objects:
+        start, end = motion_times(protocol.timing, obj)
+        if obj.kind == PICTURE:
+            times.append(contact_of(protocol, obj))
+        elif obj.kind in LOOMING and not obj.reverse and not passes(obj, start, end):
+            times.append(approach_contact(obj, end))
+    return min((time for time in times if time is not None), default=None)
 
 
 def read_ground_truth(path: Path) -> dict[str, Any]:
-    """Read a ``.stimulus.json`` file into the dict that :func:`ground_truth` returned.
+    """Read a ``.stimulus.json`` file; return a dict like that of :func:`ground_truth`.
 
     Raises
     ------
@@ -236,48 +231,40 @@ def _object_truth(protocol: Protocol, obj: Object, pose: Pose) -> ObjectTruth:
 
 def _picture_truth(protocol: Protocol, obj: Object, time: float) -> PictureTruth:
     sight, cutout = sight_of(protocol, obj, time), cutout_of(obj, protocol.seed)
-    half, ahead = (obj.size_m or 0.0) / 2, sight.offset[2]
-    seen = sight.view.from_camera(sight.offset)
-    x, y = sight.view.to_px(seen) if sight.visible else sight.view.middle
-    speed = -half * sight.velocity[2]
-    left = sight.contact_in_s
-    soon = left is not None and left <= camera_of(protocol).looming_within_s
-    box = sight.box(half * cutout.width, half * cutout.height) if sight.visible else None
+    half, ahead, view = (obj.size_m or 0.0) / 2, sight.offset[2], sight.view
+    x, y = view.to_px(view.from_camera(sight.offset)) if sight.visible else view.middle
+    speed, rate = -half * sight.velocity[2], float(protocol.display.frame_rate)
+    contact = sight.contact_in_s
+    near = contact is not None and contact <= camera_of(protocol).looming_within_s
     return PictureTruth(
         id=obj.id,
         kind=obj.kind,
         visible=sight.visible,
         angular_size_deg=2 * math.degrees(math.atan2(half, max(ahead, 0.0))),
         edge_speed_deg_s=math.degrees(speed / (ahead**2 + half**2)),
-        edge_speed_px_frame=sight.view.eye_px
-        * speed
-        / max(ahead, NEAREST_M) ** 2
-        / float(protocol.display.frame_rate),
+        edge_speed_px_frame=view.eye_px * speed / max(ahead, NEAREST_M) ** 2 / rate,
         centre_x_px=x,
         centre_y_px=y,
-        time_to_contact_s=left,
-        looming=soon and sight.visible,
-        box_px=box,
+        time_to_contact_s=contact,
+        looming=near and sight.visible,
+        box_px=sight.box(half * cutout.width, half * cutout.height) if sight.visible else None,
         offset_m=sight.offset,
         miss_sizes=miss_of(protocol, obj),
     )
 
 
 def _edge_speed(projection: Projection, pose: Pose) -> tuple[float, float]:
-    """Speed of the faster end in deg/s and px/s, or the speed of the anchor."""
+    """Return the speed of the faster end, or else of the anchor point, in deg/s and px/s."""
     extent = pose.extent
-    if extent.forward_speed or extent.backward_speed:
-        ends = (
-            (extent.forward, extent.forward_speed),
-            (extent.backward, extent.backward_speed),
-        )
-        reach, speed = max(ends, key=lambda end: abs(end[1]))
+    ends = (extent.forward, extent.forward_speed), (extent.backward, extent.backward_speed)
+    reach, speed = max(ends, key=lambda end: abs(end[1]))
+    if speed:
         return speed, projection.reach_speed(reach, speed)
     (x, y), (vx, vy) = pose.centre_deg, pose.velocity_deg_s
     speed = math.hypot(vx, vy)
     if not speed:
         return 0.0, 0.0
-    # pixels per degree in this direction, from a short step each way
+    # Pixels per degree in this direction, from a short step each way.
     step = 1e-3
     x_step, y_step = vx / speed * step, vy / speed * step
     ahead = projection.to_px(x + x_step, y + y_step)
