@@ -11,18 +11,21 @@ import tomllib
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from oppload_cli.errors import ParameterError, StimulusError, suggestion
 from oppload_cli.files.reading import reading, text_of
 from oppload_cli.stimulus.protocol import Protocol
 from oppload_cli.stimulus.tables import SURROUNDINGS
-from oppload_cli.stimulus.words import WORDS, key_of, value_at
+from oppload_cli.stimulus.words import WORDS, key_of, objects_of, value_at
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _TABLES = ("display", "timing", "scene", "camera", "effects")
+# Of each pair of keys, a protocol has only one.
 _PAIRS = (("pixels_per_degree", "field_of_view_deg"), ("file", "drawing"))
-# By key: the one that stands in its place.
-_EITHER = {one: other for pair in _PAIRS for one, other in (pair, pair[::-1])}
+_OTHER_OF_PAIR = {one: other for pair in _PAIRS for one, other in (pair, pair[::-1])}
 _MOST_MEMBERS = 10_000
 _LONGEST = 80  # characters of a value in a message
 _DEEPEST = 20  # dots in a swept key
@@ -30,20 +33,20 @@ _DEEPEST = 20  # dots in a swept key
 
 @dataclass(frozen=True)
 class Entry:
-    """One TOML file: a protocol, or a family of them where it holds a sweep.
+    """One TOML file: a protocol, or a family of protocols (members) if it has a sweep.
 
     Attributes
     ----------
     name : str
-        ``group/name`` in the catalogue, the file's stem for a user's own file.
+        ``group/name`` in the catalogue; for a user's own file, its name without ``.toml``.
     path : Path
         The file.
     table : dict
-        The contents of the file, settings applied and the sweep taken out.
+        The contents of the file with all changes, but without the sweep.
     sweep : dict
-        Values by dotted key.
+        Lists of values by dotted key.
     only : str
-        A pattern that picks some members; ``*`` for all.
+        A pattern for the names of the wanted members; ``*`` for all.
     changes : dict
         The values that differ from the file, by dotted key.
     """
@@ -57,7 +60,7 @@ class Entry:
 
     @property
     def label(self) -> str:
-        """The words for it in messages: the file, or the name and the changes, if any."""
+        """The entry in messages: its file, or its name and its changes, if any."""
         return f"{self.name} with {_listed(self.changes)}" if self.changes else str(self.path)
 
     @property
@@ -67,7 +70,7 @@ class Entry:
 
     @property
     def source(self) -> str:
-        """Its publication or its purpose."""
+        """The publication or the purpose of the stimulus."""
         return str(self.table.get("source", ""))
 
     @property
@@ -77,42 +80,42 @@ class Entry:
         return [str(tag) for tag in tags] if isinstance(tags, list) else []
 
     def values(self) -> dict[str, dict[str, Any]]:
-        """Return the swept values by dotted key of each member, by the member's name.
+        """Return the swept values of each member: by the member's name, then by dotted key.
 
         Raises
         ------
         StimulusError
-            If two values of a key have one name.
+            If two values of a key give members of the same name.
         """
-        for dotted, several in self.sweep.items():
-            if len({_text(value) for value in several}) < len(several):
+        for dotted, values in self.sweep.items():
+            if len({_text(value) for value in values}) < len(values):
                 raise StimulusError(
                     f"{self.label}: sweep: two values of {dotted} have one name; make them differ "
                     "more"
                 )
-        named = {}
-        for chosen in itertools.product(*self.sweep.values()):
-            values = dict(zip(self.sweep, chosen, strict=True))
-            name = f"{self.name}/{_label_of(values)}" if values else self.name
+        members = {}
+        for combination in itertools.product(*self.sweep.values()):
+            chosen = dict(zip(self.sweep, combination, strict=True))
+            name = f"{self.name}/{_label_of(chosen)}" if chosen else self.name
             if fnmatch.fnmatchcase(name, self.only):
-                named[name] = values
-        return named
+                members[name] = chosen
+        return members
 
     def protocols(self) -> list[Protocol]:
-        """Return a protocol for each combination of the sweep's values, at least one.
+        """Return the protocol of each member, at least one.
 
         Raises
         ------
         StimulusError
-            If it is not a valid protocol; the message names the key, and the file or the changes.
+            If a protocol is not valid; the message names the key, and the file or the changes.
         """
-        made = []
+        protocols = []
         for name, values in self.values().items():
             table = self.table
             for dotted, value in values.items():
                 table = _with_value(table, dotted, value, f"{self.path}: sweep")
-            made.append(Protocol.from_table({**table, "name": name}, self.label))
-        return made
+            protocols.append(Protocol.from_table({**table, "name": name}, self.label))
+        return protocols
 
     def with_settings(self, settings: dict[str, Any]) -> Entry:
         """Return a copy with some values changed.
@@ -120,9 +123,10 @@ class Entry:
         Parameters
         ----------
         settings : dict
-            Values by dotted key, e.g. ``{"bar.axis_deg": 45}``, or by a word such as ``l/v``; a
-            swept key is then swept over this value only, or over a list of values. Of two keys of
-            which a protocol has only one, the one that is given replaces that of the file.
+            Values by dotted key, e.g. ``{"bar.axis_deg": 45}``, or by a word such as ``l/v``. For
+            a swept key, the value or list of values replaces the values of the sweep. A key that
+            excludes a key of the file (``pixels_per_degree`` and ``field_of_view_deg``) replaces
+            this key.
 
         Raises
         ------
@@ -132,9 +136,11 @@ class Entry:
         table, sweep, only = self.table, dict(self.sweep), self.only
         settings = self.in_full(settings)
         for dotted, value in settings.items():
-            other = _instead_of(dotted)
+            owner, _, leaf = dotted.rpartition(".")
+            other = f"{owner}.{_OTHER_OF_PAIR[leaf]}" if leaf in _OTHER_OF_PAIR else ""
             if other and other not in settings:
-                table, _ = _without(table, other), sweep.pop(other, None)
+                table = _without(table, other)
+                sweep.pop(other, None)
             if dotted in sweep:
                 several = isinstance(value, list) and not isinstance(sweep[dotted][0], list)
                 sweep[dotted] = value if several and value else [value]
@@ -145,44 +151,42 @@ class Entry:
         return replace(self, table=table, sweep=sweep, only=only, changes=changes)
 
     def in_full(self, settings: dict[str, Any]) -> dict[str, Any]:
-        """Return values by dotted key where some are given by a word such as ``l/v``.
+        """Return settings by dotted key; a word such as ``l/v`` becomes the key that it means.
 
         Raises
         ------
         StimulusError
             If a word means no key of this stimulus, or several.
         """
+
+        def key(word: str) -> str:
+            known = word in WORDS
+            return key_of(word, self.name, self.table, self.sweep, "--change") if known else word
+
         try:
-            return {
-                key_of(word, self.name, self.table, self.sweep, "--change")
-                if word in WORDS
-                else word: value
-                for word, value in settings.items()
-            }
+            return {key(word): value for word, value in settings.items()}
         except ParameterError as error:
             raise StimulusError(str(error)) from None
 
     def telling_changes(self) -> Entry:
-        """Return a copy whose description names the changed values, as it may not fit them."""
+        """Return a copy whose description lists the changes, because it may contradict them."""
         if not self.changes or "description" in self.changes:
             return self
-        told = f"{self.description} (changed: {_listed(self.changes)})".lstrip()
-        return replace(self, table={**self.table, "description": told})
+        description = f"{self.description} (changed: {_listed(self.changes)})".lstrip()
+        return replace(self, table={**self.table, "description": description})
 
     def held(self, dotted: str) -> object:
-        """Return the value of a dotted key, the list of a swept one, or None without any."""
+        """Return the value of a dotted key, the list of values of a swept key, or None."""
         return self.sweep.get(dotted, value_at(self.table, dotted))
 
 
 def catalogue_directory() -> Path:
-    """Return the folder of the catalogue.
-
-    In an installed wheel it is inside the package, otherwise at the top of the source tree.
+    """Return the folder of the catalogue: inside an installed package, or beside it in a checkout.
 
     Raises
     ------
     StimulusError
-        If it is in neither place.
+        If there is no such folder.
     """
     package = Path(__file__).resolve().parents[1]
     for place in (package / "stimuli", package.parent / "stimuli"):
@@ -202,54 +206,40 @@ def entries() -> tuple[Entry, ...]:
 
 
 def read_entry(path: Path, name: str | None = None) -> Entry:
-    """Read a protocol file without resolving it.
+    """Read a protocol file without checking its protocols.
 
     Parameters
     ----------
     path : Path
         A TOML file.
     name : str or None
-        Name of the entry; the file's stem where None.
+        Name of the entry; None for the file's name without ``.toml``.
 
     Raises
     ------
     StimulusError
-        If it cannot be read, is not TOML, or its sweep is not valid.
+        If the file cannot be read or is not TOML, or if its sweep is not valid.
     """
     with reading(path, StimulusError, form="TOML"):
-        table = _beside(tomllib.loads(text_of(path, pipes=True)), path.parent)
+        table = {
+            key: _with_paths(value, path.parent) if key in {"scene", "object", "sweep"} else value
+            for key, value in tomllib.loads(text_of(path, pipes=True)).items()
+        }
     table.pop("name", None)
     sweep = _sweep_of(table.pop("sweep", {}), str(path))
     return Entry(name or path.stem, path, table, sweep)
 
 
-def _beside(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Look for the files that a protocol names in the folder of the protocol."""
-
-    def there(key: str, value: object) -> object:
-        own = isinstance(value, str) and value and "\0" not in value
-        if isinstance(value, list):
-            return [there(key, one) for one in value]
-        if not own or (key == "background" and value in SURROUNDINGS):
-            return value
-        return str(folder / str(value))
-
-    def changed(part: object) -> object:
-        if isinstance(part, list):
-            return [changed(one) for one in part]
-        if not isinstance(part, dict):
-            return part
-        return {
-            key: there(key.rpartition(".")[2], value)
-            if key.rpartition(".")[2] == "file" or key in {"background", "scene.background"}
-            else changed(value)
-            for key, value in part.items()
-        }
-
-    return {
-        key: changed(value) if key in {"scene", "object", "sweep"} else value
-        for key, value in table.items()
-    }
+def _with_paths(part: Any, folder: Path, key: str = "") -> Any:
+    """Return a part of a protocol in which the names of files are paths that start at a folder."""
+    if isinstance(part, dict):
+        return {name: _with_paths(value, folder, name) for name, value in part.items()}
+    if isinstance(part, list):
+        return [_with_paths(one, folder, key) for one in part]
+    background = key in {"background", "scene.background"} and part not in SURROUNDINGS
+    if not background and key.rpartition(".")[2] != "file":
+        return part
+    return str(folder / part) if isinstance(part, str) and part and "\0" not in part else part
 
 
 def find(wanted: str) -> list[Entry]:
@@ -258,45 +248,43 @@ def find(wanted: str) -> list[Entry]:
     Parameters
     ----------
     wanted : str
-        A TOML file, one of its members (``FILE.toml/MEMBER``), an entry's or a member's name, the
-        last parts of one, a fragment that only one has, or a pattern with ``*``, ``?``, ``[]``.
+        A TOML file, a member of a file (``FILE.toml/MEMBER``), the name of an entry or a member,
+        the last parts of a name, a part that only one name has, or a pattern with ``*``, ``?`` or
+        ``[]``.
 
     Returns
     -------
     list of Entry
-        At least one; with ``only`` set where members were named.
+        At least one. If `wanted` names members, the attribute ``only`` of an entry selects them.
 
     Raises
     ------
     StimulusError
-        If there is no such file or entry, or several; the message suggests the nearest name, or
-        names all of them.
+        If no name fits (the message suggests the nearest one), or if part of a name fits several.
     """
     file, is_file, member = wanted.partition(".toml")
     if is_file and (not member or member.startswith("/")):
         return [_of_file(read_entry(Path(file + is_file)), member)]
     known = entries()
-    exact = [entry for entry in known if entry.name == wanted]
-    if exact:
-        return exact
+    if wanted in {entry.name for entry in known}:
+        return [entry for entry in known if entry.name == wanted]
     found = []
     for entry in known:
         if fnmatch.fnmatchcase(entry.name, wanted):
             found.append(entry)
         elif entry.sweep and any(fnmatch.fnmatchcase(name, wanted) for name in entry.values()):
             found.append(replace(entry, only=wanted))
-    if not found:
-        found = _by_part(wanted, known)
+    found = found or _by_part(wanted, known)
     if not found:
         raise StimulusError(f"no stimulus '{wanted}' in the catalogue; {_hint(wanted, known)}")
     return found
 
 
 def _hint(wanted: str, known: tuple[Entry, ...]) -> str:
-    """Return the words that help after a name that is no stimulus."""
-    own, _, member = wanted.partition("/")
-    if member and Path(f"{own}.toml").is_file():
-        return f"did you mean '{own}.toml/{member}'?"
+    """Return the advice for a name that is not the name of a stimulus."""
+    stem, _, member = wanted.partition("/")
+    if member and Path(f"{stem}.toml").is_file():
+        return f"did you mean '{stem}.toml/{member}'?"
     names = {entry.name for entry in known}
     if any(name.startswith(f"{wanted}/") for name in names):
         return f"did you mean '{wanted}/*'?"
@@ -308,7 +296,7 @@ def _hint(wanted: str, known: tuple[Entry, ...]) -> str:
 
 
 def _of_file(entry: Entry, member: str) -> Entry:
-    """Return the entry of a file, or some of its members: of ``/MEMBER``, a name or a pattern."""
+    """Return the entry of a file, or its members whose names fit ``/MEMBER``, maybe a pattern."""
     chosen = replace(entry, only=entry.name + member) if member else entry
     if not chosen.values():
         known = [f"{entry.path}{name.removeprefix(entry.name)}" for name in entry.values()]
@@ -318,7 +306,7 @@ def _of_file(entry: Entry, member: str) -> Entry:
 
 
 def _by_part(wanted: str, known: tuple[Entry, ...]) -> list[Entry]:
-    """Return the only entry or member whose name ends with a text, or else the only one with it.
+    """Return the only entry or member whose name ends with `wanted`, or else contains it.
 
     Raises
     ------
@@ -330,16 +318,16 @@ def _by_part(wanted: str, known: tuple[Entry, ...]) -> list[Entry]:
         return []
     member_of = {name: entry for entry in known if entry.sweep for name in entry.values()}
     for names in (entry_of, member_of):
-        for fits in (lambda name: name.endswith(f"/{wanted}"), lambda name: wanted in name):
-            near = sorted(filter(fits, names))
-            if len(near) == 1:
-                entry = names[near[0]]
-                return [entry if near[0] == entry.name else replace(entry, only=near[0])]
-            if near and wanted:
-                more = f" and {len(near) - 3} more" if len(near) > 3 else ""
-                raise StimulusError(
-                    f"'{wanted}' could be {', '.join(near[:3])}{more}; write more of the name"
-                )
+        ending = sorted(name for name in names if name.endswith(f"/{wanted}"))
+        near = ending or sorted(name for name in names if wanted in name)
+        if len(near) == 1:
+            entry = names[near[0]]
+            return [entry if near[0] == entry.name else replace(entry, only=near[0])]
+        if near and wanted:
+            more = f" and {len(near) - 3} more" if len(near) > 3 else ""
+            raise StimulusError(
+                f"'{wanted}' could be {', '.join(near[:3])}{more}; write more of the name"
+            )
     return []
 
 
@@ -398,7 +386,7 @@ def parsed_setting(text: str) -> tuple[str, Any]:
     Parameters
     ----------
     text : str
-        The value as in TOML; a value that is not TOML is taken as a text.
+        The value is read as TOML; a value that is not TOML is a text.
 
     Returns
     -------
@@ -422,7 +410,7 @@ def parsed_setting(text: str) -> tuple[str, Any]:
 
 
 def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any]]:
-    """Flatten a ``[sweep]`` table to lists of values by dotted key."""
+    """Return the lists of values of a ``[sweep]`` table by dotted key."""
     if not isinstance(table, dict):
         raise StimulusError(f"{where}: sweep must be a table of lists, not {table!r}")
     if prefix.count(".") > _DEEPEST:
@@ -445,7 +433,7 @@ def _sweep_of(table: object, where: str, prefix: str = "") -> dict[str, list[Any
 
 
 def in_toml(value: object) -> str:
-    """Return a value of a protocol nearly as TOML has it, for a message; a long one is cut."""
+    """Return a value of a protocol for a message: similar to TOML, and at most 80 characters."""
     text = json.dumps(value, ensure_ascii=False, default=str)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}..."
 
@@ -455,57 +443,47 @@ def _listed(changes: dict[str, Any]) -> str:
 
 
 def _label_of(values: dict[str, Any]) -> str:
-    """Part of a member's name that the others do not have, e.g. ``speed-20_width-10``."""
+    """Return the last part of a member's name, such as ``speed-20_width-10``."""
     leaves = [dotted.rpartition(".")[2] for dotted in values]
     names = leaves if len(set(leaves)) == len(leaves) else list(values)
-    parts = [
-        f"{_word(name)}-{_text(value)}" for name, value in zip(names, values.values(), strict=True)
-    ]
-    return "_".join(parts)
+    pairs = zip(names, values.values(), strict=True)
+    return "_".join(f"{_word(name)}-{_text(value)}" for name, value in pairs)
 
 
 def _with_value(table: dict[str, Any], dotted: str, value: object, where: str) -> dict[str, Any]:
-    """Copy a protocol's table and put in the value of ``seed``, ``ID.growth.speed_deg_s``, ..."""
+    """Return a copy of a protocol's table with a value for ``seed``, ``ID.growth.end_deg``, ..."""
     first, _, rest = dotted.partition(".")
-    if first in _TABLES and rest:
-        return {**table, first: _put(table.get(first, {}), rest, value, where)}
     if dotted in {"seed", "description", "source", "tags"}:
         return {**table, dotted: value}
-    listed = table.get("object", [])
-    objects = listed if isinstance(listed, list) else []
-    ids = [str(one.get("id")) for one in objects if isinstance(one, dict)]
-    if first not in ids or not rest:
-        known = [*(f"{name}.KEY" for name in (*_TABLES, *ids)), "seed"]
-        hint = suggestion(first, (*_TABLES, *ids, "seed")) if rest else ""
+    owners = (*_TABLES, *(str(one.get("id")) for one in objects_of(table)))
+    if first not in owners or not rest:
+        known = [*(f"{name}.KEY" for name in owners), "seed"]
+        hint = suggestion(first, (*owners, "seed")) if rest else ""
         hint = hint if "did you mean" in hint else f"; a key starts with {', '.join(known)}"
         raise StimulusError(f"{where}: no key '{dotted}'{hint}")
-    changed = [
-        _put(one, rest, value, where) if isinstance(one, dict) and one.get("id") == first else one
-        for one in objects
-    ]
-    return {**table, "object": changed}
-
-
-def _instead_of(dotted: str) -> str | None:
-    """Return the key that a protocol must not have beside another one, if there is such a key."""
-    owner, _, leaf = dotted.rpartition(".")
-    return f"{owner}.{_EITHER[leaf]}" if leaf in _EITHER else None
+    return _with_owner(table, first, lambda owner: _put(owner, rest, value, where))
 
 
 def _without(table: dict[str, Any], dotted: str) -> dict[str, Any]:
-    """Copy a protocol's table without a key of one of its tables or objects."""
+    """Return a copy of a protocol's table without a key of one of its tables or objects."""
     first, _, leaf = dotted.partition(".")
 
-    def cut(part: Any) -> Any:
-        return {key: value for key, value in part.items() if key != leaf}
+    def cut(owner: Any) -> Any:
+        if not isinstance(owner, dict):
+            return owner
+        return {key: value for key, value in owner.items() if key != leaf}
 
-    if isinstance(table.get(first), dict):
-        return {**table, first: cut(table[first])}
-    listed = table.get("object", [])
-    if not isinstance(listed, list):
+    return _with_owner(table, first, cut)
+
+
+def _with_owner(table: dict[str, Any], name: str, change: Callable[[Any], Any]) -> dict[str, Any]:
+    """Return a copy of a protocol's table in which one of its tables or objects is changed."""
+    if name in _TABLES:
+        return {**table, name: change(table.get(name, {}))}
+    chosen = [one for one in objects_of(table) if one.get("id") == name]
+    if not chosen:
         return table
-    kept = [cut(one) if isinstance(one, dict) and one.get("id") == first else one for one in listed]
-    return {**table, "object": kept}
+    return {**table, "object": [change(one) if one in chosen else one for one in table["object"]]}
 
 
 def _put(table: object, dotted: str, value: object, where: str) -> dict[str, Any]:
@@ -516,7 +494,7 @@ def _put(table: object, dotted: str, value: object, where: str) -> dict[str, Any
 
 
 def _word(name: str) -> str:
-    """Take the unit off a key: ``speed_deg_s`` becomes ``speed``."""
+    """Remove the unit from a key: ``speed_deg_s`` becomes ``speed``."""
     plain = re.sub(r"(_px)?(_deg_s|_deg|_ms|_s|_hz|_per_s)$", "", name)
     return re.sub(r"[._]+", "-", plain)
 

@@ -35,14 +35,13 @@ if TYPE_CHECKING:
     Grey = NDArray[np.uint8]
 
 
-_SHOWN = 8
 _GUTTER = 6  # pixels between the pictures of a contact sheet
 _CAPTION = 14  # pixels for the time under a picture
 
 
-def sheet_frames(count: int, shown: int = _SHOWN) -> list[int]:
-    """Choose evenly spaced frames of `count`, at most `shown`, the first and the last included."""
-    if count == 1 or shown == 1:
+def sheet_frames(count: int, shown: int = 8) -> list[int]:
+    """Return at most `shown` of `count` frames, evenly spaced, with the first and the last one."""
+    if count == 1:
         return [0]
     return sorted({round(index * (count - 1) / (shown - 1)) for index in range(shown)})
 
@@ -50,20 +49,20 @@ def sheet_frames(count: int, shown: int = _SHOWN) -> list[int]:
 def contact_sheet(
     pictures: Sequence[Grey], side: int = 160, columns: int = 4, times_s: Sequence[float] = ()
 ) -> Grey:
-    """Put pictures side by side on white, in reading order, each in a black line.
+    """Put pictures in rows on a white sheet, each in a black frame.
 
-    The line is seen around a white picture, and the white around a black one.
+    Frame and sheet separate black pictures as well as white ones.
 
     Parameters
     ----------
     pictures : sequence of ndarray
         uint8 (h, w), all of one size.
     side : int
-        Longer side of each in the sheet, in pixels.
+        Longer side of a picture on the sheet, in pixels.
     columns : int
         Pictures in a row.
     times_s : sequence of float
-        The time of each picture in seconds, which is written under it; none for no times.
+        Times in seconds to write under the pictures; may be empty.
     """
     scale = min(1.0, side / max(pictures[0].shape))
     height, width = (max(1, round(size * scale)) for size in pictures[0].shape)
@@ -78,9 +77,9 @@ def contact_sheet(
         sheet[top - 1 : top + height + 1, left - 1 : left + width + 1] = 0
         sheet[top : top + height, left : left + width] = small
         if times_s:
-            foot = left, top + height + _CAPTION - 2
+            place = left, top + height + _CAPTION - 2
             text, font = f"{times_s[index]:.3g} s", cv2.FONT_HERSHEY_SIMPLEX
-            cv2.putText(sheet, text, foot, font, 0.4, 0, 1, cv2.LINE_AA)
+            cv2.putText(sheet, text, place, font, 0.4, 0, 1, cv2.LINE_AA)
     return sheet
 
 
@@ -93,7 +92,7 @@ class Written:
     video, truth : Path
         The video (a folder for ``png``) and its ``.stimulus.json``.
     preview : Path or None
-        The contact sheet, where one was asked for.
+        The contact sheet, if there is one.
     frames : int
         Number of frames.
     """
@@ -105,15 +104,12 @@ class Written:
 
 
 def file_stem(name: str) -> str:
-    """Return the file name of a stimulus without suffix: ``group/name/axis-45`` with ``_``."""
+    """Return the name of a stimulus as a file name without suffix: ``/`` becomes ``_``."""
     return name.replace("/", "_")
 
 
 def _check_fits(protocol: Protocol, form: str, where: str) -> None:
-    """Raise StimulusError if a format cannot hold a stimulus; it names the key to change.
-
-    `where` is the name or the file of the stimulus, for the message.
-    """
+    """Refuse a format that cannot hold a stimulus; `where` names the stimulus in the message."""
     if form not in FORMATS:
         raise StimulusError(f"no video format '{form}'{suggestion(form, FORMATS)}")
     display, known = protocol.display, FORMATS[form]
@@ -146,16 +142,16 @@ def _targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = 
 def named(
     names: Sequence[str], settings: dict[str, Any], form: str
 ) -> tuple[list[Protocol], list[OpploadError]]:
-    """Return the stimuli of names, and the errors of names that are wrong.
+    """Return the stimuli of names, and an error for each name that is wrong.
 
     Parameters
     ----------
     names : sequence of str
         As :func:`oppload_cli.stimulus.find` takes them.
     settings : dict
-        Other values by dotted key.
+        Values to change, by dotted key.
     form : str
-        The format that is to hold them.
+        The format of the files.
     """
     found: dict[str, Protocol] = {}
     problems: list[OpploadError] = []
@@ -165,8 +161,7 @@ def named(
                 changed = entry.with_settings(settings).telling_changes()
                 for protocol in changed.protocols():
                     _check_fits(protocol, form, changed.label)
-                    same = found.setdefault(protocol.name, protocol)
-                    if same != protocol:
+                    if found.setdefault(protocol.name, protocol) != protocol:
                         raise OutputError(
                             f"{entry.path}: two different stimuli are named '{protocol.name}'; "
                             "rename a file or generate them one by one"
@@ -179,7 +174,7 @@ def named(
 def not_made_yet(
     protocols: Sequence[Protocol], directory: Path, form: str, *, preview: bool, if_exists: str
 ) -> list[Protocol]:
-    """Leave out stimuli whose files exist, or refuse them before the first one is drawn.
+    """Return the stimuli that must be made, without those that may be skipped.
 
     Parameters
     ----------
@@ -191,8 +186,8 @@ def not_made_yet(
     Raises
     ------
     OutputError
-        If a file exists and `if_exists` is ``error``, or ``skip`` and the file shows the stimulus
-        with other values.
+        If a file exists and `if_exists` is ``error``; or if it is ``skip``, and the existing files
+        were made from another protocol.
     """
     wanted = []
     for protocol in protocols:
@@ -215,18 +210,16 @@ def not_made_yet(
 
 
 def _difference(truth: Path, protocol: Protocol) -> str:
-    """Return how the stimulus of a ground truth differs from one, in words; empty if it does not.
-
-    Files that were made with other values must not pass for the ones asked for.
-    """
+    """Return in words how a protocol differs from that of a ground truth; empty if it does not."""
     try:
-        held = dict(read_ground_truth(truth)["protocol"])
+        old = dict(read_ground_truth(truth)["protocol"])
     except (StimulusError, KeyError, TypeError, ValueError):
         return "but its ground truth cannot be read"
-    own = json.loads(json.dumps(protocol.as_table()))  # as it comes back from the file
-    shown = [key for key in {**own, **held} if key != "description"]
-    different = [key for key in shown if held.get(key) != own.get(key)]
-    return f"with another {different[0]}" if different else ""
+    new = json.loads(json.dumps(protocol.as_table()))  # with lists in place of tuples
+    for key in {**new, **old}:
+        if key != "description" and old.get(key) != new.get(key):
+            return f"with another {key}"
+    return ""
 
 
 def write(
@@ -238,20 +231,20 @@ def write(
     new: bool = False,
     progress: Callable[[int], object] | None = None,
 ) -> Written:
-    """Write a stimulus: the video, its ground truth, maybe a contact sheet.
+    """Write a stimulus: the video, its ground truth and, if wanted, a contact sheet.
 
     Parameters
     ----------
     protocol : Protocol
         The stimulus.
     directory : Path
-        The folder of the files; made where it does not exist.
+        The folder of the files; it is made if it does not exist.
     form : str
         A key of :data:`oppload_cli.video.writers.FORMATS`.
     preview : bool
         Whether to write a contact sheet too.
     new : bool
-        Whether a video that exists is an error; else existing files are overwritten.
+        If true, an existing video is an error; otherwise existing files are overwritten.
     progress : callable or None
         Called with 1 after each frame.
 
@@ -288,7 +281,7 @@ def write(
             times = [protocol.time_of(index) for index in sorted(shown)]
             write_atomic(made.preview, [png_bytes(contact_sheet(kept, times_s=times))])
     except BaseException:
-        # a video without its truth would be taken for a complete result
+        # Users would take a video without its ground truth for a complete result.
         for path in (made.video, made.truth):
             remove(path)
         raise
@@ -305,32 +298,28 @@ def write_all(
     jobs: int = 0,
     progress: Callable[[int], object] | None = None,
 ) -> list[Written | OpploadError]:
-    """Write stimuli; one that fails does not stop the others.
+    """Write stimuli; if one of them fails, the others are still written.
 
     Parameters
     ----------
     protocols : sequence of Protocol
         The stimuli.
-    directory : Path
-        The folder of the files.
-    form : str
-        A key of :data:`oppload_cli.video.writers.FORMATS`.
-    preview : bool
-        Whether to write contact sheets too.
-    new : bool
-        Whether a video that exists is an error.
+    directory, form, preview, new
+        As for :func:`write`.
     jobs : int
-        Stimuli written at a time, each by a process; 0: one per core.
+        Number of processes that write stimuli at the same time; 0: one per core.
     progress : callable or None
-        Called with the number of frames done since the last call.
+        Called with the number of frames written since the last call.
 
     Returns
     -------
     list of Written or OpploadError
         In the order of `protocols`.
     """
-    one = partial(_written, directory=directory, form=form, preview=preview, new=new)
-    # starting a process takes as long as writing one or two stimuli
+    one = partial(
+        _written, writes=partial(write, directory=directory, form=form, preview=preview, new=new)
+    )
+    # To start a process takes as long as to write one or two stimuli.
     jobs = jobs or max(1, min(len(protocols) // 2, cores()))
     with closing(outcomes(one, protocols, jobs, named=attrgetter("name"), told=progress)) as coming:
         done: dict[int, Written | OpploadError] = dict(coming)
@@ -338,15 +327,9 @@ def write_all(
 
 
 def _written(
-    protocol: Protocol,
-    tell: Callable[[int], object],
-    *,
-    directory: Path,
-    form: str,
-    preview: bool,
-    new: bool,
+    protocol: Protocol, tell: Callable[[int], object], *, writes: Callable[..., Written]
 ) -> Written:
     count = Seldom(tell)
-    made = write(protocol, directory, form=form, preview=preview, new=new, progress=count)
+    made = writes(protocol, progress=count)
     count.flush()
     return made

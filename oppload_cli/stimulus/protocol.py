@@ -1,8 +1,8 @@
 """Protocols: stimuli as frozen tables that check themselves, and their JSON Schema.
 
-Angles are in degrees, counter-clockwise, 0 = right, 90 = up; positions are
-``[right, up]`` in degrees from the middle of the field; times are in seconds of the
-clip. Luminance is linear, 0 to 1. The keys are described in ``docs/stimuli.md``.
+Angles are in degrees, counter-clockwise, 0 = right, 90 = up. Positions are ``[right, up]`` in
+degrees from the middle of the display. Times are in seconds of the clip. Luminance is linear,
+0 to 1. ``docs/stimuli.md`` describes the keys.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ from oppload_cli.stimulus.tables import ProtocolTables
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _MOST_FRAMES = 1_000_000
-# of the logarithm of a pattern's scale
-_MOST_ZOOM = 6.0
+_MOST_ZOOM = 6.0  # the largest change of the logarithm of a pattern's scale
 _RESERVED = ("display", "timing", "scene", "camera", "effects", "object", "sweep", "seed")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Protocol(ProtocolTables):
-    """One stimulus, resolved: everything that its frames depend on."""
+    """One stimulus: all values that its frames depend on, without a sweep."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -49,19 +48,19 @@ class Protocol(ProtocolTables):
 
     @classmethod
     def from_table(cls, table: object, where: str) -> Self:
-        """Build from the contents of a TOML file, its sweep taken out.
+        """Build a protocol from the contents of a TOML file without its sweep.
 
         Parameters
         ----------
         table : object
-            Should be a dict; the objects are the list ``object``.
+            The contents; it should be a dict with the list ``object``.
         where : str
-            The file, for the messages.
+            The file, for messages.
 
         Raises
         ------
         StimulusError
-            If anything in it is not valid; the message names the key and the file.
+            If a value is not valid; the message names the key and the file.
         """
         if not isinstance(table, dict):
             raise StimulusError(f"{where} must be a table of keys, not {table!r}")
@@ -73,14 +72,15 @@ class Protocol(ProtocolTables):
         staged = isinstance(scene, dict) and "background" in scene
         if not isinstance(listed, list) or not (listed or staged):
             raise StimulusError(f"{where}: there is no object; add one as [[object]]")
-        top["objects"] = [Object.from_table(one, _label(where, one)) for one in listed]
+        names = [one.get("id", "?") if isinstance(one, dict) else "?" for one in listed]
+        top["objects"] = [
+            Object.from_table(one, f"{where}: object '{name}'")
+            for one, name in zip(listed, names, strict=True)
+        ]
         return super().from_table(top, where)
 
     def as_table(self) -> dict[str, Any]:
-        """Return the resolved protocol, ready for JSON or TOML.
-
-        :meth:`from_table` makes the same protocol of it.
-        """
+        """Return the protocol as a table for JSON or TOML, which :meth:`from_table` can read."""
         table = super().as_table()
         table["object"] = table.pop("objects")
         return table
@@ -118,11 +118,6 @@ def json_schema() -> dict[str, Any]:
         **schema,
         "$defs": {"nested": {k: v for k, v in values.items() if k != "description"}},
     }
-
-
-def _label(where: str, table: object) -> str:
-    name = table.get("id", "?") if isinstance(table, dict) else "?"
-    return f"{where}: object '{name}'"
 
 
 def _check_object_times(protocol: Protocol, obj: Object) -> None:
@@ -168,18 +163,16 @@ def _check_inside(protocol: Protocol, obj: Object) -> None:
     if obj.kind in FIELDS:
         return
     times = (protocol.time_of(frame) for frame in range(protocol.frame_count))
-    seen = (
+    staged, display = obj.kind == PICTURE, protocol.display
+    inside = (
         enters(protocol, obj, time)
-        if obj.kind == PICTURE
+        if staged
         else reaches_field(protocol, obj, pose_of(protocol, obj, time))
         for time in times
     )
-    if not any(seen):
-        wide, high = (
-            size / protocol.display.scale
-            for size in (protocol.display.width, protocol.display.height)
-        )
-        changed = "its course" if obj.kind == PICTURE else "centre_deg, its size or its motion"
+    if not any(inside):
+        wide, high = display.width / display.scale, display.height / display.scale
+        changed = "its course" if staged else "centre_deg, its size or its motion"
         raise StimulusError(
             f"it is outside the field ({wide:.4g} x {high:.4g} deg) in every frame; "
             f"change {changed}"

@@ -1,4 +1,4 @@
-"""Short words for the dotted keys of a protocol, such as ``l/v`` and ``size``."""
+"""Words for the dotted keys of a protocol, such as ``l/v`` and ``size``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 from oppload_cli.errors import ParameterError, suggestion
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping
 
-# The keys that each word may mean, with {id} for an object.
+# The keys that each word may mean; {id} stands for the id of an object.
 _DIRECTIONS = ("{id}.axis_deg", "{id}.motion.direction_deg", "scene.rotation_deg")
 WORDS = {
     "axis": _DIRECTIONS,
@@ -20,32 +20,32 @@ WORDS = {
     "l/v": ("{id}.growth.l_over_v_ms",),
     "position": ("{id}.centre_deg", "scene.centre_deg"),
 }
-# Keys that a word means only where the stimulus sweeps them.
+# Keys that a word means only if the stimulus sweeps them.
 _WHERE_SWEPT = {"size": ("{id}.growth.end_deg",)}
 
 
 def key_of(
     word: str, name: str, table: Mapping[str, Any], sweep: Collection[str], option: str
 ) -> str:
-    """Return the dotted key that a word of `WORDS`, or a key itself, means in a stimulus.
+    """Return the dotted key that a word of `WORDS` means in a stimulus; a key means itself.
 
     Parameters
     ----------
     word : str
-        As the user wrote it.
+        The word or key of the user.
     name : str
-        Of the stimulus.
+        Name of the stimulus.
     table : mapping
-        The contents of its file.
+        Contents of its file.
     sweep : collection of str
-        The keys that it sweeps.
+        The keys that the file sweeps.
     option : str
-        The option with the word, for the message.
+        The user's option, for the message.
 
     Raises
     ------
     ParameterError
-        If there is no such word, or the stimulus has no such key, or several.
+        If there is no such word, or if it means no key of the stimulus, or several.
     """
     if "." in word:
         return word
@@ -70,37 +70,33 @@ def key_of(
 
 
 def _meant(word: str, table: Mapping[str, Any], sweep: Collection[str]) -> list[str]:
-    """Return the keys that a word may mean: the one that is swept, or those with a value."""
-    listed = table.get("object", [])
-    objects = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
-    patterns = (*WORDS[word], *_WHERE_SWEPT.get(word, ()))
-    every = dict.fromkeys(
-        pattern.format(id=one.get("id")) for one in objects for pattern in patterns
-    )
-    own = [key for key in every if key in sweep]
-    if len(own) == 1:
-        return own
+    """Return the keys that a word may mean: the only key that is swept, or keys with a value."""
+    objects = objects_of(table)
+
+    def keys(patterns: tuple[str, ...]) -> list[str]:
+        return [pattern.format(id=one.get("id")) for one in objects for pattern in patterns]
+
+    swept = set(keys((*WORDS[word], *_WHERE_SWEPT.get(word, ())))) & set(sweep)
+    if len(swept) == 1:
+        return list(swept)
     if word in {"axis", "direction"}:
         return ["scene.rotation_deg"]
-    if len(objects) > 1 and word == "position":
-        return ["scene.centre_deg"]
-    stated = (pattern.format(id=one.get("id")) for one in objects for pattern in WORDS[word])
-    return [key for key in dict.fromkeys(stated) if _states(objects, key)]
+    if word == "position" and objects:
+        # An object without a position is in the middle.
+        return keys(("{id}.centre_deg",)) if len(objects) == 1 else ["scene.centre_deg"]
+    return [key for key in dict.fromkeys(keys(WORDS[word])) if value_at(table, key) is not None]
 
 
-def _states(objects: Sequence[dict[str, Any]], key: str) -> bool:
-    """Tell whether the file gives a value for a key of one of its objects."""
-    if value_at({"object": objects}, key) is not None:
-        return True
-    # An object without a position is in the middle.
-    return key.endswith(".centre_deg") and not key.startswith("scene.")
+def objects_of(table: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the objects in the table of a protocol that has not been checked."""
+    listed = table.get("object", [])
+    return [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
 
 
 def value_at(table: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a dotted key in the table of a protocol; None where it has none."""
+    """Return the value of a dotted key in the table of a protocol, or None."""
     first, *rest = key.split(".")
-    value = next((one for one in table.get("object", []) if one.get("id") == first), None)
-    value = table.get(first) if value is None else value
+    value = next((one for one in objects_of(table) if one.get("id") == first), table.get(first))
     for word in rest:
         value = value.get(word) if isinstance(value, dict) else None
     return value
