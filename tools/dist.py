@@ -1,9 +1,9 @@
-"""Build and check what is released: the source archive, and a wheel for each platform.
+"""Build and check the files of a release: the source archive, and a wheel for each platform.
 
     python -m tools.dist          # or: make dist
 
-Everything is built on this machine: the loops of other platforms by ziglang's C compiler. A check
-that fails ends the command with an error.
+ziglang's C compiler builds the loops for other platforms on this machine. If a check fails, the
+command ends with an error.
 """
 
 from __future__ import annotations
@@ -17,12 +17,14 @@ import sys
 import zipfile
 import zlib
 from pathlib import Path
+from subprocess import PIPE, STDOUT
 
 from hatch_build import FOLDER, SUFFIXES, TARGETS, Target
 
 ROOT = Path(__file__).parents[1]
-DIST = ROOT / "dist"
-# What a library of a platform begins with, where its machine stands, and the machine's number.
+_DIST = ROOT / "dist"
+# For the libraries of each platform: the first bytes, the offset and the format of the machine
+# type, and the machine type. (A PE file states the offset itself.)
 ELF, MACH_O, PE = b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ"
 HEADERS = {
     "linux-x86_64": (ELF, 18, "<H", 62),
@@ -34,7 +36,7 @@ HEADERS = {
 
 
 class WrongWheelError(Exception):
-    """A wheel that does not hold what its tag promises."""
+    """A wheel whose contents do not fit its tag."""
 
 
 def check_wheel(wheel: Path, name: str) -> None:
@@ -78,20 +80,16 @@ def _is_for(content: bytes, name: str) -> bool:
     magic, offset, layout, machine = HEADERS[name]
     if not content.startswith(magic):
         return False
-    if offset is None:  # the head of a PE file names its place
+    if offset is None:
         offset = struct.unpack_from("<I", content, 0x3C)[0] + 4
     return bool(struct.unpack_from(layout, content, offset)[0] == machine)
 
 
 def _python(*words: str | Path, **environment: str) -> str:
+    command = [sys.executable, "-m", *map(str, words)]
+    env = {**os.environ, **environment}
     done = subprocess.run(
-        [sys.executable, "-m", *map(str, words)],
-        cwd=ROOT,
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
+        command, cwd=ROOT, env=env, stdout=PIPE, stderr=STDOUT, text=True, check=False
     )
     if done.returncode:
         sys.exit(f"{words[0]} ended with {done.returncode}:\n{done.stdout}")
@@ -100,25 +98,25 @@ def _python(*words: str | Path, **environment: str) -> str:
 
 def main() -> None:
     """Build and check; print a line for each file."""
-    shutil.rmtree(DIST, ignore_errors=True)
+    shutil.rmtree(_DIST, ignore_errors=True)
     _python("build", "--no-isolation", "--sdist")
-    print(f"{next(DIST.glob('*.tar.gz')).name}: built")
+    print(f"{next(_DIST.glob('*.tar.gz')).name}: built")
     for name, target in TARGETS.items():
         _python("build", "--no-isolation", "--wheel", OPPLOAD_TARGET=name)
-        (wheel,) = DIST.glob(f"*{target.tag}.whl")
+        (wheel,) = _DIST.glob(f"*{target.tag}.whl")
         check_wheel(wheel, name)
-        said = "the right libraries"
+        result = "the right libraries"
         if target.system == "linux":
             shown = " ".join(_python("auditwheel", "show", wheel).split())
             tag = re.search(r'tag: "(\w+)"', shown)
             if not tag or tag.group(1) not in target.tag.split("."):
                 sys.exit(f"{wheel.name}: auditwheel says: {shown}")
-            said += f", auditwheel: {tag.group(1)}"
-        print(f"{wheel.name}: {said}")
-    files = sorted(DIST.iterdir())
+            result += f", auditwheel: {tag.group(1)}"
+        print(f"{wheel.name}: {result}")
+    files = sorted(_DIST.iterdir())
     _python("twine", "check", "--strict", *files)
     _python("check_wheel_contents", *(each for each in files if each.suffix == ".whl"))
-    print("twine check and check-wheel-contents: nothing to complain about")
+    print("twine check and check-wheel-contents: no errors")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Draw the rooms of the package and their imports: ``python -m tools.picture``.
 
-The picture stands in ``docs/architecture.md``. Its arrows are the imports in the source, so a
-test notices when it is out of date. An arrow that follows from others is not drawn, nor are those
-to the rooms at the bottom, which all rooms may use.
+The picture stands in ``docs/architecture.md``; a test compares it with the imports in the source.
+The picture leaves out arrows that follow from others, and arrows to the bottom layer, which all
+rooms may use.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 PICTURE = ROOT / "docs" / "architecture.svg"
 
-# Each room's column (0 at the left) and what it does.
-ROOMS: dict[str, tuple[int, str]] = {
+# The column of each room (0 at the left), and its purpose.
+_ROOMS: dict[str, tuple[int, str]] = {
     PACKAGE: (0, "the public names"),
     "__main__": (3, "the process"),
     "cli": (3, "the commands"),
@@ -49,8 +49,8 @@ ROOMS: dict[str, tuple[int, str]] = {
     "version": (4, "one number"),
 }
 
-# The way of one frame, in order: where it is, and what happens there.
-WAY = (
+# The way of one frame: each room that it enters, and what happens in the room.
+_WAY = (
     ("video", "the source decodes a picture and gives Frame(index, time_s, luma)"),
     ("pipeline", "repeats are passed over; every other frame goes to all detectors"),
     ("models", "each detector's step(luma) returns a response, or None while it warms up"),
@@ -60,11 +60,11 @@ WAY = (
     ("files", "rows reach the part file, which is renamed when all is done"),
 )
 
-WIDE, HIGH = 176, 40  # a box
-STEP_X, STEP_Y = 206, 74
-MARGIN = 100  # left of the boxes, for the names of the layers
-BOTTOM = "ground"
-STYLE = """
+_WIDE, _HIGH = 176, 40  # of a box
+_STEP_X, _STEP_Y = 206, 74
+_MARGIN = 100  # left of the boxes, for the names of the layers
+_BOTTOM = "ground"
+_STYLE = """
 text { font: 13px sans-serif; fill: #222 } .small { font-size: 11px; fill: #555 }
 .room { fill: #fff; stroke: #555 } .layer { fill: #eef2f6 }
 .arrow { fill: none; stroke: #8a97a5; stroke-width: 1.3; marker-end: url(#head) }
@@ -72,9 +72,9 @@ text { font: 13px sans-serif; fill: #222 } .small { font-size: 11px; fill: #555 
 """
 
 
-def drawn_arrows(rooms: Graph) -> list[tuple[str, str]]:
-    """Return the imports that do not follow from others, without those of the bottom layer."""
-    bottom = set(LAYERS[BOTTOM])
+def _arrows(rooms: Graph) -> list[tuple[str, str]]:
+    """Return the imports that do not follow from others, without imports of the bottom layer."""
+    bottom = set(LAYERS[_BOTTOM])
     upper = {room: imported - bottom for room, imported in rooms.items() if room not in bottom}
     return [
         (room, other)
@@ -84,42 +84,42 @@ def drawn_arrows(rooms: Graph) -> list[tuple[str, str]]:
     ]
 
 
-def rows(rooms: Graph) -> list[tuple[str, list[str]]]:
-    """Return each row's layer and rooms: a room stands below those of its layer that import it."""
-    found = []
+def _rows(rooms: Graph) -> list[tuple[str, list[str]]]:
+    """Return the layer and the rooms of each row; a room stands below the rooms that import it."""
+    rows = []
     for layer, names in LAYERS.items():
         waiting = [room for room in names if room in rooms]
         while waiting:
-            imported = {other for room in waiting for other in rooms[room] if layer != BOTTOM}
+            imported = {other for room in waiting for other in rooms[room] if layer != _BOTTOM}
             row = [room for room in waiting if room not in imported]
-            found.append((layer, row))
+            rows.append((layer, row))
             waiting = [room for room in waiting if room not in row]
-    return found
+    return rows
 
 
 def svg(root: Path) -> str:
     """Return the picture of a checkout as SVG."""
     rooms = room_graph(root)
-    placed = rows(rooms)
+    rows = _rows(rooms)
     corners = {
-        room: (MARGIN + STEP_X * ROOMS[room][0], 20 + STEP_Y * number)
-        for number, (_, row) in enumerate(placed)
+        room: (_MARGIN + _STEP_X * _ROOMS[room][0], 20 + _STEP_Y * number)
+        for number, (_, row) in enumerate(rows)
         for room in row
     }
-    width = max(x for x, _ in corners.values()) + WIDE + 20
-    lowest = 20 + STEP_Y * len(placed)
-    height = lowest + 20 * len(WAY) + 20
+    width = max(x for x, _ in corners.values()) + _WIDE + 20
+    lowest = 20 + _STEP_Y * len(rows)
+    height = lowest + 20 * len(_WAY) + 20
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}">',
-        f"<style>{STYLE}</style>",
+        f"<style>{_STYLE}</style>",
         '<defs><marker id="head" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" '
         'markerHeight="7" orient="auto"><path d="M0 0 8 4 0 8z" fill="#8a97a5"/></marker></defs>',
         f'<rect width="{width}" height="{height}" fill="#fff"/>',
-        *(_band(layer, placed, width) for layer in LAYERS),
-        *(_arrow(corners[a], corners[b]) for a, b in drawn_arrows(rooms)),
+        *(_band(layer, rows, width) for layer in LAYERS),
+        *(_arrow(corners[a], corners[b]) for a, b in _arrows(rooms)),
         *(_box(room, *corner) for room, corner in corners.items()),
     ]
-    for number, (room, text) in enumerate(WAY, 1):
+    for number, (room, text) in enumerate(_WAY, 1):
         x, y = corners[room]
         line = lowest + 20 * number
         parts += [_badge(number, x, y), _badge(number, 24, line - 4)]
@@ -128,10 +128,10 @@ def svg(root: Path) -> str:
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
-def _band(layer: str, placed: list[tuple[str, list[str]]], width: int) -> str:
-    """Return the background of a layer, with its name."""
-    numbers = [number for number, (name, _) in enumerate(placed) if name == layer]
-    top, high = 20 + STEP_Y * numbers[0] - 10, STEP_Y * len(numbers) - 14
+def _band(layer: str, rows: list[tuple[str, list[str]]], width: int) -> str:
+    """Return the coloured band behind a layer, with its name."""
+    numbers = [number for number, (name, _) in enumerate(rows) if name == layer]
+    top, high = 20 + _STEP_Y * numbers[0] - 10, _STEP_Y * len(numbers) - 14
     return (
         f'<rect class="layer" x="6" y="{top}" width="{width - 12}" height="{high}" rx="6"/>'
         f'<text class="small" x="16" y="{top + high // 2 + 4}">{layer}</text>'
@@ -139,17 +139,17 @@ def _band(layer: str, placed: list[tuple[str, list[str]]], width: int) -> str:
 
 
 def _box(room: str, x: int, y: int) -> str:
-    middle = x + WIDE // 2
+    middle = x + _WIDE // 2
     return (
-        f'<rect class="room" x="{x}" y="{y}" width="{WIDE}" height="{HIGH}" rx="4"/>'
+        f'<rect class="room" x="{x}" y="{y}" width="{_WIDE}" height="{_HIGH}" rx="4"/>'
         f'<text x="{middle}" y="{y + 17}" text-anchor="middle">{room}</text>'
         f'<text class="small" x="{middle}" y="{y + 32}" text-anchor="middle">'
-        f"{escape(ROOMS[room][1])}</text>"
+        f"{escape(_ROOMS[room][1])}</text>"
     )
 
 
 def _arrow(start: tuple[int, int], end: tuple[int, int]) -> str:
-    x1, y1, x2, y2 = start[0] + WIDE // 2, start[1] + HIGH, end[0] + WIDE // 2, end[1]
+    x1, y1, x2, y2 = start[0] + _WIDE // 2, start[1] + _HIGH, end[0] + _WIDE // 2, end[1]
     bend = (y2 - y1) // 2
     return f'<path class="arrow" d="M{x1} {y1}C{x1} {y1 + bend} {x2} {y2 - bend} {x2} {y2}"/>'
 

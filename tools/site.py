@@ -1,14 +1,14 @@
-"""The extension of the documentation's site: code that is run while the site is built.
+"""A Sphinx extension that runs the code on pages of the documentation while the site is built.
 
-A block ``run`` of a page shows its code, runs it, and shows what it prints::
+A block ``run`` of a page shows its code, runs it, and shows its output::
 
     ```{run} sh
     oppload run video.mp4
     ```
 
-The blocks of a page run one after the other in a folder of the page's own, in which
-``video.mp4``, a disk that approaches, and the folder ``videos`` with three videos lie already.
-Python blocks share their names. A block that fails fails the build.
+Every page has its own folder, in which its blocks run one after the other. At first the folder
+contains ``video.mp4``, a disk that approaches, and the folder ``videos`` with three videos. Python
+blocks of a page share their names. A block that fails ends the build with an error.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import subprocess
 import sys
 import traceback
 from pathlib import Path
+from subprocess import PIPE, STDOUT
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from docutils import nodes
@@ -34,27 +35,27 @@ if TYPE_CHECKING:
 
     from sphinx.application import Sphinx
 
-# Files above docs/ that are pages of the site, and the page that includes each.
-OUTSIDE = {
+# Files above docs/, and the page of the site that includes each of them.
+_OUTSIDE = {
     "CONTRIBUTING.md": "development/contributing.md",
     "CHANGELOG.md": "development/changes.md",
 }
-RUNS = Path("_build", "runs")
-EXAMPLES = {
+_RUNS = Path("_build", "runs")
+_EXAMPLES = {
     "video": "controls/looming-and-translating",
     "videos/approach": "controls/looming-perspective",
     "videos/passing-by": "controls/translating-disk-speed/speed-80",
     "videos/retreat": "controls/receding-patch",
 }
-WIDTH = 88  # characters of output
+_WIDTH = 88  # characters of a line of output
 
 
 class Run(SphinxDirective):
-    """Show a block of code, what it prints and the pictures that it makes.
+    """Show a block of code, its output and the picture that it writes.
 
-    Options: ``picture``, a file that the code writes; ``alt``, its description; ``exit``, the
-    exit code that is right; ``last``, the number of last lines of output that are shown;
-    ``hidden``, show nothing but the picture.
+    Options: ``picture``, the file of the picture; ``alt``, its description; ``exit``, the expected
+    exit code; ``last``, the number of lines to show from the end of the output; ``hidden``, to
+    show only the picture.
     """
 
     has_content = True
@@ -68,49 +69,44 @@ class Run(SphinxDirective):
     }
 
     def run(self) -> list[nodes.Node]:
-        """Run the block and return what the page shows."""
+        """Run the block and return the nodes of the page."""
         language, code = self.arguments[0], "\n".join(self.content)
-        kept = self.env.temp_data.setdefault("run", {})
-        if not kept:
-            kept.update(folder=_prepared(self.env.app, self.env.docname), names={})
+        page = self.env.temp_data.setdefault("run", {})
+        if not page:
+            page.update(folder=_prepared(self.env.app, self.env.docname), names={})
         if language == "python":
-            printed, status = _python(code, kept["names"], kept["folder"])
+            printed, status = _python(code, page["names"], page["folder"])
         else:
-            printed, status = _shell(code, kept["folder"])
+            printed, status = _shell(code, page["folder"])
         if status != self.options.get("exit", 0):
             raise self.error(f"this block ended with {status}:\n{code}\n{printed}")
         shown: list[nodes.Node] = []
-        lines = printed.rstrip().splitlines()[-self.options.get("last", 1000) :]
         if "hidden" not in self.options:
             shown.append(nodes.literal_block(code, code, language=language))
-        if lines and "hidden" not in self.options:
+            lines = printed.rstrip().splitlines()[-self.options.get("last", 1000) :]
             text = "\n".join(lines)
-            shown.append(nodes.literal_block(text, text, language="text", classes=["output"]))
+            if text:
+                shown.append(nodes.literal_block(text, text, language="text", classes=["output"]))
         if "picture" in self.options:
-            uri = f"/{(RUNS / self.env.docname / self.options['picture']).as_posix()}"
+            uri = f"/{(_RUNS / self.env.docname / self.options['picture']).as_posix()}"
             shown.append(nodes.image(uri=uri, alt=self.options.get("alt", "")))
         return shown
 
 
 def _prepared(app: Sphinx, page: str) -> Path:
-    """Return the folder of a page's blocks, with the example videos in it."""
-    folder = Path(app.srcdir) / RUNS / page
+    """Make the folder of a page, with the example videos, and return it."""
+    folder = Path(app.srcdir) / _RUNS / page
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(Path(app.srcdir) / RUNS / "examples", folder)
+    shutil.copytree(Path(app.srcdir) / _RUNS / "examples", folder)
     return folder
 
 
 def _shell(code: str, folder: Path) -> tuple[str, int]:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    own = {"PATH": path, "COLUMNS": str(WIDTH), "MPLBACKEND": "agg"}
+    env = {**os.environ, "PATH": path, "COLUMNS": str(_WIDTH), "MPLBACKEND": "agg"}
+    command = [shutil.which("bash") or "bash", "-euc", code]
     done = subprocess.run(
-        [shutil.which("bash") or "bash", "-euc", code],
-        cwd=folder,
-        env={**os.environ, **own},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
+        command, cwd=folder, env=env, stdout=PIPE, stderr=STDOUT, text=True, check=False
     )
     return done.stdout, done.returncode
 
@@ -120,15 +116,15 @@ def _python(code: str, names: dict[str, Any], folder: Path) -> tuple[str, int]:
     with contextlib.redirect_stdout(printed), contextlib.chdir(folder):
         try:
             exec(compile(code, "block", "exec"), names)  # noqa: S102 - the page's own code
-        except Exception:  # whatever it is, Sphinx names the block and goes on
+        except Exception:  # Sphinx reports the block and continues
             return printed.getvalue() + traceback.format_exc(), 1
     return printed.getvalue(), 0
 
 
-def make_examples(app: Sphinx) -> None:
-    """Make the videos that every page's folder begins with."""
-    folder = Path(app.srcdir) / RUNS / "examples"
-    for name, shown in EXAMPLES.items():
+def _make_examples(app: Sphinx) -> None:
+    """Make the videos that the folder of every page contains at first."""
+    folder = Path(app.srcdir) / _RUNS / "examples"
+    for name, shown in _EXAMPLES.items():
         target = (folder / name).with_suffix(".mp4")
         if not target.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
@@ -137,22 +133,22 @@ def make_examples(app: Sphinx) -> None:
             shutil.rmtree(folder / "made")
 
 
-def escape_stars(_app: Sphinx, _context: object, lines: list[str]) -> None:
-    """Keep patterns such as ``clips/*.mp4`` in the help of commands from being read as emphasis."""
+def _escape_stars(_app: Sphinx, _context: object, lines: list[str]) -> None:
+    """Escape the ``*`` of patterns in help texts, which would otherwise mean emphasis."""
     lines[:] = [line.replace("*", r"\*") for line in lines]
 
 
-def link_inside(_app: Sphinx, page: str, source: list[str]) -> None:
-    """Let links to files above ``docs`` lead to the pages of the site that include them."""
+def _link_inside(_app: Sphinx, page: str, source: list[str]) -> None:
+    """Change links to files above ``docs`` into links to the pages that include these files."""
     up = "../" * page.count("/")
-    for name, included in OUTSIDE.items():
+    for name, included in _OUTSIDE.items():
         source[0] = source[0].replace(f"](../{up}{name}", f"]({up}{included}")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register all of this with Sphinx."""
+    """Register the directive and the functions with Sphinx."""
     app.add_directive("run", Run)
-    app.connect("builder-inited", make_examples)
-    app.connect("source-read", link_inside)
-    app.connect("sphinx-click-process-description", escape_stars)
+    app.connect("builder-inited", _make_examples)
+    app.connect("source-read", _link_inside)
+    app.connect("sphinx-click-process-description", _escape_stars)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,10 +1,10 @@
 """Measure the structure of the package.
 
     python tools/structure.py [CHECKOUT]   # print the figures of a checkout
-    python tools/structure.py --table      # write those of this one into docs/architecture.md
+    python tools/structure.py --table      # write the figures of this checkout into the docs
 
-The figures of the source come from its text and need no library. The last two come from a run
-that `tools.tracer` watches, and need the libraries of oppload.
+The last two figures come from a run that `tools.tracer` watches, and need the libraries of
+oppload. All others come from the text of the source.
 """  # fmt: skip
 
 from __future__ import annotations
@@ -20,11 +20,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 PACKAGE = "oppload_cli"
-# Of checkouts in which detectors have no attribute `name`.
-FIRST_DETECTORS = {"opplod", "dlgmd", "frame_difference", "flow_divergence"}
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "architecture.md"
-MARKS = ("<!-- structure: begin -->\n", "<!-- structure: end -->\n")
+_PAGE = ROOT / "docs" / "architecture.md"
+_MARKS = ("<!-- structure: begin -->\n", "<!-- structure: end -->\n")
 
 # A room may import from the layers below its own, and within its layer without a circle.
 # A room is a folder, or a single file at the top of the package.
@@ -40,7 +38,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
     "ground": ("schema", "errors", "palette", "reference", "version"),
 }
 
-# Each figure before the package was laid out in these rooms, and what it ought to be at most
+# Each figure before the package was laid out in these rooms, and the largest value that is wanted
 # (None: no aim was set). The keys are in the order of the table.
 BEFORE_AND_AIM: dict[str, tuple[float, float | None]] = {
     "files that name a detector, outside `models` and `reproduction`": (24, 3),
@@ -75,8 +73,7 @@ def layer_of(room: str) -> int:
     for number, rooms in enumerate(LAYERS.values()):
         if room in rooms:
             return number
-    message = f"{room} has no layer: add it to LAYERS in tools/structure.py"
-    raise ValueError(message)
+    raise ValueError(f"{room} has no layer: add it to LAYERS in tools/structure.py")
 
 
 def modules_of(root: Path) -> dict[str, Path]:
@@ -89,15 +86,15 @@ def modules_of(root: Path) -> dict[str, Path]:
 
 
 def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
-    """Return which modules of the package each module imports.
+    """Return the modules of the package that each module imports.
 
     Parameters
     ----------
     modules : dict of str to Path
-        As `modules_of` returns them.
+        The files of the modules by dotted name.
     types : bool
-        Count every import, also those for type checking only and those inside functions.
-        Otherwise only what importing the module loads.
+        Whether to count imports inside functions and for type checking too. If not, only imports
+        that run when the module is imported count.
     """
     graph: Graph = {}
     for module, path in modules.items():
@@ -109,7 +106,7 @@ def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
 
 
 def room_graph(root: Path) -> Graph:
-    """Return which rooms each room imports, types included."""
+    """Return the rooms that each room imports, also if only for types."""
     rooms: Graph = {}
     for module, imported in import_graph(modules_of(root)).items():
         room = room_of(module)
@@ -118,7 +115,7 @@ def room_graph(root: Path) -> Graph:
 
 
 def reachable(graph: Graph, start: str) -> set[str]:
-    """Return all nodes at the end of a path from `start`; `start` itself only in a circle."""
+    """Return all nodes that a path from `start` leads to; `start` itself only in a circle."""
     found: set[str] = set()
     waiting = list(graph[start])
     while waiting:
@@ -176,11 +173,11 @@ def figures_of_source(root: Path) -> dict[str, float]:
 
 
 def figures_of_run(root: Path) -> dict[str, float]:
-    """Return the figures of a run's way from the command to its CSV file, by title.
+    """Return the figures of a run from the command to its CSV file, by title.
 
-    `tools.tracer` runs ``oppload run`` on a small clip and notes each call from a file of the
-    package into another one. A climb is a pair of files in which the caller's room lies in a
-    lower layer than the called one's.
+    `tools.tracer` runs ``oppload run`` on a small clip and notes each call from a module of the
+    package into another one. A climb is a pair of modules in which the room of the caller lies in
+    a lower layer than the room of the called module.
     """
     with TemporaryDirectory() as folder:
         log = Path(folder, "calls")
@@ -188,7 +185,7 @@ def figures_of_run(root: Path) -> dict[str, float]:
         command = [sys.executable, str(tracer), str(root.resolve()), str(log), folder]
         subprocess.run(command, check=True, capture_output=True)
         pairs = {tuple(line.split(" ")) for line in log.read_text("utf-8").splitlines()}
-    layers = {module: layer_of(_later_room(module)) for pair in pairs for module in pair if module}
+    layers = {module: layer_of(room_of(module)) for pair in pairs for module in pair if module}
     return {
         "files entered by a run": len(layers),
         "climbs of a run": sum(layers[called] < layers[by] for by, called in pairs if by),
@@ -203,7 +200,7 @@ def detector_names(root: Path) -> list[str]:
         if path.name != "__init__.py"
     }
     models = (tree for name, tree in trees.items() if room_of(name) == "models")
-    detectors = FIRST_DETECTORS.union(*map(_names_of_classes, models))
+    detectors = {name for tree in models for name in _names_of_classes(tree)}
     return [
         name
         for name, tree in trees.items()
@@ -211,7 +208,7 @@ def detector_names(root: Path) -> list[str]:
     ]
 
 
-def table(figures: dict[str, float]) -> str:
+def _table(figures: dict[str, float]) -> str:
     """Return the Markdown table of the figures before and now."""
     lines = ["| figure | before | aim | now |", "|---|---|---|---|"]
     for title, now in figures.items():
@@ -224,7 +221,7 @@ def main() -> None:
     """Print the figures of a checkout, or write the table of the documentation."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("checkout", type=Path, nargs="?", default=ROOT)
-    parser.add_argument("--table", action="store_true", help=f"write the figures into {PAGE.name}")
+    parser.add_argument("--table", action="store_true", help=f"write the figures into {_PAGE.name}")
     arguments = parser.parse_args()
     root = arguments.checkout
     if not modules_of(root):
@@ -233,21 +230,14 @@ def main() -> None:
     if find_spec("av"):
         figures |= figures_of_run(root)
     if arguments.table:
-        before, rest = PAGE.read_text("utf-8").split(MARKS[0])
-        after = rest.split(MARKS[1])[1]
-        PAGE.write_text(before + MARKS[0] + table(figures) + MARKS[1] + after, "utf-8")
+        begin, end = _MARKS
+        before, rest = _PAGE.read_text("utf-8").split(begin)
+        after = rest.split(end)[1]
+        _PAGE.write_text(before + begin + _table(figures) + end + after, "utf-8")
         return
     for title, value in figures.items():
         sys.stdout.write(f"{title:66} {value}\n")
     sys.stdout.write(f"files that name a detector: {', '.join(detector_names(root))}\n")
-
-
-def _later_room(module: str) -> str:
-    """Return the room of a module, also of a checkout from before there were all rooms."""
-    moved = {"parameters": "schema", "interruption": "processes", "native": "compute"}
-    pipeline = {"task", "settings", "outputs", "sidecar_content", "analysis", "writing"}
-    room = room_of(module)
-    return "pipeline" if room in pipeline else moved.get(room, room)
 
 
 def _run_when_imported(tree: ast.Module) -> list[ast.stmt]:
@@ -262,7 +252,7 @@ def _run_when_imported(tree: ast.Module) -> list[ast.stmt]:
 def _imported_names(node: ast.AST, modules: dict[str, Path]) -> set[str]:
     names: set[str] = set()
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        # As the registry names a detector that is loaded later: "models.published.lgmd2:Lgmd2".
+        # The registry names a detector that is loaded later: "models.published.lgmd2:Lgmd2".
         module, _, name = node.value.partition(":")
         names = {f"{PACKAGE}.{module}"} if name.isidentifier() else names
     elif isinstance(node, ast.Import):
@@ -277,10 +267,10 @@ def _imported_names(node: ast.AST, modules: dict[str, Path]) -> set[str]:
 def _code_lines(path: Path, tree: ast.Module) -> int:
     """Return the number of lines that hold code: no blank line, comment or docstring."""
     lines: set[int] = set()
-    skipped = {
-        tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
-        tokenize.ENCODING, tokenize.ENDMARKER,
-    }  # fmt: skip
+    skipped = (
+        *(tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT),
+        *(tokenize.ENCODING, tokenize.ENDMARKER),
+    )
     with path.open("rb") as file:
         for token in tokenize.tokenize(file.readline):
             if token.type not in skipped:
@@ -300,21 +290,18 @@ def _public_names(tree: ast.Module) -> int:
 
 
 def _imports_in_functions(tree: ast.Module) -> int:
-    functions = (
-        node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-    )
-    return len(
-        {
-            node
-            for function in functions
-            for node in ast.walk(function)
-            if isinstance(node, ast.Import | ast.ImportFrom)
-        }
-    )
+    imports = {
+        node
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(function)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    }
+    return len(imports)
 
 
 def _names_of_classes(tree: ast.Module) -> set[str]:
-    """Return the texts that classes of a module have as their attribute `name`."""
+    """Return the values of the attribute `name` of the classes of a module."""
     return {
         node.value.value
         for each in tree.body
@@ -328,7 +315,7 @@ def _names_of_classes(tree: ast.Module) -> set[str]:
 
 
 def _names_a_detector(tree: ast.Module, detectors: set[str]) -> bool:
-    """Tell whether the code of a module, docstrings left out, names a detector."""
+    """Tell whether the code of a module, without its docstrings, names a detector."""
     docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     words = [_word(node) for node in ast.walk(tree) if id(node) not in docstrings]
     return any(

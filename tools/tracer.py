@@ -1,10 +1,10 @@
-"""Note which files of the package ``oppload run`` enters on a small clip.
+"""Note the modules of the package that ``oppload run`` enters on a small clip.
 
     python tools/tracer.py CHECKOUT LOG FOLDER
 
-Each line of LOG is "CALLER CALLED": a module of the package and one that it calls, directly or
-through a library. A thread's first call has no caller. Calls while a module is imported do not
-count. FOLDER receives the clip and the result.
+Each line of LOG is "CALLER CALLED": a module of the package, and another one that it calls,
+directly or through a library. A thread's first call has no caller. Calls while a module is
+imported do not count. The clip and the result are written into FOLDER.
 """  # fmt: skip
 
 from __future__ import annotations
@@ -22,47 +22,38 @@ import numpy as np
 if TYPE_CHECKING:
     from types import FrameType
 
-WIDTH, HEIGHT, FRAMES = 64, 48, 12
+_WIDTH, _HEIGHT, _FRAMES = 64, 48, 12
 
 
-class Tracer:
-    """Notes calls from one module of a package into another, in every thread and process.
-
-    Parameters
-    ----------
-    root : Path
-        The folder that holds the package.
-    log : Path
-        Is appended to line by line, so that a forked process writes to the same file.
-    """
+class _Tracer:
+    """Notes calls from one module of the package into another, in every thread and process."""
 
     def __init__(self, root: Path, log: Path) -> None:
         self._root = root
         self._package = str(root / "oppload_cli") + os.sep
+        # A forked process appends to the same file, one line at a time.
         self._log = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-        self._seen: set[tuple[str, str]] = set()
+        self._noted: set[tuple[str, str]] = set()
 
     def __call__(self, frame: FrameType, _event: str, _argument: object) -> None:
-        """Note a call; be the function that `sys.settrace` takes."""
-        called = self._module(frame)
+        """Note a call; `sys.settrace` takes this method."""
+        called, caller = self._module(frame), ""
         if not called:
             return
-        if frame.f_code.co_name == "<module>":
-            return  # an import
-        outer, caller = frame.f_back, ""
+        outer: FrameType | None = frame
         while outer is not None:
             module = self._module(outer)
             if module and outer.f_code.co_name == "<module>":
-                return  # a call while a module is imported
-            caller = caller or module
+                return  # an import, or a call while a module is imported
+            if outer is not frame:
+                caller = caller or module
             outer = outer.f_back
-        pair = (caller, called)
-        if caller != called and pair not in self._seen:
-            self._seen.add(pair)
+        if caller != called and (caller, called) not in self._noted:
+            self._noted.add((caller, called))
             os.write(self._log, f"{caller} {called}\n".encode())
 
     def _module(self, frame: FrameType) -> str:
-        """Return the dotted name of a frame's module, empty if the package does not hold it."""
+        """Return the dotted name of a frame's module; empty if it is not of the package."""
         file = frame.f_code.co_filename
         if not file.startswith(self._package):
             return ""
@@ -74,16 +65,16 @@ def main() -> None:
     root, log, folder = Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3])
     clip = folder / "clip.avi"
     code = cv2.VideoWriter.fourcc(*"MJPG")
-    writer = cv2.VideoWriter(str(clip), code, 30, (WIDTH, HEIGHT))
-    for index in range(FRAMES):
-        picture = np.full((HEIGHT, WIDTH, 3), 255, np.uint8)
-        cv2.circle(picture, (WIDTH // 2, HEIGHT // 2), 2 + index, (0, 0, 0), -1)
+    writer = cv2.VideoWriter(str(clip), code, 30, (_WIDTH, _HEIGHT))
+    for index in range(_FRAMES):
+        picture = np.full((_HEIGHT, _WIDTH, 3), 255, np.uint8)
+        cv2.circle(picture, (_WIDTH // 2, _HEIGHT // 2), 2 + index, (0, 0, 0), -1)
         writer.write(picture)
     writer.release()
     sys.path.insert(0, str(root))
     sys.argv = ["oppload", "run", str(clip), "-o", str(folder)]
     entry: Any = import_module("oppload_cli.__main__").entry
-    tracer = Tracer(root, log)
+    tracer = _Tracer(root, log)
     threading.settrace(tracer)
     sys.settrace(tracer)
     entry()

@@ -205,6 +205,14 @@ def test_a_changed_value_replaces_the_one_that_stands_for_the_same() -> None:
     assert [(obj.file, obj.drawing) for obj in staged.objects] == [("car.png", None)]
 
 
+@pytest.mark.parametrize("name", ["thing", "file"])
+def test_swept_files_lie_in_the_folder_of_the_protocol(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_text(f'[sweep.{name}]\nfile = ["a.png", "b.png"]\n')
+    expected = [str(tmp_path / "a.png"), str(tmp_path / "b.png")]
+    assert stimulus.read_entry(path).sweep == {f"{name}.file": expected}
+
+
 def test_reading_the_catalogue_needs_no_numpy() -> None:
     script = (
         "import sys; from oppload_cli import stimulus; stimulus.load_all('klapoetke2017/*');"
