@@ -57,7 +57,7 @@ def parameter(
     choices : tuple
         The allowed values; empty if all are allowed.
     kinds : tuple of str
-        The kinds of the table that take this value; empty for all kinds.
+        The kinds of the table that take this value; by default `needed_by`, or else all kinds.
     needed_by : tuple of str
         The kinds of the table that need this value.
 
@@ -72,9 +72,15 @@ def parameter(
     0.02
     """
     metadata = {
-        "meaning": meaning, "unit": unit, "low": low, "above": above, "high": high,
-        "choices": choices, "kinds": kinds, "needed_by": needed_by,
-    }  # fmt: skip
+        "meaning": meaning,
+        "unit": unit,
+        "low": low,
+        "above": above,
+        "high": high,
+        "choices": choices,
+        "kinds": kinds or needed_by,
+        "needed_by": needed_by,
+    }
     return field(default=default, metadata=metadata)
 
 

@@ -17,8 +17,8 @@ import pytest
 
 from tools.attack import judge
 from tools.attack.__main__ import main
-from tools.attack.campaign import Verdict, keep, set_apart, table
-from tools.attack.families import made, ready
+from tools.attack.campaign import Verdict, isolate, keep, table
+from tools.attack.families import make_case, make_material
 from tools.attack.judge import (
     Case,
     Ended,
@@ -96,7 +96,7 @@ def test_remarks_may_have_a_line_each(tmp_path: Path, lines: int, wrong: list[st
         ("c", "{"),
     ):
         (case.out / f"{name}.oppload.json").write_text(text)
-    ended = Ended(0, b"", "x\n" * lines, hung=False, memory=0, left=[])
+    ended = Ended(0, b"", "x\n" * lines, hung=False, memory=0, outliving=[])
     assert faults_of_process(case, ended) == wrong
 
 
@@ -145,7 +145,7 @@ def test_cases_beside_each_other_do_not_share_memory() -> None:
     spawn = multiprocessing.get_context("spawn")
     with (
         tempfile.NamedTemporaryFile(dir=judge.SHARED) as other,
-        ProcessPoolExecutor(1, mp_context=spawn, initializer=set_apart) as pool,
+        ProcessPoolExecutor(1, mp_context=spawn, initializer=isolate) as pool,
     ):
         name = Path(other.name).name
         assert name in shared_memory()
@@ -160,14 +160,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_cases(folder: Path, tmp_path: Path) -> None:
-    material = ready(folder / "work")
+    material = make_material(folder / "work")
     for number in range(40):
         cases = [
-            made(number, tmp_path / name / "case", material, Random(f"3 {number}"))  # noqa: S311
+            make_case(number, tmp_path / name / "case", material, Random(f"3 {number}"))  # noqa: S311
             for name in (f"a{number}", f"b{number}")
         ]
         first, second = (
-            (case.family, case.files, case.limits, case.signals, judge.seen(case.folder))
+            (case.family, case.files, case.limits, case.signals, judge.contents_of(case.folder))
             for case in cases
         )
         for server in (each for case in cases for each in case.around):

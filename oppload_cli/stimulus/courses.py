@@ -35,7 +35,7 @@ class Course(Table):
         choices=(*_TOWARDS, "crossing", "overtaking", "receding", "hovering", "straight"),
     )
     speed_m_s: float | None = parameter(
-        None, "speed", unit="m/s", above=0, high=1000, kinds=_MOVING, needed_by=_MOVING
+        None, "speed", unit="m/s", above=0, high=1000, needed_by=_MOVING
     )
     contact_s: float | None = parameter(
         None,
@@ -53,7 +53,6 @@ class Course(Table):
         unit="m",
         above=0,
         high=10_000,
-        kinds=_FROM,
         needed_by=_FROM,
     )
     bearing_deg: tuple[float, float] = parameter(
@@ -70,7 +69,6 @@ class Course(Table):
         "least distance of its middle from the camera, in its own sizes",
         above=0,
         high=1000,
-        kinds=("near-miss", "overtaking"),
         needed_by=("near-miss", "overtaking"),
     )
     side: str = parameter(
@@ -94,7 +92,6 @@ class Course(Table):
         unit="m",
         low=-10_000,
         high=10_000,
-        kinds=("straight",),
         needed_by=("straight",),
     )
     velocity_m_s: tuple[float, float, float] | None = parameter(
@@ -103,7 +100,6 @@ class Course(Table):
         unit="m/s",
         low=-1000,
         high=1000,
-        kinds=("straight",),
         needed_by=("straight",),
     )
 

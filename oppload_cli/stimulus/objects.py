@@ -75,7 +75,6 @@ class Growth(Table):
         unit="deg/s",
         above=0,
         high=100_000,
-        kinds=("edge-speed",),
         needed_by=("edge-speed",),
     )
     end_deg: float | None = parameter(
@@ -98,7 +97,6 @@ class Growth(Table):
         unit="ms",
         above=0,
         high=1e6,
-        kinds=("approach",),
         needed_by=("approach",),
     )
     contact_s: float | None = parameter(
@@ -165,13 +163,7 @@ class Brightness(Table):
         kinds=("ramp",),
     )
     frequency_hz: float | None = parameter(
-        None,
-        "cycles per second",
-        unit="Hz",
-        above=0,
-        high=5000,
-        kinds=("flicker",),
-        needed_by=("flicker",),
+        None, "cycles per second", unit="Hz", above=0, high=5000, needed_by=("flicker",)
     )
     waveform: str = parameter(
         "square", "square or sine", choices=("square", "sine"), kinds=("flicker",)
@@ -202,7 +194,6 @@ class Object(Table):
         unit="deg",
         above=0,
         high=360,
-        kinds=("bar", "cross", "ring"),
         needed_by=("bar", "cross", "ring"),
     )
     axis_deg: float = parameter(
@@ -247,13 +238,7 @@ class Object(Table):
         kinds=(*_PATTERNS, "patch"),
     )
     period_deg: float | None = parameter(
-        None,
-        "length of a cycle",
-        unit="deg",
-        low=0.001,
-        high=360,
-        kinds=GRATINGS,
-        needed_by=GRATINGS,
+        None, "length of a cycle", unit="deg", low=0.001, high=360, needed_by=GRATINGS
     )
     phase_deg: float = parameter(
         0.0, "phase at the centre, 360 to a cycle", unit="deg", kinds=GRATINGS
@@ -273,21 +258,10 @@ class Object(Table):
         kinds=("texture",),
     )
     dot_deg: float | None = parameter(
-        None,
-        "diameter of a dot",
-        unit="deg",
-        low=0.001,
-        high=90,
-        kinds=("dots",),
-        needed_by=("dots",),
+        None, "diameter of a dot", unit="deg", low=0.001, high=90, needed_by=("dots",)
     )
     dots_per_100deg2: float | None = parameter(
-        None,
-        "number of dots in 100 square degrees",
-        above=0,
-        high=10_000,
-        kinds=("dots",),
-        needed_by=("dots",),
+        None, "number of dots in 100 square degrees", above=0, high=10_000, needed_by=("dots",)
     )
     coherence: float = parameter(
         1.0,
@@ -300,19 +274,10 @@ class Object(Table):
         None, "image with transparency; give this or drawing", kinds=(PICTURE,)
     )
     drawing: str | None = parameter(
-        None,
-        "drawn by the package; give this or file",
-        choices=DRAWINGS,
-        kinds=(PICTURE,),
+        None, "drawn by the package; give this or file", choices=DRAWINGS, kinds=(PICTURE,)
     )
     size_m: float | None = parameter(
-        None,
-        "longer side of the opaque part",
-        unit="m",
-        above=0,
-        high=1000,
-        kinds=(PICTURE,),
-        needed_by=(PICTURE,),
+        None, "longer side of the opaque part", unit="m", above=0, high=1000, needed_by=(PICTURE,)
     )
     relative_luminance: float | None = parameter(
         None,
@@ -330,7 +295,7 @@ class Object(Table):
         kinds=(PICTURE,),
     )
     course: Course | None = parameter(
-        None, "how it moves in three dimensions", kinds=(PICTURE,), needed_by=(PICTURE,)
+        None, "how it moves in three dimensions", needed_by=(PICTURE,)
     )
     growth: Growth | None = parameter(None, "how its size changes", kinds=SIZED)
     motion: Motion | None = parameter(None, "how it moves")

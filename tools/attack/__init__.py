@@ -2,6 +2,7 @@
 
     make attack CASES=5000 SEED=1
 
-Each case is made from its number and the seed alone, runs in a folder of its own, and is judged
-by what it leaves behind. Cases that fail are kept with their files and their command line.
+The seed and the number of a case determine everything in it. Every case runs in its own folder;
+then the attack checks the files, processes and messages that the command has left behind. It keeps
+the files and the command line of each case that fails.
 """  # fmt: skip

@@ -1,7 +1,7 @@
 """Run the attack, print a table of its families, and keep every case that fails.
 
 python -m tools.attack --cases 5000 --seed 1 --jobs 2
-python -m tools.attack --seed 1 --only servers --case 123   # one of them again
+python -m tools.attack --seed 1 --only servers --case 123   # run one case again
 """  # fmt: skip
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ from pathlib import Path
 from tools.attack.campaign import attack, table
 from tools.attack.families import FAMILIES
 
-KEPT = Path("attack")  # the default folder; .gitignore names it
-
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the attack that the command line asks for; return 1 if a case failed."""
@@ -22,9 +20,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cases", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--folder", type=Path, default=KEPT)
-    parser.add_argument("--only", choices=list(FAMILIES), default="", help="one family")
-    parser.add_argument("--case", type=int, help="one case of this number, without the others")
+    parser.add_argument("--folder", type=Path, default=Path("attack"))  # .gitignore names it
+    parser.add_argument("--only", choices=list(FAMILIES), default="", help="the only family")
+    parser.add_argument("--case", type=int, help="the number of the only case")
     options = parser.parse_args(arguments)
     folder = options.folder.resolve()
     numbers = range(options.cases) if options.case is None else [options.case]

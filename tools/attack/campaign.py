@@ -1,4 +1,4 @@
-"""Many cases, in processes that know nothing of each other, and a table of what came of them."""
+"""Run many cases in separate processes, and count their results in a table."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import partial
 from random import Random
 from typing import TYPE_CHECKING
 
-from tools.attack.families import FAMILIES, Material, made, ready
+from tools.attack.families import FAMILIES, Material, make_case, make_material
 from tools.attack.judge import SHARED, Case, Ended, adopt_orphans, faults
 
 if TYPE_CHECKING:
@@ -40,41 +41,28 @@ class Verdict:
     wrong: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Task:
-    """All that a worker needs to know."""
-
-    number: int
-    seed: int
-    folder: Path
-    material: Material
-    only: str
-
-
-def one(task: Task) -> Verdict:
-    """Make a case, run it and judge it; keep its folder if something is wrong."""
-    folder = task.folder / "work" / str(task.number)
-    shutil.rmtree(folder, ignore_errors=True)
-    random = Random(f"{task.seed} {task.number}")  # noqa: S311
-    case = made(task.number, folder, task.material, random, task.only)
+def _run(number: int, seed: int, folder: Path, material: Material, only: str) -> Verdict:
+    """Make a case, run it and check its results; keep its folder if something is wrong."""
+    work = folder / "work" / str(number)
+    shutil.rmtree(work, ignore_errors=True)
+    case = make_case(number, work, material, Random(f"{seed} {number}"), only)  # noqa: S311
     began = time.monotonic()
     with ExitStack() as around:
         for each in case.around:
             around.enter_context(each)
         wrong, ended = faults(case)
         if wrong:
-            kept = task.folder / "failures" / f"{case.family}-{task.seed}-{case.number}"
-            with suppress(OSError):  # what lies on a disk of its own goes with it
+            with suppress(OSError):  # a disk that was mounted for the case is unmounted below
                 shutil.copytree(case.out, case.folder / "copied", symlinks=True)
     if wrong:
-        keep(case, ended, wrong, kept)
-    shutil.rmtree(folder, ignore_errors=True)
+        keep(case, ended, wrong, folder / "failures" / f"{case.family}-{seed}-{number}")
+    shutil.rmtree(work, ignore_errors=True)
     seconds = time.monotonic() - began
-    return Verdict(case.family, case.number, ended.code, seconds, tuple(wrong))
+    return Verdict(case.family, number, ended.code, seconds, tuple(wrong))
 
 
 def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
-    """Move the folder of a case to where it is kept, with the command and what is wrong."""
+    """Move the files of a case that failed to `folder`; add its command and its faults."""
     facts = {
         "wrong": wrong,
         "command": shlex.join([*case.command[:1], "-m", "oppload_cli", *case.words]),
@@ -97,40 +85,45 @@ def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
 def attack(
     numbers: Sequence[int], seed: int, jobs: int, folder: Path, only: str = ""
 ) -> list[Verdict]:
-    """Run cases; return what came of each.
+    """Run cases and print their faults.
 
     Parameters
     ----------
     numbers : sequence of int
-        Those of the cases.
+        The numbers of the cases.
     seed : int
-        Of all their random numbers.
+        The seed of all cases.
     jobs : int
-        How many at a time.
+        The number of cases that run at the same time.
     folder : Path
-        Where `work` and `failures` are made.
+        The folder for `work` and `failures`.
     only : str
         The only family, or an empty string.
     """
-    folder = folder.resolve()
     (folder / "work").mkdir(parents=True, exist_ok=True)
+    verdicts = []
     try:
-        material = ready(folder / "work")
-        tasks = [Task(number, seed, folder, material, only) for number in numbers]
+        material = make_material(folder / "work")
+        run = partial(_run, seed=seed, folder=folder, material=material, only=only)
         spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=set_apart) as pool:
-            return [told(verdict) for verdict in pool.map(one, tasks, chunksize=1)]
+        with ProcessPoolExecutor(jobs, mp_context=spawn, initializer=isolate) as pool:
+            for verdict in pool.map(run, numbers):
+                verdicts.append(verdict)
+                if verdict.wrong:
+                    faulty = f"{verdict.family} {verdict.number}: {'; '.join(verdict.wrong)}\n"
+                    sys.stderr.write(faulty)
     finally:
         shutil.rmtree(folder / "work", ignore_errors=True)
+    return verdicts
 
 
-def set_apart() -> None:
-    """Give this process orphans, disks and shared memory of its own, as far as it may.
+def isolate() -> None:
+    """Give this process its own orphans and, if it may mount, its own disks and shared memory.
 
-    What it finds left behind is then of its own case, and not of one that runs beside it. A
-    command inherits what is ignored, as under nohup: here no signal is.
+    The faults that it finds then belong to its own case, and not to a case that runs beside it.
     """
     adopt_orphans()
+    # A command inherits ignored signals, for example from nohup.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
@@ -144,23 +137,15 @@ def set_apart() -> None:
             subprocess.run(words, capture_output=True, check=False)
 
 
-def told(verdict: Verdict) -> Verdict:
-    """Print a case that failed at once; return it."""
-    if verdict.wrong:
-        line = f"{verdict.family} {verdict.number}: {'; '.join(verdict.wrong)}\n"
-        sys.stderr.write(line)
-    return verdict
-
-
 def table(verdicts: list[Verdict]) -> str:
     """Return the cases and failures of each family, and their exit codes, as text."""
     lines = [f"{'family':<14}{'cases':>7}{'failures':>10}{'longest':>10}  exit codes"]
     for family in (*FAMILIES, "all"):
-        those = [each for each in verdicts if family in {each.family, "all"}]
-        if those:
-            failed = sum(bool(each.wrong) for each in those)
-            longest = max(each.seconds for each in those)
-            codes = sorted(Counter(each.code for each in those).items())
+        cases = [each for each in verdicts if family in {each.family, "all"}]
+        if cases:
+            failed = sum(bool(each.wrong) for each in cases)
+            longest = max(each.seconds for each in cases)
+            codes = sorted(Counter(each.code for each in cases).items())
             shown = ", ".join(f"{code}: {count}" for code, count in codes)
-            lines.append(f"{family:<14}{len(those):>7}{failed:>10}{longest:>8.1f} s  {shown}")
+            lines.append(f"{family:<14}{len(cases):>7}{failed:>10}{longest:>8.1f} s  {shown}")
     return "\n".join(lines)

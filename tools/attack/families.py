@@ -1,4 +1,4 @@
-"""The families of the attack: each makes a case from a random number generator alone."""
+"""The families of the attack: each makes cases of one kind from random numbers."""
 
 from __future__ import annotations
 
@@ -26,15 +26,16 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from random import Random
 
-QUICK = ("--height", "24", "--no-rmo")
-USER = 61_000  # the first of the users under which processes are counted
-MANIFEST = "file,label,onset_frame,contact_frame"
+_QUICK = ("--height", "24", "--no-rmo")
+_FIRST_USER = 61_000  # of 4000 users that have no other processes
+_MANIFEST = "file,label,onset_frame,contact_frame"
+# The weight of each family, its share of the cases in hundredths, and the function that makes it.
 FAMILIES: dict[str, tuple[int, Callable[[Case, Random, Material], None]]] = {}
-NUMBERS = (
+_NUMBERS = (
     *("0", "-1", "1", "0.5", "1e308", "-1e400", "1e-400", "nan", "inf", "²", "٣", "9" * 400),
     *("1e999999999", "0x10", "1_000", " 3 ", "", "+", "1/0", "3/7", "NaN", "1,5", "2147483648"),
 )
-WORDS = (
+_WORDS = (
     *("a", "..", ".", "../escaped", "/etc/passwd", "a/b", "a\\b", "C:x", "NUL", "con.txt", "-o"),
     *("--help", "-", "camera:0", "camera:²", "%d", "frames_%04d.png", "*", "[", "{", "$x$", "'"),
     *('"', "a\nb", "a\rb", "a\tb", "\x1b[31m", "é", "\u202e", "😀", "\ufeff", "a" * 300, " "),
@@ -44,17 +45,17 @@ WORDS = (
 
 @dataclass(frozen=True)
 class Material:
-    """The files of which cases are made; `ready` makes them once."""
+    """The files from which cases are made."""
 
-    seeds: dict[str, Path]
+    seeds: dict[str, Path]  # an intact video of each container and codec
     clip: Path
-    film: Path
-    results: Path
-    mounts: bool
+    film: Path  # a long video
+    results: Path  # a folder with the results of two runs
+    mounts: bool  # whether a disk can be mounted
 
 
-def ready(folder: Path) -> Material:
-    """Make the files of which the cases are made, or find them in the folder."""
+def make_material(folder: Path) -> Material:
+    """Make the files from which cases are made, or find them in the folder."""
     (folder / "cache").mkdir(parents=True, exist_ok=True)
     (folder / "cache").chmod(0o777)
     seeds = media.intact(folder / "seeds")
@@ -63,11 +64,10 @@ def ready(folder: Path) -> Material:
         make(clip, Kind("avi", "ffv1", "gray", frames=12, full=True))
         make(film, Kind("avi", "mpeg4", frames=6000))
         case = prepared("results", 0, folder / "making")
-        case.words = ["run", str(clip), str(seeds["mpeg4.avi"]), "-o", "../out", *QUICK]
+        case.words = ["run", str(clip), str(seeds["mpeg4.avi"]), "-o", "../out", *_QUICK]
         ended = execute(case)
         if ended.code:
-            message = f"an intact file cannot be analysed: {ended.stderr}"
-            raise RuntimeError(message)
+            raise RuntimeError(f"an intact file cannot be analysed: {ended.stderr}")
         case.out.rename(results)
         shutil.rmtree(case.folder)
     with suppress(OSError), _mounted(folder / "mount", "size=8k"):
@@ -75,20 +75,22 @@ def ready(folder: Path) -> Material:
     return Material(seeds, clip, film, results, mounts=False)
 
 
-def made(number: int, folder: Path, material: Material, random: Random, only: str = "") -> Case:
-    """Return the case of this number, of one family only if it is named."""
+def make_case(
+    number: int, folder: Path, material: Material, random: Random, only: str = ""
+) -> Case:
+    """Return the case of this number; `only` names its family, or is empty."""
     turns = [name for name, (weight, _) in FAMILIES.items() for _ in range(weight)]
-    family = only or turns[number * 37 % len(turns)]  # families by turns, not one after another
+    family = only or turns[number * 37 % len(turns)]  # 37: neighbours are of different families
     case = prepared(family, number, folder)
     FAMILIES[family][1](case, random, material)
     return case
 
 
 def _family(weight: int) -> Callable[[Callable[[Case, Random, Material], None]], None]:
-    """Give a family its weight: its share of the cases, in hundredths."""
+    """Decorate a function that makes the cases of a family."""
 
-    def add(make_case: Callable[[Case, Random, Material], None]) -> None:
-        FAMILIES[make_case.__name__] = weight, make_case
+    def add(make: Callable[[Case, Random, Material], None]) -> None:
+        FAMILIES[make.__name__] = weight, make
 
     return add
 
@@ -105,23 +107,28 @@ def _mounted(folder: Path, options: str) -> Iterator[None]:
         subprocess.run(["umount", "-l", str(folder)], check=True)  # noqa: S607
 
 
-def _damage(case: Case, random: Random, material: Material) -> str:
+def _damaged(data: bytes, random: Random) -> bytes:
+    return media.damaged(data, random.choice(media.WAYS), random)
+
+
+def _damaged_file(case: Case, random: Random, material: Material) -> str:
     """Put one damaged file into the case; return its name."""
     name, path = random.choice(list(material.seeds.items()))
-    kept = name if random.random() < 0.9 else f"x{Path(random.choice(list(material.seeds))).suffix}"
+    if random.random() >= 0.9:  # the suffix of another container
+        name = f"x{Path(random.choice(list(material.seeds))).suffix}"
     data = path.read_bytes()
     for _ in range(random.choice((1, 1, 1, 2))):
-        data = media.damaged(data or b"\0", random.choice(media.WAYS), random)
-    kept = f"{random.randrange(10**6)}-{kept}"
-    (case.folder / "in" / kept).write_bytes(data)
-    return kept
+        data = _damaged(data or b"\0", random)
+    name = f"{random.randrange(10**6)}-{name}"
+    (case.folder / "in" / name).write_bytes(data)
+    return name
 
 
 def _hostile_name(random: Random) -> bytes:
-    """Return a file name of any bytes but NUL and the slash."""
+    """Return a file name of any bytes except NUL and the slash."""
     choice = random.randrange(4)
     if choice == 0:
-        name = random.choice(WORDS).encode()
+        name = random.choice(_WORDS).encode()
     elif choice == 1:
         name = random.randbytes(random.choice((1, 3, 20, 200)))
     elif choice == 2:
@@ -136,17 +143,17 @@ def _hostile_name(random: Random) -> bytes:
 def media_files(case: Case, random: Random, material: Material) -> None:
     """Damaged files, one or several at a time."""
     case.files = random.choice((1, 1, 1, 4))
-    names = [_damage(case, random, material) for _ in range(case.files)]
+    names = [_damaged_file(case, random, material) for _ in range(case.files)]
     more: list[str] = random.choice(
         ([], [], [], ["--annotate"], ["--jobs", "2"], ["--start", "f2"], ["--end", "0.2"])
     )
-    case.words = ["run", *names, "-o", "../out", *QUICK, *more]
+    case.words = ["run", *names, "-o", "../out", *_QUICK, *more]
     case.codes = frozenset({0, 2, 3, 4})
 
 
 @_family(8)
 def images(case: Case, random: Random, material: Material) -> None:
-    """Folders of images, some of them damaged, lying or no images at all."""
+    """Folders of images; some of them are damaged, or are other files with the suffix of images."""
     del material
     folder = case.folder / "in" / "images"
     folder.mkdir()
@@ -158,35 +165,39 @@ def images(case: Case, random: Random, material: Material) -> None:
         path = folder / f"{pattern.format(index)}.{suffix}"
         try:
             Image.fromarray(pixels).convert(mode).save(path)
-        except OSError:  # this format has no such pictures
+        except OSError:  # the format cannot hold pictures of this mode
             Image.fromarray(pixels).save(path)
         if random.random() < 0.3:
-            path.write_bytes(media.damaged(path.read_bytes(), random.choice(media.WAYS), random))
+            path.write_bytes(_damaged(path.read_bytes(), random))
     for _ in range(random.choice((0, 1, 2))):
-        _strange(folder / f"{random.randrange(10**6)}s.{suffix}", random)
+        _make_strange(folder / f"{random.randrange(10**6)}s.{suffix}", random)
     place = random.choice(("images", f"images/%d.{suffix}", f"images/*.{suffix}", "."))
     case.files = 8
-    case.words = ["run", place, "-o", "../out", *QUICK]
-    case.words += random.choice(([], ["-r"], ["--image-rate", random.choice(NUMBERS)]))
+    case.words = ["run", place, "-o", "../out", *_QUICK]
+    case.words += random.choice(([], ["-r"], ["--image-rate", random.choice(_NUMBERS)]))
 
 
-def _strange(path: Path, random: Random) -> None:
-    """Put something that is no image where an image should be."""
+def _make_strange(path: Path, random: Random) -> None:
+    """Make a link, a pipe, a folder or a file that is not an image."""
     kind = random.choice(("loop", "gone", "pipe", "folder", "empty", "text", "sparse"))
-    if kind == "loop":
-        path.symlink_to(path.name)
-    elif kind == "gone":
-        path.symlink_to("nowhere")
-    elif kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "folder":
-        path.mkdir()
-    elif kind == "sparse":
+    if kind == "sparse":
         with path.open("wb") as file:
             file.write(b"\x89PNG\r\n\x1a\n")
             file.truncate(1 << 32)
-    else:
+    elif kind in {"empty", "text"}:
         path.write_bytes(b"" if kind == "empty" else b"text" * 99)
+    else:
+        _make_special(path, kind, "nowhere")
+
+
+def _make_special(path: Path, kind: str, target: str | Path) -> None:
+    """Make a pipe, a folder, or a link to itself (loop) or to a target (link, gone)."""
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to(path.name if kind == "loop" else target)
 
 
 @_family(8)
@@ -198,7 +209,7 @@ def names(case: Case, random: Random, material: Material) -> None:
         shutil.copy(os.fsencode(material.clip), os.path.join(folder, name))  # noqa: PTH118
     word = os.fsdecode(name)
     if random.random() < 0.6:
-        case.words = ["run", "-o", "../out", *QUICK, "--", word]
+        case.words = ["run", "-o", "../out", *_QUICK, "--", word]
         return
     table, sidecar = os.fsdecode(name[:200] + b".frames.csv"), name[:200] + b".oppload.json"
     inside = case.folder / "in" / "r"
@@ -220,14 +231,14 @@ def names(case: Case, random: Random, material: Material) -> None:
 
 @_family(8)
 def limits(case: Case, random: Random, material: Material) -> None:
-    """Scarce memory, processes, files and room."""
+    """Limits of memory, processes, size of files and number of open files."""
     kind = random.choice(("as", "as", "nproc", "fsize", "nofile"))
     if kind == "as":
         amount = random.choice((60, 80, 120, 180, 230, 300, 350, 500, 800, 1500)) << 20
     elif kind == "nproc":
         amount = random.randrange(1, 13)
-        if os.geteuid() == 0:  # no such limit binds root
-            case.user = USER + os.getpid() % 4000  # no other case counts as this user
+        if os.geteuid() == 0:  # the limit does not hold for root
+            case.user = _FIRST_USER + os.getpid() % 4000  # only this case counts for the user
     elif kind == "fsize":
         amount = random.choice((0, 1, 100, 1000, 10_000, 100_000, 1_000_000))
     else:
@@ -236,10 +247,10 @@ def limits(case: Case, random: Random, material: Material) -> None:
     clip = str(material.clip)
     case.words = random.choice(
         (
-            ["run", clip, "-o", "../out", *QUICK],
-            ["run", clip, "-o", "../out", *QUICK, "--annotate"],
+            ["run", clip, "-o", "../out", *_QUICK],
+            ["run", clip, "-o", "../out", *_QUICK, "--annotate"],
             ["run", clip, "-o", "../out", "--height", "24"],
-            ["run", clip, "nothing.avi", "-o", "../out", *QUICK, "--jobs", "2"],
+            ["run", clip, "nothing.avi", "-o", "../out", *_QUICK, "--jobs", "2"],
             ["plot", str(material.results / "clip.frames.csv"), "-o", "../out/a.png"],
             ["collect", str(material.results), "-o", "../out/all.csv"],
             ["stimuli", "generate", "controls/appearing-disk", "-o", "../out", "-q"],
@@ -250,13 +261,13 @@ def limits(case: Case, random: Random, material: Material) -> None:
 
 @_family(9)
 def signals(case: Case, random: Random, material: Material) -> None:
-    """Signals at random moments, start-up included; some come twice."""
+    """Signals at random moments, also during the start; some signals are sent twice."""
     case.words = random.choice(
         (
-            ["run", str(material.film), "-o", "../out", *QUICK],
-            ["run", str(material.film), "-o", "../out", *QUICK, "--annotate"],
-            ["run", str(material.film), str(material.clip), "-o", "../out", *QUICK, "-j", "2"],
-            ["run", str(material.film), "-o", "../out", *QUICK, "--if-exists", "overwrite"],
+            ["run", str(material.film), "-o", "../out", *_QUICK],
+            ["run", str(material.film), "-o", "../out", *_QUICK, "--annotate"],
+            ["run", str(material.film), str(material.clip), "-o", "../out", *_QUICK, "-j", "2"],
+            ["run", str(material.film), "-o", "../out", *_QUICK, "--if-exists", "overwrite"],
             ["stimuli", "generate", "controls/*", "-o", "../out", "--jobs", "2"],
             ["tune", "klapoetke2017/bar-expand-10", "-o", "../out", "--jobs", "2"],
             ["collect", str(material.results), "-o", "../out/all.csv"],
@@ -272,7 +283,7 @@ def signals(case: Case, random: Random, material: Material) -> None:
 
 @_family(6)
 def disks(case: Case, random: Random, material: Material) -> None:
-    """Disks that are full, fixed or forbidden; other things in the place of results."""
+    """Disks that are full or read-only, bad output folders, and special files at result names."""
     clip, table = str(material.clip), str(material.results / "clip.frames.csv")
     kinds = ["file", "long", "links", "device", "gone"]
     kind = random.choice([*kinds, "small", "small", "fixed"] if material.mounts else kinds)
@@ -287,14 +298,18 @@ def disks(case: Case, random: Random, material: Material) -> None:
         case.out.rmdir()
     elif kind == "links":
         for name in ("clip.frames.csv", "clip.oppload.json", "failures.csv", "a.png", "all.csv"):
-            _in_the_way(case.out / f"{name}{random.choice(('', '.part'))}", case, random)
+            path = case.out / f"{name}{random.choice(('', '.part'))}"
+            special = random.choice(("link", "gone", "loop", "pipe", "folder", "none", "none"))
+            target = "in/file" if special == "link" else "home/escaped"
+            if special != "none":
+                _make_special(path, special, case.folder / target)
     case.files = 3
     case.words = random.choice(
         (
-            ["run", clip, "-o", out, *QUICK],
-            ["run", clip, "-o", out, *QUICK, "--annotate"],
-            ["run", clip, "-o", out, *QUICK, "--report"],
-            ["run", clip, str(material.seeds["mpeg4.avi"]), "nothing", "-o", out, *QUICK],
+            ["run", clip, "-o", out, *_QUICK],
+            ["run", clip, "-o", out, *_QUICK, "--annotate"],
+            ["run", clip, "-o", out, *_QUICK, "--report"],
+            ["run", clip, str(material.seeds["mpeg4.avi"]), "nothing", "-o", out, *_QUICK],
             ["collect", str(material.results), "-o", f"{out}/all.csv"],
             ["plot", table, "-o", f"{out}/a.{random.choice(('png', 'svg', 'pdf'))}"],
             ["report", table, "-o", out],
@@ -306,27 +321,13 @@ def disks(case: Case, random: Random, material: Material) -> None:
         case.words += ["--if-exists", "overwrite"]
 
 
-def _in_the_way(path: Path, case: Case, random: Random) -> None:
-    kind = random.choice(("link", "gone", "loop", "pipe", "folder", "none", "none"))
-    if kind == "link":
-        path.symlink_to(case.folder / "in" / "file")
-    elif kind == "gone":
-        path.symlink_to(case.folder / "home" / "escaped")
-    elif kind == "loop":
-        path.symlink_to(path.name)
-    elif kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "folder":
-        path.mkdir()
-
-
 @_family(5)
 def lists(case: Case, random: Random, material: Material) -> None:
-    """Name inputs in lists, with and without the header of failures.csv."""
+    """Give inputs in lists, with and without the header of failures.csv."""
     rows = []
     for _ in range(random.choice((1, 3, 6))):
-        name = random.choice((str(material.clip), "nothing.avi", *WORDS[:14], *WORDS))
-        rows.append([name, random.choice(WORDS), random.choice(NUMBERS), random.choice(WORDS)])
+        name = random.choice((str(material.clip), "nothing.avi", *_WORDS[:14], *_WORDS))
+        rows.append([name, random.choice(_WORDS), random.choice(_NUMBERS), random.choice(_WORDS)])
     text = io.StringIO()
     if random.random() < 0.7:
         csv.writer(text).writerow(FAILURE_COLUMNS)
@@ -335,10 +336,10 @@ def lists(case: Case, random: Random, material: Material) -> None:
         text.write(random.choice("\n\0").join(row[0] for row in rows))
     data = text.getvalue().encode("utf-8", "surrogateescape")
     if random.random() < 0.3:
-        data = media.damaged(data, random.choice(media.WAYS), random)
+        data = _damaged(data, random)
     case.files = data.count(b"\n") + data.count(b"\0") + data.count(b"\r") + len(rows)
     more: list[str] = random.choice(([], [], ["-0"], ["--jobs", "2"], ["--shard", "1/2"]))
-    case.words = ["run", "-o", "../out", *QUICK, "-q", *more, "--files-from"]
+    case.words = ["run", "-o", "../out", *_QUICK, "-q", *more, "--files-from"]
     if random.random() < 0.3:
         case.stdin = data
         case.words.append("-")
@@ -350,15 +351,15 @@ def lists(case: Case, random: Random, material: Material) -> None:
 @_family(2)
 def manifests(case: Case, random: Random, material: Material) -> None:
     """Manifests of labelled clips."""
-    rows = [MANIFEST]
+    rows = [_MANIFEST]
     for _ in range(random.choice((1, 2))):
         cells = [str(material.clip), random.choice(("looming", "none")), "2", "9"]
         if random.random() < 0.7:
-            cells[random.randrange(4)] = random.choice((*NUMBERS, *WORDS))
+            cells[random.randrange(4)] = random.choice((*_NUMBERS, *_WORDS))
         rows.append(",".join(cells))
     data = "\n".join(rows).encode("utf-8", "surrogateescape")
     if random.random() < 0.4:
-        data = media.damaged(data, random.choice(media.WAYS), random)
+        data = _damaged(data, random)
     (case.folder / "in" / "m.csv").write_bytes(data)
     case.files = 4
     case.words = ["evaluate", "m.csv", "-o", "../out", "-q", "--draws", "100", "--jobs", "1"]
@@ -366,7 +367,7 @@ def manifests(case: Case, random: Random, material: Material) -> None:
 
 @_family(7)
 def sidecars(case: Case, random: Random, material: Material) -> None:
-    """Results of which a sidecar or a table was changed."""
+    """Results in which a sidecar or a table was changed."""
     inside = case.folder / "in" / "r"
     shutil.copytree(material.results, inside)
     victims = [path for path in sorted(inside.iterdir()) if path.suffix in {".json", ".csv"}]
@@ -375,13 +376,13 @@ def sidecars(case: Case, random: Random, material: Material) -> None:
         data = path.read_bytes()
         if path.suffix == ".json" and random.random() < 0.7:
             with suppress(ValueError):
-                data = _other_value(json.loads(data), random)
+                data = _with_another_value(json.loads(data), random)
         elif path.suffix == ".csv" and random.random() < 0.5:
             cells = data.replace(b"\n", b"\n,").split(b",")
-            cells[random.randrange(len(cells))] = random.choice((*NUMBERS, *WORDS)).encode()
+            cells[random.randrange(len(cells))] = random.choice((*_NUMBERS, *_WORDS)).encode()
             data = b",".join(cells).replace(b"\n,", b"\n")
         else:
-            data = media.damaged(data or b"{", random.choice(media.WAYS), random)
+            data = _damaged(data or b"{", random)
         path.write_bytes(data)
     case.files = 2
     case.words = random.choice(
@@ -391,13 +392,13 @@ def sidecars(case: Case, random: Random, material: Material) -> None:
             ["plot", "r/clip.frames.csv", "-o", "../out/a.png"],
             ["plot", "r/clip.frames.csv", "r/mpeg4.frames.csv", "-o", "../out/a.svg"],
             ["report", "r/clip.frames.csv", "-o", "../out"],
-            ["run", str(material.clip), "-o", "r", *QUICK, "--if-exists", "skip", "--dry-run"],
+            ["run", str(material.clip), "-o", "r", *_QUICK, "--if-exists", "skip", "--dry-run"],
         )
     )
 
 
-def _other_value(value: Any, random: Random) -> bytes:
-    """Return JSON in which one value, anywhere, is another."""
+def _with_another_value(value: Any, random: Random) -> bytes:
+    """Return JSON in which one value, at any depth, is replaced."""
     places: list[tuple[Any, Any]] = []
 
     def walk(node: Any) -> None:
@@ -408,11 +409,11 @@ def _other_value(value: Any, random: Random) -> bytes:
                 walk(node[key])
 
     walk(value)
-    holder, key = random.choice(places)
+    container, key = random.choice(places)
     mark = "the other value"
-    holder[key] = mark
+    container[key] = mark
     deep = "[" * 5000 + "]" * 5000
-    others = [*map(json.dumps, (*NUMBERS, *WORDS)), "NaN", "Infinity", "1e999", "9" * 5000, deep]
+    others = [*map(json.dumps, (*_NUMBERS, *_WORDS)), "NaN", "Infinity", "1e999", "9" * 5000, deep]
     others += ["null", "true", "[]", "{}", '"\\ud800"', '"\\u0000"', '{"a": 1, "a": 2}', "-1", "0"]
     return json.dumps(value).replace(json.dumps(mark), random.choice(others)).encode()
 
@@ -427,17 +428,17 @@ def servers(case: Case, random: Random, material: Material) -> None:
     path = case.folder / "in" / name
     shutil.copy(material.seeds[name], path)
     if random.random() < 0.3:
-        path.write_bytes(media.damaged(path.read_bytes(), random.choice(media.WAYS), random))
+        path.write_bytes(_damaged(path.read_bytes(), random))
     server = Server(path, share, stalls=stalls, lie=lie)
     case.around.append(server)
-    case.words = ["run", server.url, "-o", "../out", *QUICK]
+    case.words = ["run", server.url, "-o", "../out", *_QUICK]
     case.codes = frozenset({0, 3, 4})
 
 
 @_family(2)
 def pipes(case: Case, random: Random, material: Material) -> None:
-    """Tables that are streamed to a reader that goes, or to a full device."""
-    case.words = ["run", str(material.film), "-o", "-", *QUICK, "-q"]
+    """Tables that are streamed to a program that stops reading."""
+    case.words = ["run", str(material.film), "-o", "-", *_QUICK, "-q"]
     case.reads = random.choice((0, 1, 100, 5000, 20_000))
     if random.random() < 0.2:
         case.words[1] = str(material.seeds[random.choice(list(material.seeds))])
@@ -445,8 +446,8 @@ def pipes(case: Case, random: Random, material: Material) -> None:
 
 @_family(5)
 def settings(case: Case, random: Random, material: Material) -> None:
-    """Options, settings and protocols of any values."""
-    value = random.choice((*NUMBERS, *WORDS)).replace("\0", "")
+    """Options, settings and protocols with any values."""
+    value = random.choice((*_NUMBERS, *_WORDS)).replace("\0", "")
     clip, table = str(material.clip), str(material.results / "clip.frames.csv")
     run = ["run", clip, "-o", "../out", "--no-rmo"]
     option = random.choice(
@@ -475,16 +476,16 @@ def settings(case: Case, random: Random, material: Material) -> None:
 
 
 def _protocol(random: Random) -> bytes:
-    """Return a protocol of the catalogue of which some values are others."""
+    """Return a protocol of the catalogue in which some values are replaced."""
     root = Path(__file__).resolve().parents[2] / "stimuli"
     path = random.choice(sorted(root.rglob("*.toml")))
     data = path.read_bytes()
     if random.random() < 0.5:
-        return media.damaged(data, random.choice(media.WAYS), random)
+        return _damaged(data, random)
     lines = data.split(b"\n")
     places = [number for number, line in enumerate(lines) if b"=" in line]
     for _ in range(random.choice((1, 2))):
         place = random.choice(places)
         name = lines[place].partition(b"=")[0]
-        lines[place] = name + b"= " + random.choice((*NUMBERS, '"a"', "[1]", "true")).encode()
+        lines[place] = name + b"= " + random.choice((*_NUMBERS, '"a"', "[1]", "true")).encode()
     return b"\n".join(lines)

@@ -1,4 +1,4 @@
-"""Run one command under its limits, and say what is wrong with what it leaves behind."""
+"""Run one command under limits, and report the faults in the files and processes it leaves."""
 
 from __future__ import annotations
 
@@ -18,29 +18,26 @@ from dataclasses import dataclass, field
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
-ENTRY = "from oppload_cli.__main__ import entry; entry()"  # as the installed script has it
-COMMAND = (sys.executable, "-c", ENTRY)
-CODES = frozenset({0, 2, 3, 4, 5, 130})  # docs/formats.md, without 1: a bug
-LIMIT_S = 90.0  # a server that stalls takes 10 s, a busy machine some more
-END_S = 15.0  # within this after the command, its processes have ended too, on a busy machine
-MOST_MEMORY = 3 << 30
-MOST_LINES = 10  # of standard error, and two for each input, and one for each remark
-WRONG_WORDS = (
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_ENTRY = "from oppload_cli.__main__ import entry; entry()"  # as in the installed script
+_COMMAND = (sys.executable, "-c", _ENTRY)
+_CODES = frozenset({0, 2, 3, 4, 5, 130})  # the exit codes of docs/formats.md without 1, a bug
+_LIMIT_S = 90.0  # a server that stalls delays a command by 10 s
+END_S = 15.0  # after the command, its other processes must end within this time
+_MOST_MEMORY = 3 << 30
+_MOST_LINES = 10  # of standard error, besides two for each input and one for each remark
+_WRONG_WORDS = (
     *("Traceback", "this is a bug", "Fatal Python error", "Exception ignored", "terminate called"),
     *("Segmentation fault", "resource_tracker", "MemoryError", "Unraisable", "core dumped"),
-    *(
-        "Error in atexit",
-        "Warning:",
-        "[mov,",
-        "[h264 @",
-        "[swscaler",
-        "<jemalloc>",
-        "spawn new thread",
-    ),
+    *("Error in atexit", "Warning:", "[mov,", "[h264 @", "[swscaler", "<jemalloc>"),
+    "spawn new thread",
 )
-ENDS = {
+# The last bytes of a complete file, by suffix.
+_ENDS = {
     ".png": b"IEND\xaeB`\x82",
     ".svg": b"</svg>",
     ".pdf": b"%%EOF",
@@ -53,26 +50,27 @@ _SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of Linux
 
 @dataclass
 class Case:
-    """One command, and all that is done to it.
+    """One command with its files, limits and signals.
 
-    Its folder has `in` for its files, `out` for its results, `home` and `tmp`. Nothing but
-    `out` may change.
+    The folder of a case has the folders `in` for input, `out` for results, `home` and `tmp`. The
+    command may change `out` only.
     """
 
     family: str
     number: int
     folder: Path
     words: list[str] = field(default_factory=list)
-    files: int = 1  # given to the command
+    files: int = 1  # number of inputs of the command
     limits: dict[str, int] = field(default_factory=dict)  # by the names of prlimit's options
-    signals: list[tuple[float, str, bool]] = field(default_factory=list)  # after s, to the group
+    # Seconds after the start, name of the signal, and whether the process group receives it.
+    signals: list[tuple[float, str, bool]] = field(default_factory=list)
     stdin: bytes = b""
-    user: int = 0  # to run as, 0: the same
-    reads: int | None = None  # the reader of standard output goes after so many bytes
+    user: int = 0  # the user that runs the command; 0: the user of this process
+    reads: int | None = None  # bytes after which the reader of standard output closes it
     around: list[AbstractContextManager[object]] = field(default_factory=list)  # servers, disks
-    command: tuple[str, ...] = COMMAND
-    codes: frozenset[int] = CODES
-    limit_s: float = LIMIT_S
+    command: tuple[str, ...] = _COMMAND
+    codes: frozenset[int] = _CODES
+    limit_s: float = _LIMIT_S
 
     @property
     def out(self) -> Path:
@@ -82,14 +80,14 @@ class Case:
 
 @dataclass
 class Ended:
-    """How a command ended."""
+    """The end of a command."""
 
     code: int
     stdout: bytes
     stderr: str
     hung: bool
-    memory: int  # the most of any process, bytes
-    left: list[str]  # processes that outlived it
+    memory: int  # largest memory of any of its processes, in bytes
+    outliving: list[str]  # ids of its processes that did not end
 
 
 def prepared(family: str, number: int, folder: Path) -> Case:
@@ -100,38 +98,34 @@ def prepared(family: str, number: int, folder: Path) -> Case:
 
 
 def adopt_orphans() -> None:
-    """Become the parent of processes whose own parent has ended, so that none is missed."""
+    """Become the parent of descendants whose own parent has ended, so that all can be found."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)
 
 
 def execute(case: Case) -> Ended:
-    """Run the command of a case to its end, or until its time is over."""
+    """Run the command of a case until it ends or reaches its time limit."""
     cache = str(case.folder.parent / "cache")
-    home = str(case.folder / "home")
     environment = {
         **{name: os.environ[name] for name in ("PATH", "LANG", "PYTHONPATH") if name in os.environ},
-        "HOME": home,
+        "HOME": str(case.folder / "home"),
         "XDG_CACHE_HOME": cache,
         "TMPDIR": str(case.folder / "tmp"),
         "MPLCONFIGDIR": cache,
         "PYTHONDONTWRITEBYTECODE": "1",
         "OPPLOAD_ATTACK": str(case.folder),
     }
-
-    limited = [f"--{name}={amount}" for name, amount in case.limits.items()]
-    if limited:
-        limited = ["prlimit", *limited, "--"]
-    if case.user:  # one who may read all the same, as root may
+    prefix = []
+    if case.user:  # another user who may read all files, like root
         rights = "+dac_override,+dac_read_search"
-        user = [f"--reuid={case.user}", f"--regid={case.user}", "--clear-groups"]
-        limited = [
-            *("setpriv", *user, f"--inh-caps={rights}", f"--ambient-caps={rights}"),
-            *limited,
-        ]
+        prefix += ["setpriv", f"--reuid={case.user}", f"--regid={case.user}", "--clear-groups"]
+        prefix += [f"--inh-caps={rights}", f"--ambient-caps={rights}"]
+    if case.limits:
+        limits = [f"--{name}={amount}" for name, amount in case.limits.items()]
+        prefix += ["prlimit", *limits, "--"]
     before = _children()
     run = subprocess.Popen(
-        [*limited, *case.command, *case.words],
+        [*prefix, *case.command, *case.words],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -139,29 +133,29 @@ def execute(case: Case) -> Ended:
         env=environment,
         start_new_session=True,
     )
-    with ThreadPoolExecutor(2) as readers:  # pipes, as limits would hold for files
-        shown = readers.submit(_all_of, run.stdout, case.reads)
-        said = readers.submit(_all_of, run.stderr, None)
+    with ThreadPoolExecutor(2) as readers:  # of pipes: a limit of file sizes would stop files
+        stdout = readers.submit(_read, run.stdout, case.reads)
+        stderr = readers.submit(_read, run.stderr, None)
         if run.stdin is not None:
             with suppress(BrokenPipeError):
                 run.stdin.write(case.stdin)
                 run.stdin.close()
         hung, memory = _wait(case, run)
-        left = _outliving(case, run.pid, before)
-        text = said.result().decode("utf-8", "replace")
-        return Ended(run.returncode, shown.result(), text, hung, memory, left)
+        outliving = _outliving(case, run.pid, before)
+        text = stderr.result().decode("utf-8", "replace")
+        return Ended(run.returncode, stdout.result(), text, hung, memory, outliving)
 
 
-def _all_of(stream: IO[bytes] | None, size: int | None) -> bytes:
-    """Read a stream to its end, or only so many bytes of it, and close it."""
+def _read(stream: IO[bytes] | None, size: int | None) -> bytes:
+    """Read a stream to its end, or only the first `size` bytes, and close it."""
     if stream is None:
         return b""
     with stream:
-        return stream.read() if size is None else stream.read(size)
+        return stream.read(-1 if size is None else size)
 
 
 def _wait(case: Case, run: subprocess.Popen[bytes]) -> tuple[bool, int]:
-    """Send the signals, and wait; return whether it hung, and the memory that it took."""
+    """Send the signals and wait; return whether the command hung, and its memory in bytes."""
     began = time.monotonic()
     due = sorted(case.signals)
     hung = False
@@ -181,12 +175,12 @@ def _wait(case: Case, run: subprocess.Popen[bytes]) -> tuple[bool, int]:
 
 
 def _outliving(case: Case, session: int, before: set[int]) -> list[str]:
-    """Return the processes of a command that has ended, after some time for them to end too.
+    """Return the processes of an ended command that still run after a while, and kill them.
 
     `before` are the children that this process had before the command.
     """
     over = time.monotonic() + END_S
-    mark = f"OPPLOAD_ATTACK={case.folder}\0".encode()  # of this case, and of none like 1 and 12
+    mark = f"OPPLOAD_ATTACK={case.folder}\0".encode()  # with the end: case 1 is not case 12
     while found := _marked(mark, session):
         if time.monotonic() > over:
             for pid in found:
@@ -201,34 +195,32 @@ def _outliving(case: Case, session: int, before: set[int]) -> list[str]:
 
 
 def _children() -> set[int]:
-    """Return the children of this process, zombies among them."""
-    found = set()
-    for process in _processes():
-        with suppress(OSError):
-            fields = (process / "stat").read_text().rpartition(")")[2].split()
-            if int(fields[1]) == os.getpid():
-                found.add(int(process.name))
-    return found
+    """Return the children of this process, also those that have ended but still have an id."""
+    pid = os.getpid()
+    return {int(process.name) for process, fields in _processes() if int(fields[1]) == pid}
 
 
-def _processes() -> list[Path]:
-    return [path for path in Path("/proc").iterdir() if path.name.isdecimal()]
+def _processes() -> Iterator[tuple[Path, list[str]]]:
+    """Yield the folder in /proc of each process, and the fields of `stat` after the name."""
+    for path in Path("/proc").iterdir():
+        if path.name.isdecimal():
+            with suppress(OSError):
+                yield path, (path / "stat").read_text().rpartition(")")[2].split()
 
 
 def _marked(mark: bytes, session: int) -> list[int]:
     """Return the processes that run in this session, or with this mark in their environment."""
     found = []
-    for process in _processes():
+    for process, fields in _processes():
         with suppress(OSError):
-            fields = (process / "stat").read_text().rpartition(")")[2].split()
             marked = mark in (process / "environ").read_bytes()
             if fields[0] != "Z" and (int(fields[3]) == session or marked):
                 found.append(int(process.name))
     return found
 
 
-def seen(folder: Path) -> dict[str, tuple[int, int, str]]:
-    """Return all that lies below the folder of a case, besides its results: kind, size, target."""
+def contents_of(folder: Path) -> dict[str, tuple[int, int, str]]:
+    """Return kind, size and link target of all files of a case, except in its folder `out`."""
     found = {}
     for place, folders, files in os.walk(folder):
         if place == str(folder):
@@ -247,9 +239,9 @@ def shared_memory() -> set[str]:
     return {each.name for each in SHARED.iterdir()} if SHARED.is_dir() else set()
 
 
-def _held(name: str) -> bool:
-    """Tell whether a process that still runs uses this shared memory."""
-    for process in _processes():
+def _is_used(name: str) -> bool:
+    """Tell whether a process uses this shared memory."""
+    for process, _ in _processes():
         with suppress(OSError):
             if name in (process / "maps").read_text():
                 return True
@@ -257,24 +249,24 @@ def _held(name: str) -> bool:
 
 
 def faults(case: Case) -> tuple[list[str], Ended]:
-    """Run a case; return what is wrong, in words, and how the command ended."""
+    """Run a case; return its faults in words, and the end of the command."""
     memory = shared_memory()
-    before = seen(case.folder)
+    before = contents_of(case.folder)
     ended = execute(case)
     wrong = faults_of_process(case, ended)
-    after = seen(case.folder)
+    after = contents_of(case.folder)
     for name in sorted(set(before) | set(after)):
         if before.get(name) != after.get(name):
             wrong.append(f"{name!r} outside the output folder has changed")
-    wrong += [f"shared memory {name}" for name in shared_memory() - memory if not _held(name)]
-    wrong += faults_of_results(case, ended)
+    wrong += [f"shared memory {name}" for name in shared_memory() - memory if not _is_used(name)]
+    wrong += _faults_of_results(case, ended)
     return wrong, ended
 
 
 def faults_of_process(case: Case, ended: Ended) -> list[str]:
-    """Return what is wrong with the end of a command, and with what it said."""
+    """Return the faults in the exit code, the messages, the memory and the processes."""
     wrong = []
-    early = _ended_before_the_program(case, ended)
+    early = _ended_early(case, ended)
     if ended.hung:
         wrong.append(f"no end after {case.limit_s:g} s")
     elif ended.code not in case.codes and not early:
@@ -283,51 +275,48 @@ def faults_of_process(case: Case, ended: Ended) -> list[str]:
         wrong.append("interrupted by nobody")
     lines = ended.stderr.splitlines()
     if not early:
-        words = [word for word in WRONG_WORDS if word in ended.stderr]
-        wrong += [f"standard error has '{word}'" for word in words]
-        if len(lines) > MOST_LINES + 2 * case.files + _remarks(case):
+        wrong += [f"standard error has '{word}'" for word in _WRONG_WORDS if word in ended.stderr]
+        if len(lines) > _MOST_LINES + 2 * case.files + _remarks(case):
             wrong.append(f"{len(lines)} lines of standard error")
         if ended.code in {2, 3} and not lines:
             wrong.append(f"exit code {ended.code} without a word")
     if re.search("[\x00-\x08\x0b-\x1f\x7f]", ended.stderr.replace("\r", "")):
         wrong.append("a control character on standard error")
-    if ended.memory > MOST_MEMORY:
+    if ended.memory > _MOST_MEMORY:
         wrong.append(f"took {ended.memory >> 20} MB")
-    if ended.left:
-        wrong.append(f"left processes: {', '.join(ended.left)}")
+    if ended.outliving:
+        wrong.append(f"left processes: {', '.join(ended.outliving)}")
     return wrong
 
 
 def _remarks(case: Case) -> int:
-    """Return how many remarks the sidecars of a case state: the command prints a line for each."""
+    """Return the number of remarks in the sidecars of a case; the command prints each of them."""
     count = 0
-    # A case may have put a pipe there, which nobody writes to.
+    # Some cases make a pipe in place of a sidecar; to read it would take for ever.
     for path in filter(Path.is_file, case.out.rglob("*.oppload.json")):
         with suppress(OSError, ValueError, KeyError, TypeError):  # damaged by the case itself
             count += len(json.loads(path.read_bytes())["remarks"])
     return count
 
 
-def _ended_before_the_program(case: Case, ended: Ended) -> bool:
-    """Tell whether a signal came before the first line of the program, or could not be answered."""
+def _ended_early(case: Case, ended: Ended) -> bool:
+    """Tell whether a signal ended the command in a way that the program could not handle.
+
+    The signal is SIGKILL, the second of two signals, or came while Python imported the program.
+    """
     sent = {-getattr(signal, name) for _, name, _ in case.signals}
-    if -signal.SIGKILL in sent and ended.code == -signal.SIGKILL:
+    if ended.code in sent and (ended.code == -signal.SIGKILL or len(case.signals) > 1):
         return True
-    several = len(case.signals) > 1  # the second one ends the process as the system has it
-    if not sent or (ended.code not in sent and ended.code != 1):
+    if not sent or ended.code not in {*sent, 1}:
         return False
-    if several and ended.code in sent:
-        return True
-    if "Traceback" in ended.stderr:
-        # While the program is imported, Python itself answers.
-        places = re.findall(r'File "[^"]*oppload_cli/[^"]*", line [0-9]+, in (.*)', ended.stderr)
-        if any(name != "<module>" for name in places):
-            return False
+    places = re.findall(r'File "[^"]*oppload_cli/[^"]*", line [0-9]+, in (.*)', ended.stderr)
+    if "Traceback" in ended.stderr and any(name != "<module>" for name in places):
+        return False
     return not any(case.out.iterdir())
 
 
-def faults_of_results(case: Case, ended: Ended) -> list[str]:
-    """Return what is wrong with the results: each is complete, a readable `.part`, or absent."""
+def _faults_of_results(case: Case, ended: Ended) -> list[str]:
+    """Return the faults of results: each must be complete, a readable `.part`, or absent."""
     wrong = []
     for path in sorted(case.out.rglob("*")):
         name = os.fsdecode(path.name)
@@ -336,29 +325,29 @@ def faults_of_results(case: Case, ended: Ended) -> list[str]:
         if name.endswith(".part"):
             if ended.code == 0:
                 wrong.append(f"{name!r} beside exit code 0")
-            wrong += _faults_of_table(path, whole=False) if name.endswith(".csv.part") else []
+            wrong += _faults_of_table(path, complete=False) if name.endswith(".csv.part") else []
         elif name.endswith(".frames.csv"):
-            wrong += _faults_of_table(path, whole=True)
+            wrong += _faults_of_table(path, complete=True)
             wrong += _faults_of_sidecar(path, ended)
         elif name.endswith((".json", ".jsonl", ".csv")):
             wrong += _faults_of_text(path)
         elif not path.stat().st_size:
             wrong.append(f"{name!r} is empty")
-        elif not path.read_bytes().rstrip().endswith(ENDS.get(path.suffix, b"")):
+        elif not path.read_bytes().rstrip().endswith(_ENDS.get(path.suffix, b"")):
             wrong.append(f"{name!r} is cut")
     return wrong
 
 
-def _faults_of_table(path: Path, *, whole: bool) -> list[str]:
+def _faults_of_table(path: Path, *, complete: bool) -> list[str]:
     with path.open(newline="", encoding="utf-8") as file:
         text = file.read()
-    if not whole:
+    if not complete:
         text = text[: text.rfind("\n") + 1]
     elif not text.endswith("\n"):
         return [f"{path.name!r} ends within a row"]
     rows = list(csv.reader(_lines(text)))
     if not rows or "frame" not in rows[0]:
-        return [f"{path.name!r} has no header"] if whole else []
+        return [f"{path.name!r} has no header"] if complete else []
     widths = {len(row) for row in rows}
     if len(widths) > 1:
         return [f"{path.name!r} has rows of {sorted(widths)} cells"]
@@ -386,7 +375,7 @@ def _faults_of_sidecar(table: Path, ended: Ended) -> list[str]:
 
 
 def _lines(text: str) -> StringIO:
-    """Return the lines of a file; `str.splitlines` also cuts at separators that are no ends."""
+    """Return the lines of a file; `str.splitlines` would also split at other characters."""
     return StringIO(text, newline="")
 
 

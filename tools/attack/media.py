@@ -6,6 +6,7 @@ import json
 import os
 import struct
 from fractions import Fraction
+from itertools import product
 from typing import TYPE_CHECKING
 
 import av
@@ -42,49 +43,50 @@ _SIZES = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x00FFFFFF, 0x10000)
 
 
 def intact(folder: Path) -> dict[str, Path]:
-    """Return files of every pair of container and codec that can be made, by their pair.
+    """Return a file of each pair of container and codec that PyAV can write, by ``CODEC.SUFFIX``.
 
-    They are made on the first call, and found in `folder` on the later ones.
+    The first call makes the files; a later call with the same `folder` finds them.
     """
     index = folder / "index.json"
     if not index.exists():
         folder.mkdir(parents=True, exist_ok=True)
-        os.environ["SVT_LOG"] = "0"  # that encoder has a log of its own
+        os.environ["SVT_LOG"] = "0"  # the AV1 encoder has its own log
         level = av.logging.get_level()
         av.logging.set_level(None)
-        made = []
-        for suffix in CONTAINERS:
-            for codec in CODECS:
-                name = f"{codec}.{suffix}"
-                if _made(folder / name, codec, suffix):
-                    made.append(name)
-                else:
-                    (folder / name).unlink(missing_ok=True)
+        names = []
+        for suffix, codec in product(CONTAINERS, CODECS):
+            name = f"{codec}.{suffix}"
+            if _is_made(folder / name, codec, suffix):
+                names.append(name)
+            else:
+                (folder / name).unlink(missing_ok=True)
         av.logging.set_level(level)  # the package counts the errors that decoders log
         part = index.with_suffix(".part")
-        part.write_text(json.dumps(made))
+        part.write_text(json.dumps(names))
         part.replace(index)
     return {name: folder / name for name in json.loads(index.read_text())}
 
 
-def _made(path: Path, codec: str, suffix: str) -> bool:
+def _is_made(path: Path, codec: str, suffix: str) -> bool:
+    """Make a file; return whether it can be read again."""
     formats = [each.name for each in av.codec.Codec(codec, "w").video_formats or ()]
     pixel_format = "yuv420p" if "yuv420p" in formats or not formats else formats[0]
-    large = codec in {"dnxhd"}
+    width, height, frames = (1280, 720, 2) if codec == "dnxhd" else (96, 64, FRAMES)
     kind = Kind(
         suffix,
         codec,
         pixel_format,
-        width=1280 if large else 96,
-        height=720 if large else 64,
-        frames=2 if large else FRAMES,
+        width=width,
+        height=height,
+        frames=frames,
         rate=Fraction(25),
         options=OPTIONS.get(codec, {}),
     )
     try:
         make(path, kind)
-        with av.open(str(path)) as container:  # some containers take what nothing then reads
-            return len(list(container.decode(video=0))) * 2 >= kind.frames
+        # Some containers can be written with a codec with which they cannot be read.
+        with av.open(str(path)) as container:
+            return len(list(container.decode(video=0))) * 2 >= frames
     except (av.error.FFmpegError, ValueError, TypeError, OSError, IndexError, AttributeError):
         return False
 
@@ -97,7 +99,7 @@ def damaged(data: bytes, way: str, random: Random) -> bytes:
     amount = random.choice((1, 4, 100, 5000))
     if way == "grow":
         result += random.choice((bytes(amount), random.randbytes(amount), data[place:]))
-    elif way == "size":  # what may be the size of a part
+    elif way == "size":  # replace four bytes, which may be the size of a part of the file
         for _ in range(random.choice((1, 2, 8))):
             start = random.randrange(min(len(data), random.choice((64, 1000, len(data)))))
             number = struct.pack(random.choice("<>") + "I", random.choice(_SIZES))

@@ -1,4 +1,4 @@
-"""HTTP servers on loopback that cut, stall and lie."""
+"""HTTP servers on the loopback interface that cut, stall and lie."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pathlib import Path
 
-# Each way in which an answer may lie, besides one that only ends early.
+# The ways in which an answer may lie; each answer may also end early.
 LIES = (
     *("longer", "shorter", "no length", "no number", "missing", "broken", "gzip", "page"),
     *("circle", "elsewhere", "ranges", "drips", "no answer", "long head"),
@@ -26,9 +26,9 @@ class Server(ThreadingHTTPServer):
     path : Path
         The file.
     share : float
-        How much of it comes, 0 to 1.
+        The share of the file that the server sends, 0 to 1.
     stalls : bool
-        Whether the connection then stays open, as if more came.
+        Whether the connection then stays open, as if the server would send more.
     lie : str
         One of `LIES`, or an empty string.
     """
@@ -55,13 +55,13 @@ class Server(ThreadingHTTPServer):
                         over.wait(20)
 
             def log_message(self, *_: Any) -> None:
-                """Say nothing."""
+                """Print nothing."""
 
         super().__init__(("127.0.0.1", 0), Handler)
         self.url = f"http://127.0.0.1:{self.server_port}/{path.name}"
 
     def handle_error(self, *_: Any) -> None:
-        """Say nothing of a client that has gone."""
+        """Print nothing if the client has closed the connection."""
 
     def __enter__(self) -> Server:
         threading.Thread(target=self.serve_forever, daemon=True).start()
@@ -74,7 +74,7 @@ class Server(ThreadingHTTPServer):
 
 
 def _answer(handler: BaseHTTPRequestHandler, data: bytes, lie: str) -> bool:
-    """Send the head of an answer; return whether the file follows."""
+    """Send the head of an answer; return whether the content of the file follows."""
     if lie == "no answer":
         handler.close_connection = True
         return False
