@@ -16,8 +16,7 @@ from random import Random
 import pytest
 
 from tools.attack import judge
-from tools.attack.__main__ import main
-from tools.attack.campaign import Verdict, isolate, keep, table
+from tools.attack.campaign import Verdict, isolate, keep, main, table
 from tools.attack.families import make_case, make_material
 from tools.attack.judge import (
     Case,

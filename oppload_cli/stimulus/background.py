@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
 import numpy as np
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from oppload_cli.stimulus import protocol as protocols
     from oppload_cli.stimulus.courses import Vector
+    from oppload_cli.stimulus.protocol import Protocol
     from oppload_cli.stimulus.staging import View
     from oppload_cli.stimulus.tables import Display, Scene
 
@@ -46,22 +46,12 @@ _BACKDROP_M = 4000.0
 _CLEAR_M = 80.0  # haze hides 63 % of a wall at this distance
 
 
-class _Background(Protocol):
-    """The background of a stimulus.
-
-    Both methods take a time while the shutter is open, and the time of the frame, in seconds of
-    the clip.
-    """
-
-    def look(self, time: float, frame_s: float) -> object:
-        """Return the values that the picture depends on."""
-
-    def picture(self, time: float, frame_s: float) -> Picture:
-        """Return a new picture, float32 (h, w), luminance 0 to 1."""
-
-
-def background_of(protocol: protocols.Protocol) -> _Background:
+def background_of(protocol: Protocol) -> _Constant | Drawn | _Video:
     """Return the background of a protocol.
+
+    Its methods `look` and `picture` take a time at which the shutter is open, and the time of the
+    frame, in seconds of the clip. `look` returns the values that the picture depends on, `picture`
+    a new picture, float32 (h, w), luminance 0 to 1.
 
     Raises
     ------
@@ -97,7 +87,7 @@ class _Constant:
 class Drawn:
     """Surroundings drawn by the package."""
 
-    def __init__(self, protocol: protocols.Protocol) -> None:
+    def __init__(self, protocol: Protocol) -> None:
         self._protocol = protocol
         self._shape = protocol.display.height, protocol.display.width
         self._last: tuple[object, Picture] | None = None
@@ -144,7 +134,7 @@ def _still_picture(scene: Scene, display: Display) -> Picture:
 class _Video:
     """A video; the stimulus shows each of its pictures until the time of the next one."""
 
-    def __init__(self, protocol: protocols.Protocol) -> None:
+    def __init__(self, protocol: Protocol) -> None:
         scene = protocol.scene
         self._first = scene.background_start_s or 0.0
         where = f"scene: background = '{scene.background}'"
@@ -242,18 +232,10 @@ class _Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class _Surroundings:
-    """A place.
+    """A place."""
 
-    Attributes
-    ----------
-    pieces : tuple of _Piece
-        The surfaces of the place, in the order in which they are drawn.
-    haze : float
-        Luminance of the haze, and of pixels that show no surface.
-    """
-
-    pieces: tuple[_Piece, ...]
-    haze: float
+    pieces: tuple[_Piece, ...]  # in the order in which they are drawn
+    haze: float  # luminance of the haze, and of pixels that show no surface
 
     def picture(self, view: View, height: int, width: int) -> Picture:
         """Return the place as a camera sees it, float32 (h, w), luminance 0 to 1."""

@@ -131,7 +131,7 @@ class Entry:
         Raises
         ------
         StimulusError
-            If a key names no table or object of the file.
+            If a key names no table or object of the file, or if a word means no key or several.
         """
         table, sweep, only = self.table, dict(self.sweep), self.only
         settings = self.in_full(settings)
@@ -158,15 +158,12 @@ class Entry:
         StimulusError
             If a word means no key of this stimulus, or several.
         """
-
-        def key(word: str) -> str:
-            known = word in WORDS
-            return key_of(word, self.name, self.table, self.sweep, "--change") if known else word
-
+        facts = self.name, self.table, self.sweep, "--change"
         try:
-            return {key(word): value for word, value in settings.items()}
+            keys = [key_of(word, *facts) if word in WORDS else word for word in settings]
         except ParameterError as error:
             raise StimulusError(str(error)) from None
+        return dict(zip(keys, settings.values(), strict=True))
 
     def telling_changes(self) -> Entry:
         """Return a copy whose description lists the changes, because it may contradict them."""

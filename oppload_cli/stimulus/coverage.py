@@ -28,16 +28,10 @@ class Window:
     right: int
 
     @classmethod
-    def around(
-        cls, low: tuple[float, float], high: tuple[float, float], height: int, width: int
-    ) -> Window:
+    def around(cls, low: ArrayLike, high: ArrayLike, height: int, width: int) -> Window:
         """Return the pixels of the display that the box between two corners (x, y) touches."""
-        left, top = (
-            int(np.clip(np.floor(v), 0, n)) for v, n in zip(low, (width, height), strict=True)
-        )
-        right, bottom = (
-            int(np.clip(np.ceil(v), 0, n)) for v, n in zip(high, (width, height), strict=True)
-        )
+        left, top = np.clip(np.floor(low), 0, (width, height)).astype(int).tolist()
+        right, bottom = np.clip(np.ceil(high), 0, (width, height)).astype(int).tolist()
         return cls(top, max(bottom, top), left, max(right, left))
 
     @property
@@ -69,8 +63,7 @@ def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[Windo
         float64 of the window's shape, 0 to 1.
     """
     points = np.asarray(corners, dtype=np.float64)
-    low, high = points.min(axis=0), points.max(axis=0)
-    window = Window.around((low[0], low[1]), (high[0], high[1]), height, width)
+    window = Window.around(points.min(axis=0), points.max(axis=0), height, width)
     pieces = [
         _line_pieces(start, stop, window)
         for start, stop in zip(points, np.roll(points, -1, axis=0), strict=True)
@@ -102,12 +95,8 @@ def disk_coverage(
         to 1.
     """
     cx, cy = (np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (x, y))
-    window = Window.around(
-        (float(cx.min()) - radius, float(cy.min()) - radius),
-        (float(cx.max()) + radius, float(cy.max()) + radius),
-        height,
-        width,
-    )
+    low, high = (cx.min() - radius, cy.min() - radius), (cx.max() + radius, cy.max() + radius)
+    window = Window.around(low, high, height, width)
     angles = _crossing_angles(cx, cy, radius, window)
     first, last = angles[:, :-1], angles[:, 1:]
     dy = radius * (np.sin(last) - np.sin(first))

@@ -30,22 +30,12 @@ _SMALLEST, _LARGEST = 256, 2048
 
 
 class _Cutout(NamedTuple):
-    """A picture with transparency, cut to its opaque part.
+    """A picture with transparency, cut to its opaque part."""
 
-    Attributes
-    ----------
-    texture : Texture
-        Luminance times opacity, and opacity.
-    width, height : float
-        Width and height divided by the longer one of them.
-    mean : float
-        Mean luminance, weighted by opacity.
-    """
-
-    texture: Texture
-    width: float
+    texture: Texture  # luminance times opacity, and opacity
+    width: float  # divided by the longer side, like the height
     height: float
-    mean: float
+    mean: float  # luminance, weighted by opacity
 
 
 def cutout_of(obj: Object, seed: int) -> _Cutout:

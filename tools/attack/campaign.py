@@ -1,7 +1,16 @@
-"""Run many cases in separate processes, and count their results in a table."""
+"""Attack the real command: damaged media, hostile names, limits, signals, disks, servers.
+
+python -m tools.attack --cases 5000 --seed 1 --jobs 2
+python -m tools.attack --seed 1 --only servers --case 123   # run one case again
+
+The seed and the number of a case determine everything in it. Every case runs in its own folder.
+The attack then checks the files, processes and messages that the command has left behind. It
+prints a table of all families, and keeps the files and the command line of each case that fails.
+"""  # fmt: skip
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import json
 import multiprocessing
@@ -17,6 +26,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -25,7 +35,6 @@ from tools.attack.judge import SHARED, Case, Ended, adopt_orphans, faults
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
 
 _OWN_MOUNTS = 0x20000  # CLONE_NEWNS of Linux
 
@@ -82,7 +91,7 @@ def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
     (folder / "case.json").write_text(json.dumps(facts, indent=2) + "\n")
 
 
-def attack(
+def _attack(
     numbers: Sequence[int], seed: int, jobs: int, folder: Path, only: str = ""
 ) -> list[Verdict]:
     """Run cases and print their faults.
@@ -149,3 +158,23 @@ def table(verdicts: list[Verdict]) -> str:
             shown = ", ".join(f"{code}: {count}" for code, count in codes)
             lines.append(f"{family:<14}{len(cases):>7}{failed:>10}{longest:>8.1f} s  {shown}")
     return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the attack that the command line asks for; return 1 if a case failed."""
+    parser = argparse.ArgumentParser(prog="python -m tools.attack", description=__doc__)
+    parser.add_argument("--cases", type=int, default=500)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--folder", type=Path, default=Path("attack"))  # .gitignore names it
+    parser.add_argument("--only", choices=list(FAMILIES), default="", help="the only family")
+    parser.add_argument("--case", type=int, help="the number of the only case")
+    options = parser.parse_args(arguments)
+    folder = options.folder.resolve()
+    numbers = range(options.cases) if options.case is None else [options.case]
+    verdicts = _attack(numbers, options.seed, options.jobs, folder, options.only)
+    sys.stdout.write(table(verdicts) + "\n")
+    failed = sum(bool(each.wrong) for each in verdicts)
+    if failed:
+        sys.stdout.write(f"{failed} cases are kept in {folder / 'failures'}\n")
+    return 1 if failed else 0
