@@ -42,12 +42,7 @@ class WrongWheelError(Exception):
 def check_wheel(wheel: Path, name: str) -> None:
     """Check the tag of a wheel, its libraries, their machine and their checksums.
 
-    Parameters
-    ----------
-    wheel : Path
-        The wheel.
-    name : str
-        Its platform: a key of ``hatch_build.TARGETS``.
+    `name` is the wheel's platform, a key of ``hatch_build.TARGETS``.
 
     Raises
     ------

@@ -86,15 +86,10 @@ def modules_of(root: Path) -> dict[str, Path]:
 
 
 def import_graph(modules: dict[str, Path], *, types: bool = True) -> Graph:
-    """Return the modules of the package that each module imports.
+    """Return the modules of the package that each of `modules` imports.
 
-    Parameters
-    ----------
-    modules : dict of str to Path
-        The files of the modules by dotted name.
-    types : bool
-        Whether to count imports inside functions and for type checking too. If not, only imports
-        that run when the module is imported count.
+    With `types`, imports inside functions and for type checking count too. Otherwise only imports
+    that run when the module is imported count.
     """
     graph: Graph = {}
     for module, path in modules.items():

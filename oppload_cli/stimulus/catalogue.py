@@ -378,19 +378,7 @@ def load_all(wanted: str | Path, settings: dict[str, Any] | None = None) -> list
 
 
 def parsed_setting(text: str) -> tuple[str, Any]:
-    """Read ``key=value`` from a command line.
-
-    Parameters
-    ----------
-    text : str
-        The value is read as TOML; a value that is not TOML is a text.
-
-    Returns
-    -------
-    str
-        The key.
-    object
-        The value.
+    """Read ``key=value`` from a command line; a value that is not TOML is a text.
 
     Raises
     ------

@@ -105,25 +105,13 @@ class Course(Table):
 
 
 class Line(NamedTuple):
-    """A straight path in three dimensions, with a speed that may fall to 0.
+    """A straight path in three dimensions, with a speed that may fall to 0."""
 
-    Attributes
-    ----------
-    start : tuple of float
-        Position at the start in metres.
-    heading : tuple of float
-        Direction of length 1; (0, 0, 0) for an object that hovers.
-    speed, braking : float
-        Speed at the start in m/s, and deceleration in m/s2.
-    sway : tuple of float
-        Amplitude in metres and frequency in Hz of a movement to both sides.
-    """
-
-    start: Vector
-    heading: Vector
-    speed: float
-    braking: float = 0.0
-    sway: tuple[float, float] = (0.0, 1.0)
+    start: Vector  # position at the start in metres
+    heading: Vector  # direction of length 1; (0, 0, 0) for an object that hovers
+    speed: float  # at the start, in m/s
+    braking: float = 0.0  # deceleration in m/s2
+    sway: tuple[float, float] = (0.0, 1.0)  # amplitude in metres and rate in Hz, to both sides
 
     @classmethod
     def of(cls, course: Course, size_m: float, duration_s: float) -> Line:

@@ -75,7 +75,9 @@ def polygon_coverage(corners: ArrayLike, height: int, width: int) -> tuple[Windo
 def disk_coverage(
     x: ArrayLike, y: ArrayLike, radius: float, height: int, width: int
 ) -> tuple[Window, Floats]:
-    """Return the area coverage of one disk, or of several disks of one size.
+    """Return the area coverage of disks of one size, as :func:`polygon_coverage` does.
+
+    The coverages of overlapping disks are added, up to 1.
 
     Parameters
     ----------
@@ -85,14 +87,6 @@ def disk_coverage(
         In pixels.
     height, width : int
         Size of the display in pixels.
-
-    Returns
-    -------
-    Window
-        The pixels of the display that the disks may touch.
-    ndarray
-        float64 of the window's shape, 0 to 1; the coverages of overlapping disks are added, up
-        to 1.
     """
     cx, cy = (np.atleast_1d(np.asarray(v, dtype=np.float64)) for v in (x, y))
     low, high = (cx.min() - radius, cy.min() - radius), (cx.max() + radius, cy.max() + radius)

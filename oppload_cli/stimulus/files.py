@@ -142,16 +142,9 @@ def _targets(protocol: Protocol, directory: Path, form: str, *, preview: bool = 
 def named(
     names: Sequence[str], settings: dict[str, Any], form: str
 ) -> tuple[list[Protocol], list[OpploadError]]:
-    """Return the stimuli of names, and an error for each name that is wrong.
+    """Return the stimuli that :func:`find` finds, and an error for each name that is wrong.
 
-    Parameters
-    ----------
-    names : sequence of str
-        As :func:`oppload_cli.stimulus.find` takes them.
-    settings : dict
-        Values to change, by dotted key.
-    form : str
-        The format of the files.
+    `settings` are values to change, by dotted key; `form` is the format of the files.
     """
     found: dict[str, Protocol] = {}
     problems: list[OpploadError] = []
@@ -174,14 +167,7 @@ def named(
 def not_made_yet(
     protocols: Sequence[Protocol], directory: Path, form: str, *, preview: bool, if_exists: str
 ) -> list[Protocol]:
-    """Return the stimuli that must be made, without those that may be skipped.
-
-    Parameters
-    ----------
-    protocols, directory, form, preview
-        As for :func:`write_all`.
-    if_exists : str
-        ``error``, ``skip`` or ``overwrite``.
+    """Return the stimuli to write; `if_exists` is ``error``, ``skip`` or ``overwrite``.
 
     Raises
     ------

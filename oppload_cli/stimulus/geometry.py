@@ -19,19 +19,11 @@ _WIDEST_DEG = 89.9
 
 @dataclass(frozen=True)
 class Extent:
-    """The reach of a shape to both sides of its anchor point, along its axis.
+    """The reach of a shape to both sides of its anchor point, along its axis."""
 
-    Attributes
-    ----------
-    forward, backward : float
-        Degrees, at least 0.
-    forward_speed, backward_speed : float
-        Their growth, in deg/s.
-    """
-
-    forward: float
+    forward: float  # degrees
     backward: float
-    forward_speed: float = 0.0
+    forward_speed: float = 0.0  # growth of `forward`, in deg/s
     backward_speed: float = 0.0
 
     @property
@@ -48,40 +40,18 @@ class Extent:
 
 @dataclass(frozen=True)
 class Pose:
-    """An object at one time.
+    """An object at one time; points are [right, up] in degrees."""
 
-    Attributes
-    ----------
-    visible : bool
-        Whether the object is drawn.
-    centre_deg, velocity_deg_s : tuple of float
-        Anchor point [right, up] and its velocity.
-    orientation_deg : float
-        Direction of the axis.
-    extent : Extent
-        Reach to both sides of the anchor point.
-    luminance : float
-        0 to 1.
-    zoom : float
-        Scale of a pattern.
-    travel_deg : tuple of float
-        The object's own displacement since the start, without turn and motion of the scene.
-    contact_in_s : float or None
-        Time to contact while the object approaches and does not pass.
-    looming : bool
-        Whether its complete outline grows, and it does not pass.
-    """
-
-    visible: bool
-    centre_deg: tuple[float, float]
+    visible: bool  # whether the object is drawn
+    centre_deg: tuple[float, float]  # the anchor point
     velocity_deg_s: tuple[float, float]
-    orientation_deg: float
+    orientation_deg: float  # of the axis
     extent: Extent
-    luminance: float
-    zoom: float
-    travel_deg: tuple[float, float]
-    contact_in_s: float | None
-    looming: bool
+    luminance: float  # 0 to 1
+    zoom: float  # scale of a pattern
+    travel_deg: tuple[float, float]  # own displacement, without turn and motion of the scene
+    contact_in_s: float | None  # time to contact while it approaches and does not pass
+    looming: bool  # whether its complete outline grows, and it does not pass
 
     @property
     def look(self) -> tuple[object, ...]:
@@ -98,19 +68,10 @@ class Projection:
     Flat: pixels per degree are constant. Perspective: a point at the eccentricity e lies
     ``f tan(e)`` pixels from the middle, where f is the distance of the eye in pixels. Shapes are
     parallel to the screen, and their size is the angle that they would span in the middle.
-
-    Attributes
-    ----------
-    middle : tuple of float
-        The middle of the display in pixels, (x, y).
-    scale : float
-        Pixels per degree in the middle.
-    perspective : bool
-        Whether the projection is perspective.
     """
 
-    middle: Point
-    scale: float
+    middle: Point  # of the display, in pixels
+    scale: float  # pixels per degree in the middle
     perspective: bool
 
     @classmethod

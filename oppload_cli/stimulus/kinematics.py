@@ -109,14 +109,9 @@ def _contact_in(obj: Object, time: float, start: float, end: float) -> float | N
 
 
 def approach_contact(obj: Object, end: float) -> float | None:
-    """Return when an approach reaches the observer; None for an object without an approach.
+    """Return when a shape that approaches reaches the observer; None for any other object.
 
-    Parameters
-    ----------
-    obj : Object
-        A shape.
-    end : float
-        The end of its motion, in seconds of the clip like the returned time.
+    `end` is the end of its motion, in seconds of the clip like the returned time.
     """
     if obj.growth is None or obj.growth.kind != "approach":
         return None
@@ -126,18 +121,12 @@ def approach_contact(obj: Object, end: float) -> float | None:
 def passes(obj: Object, start: float, end: float) -> bool:
     """Tell whether a shape that grows moves sideways so far that it passes the observer.
 
-    An object on a straight course passes at a distance, in its own sizes, that equals the movement
-    of its middle divided by the growth of its size, both as angles (Regan and Kaushal 1994, Vision
-    Res 34:163). Above half a size, all of its edges move to the same side. The movement counts
-    from the start to the end of the growth. The shake of the object and the movement of the scene
-    do not count, because they show the movement of a camera.
-
-    Parameters
-    ----------
-    obj : Object
-        The shape.
-    start, end : float
-        When its motion starts and ends, in seconds of the clip.
+    Its motion lasts from `start` to `end`, in seconds of the clip. An object on a straight course
+    passes at a distance, in its own sizes, that equals the movement of its middle divided by the
+    growth of its size, both as angles (Regan and Kaushal 1994, Vision Res 34:163). Above half a
+    size, all of its edges move to the same side. The movement counts from the start to the end of
+    the growth. The shake of the object and the movement of the scene do not count, because they
+    show the movement of a camera.
     """
     if obj.growth is None or obj.motion is None:
         return False

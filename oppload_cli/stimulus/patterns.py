@@ -114,14 +114,9 @@ class Tile:
 
 
 def shaded(mean: float, contrast: float, values: Picture) -> Picture:
-    """Return a texture's luminance, cut to 0 to 1.
+    """Return the luminance, clipped to 0 to 1, of a texture of mean 0 and standard deviation 1.
 
-    Parameters
-    ----------
-    mean, contrast : float
-        Mean luminance and RMS contrast.
-    values : ndarray
-        Texture of mean 0 and standard deviation 1.
+    `mean` and `contrast` are its mean luminance and its RMS contrast.
     """
     picture = np.float32(mean) * (1 + np.float32(contrast) * values)
     return np.asarray(np.clip(picture, 0.0, 1.0), dtype=np.float32)
@@ -192,14 +187,7 @@ def _twice_integrated(phase: Floats) -> Floats:
 class DotField:
     """Random dots in a square that repeats and is larger than the display.
 
-    Parameters
-    ----------
-    obj : Object
-        An object of kind ``dots``.
-    seed : int
-        The seed of the protocol.
-    view_deg : float
-        Diameter of the display in degrees of the pattern, at the smallest scale of the clip.
+    `view_deg` is the diameter of the display in degrees of the pattern, at its smallest scale.
     """
 
     def __init__(self, obj: Object, seed: int, view_deg: float) -> None:

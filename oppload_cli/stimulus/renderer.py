@@ -215,9 +215,7 @@ class _Painter:
         return pose_of(self.protocol, self.obj, time)
 
     def paint(self, picture: Picture, pose: Pose) -> None:
-        self._blend(picture, pose, *self._coverage(pose))
-
-    def _blend(self, picture: Picture, pose: Pose, window: Window, coverage: Floats) -> None:
+        window, coverage = self._coverage(pose)
         if coverage.size:
             part = picture[window.slices]
             part += (self._colours(pose, window) - part) * coverage.astype(np.float32)
@@ -268,8 +266,8 @@ class _PatchPainter(_Painter):
 class _PatternPainter(_Painter):
     """Paints an even field; the base class of painters that fill the display or an aperture."""
 
-    def paint(self, picture: Picture, pose: Pose) -> None:
-        self._blend(picture, pose, *self._aperture)
+    def _coverage(self, _pose: Pose) -> tuple[Window, Floats]:
+        return self._aperture
 
     @cached_property
     def _aperture(self) -> tuple[Window, Floats]:

@@ -29,24 +29,12 @@ _Box = tuple[float, float, float, float]
 
 
 class View(NamedTuple):
-    """The camera at one time.
+    """The camera at one time."""
 
-    Attributes
-    ----------
-    place : tuple of float
-        Place of the camera in the world, in metres.
-    axes : tuple of tuple of float
-        The camera's directions right, up and ahead, in the world's axes.
-    eye_px : float
-        Focal length in pixels.
-    middle : tuple of float
-        Middle of the display in pixels, (x, y).
-    """
-
-    place: Vector
-    axes: tuple[Vector, Vector, Vector]
-    eye_px: float
-    middle: tuple[float, float]
+    place: Vector  # in the world, in metres
+    axes: tuple[Vector, Vector, Vector]  # the camera's right, up and ahead, in the world's axes
+    eye_px: float  # focal length in pixels
+    middle: tuple[float, float]  # of the display in pixels, (x, y)
 
     def from_camera(self, offset: Vector) -> Vector:
         """Convert an offset from the camera from the world's axes to the camera's axes."""
@@ -64,25 +52,12 @@ class View(NamedTuple):
 
 @dataclass(frozen=True)
 class Sight:
-    """A picture at one time, in relation to the camera.
+    """A picture at one time, relative to the camera, in the world's axes."""
 
-    Attributes
-    ----------
-    visible : bool
-        Whether it is drawn: it has appeared, has not vanished, and is in front of the camera.
-    offset, velocity : tuple of float
-        Position of its middle relative to the camera in metres, and velocity in m/s, in the
-        world's axes.
-    contact_in_s : float or None
-        Time to contact, while the picture moves on a course that hits the camera.
-    view : View
-        The camera.
-    """
-
-    visible: bool
-    offset: Vector
-    velocity: Vector
-    contact_in_s: float | None
+    visible: bool  # whether it has appeared, has not vanished, and is in front of the camera
+    offset: Vector  # of its middle from the camera, in metres
+    velocity: Vector  # in m/s
+    contact_in_s: float | None  # time to contact, while its course hits the camera
     view: View
 
     @property
@@ -91,18 +66,10 @@ class Sight:
         return self.visible, self.offset, self.view
 
     def box(self, half_width: float, half_height: float) -> _Box | None:
-        """Return the box around the picture.
+        """Return left, top, width and height in pixels of the box around the picture.
 
-        Parameters
-        ----------
-        half_width, half_height : float
-            Half the size of the picture in metres.
-
-        Returns
-        -------
-        tuple of float or None
-            Left, top, width and height in pixels; the box may reach beyond the display. None if a
-            corner of the picture is beside or behind the camera.
+        The arguments are half the size of the picture in metres. The box may reach beyond the
+        display; it is None if a corner of the picture is beside or behind the camera.
         """
         right, up, ahead = self.offset
         corners = [

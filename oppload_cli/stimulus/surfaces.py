@@ -95,55 +95,27 @@ class Texture:
 
 
 class Placed(NamedTuple):
-    """The points of a surface that the pixels of a window show.
-
-    Attributes
-    ----------
-    window : Window
-        The window of the display.
-    u, v : ndarray
-        float64 (h, w), position on the surface in metres.
-    depth : ndarray
-        float64 (h, w), distance along the camera's axis in metres; 0 if the pixel does not show
-        the surface.
-    steps : ndarray
-        float64 (4, h, w), derivatives of u and v by x, then of u and v by y, in metres per pixel.
-    """
+    """The points of a surface that the pixels of a window show."""
 
     window: Window
-    u: Floats
+    u: Floats  # float64 (h, w), like v: position on the surface in metres
     v: Floats
-    depth: Floats
+    depth: Floats  # float64 (h, w): metres along the camera's axis; 0 if the surface is not seen
+    # float64 (4, h, w): derivatives of u and v by x, then of u and v by y, in metres per pixel.
     steps: Floats
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A flat textured surface.
+    """A flat textured surface."""
 
-    Attributes
-    ----------
-    origin : tuple of float
-        Position of the point ``u = v = 0`` in the world, in metres.
-    right, up : tuple of float
-        Directions of u and v, of length 1 and at right angles.
-    texture : Texture
-        The texture.
-    per_metre : float
-        Texels per metre.
-    corner : tuple of float
-        u and v of the texture's upper left corner.
-    extent : tuple of float or None
-        Smallest u, smallest v, largest u, largest v; None for an endless surface.
-    """
-
-    origin: Vector
-    right: Vector
-    up: Vector
+    origin: Vector  # the point u = v = 0 in the world, in metres
+    right: Vector  # direction of u, of length 1
+    up: Vector  # direction of v, of length 1 and at right angles to `right`
     texture: Texture
-    per_metre: float
-    corner: tuple[float, float] = (0.0, 0.0)
-    extent: Rectangle | None = None
+    per_metre: float  # texels per metre
+    corner: tuple[float, float] = (0.0, 0.0)  # u and v of the texture's upper left corner
+    extent: Rectangle | None = None  # least u, least v, largest u, largest v; None: endless
 
     def _matrix(self, view: View) -> Floats:
         """Return the matrix from ``(x, y, 1)`` in pixels to ``(u, v, 1) / depth``."""

@@ -29,18 +29,8 @@ def key_of(
 ) -> str:
     """Return the dotted key that a word of `WORDS` means in a stimulus; a key means itself.
 
-    Parameters
-    ----------
-    word : str
-        The word or key of the user.
-    name : str
-        Name of the stimulus.
-    table : mapping
-        Contents of its file.
-    sweep : collection of str
-        The keys that the file sweeps.
-    option : str
-        The user's option, for the message.
+    `table` and `sweep` are the contents of the stimulus's file and the keys that it sweeps; `name`
+    and `option` name the stimulus and the user's option in messages.
 
     Raises
     ------

@@ -21,16 +21,8 @@ _PAGE = b"<!doctype html><title>404</title><p>not here"
 class Server(ThreadingHTTPServer):
     """Serves one file.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    share : float
-        The share of the file that the server sends, 0 to 1.
-    stalls : bool
-        Whether the connection then stays open, as if the server would send more.
-    lie : str
-        One of `LIES`, or an empty string.
+    The server sends a share of the file, 0 to 1. If it `stalls`, the connection then stays open,
+    as if more would come. `lie` is one of `LIES`, or empty.
     """
 
     daemon_threads = True
