@@ -297,16 +297,14 @@ def _imports_in_functions(tree: ast.Module) -> int:
 
 def _names_of_classes(tree: ast.Module) -> set[str]:
     """Return the values of the attribute `name` of the classes of a module."""
-    return {
-        node.value.value
-        for each in tree.body
-        if isinstance(each, ast.ClassDef)
-        for node in each.body
-        if isinstance(node, ast.Assign)
-        and ast.unparse(node.targets[0]) == "name"
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    }
+    names = set()
+    for node in (
+        node for each in tree.body if isinstance(each, ast.ClassDef) for node in each.body
+    ):
+        match node:
+            case ast.Assign(targets=[ast.Name(id="name")], value=ast.Constant(value=str(text))):
+                names.add(text)
+    return names
 
 
 def _names_a_detector(tree: ast.Module, detectors: set[str]) -> bool:

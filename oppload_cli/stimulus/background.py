@@ -92,8 +92,8 @@ class Drawn:
         self._shape = protocol.display.height, protocol.display.width
         self._last: tuple[object, Picture] | None = None
 
-    def at(self, time: float) -> tuple[_Surroundings, View]:
-        """Return the surroundings and the camera at a time."""
+    def look(self, time: float, _frame_s: float) -> tuple[_Surroundings, View]:
+        """Return the surroundings and the view of the camera at a time."""
         protocol = self._protocol
         cut = protocol.scene.cut_s
         # The seed after a cut is far away, so that no other protocol is likely to use it.
@@ -101,13 +101,9 @@ class Drawn:
         kind = str(protocol.scene.background)
         return _surroundings(kind, seed, camera_of(protocol).height_m), view_of(protocol, time)
 
-    def look(self, time: float, _frame_s: float) -> object:
-        """Return the values that the picture depends on."""
-        return self.at(time)
-
-    def picture(self, time: float, _frame_s: float) -> Picture:
+    def picture(self, time: float, frame_s: float) -> Picture:
         """Return a new picture, float32 (h, w), luminance 0 to 1."""
-        look = self.at(time)
+        look = self.look(time, frame_s)
         if self._last is None or self._last[0] != look:
             place, view = look
             self._last = look, place.picture(view, *self._shape)

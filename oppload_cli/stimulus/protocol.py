@@ -217,10 +217,6 @@ def _type_schema(each: Parameter, kind: Any) -> dict[str, Any]:
     if kind in {str, bool}:
         plain = {"type": "string" if kind is str else "boolean"}
         return plain | ({"enum": list(each.choices)} if each.choices else {})
-    return _number_schema(each, kind)
-
-
-def _number_schema(each: Parameter, kind: Any) -> dict[str, Any]:
     number: dict[str, Any] = {"type": "integer" if kind is int else "number"}
     bounds = {"minimum": each.low, "exclusiveMinimum": each.above, "maximum": each.high}
     number |= {name: bound for name, bound in bounds.items() if bound is not None}

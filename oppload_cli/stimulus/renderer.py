@@ -124,9 +124,8 @@ class Renderer:
             raise StimulusError(
                 "flow is known of drawn surroundings only; set scene.background to one of them"
             )
-        display = self.protocol.display
-        place, view = self._background.at(self.protocol.time_of(frame))
-        next_place, later = self._background.at(self.protocol.time_of(frame + 1))
+        display, times = self.protocol.display, map(self.protocol.time_of, (frame, frame + 1))
+        (place, view), (next_place, later) = (self._background.look(time, time) for time in times)
         if next_place is not place:
             return np.full((display.height, display.width, 2), np.nan)
         return place.flow(view, later, display.height, display.width)

@@ -150,6 +150,7 @@ class Surface:
         return Window.around(low, high, height, width)
 
     def _placed(self, view: View, window: Window) -> Placed:
+        """Return the point of the surface that each pixel of a window shows."""
         m = self._matrix(view)
         x = np.arange(window.left, window.right)[None, :] + 0.5
         y = np.arange(window.top, window.bottom)[:, None] + 0.5

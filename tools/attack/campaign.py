@@ -61,7 +61,7 @@ def _run(number: int, seed: int, folder: Path, material: Material, only: str) ->
             around.enter_context(each)
         wrong, ended = faults(case)
         if wrong:
-            with suppress(OSError):  # a disk that was mounted for the case is unmounted below
+            with suppress(OSError):  # the disks of the case are unmounted after this block
                 shutil.copytree(case.out, case.folder / "copied", symlinks=True)
     if wrong:
         keep(case, ended, wrong, folder / "failures" / f"{case.family}-{seed}-{number}")
@@ -94,20 +94,9 @@ def keep(case: Case, ended: Ended, wrong: list[str], folder: Path) -> None:
 def _attack(
     numbers: Sequence[int], seed: int, jobs: int, folder: Path, only: str = ""
 ) -> list[Verdict]:
-    """Run cases and print their faults.
+    """Run the cases of these numbers, `jobs` at the same time, and print their faults.
 
-    Parameters
-    ----------
-    numbers : sequence of int
-        The numbers of the cases.
-    seed : int
-        The seed of all cases.
-    jobs : int
-        The number of cases that run at the same time.
-    folder : Path
-        The folder for `work` and `failures`.
-    only : str
-        The only family, or an empty string.
+    `folder` receives the folders `work` and `failures`; `only` names a family, or is empty.
     """
     (folder / "work").mkdir(parents=True, exist_ok=True)
     verdicts = []

@@ -203,21 +203,19 @@ def _make_special(path: Path, kind: str, target: str | Path) -> None:
 @_family(8)
 def names(case: Case, random: Random, material: Material) -> None:
     """Files with hostile names, and commands on their results."""
-    folder = os.fsencode(case.folder / "in")
     name = _hostile_name(random)
-    with suppress(OSError):
-        shutil.copy(os.fsencode(material.clip), os.path.join(folder, name))  # noqa: PTH118
     word = os.fsdecode(name)
+    with suppress(OSError):
+        shutil.copy(material.clip, case.folder / "in" / word)
     if random.random() < 0.6:
         case.words = ["run", "-o", "../out", *_QUICK, "--", word]
         return
-    table, sidecar = os.fsdecode(name[:200] + b".frames.csv"), name[:200] + b".oppload.json"
-    inside = case.folder / "in" / "r"
+    stem = os.fsdecode(name[:200])
+    table, inside = f"{stem}.frames.csv", case.folder / "in" / "r"
     inside.mkdir()
     shutil.copy(material.results / "clip.frames.csv", inside / table)
     text = (material.results / "clip.oppload.json").read_text()
-    text = text.replace('"clip.avi"', json.dumps(word))
-    Path(os.fsdecode(os.fsencode(inside) + b"/" + sidecar)).write_text(text)
+    (inside / f"{stem}.oppload.json").write_text(text.replace('"clip.avi"', json.dumps(word)))
     case.words = random.choice(
         (
             ["plot", f"./r/{table}", "-o", "../out/a.png"],

@@ -272,14 +272,14 @@ def faults_of_process(case: Case, ended: Ended) -> list[str]:
     elif ended.code not in case.codes and not early:
         wrong.append(f"exit code {ended.code}")
     if ended.code == 130 and not case.signals and case.reads is None:
-        wrong.append("interrupted by nobody")
+        wrong.append("exit code 130 without an interrupt")
     lines = ended.stderr.splitlines()
     if not early:
         wrong += [f"standard error has '{word}'" for word in _WRONG_WORDS if word in ended.stderr]
         if len(lines) > _MOST_LINES + 2 * case.files + _remarks(case):
             wrong.append(f"{len(lines)} lines of standard error")
         if ended.code in {2, 3} and not lines:
-            wrong.append(f"exit code {ended.code} without a word")
+            wrong.append(f"exit code {ended.code} without a message")
     if re.search("[\x00-\x08\x0b-\x1f\x7f]", ended.stderr.replace("\r", "")):
         wrong.append("a control character on standard error")
     if ended.memory > _MOST_MEMORY:
