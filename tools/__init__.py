@@ -1,1 +1,1 @@
-"""Tools for those who work on oppload itself; no part of the package."""
+"""Tools for developers of oppload; not part of the package."""

@@ -52,12 +52,12 @@ _ROOMS: dict[str, tuple[int, str]] = {
 # The way of one frame: each room that it enters, and what happens in the room.
 _WAY = (
     ("video", "the source decodes a picture and gives Frame(index, time_s, luma)"),
-    ("pipeline", "repeats are passed over; every other frame goes to all detectors"),
+    ("pipeline", "repeats are skipped; all other frames go to all detectors"),
     ("models", "each detector's step(luma) returns a response, or None while it warms up"),
     ("motion", "optical flow and RMO, beside the detectors"),
-    ("detection", "alarms, places and times to contact, from what has passed"),
+    ("detection", "alarms, places and times to contact, from the frames so far"),
     ("results", "one record per frame, one row per record"),
-    ("files", "rows reach the part file, which is renamed when all is done"),
+    ("files", "rows reach the part file, which is renamed at the end"),
 )
 
 _WIDE, _HIGH = 176, 40  # of a box

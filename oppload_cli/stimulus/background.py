@@ -134,19 +134,19 @@ class _Video:
         scene = protocol.scene
         self._first = scene.background_start_s or 0.0
         where = f"scene: background = '{scene.background}'"
-        last = self._first + protocol.timing.total_s
+        end_s = self._first + protocol.timing.total_s
         try:
             changed = Path(str(scene.background)).stat().st_mtime_ns
             self._times, self._pictures, self._end = _footage(
-                scene, protocol.display, last, changed
+                scene, protocol.display, end_s, changed
             )
         except (OpploadError, OSError) as problem:
             raise StimulusError(f"{where}: {problem}") from None
-        shown = protocol.time_of(protocol.frame_count - 1) + self._first
-        if scene.background_end != "loop" and shown >= self._end:
+        last_s = protocol.time_of(protocol.frame_count - 1) + self._first
+        if scene.background_end != "loop" and last_s >= self._end:
             raise StimulusError(
-                f"{where} ends at {self._end:.3g} s, before the last frame, which shows its time "
-                f"{shown:.3g} s; shorten timing, or write background_end = 'loop'"
+                f"{where} ends at {self._end:.3g} s, before the last frame, which shows the video "
+                f"at {last_s:.3g} s; shorten timing, or write background_end = 'loop'"
             )
 
     def look(self, _time: float, frame_s: float) -> object:
@@ -158,8 +158,8 @@ class _Video:
         return np.asarray(picture / np.float32(255))
 
     def _index(self, time: float) -> int:
-        shown = math.fmod(time + self._first, self._end) + 1e-6
-        return max(int(np.searchsorted(self._times, shown, side="right")) - 1, 0)
+        video_s = math.fmod(time + self._first, self._end) + 1e-6
+        return max(int(np.searchsorted(self._times, video_s, side="right")) - 1, 0)
 
 
 @lru_cache(maxsize=2)
@@ -177,9 +177,9 @@ def _footage(scene: Scene, display: Display, last_s: float, changed: int) -> Foo
     _check_size(native.width, native.height, scene, display)
     same = rate is not None and abs(rate / display.frame_rate - 1) <= 1e-3
     if scene.background_rate != "own" and not same:
-        said = "no constant rate" if rate is None else f"{float(rate):g} frames/s"
+        native_rate = "no constant rate" if rate is None else f"{float(rate):g} frames/s"
         raise StimulusError(
-            f"it has {said} and the display {float(display.frame_rate):g}; change "
+            f"it has {native_rate} and the display {float(display.frame_rate):g}; change "
             "display.frame_rate, or write background_rate = 'own'"
         )
     working_height = max(height, math.ceil(width * native.height / native.width))
@@ -269,9 +269,9 @@ class _Surroundings:
     ) -> Iterator[tuple[_Piece, Placed, Picture]]:
         """Yield each surface that is seen, its points, and the share of each pixel it covers."""
         for piece in self.pieces:
-            seen = piece.surface.seen(view, height, width)
-            if seen is not None:
-                yield piece, *seen
+            shown = piece.surface.seen(view, height, width)
+            if shown is not None:
+                yield piece, *shown
 
 
 @lru_cache(maxsize=8)

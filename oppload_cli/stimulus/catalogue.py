@@ -90,8 +90,8 @@ class Entry:
         for dotted, values in self.sweep.items():
             if len({_text(value) for value in values}) < len(values):
                 raise StimulusError(
-                    f"{self.label}: sweep: two values of {dotted} have one name; make them differ "
-                    "more"
+                    f"{self.label}: sweep: two values of {dotted} give stimuli of the same name; "
+                    "make them differ more"
                 )
         members = {}
         for combination in itertools.product(*self.sweep.values()):

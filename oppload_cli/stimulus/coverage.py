@@ -150,8 +150,8 @@ def _filled(window: Window, dy: Floats, x_dy: Floats, column: Floats, row: Float
     inside = (row >= 0) & (row < height) & (column < width)
     dy, x_dy, column, row = dy[inside], x_dy[inside], column[inside], row[inside]
     # A piece left of the window has all columns of the window on its right: only dy counts.
-    left = column < 0
-    x_dy, column = np.where(left, 0.0, x_dy), np.where(left, 0.0, column)
+    outside = column < 0
+    x_dy, column = np.where(outside, 0.0, x_dy), np.where(outside, 0.0, column)
     cell = (row * (width + 1) + column).astype(np.intp)
     size = height * (width + 1)
     total = np.bincount(cell, weights=dy * (column + 1) - x_dy, minlength=size)

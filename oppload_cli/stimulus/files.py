@@ -49,9 +49,9 @@ def sheet_frames(count: int, shown: int = 8) -> list[int]:
 def contact_sheet(
     pictures: Sequence[Grey], side: int = 160, columns: int = 4, times_s: Sequence[float] = ()
 ) -> Grey:
-    """Put pictures in rows on a white sheet, each in a black frame.
+    """Put pictures in rows on a white sheet, with a black line around each.
 
-    Frame and sheet separate black pictures as well as white ones.
+    The line and the sheet separate black pictures as well as white ones.
 
     Parameters
     ----------
@@ -244,7 +244,7 @@ def write(
     made = _targets(protocol, directory, form, preview=preview)
     display, renderer = protocol.display, Renderer(protocol)
     shown = set(sheet_frames(protocol.frame_count)) if preview else set()
-    kept = []
+    previewed = []
     with open_writer(
         made.video,
         form,
@@ -258,14 +258,14 @@ def write(
             grey = renderer.grey(index)
             write_frame(grey)
             if index in shown:
-                kept.append(grey)
+                previewed.append(grey)
             if progress is not None:
                 progress(1)
     try:
         write_atomic(made.truth, (text.encode() for text in ground_truth_text(protocol)))
         if made.preview is not None:
             times = [protocol.time_of(index) for index in sorted(shown)]
-            write_atomic(made.preview, [png_bytes(contact_sheet(kept, times_s=times))])
+            write_atomic(made.preview, [png_bytes(contact_sheet(previewed, times_s=times))])
     except BaseException:
         # Users would take a video without its ground truth for a complete result.
         for path in (made.video, made.truth):

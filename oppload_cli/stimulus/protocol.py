@@ -86,16 +86,16 @@ class Protocol(ProtocolTables):
         return table
 
     def _check_ids(self) -> None:
-        seen: set[str] = set()
+        ids: set[str] = set()
         for obj in self.objects:
             if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]*", obj.id) or obj.id in _RESERVED:
                 raise StimulusError(
                     f"object id '{obj.id}' must be a letter followed by letters, digits, '-' or "
                     f"'_', and none of {', '.join(_RESERVED)}"
                 )
-            if obj.id in seen:
+            if obj.id in ids:
                 raise StimulusError(f"two objects have the id '{obj.id}'; rename one")
-            seen.add(obj.id)
+            ids.add(obj.id)
 
 
 def json_schema() -> dict[str, Any]:

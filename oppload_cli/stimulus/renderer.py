@@ -122,7 +122,7 @@ class Renderer:
         """
         if not isinstance(self._background, Drawn):
             raise StimulusError(
-                "flow is known of drawn surroundings only; set scene.background to one of them"
+                "the flow is known for drawn surroundings only; set scene.background to one of them"
             )
         display, times = self.protocol.display, map(self.protocol.time_of, (frame, frame + 1))
         (place, view), (next_place, later) = (self._background.look(time, time) for time in times)

@@ -234,9 +234,9 @@ def _inside(at: Floats, low: float, high: float, pixel: Floats) -> Floats:
     return np.asarray(np.clip(ends / wide, 0.0, 1.0))
 
 
-def _bounds(wanted: NDArray[np.bool_]) -> tuple[slice, slice] | None:
+def _bounds(mask: NDArray[np.bool_]) -> tuple[slice, slice] | None:
     """Return the rows and columns that contain all True pixels; None if no pixel is True."""
-    rows, columns = np.flatnonzero(wanted.any(axis=1)), np.flatnonzero(wanted.any(axis=0))
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows):
         return None
     return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)

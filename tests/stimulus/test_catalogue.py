@@ -181,7 +181,7 @@ def test_settings() -> None:
 def test_two_values_of_one_name_are_an_error(key: str, values: list[object]) -> None:
     """Only one of the two stimuli would be shown."""
     (entry,) = stimulus.find("klapoetke2017/loom-l-over-v")
-    with pytest.raises(StimulusError, match=f"two values of {key} have one name"):
+    with pytest.raises(StimulusError, match=f"two values of {key} give stimuli of the same name"):
         dataclasses.replace(entry, sweep={key: values}).protocols()
 
 
