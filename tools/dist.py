@@ -21,8 +21,8 @@ from subprocess import PIPE, STDOUT
 
 from hatch_build import FOLDER, SUFFIXES, TARGETS, Target
 
-ROOT = Path(__file__).parents[1]
-_DIST = ROOT / "dist"
+_ROOT = Path(__file__).parents[1]
+_DIST = _ROOT / "dist"
 # For the libraries of each platform: the first bytes, the offset and the format of the machine
 # type, and the machine type. (A PE file states the offset itself.)
 ELF, MACH_O, PE = b"\x7fELF", b"\xcf\xfa\xed\xfe", b"MZ"
@@ -84,7 +84,7 @@ def _python(*words: str | Path, **environment: str) -> str:
     command = [sys.executable, "-m", *map(str, words)]
     env = {**os.environ, **environment}
     done = subprocess.run(
-        command, cwd=ROOT, env=env, stdout=PIPE, stderr=STDOUT, text=True, check=False
+        command, cwd=_ROOT, env=env, stdout=PIPE, stderr=STDOUT, text=True, check=False
     )
     if done.returncode:
         sys.exit(f"{words[0]} ended with {done.returncode}:\n{done.stdout}")

@@ -298,10 +298,9 @@ def _imports_in_functions(tree: ast.Module) -> int:
 def _names_of_classes(tree: ast.Module) -> set[str]:
     """Return the values of the attribute `name` of the classes of a module."""
     names = set()
-    for node in (
-        node for each in tree.body if isinstance(each, ast.ClassDef) for node in each.body
-    ):
-        match node:
+    classes = (each for each in tree.body if isinstance(each, ast.ClassDef))
+    for statement in (statement for each in classes for statement in each.body):
+        match statement:
             case ast.Assign(targets=[ast.Name(id="name")], value=ast.Constant(value=str(text))):
                 names.add(text)
     return names

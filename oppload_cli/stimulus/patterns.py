@@ -85,7 +85,7 @@ class Tile:
             Column and row, in sides of the tile: both (h, w), or (1, w) and (h, 1) for a grid,
             which is faster.
         per_pixel : float
-            Samples of the tile per pixel of the display. From 2 on, the values come from smaller
+            Samples of the tile per pixel of the display. Above 2, the values come from smaller
             copies of the tile, so that the texture does not flicker when it moves.
 
         Returns
@@ -123,10 +123,10 @@ def shaded(mean: float, contrast: float, values: Picture) -> Picture:
 
 
 def square_wave(phase: Floats, width: Floats, depth: Floats) -> Floats:
-    """Return a square wave, 1 in the first half of a cycle and -1 in the second, over pixels.
+    """Return the mean of a square wave over each pixel.
 
-    The value of a pixel is the mean of the wave over the pixel. Projected onto the grating's axis,
-    a pixel is the convolution of two boxes. The mean is therefore a second difference of the
+    The wave is 1 in the first half of a cycle and -1 in the second. Projected onto the grating's
+    axis, a pixel is the convolution of two boxes; the mean is therefore a second difference of the
     wave's second integral.
 
     Parameters

@@ -124,7 +124,8 @@ class Renderer:
             raise StimulusError(
                 "the flow is known for drawn surroundings only; set scene.background to one of them"
             )
-        display, times = self.protocol.display, map(self.protocol.time_of, (frame, frame + 1))
+        display = self.protocol.display
+        times = [self.protocol.time_of(index) for index in (frame, frame + 1)]
         (place, view), (next_place, later) = (self._background.look(time, time) for time in times)
         if next_place is not place:
             return np.full((display.height, display.width, 2), np.nan)

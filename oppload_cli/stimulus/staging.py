@@ -145,7 +145,7 @@ def miss_of(protocol: ProtocolTables, obj: Object) -> float | None:
 
 
 def enters(protocol: ProtocolTables, obj: Object, time: float) -> bool:
-    """Tell whether the square around a picture touches the display."""
+    """Tell whether the square around a picture may touch the display."""
     sight, half = sight_of(protocol, obj, time), (obj.size_m or 0.0) / 2
     if not sight.visible:
         return False

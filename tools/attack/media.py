@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from pathlib import Path
     from random import Random
 
-CONTAINERS = (
+_CONTAINERS = (
     *("mp4", "mov", "mkv", "webm", "avi", "ts", "flv", "nut", "ivf", "mxf", "asf", "gif", "y4m"),
     *("mpg", "obu", "h264", "hevc", "mjpeg", "m2v", "m4v", "3gp", "apng", "ogv", "vob", "wtv"),
     *("swf", "f4v", "ismv", "dv", "gxf", "rm", "amv", "webp", "jp2"),
 )
-OPTIONS = {
+_OPTIONS = {
     "libx264": X264,
     "libx265": X265,
     "libvpx": VP9,
@@ -31,13 +31,13 @@ OPTIONS = {
     "libsvtav1": AV1,
     "ffv1": {"level": "3"},
 }
-CODECS = (
-    *(*OPTIONS, "mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "prores_ks", "gif", "huffyuv"),
+_CODECS = (
+    *(*_OPTIONS, "mpeg4", "mpeg2video", "mpeg1video", "mjpeg", "prores_ks", "gif", "huffyuv"),
     *("ffvhuff", "utvideo", "rawvideo", "png", "wmv2", "flv", "h263p", "jpeg2000", "dnxhd"),
     *("apng", "qtrle", "zmbv", "snow", "msmpeg4", "magicyuv", "cfhd", "vc2", "ljpeg", "jpegls"),
     *("svq1", "cinepak", "asv2", "flashsv", "libwebp_anim", "targa", "wrapped_avframe"),
 )
-FRAMES = 10
+_FRAMES = 10
 WAYS = (*damage.WAYS, "grow", "size", "insert", "remove", "double", "noise", "empty")
 _SIZES = (0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, 0x00FFFFFF, 0x10000)
 
@@ -54,7 +54,7 @@ def intact(folder: Path) -> dict[str, Path]:
         level = av.logging.get_level()
         av.logging.set_level(None)
         names = []
-        for suffix, codec in product(CONTAINERS, CODECS):
+        for suffix, codec in product(_CONTAINERS, _CODECS):
             name = f"{codec}.{suffix}"
             if _is_made(folder / name, codec, suffix):
                 names.append(name)
@@ -71,7 +71,7 @@ def _is_made(path: Path, codec: str, suffix: str) -> bool:
     """Make a file; return whether it can be read again."""
     formats = [each.name for each in av.codec.Codec(codec, "w").video_formats or ()]
     pixel_format = "yuv420p" if "yuv420p" in formats or not formats else formats[0]
-    width, height, frames = (1280, 720, 2) if codec == "dnxhd" else (96, 64, FRAMES)
+    width, height, frames = (1280, 720, 2) if codec == "dnxhd" else (96, 64, _FRAMES)
     kind = Kind(
         suffix,
         codec,
@@ -80,7 +80,7 @@ def _is_made(path: Path, codec: str, suffix: str) -> bool:
         height=height,
         frames=frames,
         rate=Fraction(25),
-        options=OPTIONS.get(codec, {}),
+        options=_OPTIONS.get(codec, {}),
     )
     try:
         make(path, kind)
