@@ -39,7 +39,8 @@ def _cost(checkout: Path, extra_passes: int = 0) -> float:
     """Return the processor time of the models in a checkout, in seconds."""
     done = subprocess.run(
         [sys.executable, "-c", WORKER, str(extra_passes)],
-        env={**os.environ, "PYTHONPATH": str(checkout)},
+        # A waiting thread of OpenBLAS would count as the models' time, as in oppload.__main__.
+        env={**os.environ, "PYTHONPATH": str(checkout), "OPENBLAS_NUM_THREADS": "1"},
         cwd=checkout, check=True, capture_output=True, text=True,
     )  # fmt: skip
     return float(done.stdout)

@@ -180,7 +180,11 @@ def test_a_disk_that_is_full(clip: Path, command: tuple[str, ...]) -> None:
         ('run "$CLIP" -o -', 2),
         ("run missing.mp4", 3),
         ("run --files-from -", 2),
-        ('tune klapoetke2017/bar-expand-10 --over speed=40 -o "$FOLDER" -j 1', 0),
+        pytest.param(
+            'tune klapoetke2017/bar-expand-10 --over speed=40 -o "$FOLDER" -j 1',
+            0,
+            marks=pytest.mark.slow,
+        ),
         ('stimuli generate controls/appearing-disk -o "$FOLDER"', 0),
     ],
 )

@@ -61,6 +61,7 @@ def test_the_wrong_direction_leaks_as_the_documented_edge_does() -> None:
     assert direction._leak_at(10) == pytest.approx(3.28 / 4.90, rel=0.15)
 
 
+@pytest.mark.slow
 def test_looming_disk_in_the_middle() -> None:
     built = looming.looming_centre()
     near, dlgmd, earlier, _, found = (claim.findings["reference"] for claim in built.claims)

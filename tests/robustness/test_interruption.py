@@ -75,7 +75,9 @@ def check_prefix(part: Path, table: bytes) -> int:
     return data.count(b"\n") - 1
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
+@pytest.mark.parametrize(
+    "name", ["SIGINT", pytest.param("SIGTERM", marks=pytest.mark.slow), "SIGKILL"]
+)
 def test_the_written_rows_are_a_valid_prefix(
     film: Path, table: bytes, tmp_path: Path, name: str
 ) -> None:

@@ -251,9 +251,9 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("options", "content"),
     [
         ({}, ""),
-        ({"preset": "paper"}, ""),
+        pytest.param({"preset": "paper"}, "", marks=pytest.mark.slow),
         ({}, 'preset = "paper"\n'),
-        ({"preset": "reference"}, "height = 50\n"),
+        pytest.param({"preset": "reference"}, "height = 50\n", marks=pytest.mark.slow),
         ({"height": "30"}, "height = 50\n"),
         ({"height": "native"}, 'preset = "paper"\nheight = 50\n'),
         ({}, 'height = "native"\n'),
