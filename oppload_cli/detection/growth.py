@@ -382,7 +382,7 @@ class Contact:
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
         of_one = float(np.mean(errors**-2)) ** -0.5
         largest = self._params.largest_error * left
-        # Where one growth is lacking, the others may agree by chance: each must be twice as sure.
+        # If one growth is lacking, the others may agree by chance: their own error must be small.
         sure = error < largest and (lacking <= 0 or of_one < largest / 2)
         return (left, of_one) if sure and grown >= self._params.least_growth else None
 

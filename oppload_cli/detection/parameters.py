@@ -239,7 +239,8 @@ class PlaceParams(Parameters):
     )
     least_frames: int = parameter(
         4,
-        "least number of growths for a time to contact; one less if each is twice as exact",
+        "least number of growths for a time to contact; one less if the error of a single growth "
+        "is below half of largest_error",
         unit="growths",
         low=3,
         high=1000,
