@@ -39,9 +39,9 @@ class _SmallerFrames:
 
     def reset(self) -> None:
         self._intervals = _intervals_of(self._clock.step)
-        self._dpcs = {self._intervals: self._new_dpc(self._intervals)}
-        self._unwanted = {self._intervals: 0}  # frames since each number of intervals was wanted
-        self._frames = 0
+        # At first every size is computed, because repeats may lower the rate that a file declares.
+        self._dpcs = {n: self._new_dpc(n) for n in range(1, _MOST_INTERVALS + 1)}
+        self._unwanted = dict.fromkeys(self._dpcs, 0)  # frames since each size was wanted
 
     def _new_dpc(self, intervals: int) -> SharedLayer[Dpc]:
         height, width = (max(1, length // (2 * intervals)) for length in self._shape)
@@ -55,10 +55,7 @@ class _SmallerFrames:
         better, the present size is used until the motion in the new size has lasted long enough.
         """
         wanted = _intervals_of(usual_step)
-        self._frames += 1
-        # For the first frames no former size is kept: their usual step is not yet known.
-        most = _KEPT if self._frames > _KEPT else 0
-        former = {n: count + 1 for n, count in self._unwanted.items() if count < most}
+        former = {n: count + 1 for n, count in self._unwanted.items() if count < _KEPT}
         self._unwanted = former | {wanted: 0}
         self._dpcs = {n: self._dpcs.get(n) or self._new_dpc(n) for n in self._unwanted}
         for n, dpc in self._dpcs.items():

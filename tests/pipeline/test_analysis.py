@@ -25,7 +25,7 @@ from oppload_cli.results.alarms import AlarmLog
 from oppload_cli.video.frames import WorkingSize
 from tests.detection.showing import approaching
 from tests.media import disk, looming, texture, write_video
-from tests.presets import REFERENCE
+from tests.presets import DEFAULT, REFERENCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -49,11 +49,13 @@ def eight_bits(frames: list[np.ndarray]) -> list[np.ndarray]:
     return [(frame * 255).round().astype(np.uint8) for frame in frames]
 
 
+@pytest.mark.parametrize(
+    "params", [[REFERENCE, DlgmdParams()], [DEFAULT]], ids=["plain", "smaller"]
+)
 def test_content_that_is_slower_than_its_file_answers_as_it_would_at_its_own_rate(
-    tmp_path: Path,
+    tmp_path: Path, params: list[Parameters]
 ) -> None:
     frames = eight_bits(looming(120, 60, 60, 10))
-    params = [REFERENCE, DlgmdParams()]  # which does not depend on the frame rate
     own = records(write_video(tmp_path / "own.mkv", frames, rate=10), params)
     thrice = [frame for frame in frames for _ in range(3)]
     copied = records(write_video(tmp_path / "copied.mkv", thrice, rate=30), params)
