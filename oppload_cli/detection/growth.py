@@ -187,8 +187,8 @@ class Growth(NamedTuple):
     error: float
 
 
-class Picture:
-    """A frame, and on demand the same frame at 1/2, 1/4 ... of its size.
+class Pyramid:
+    """A working frame, and on demand the same frame at 1/2, 1/4 ... of its size.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ class Picture:
         return np.asarray(samples, np.float32)
 
 
-def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) -> Growth | None:
+def growth(now: Pyramid, before: Pyramid, region: Region, start: float = 0.0) -> Growth | None:
     """Measure how much the content of a region has grown since an earlier frame.
 
     Let p be a point of the region, measured from the region's middle. In the earlier frame the same
@@ -243,7 +243,7 @@ def growth(now: Picture, before: Picture, region: Region, start: float = 0.0) ->
 
     Parameters
     ----------
-    now, before : Picture
+    now, before : Pyramid
         The later and the earlier frame.
     region : tuple of float
         Centre (x, y) and half sizes in the later frame, in its pixels.
@@ -376,15 +376,15 @@ class Contact:
         if self._params.least_frames <= kept.sum() < len(kept):
             times, contacts, errors = times[kept], contacts[kept], errors[kept]
             contact, error, _ = _mean(contacts, errors)
-        left = contact - time_s
-        grown = (contact - times[0]) / left if left > 0 else 0.0
+        remaining = contact - time_s
+        grown = (contact - times[0]) / remaining if remaining > 0 else 0.0
         # Growths over overlapping times are not independent, so that the error is larger.
         error *= math.sqrt(max(1.0, passed.mean() * (len(passed) - 1) / span))
         of_one = float(np.mean(errors**-2)) ** -0.5
-        largest = self._params.largest_error * left
+        largest = self._params.largest_error * remaining
         # If one growth is lacking, the others may agree by chance: their own error must be small.
         sure = error < largest and (lacking <= 0 or of_one < largest / 2)
-        return (left, of_one) if sure and grown >= self._params.least_growth else None
+        return (remaining, of_one) if sure and grown >= self._params.least_growth else None
 
 
 def _mean(values: Floats, errors: Floats) -> tuple[float, float, Floats]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import cv2
 import numpy as np
 
-from oppload_cli.detection.growth import Contact, Extent, Picture, Products, growth
+from oppload_cli.detection.growth import Contact, Extent, Products, Pyramid, growth
 from oppload_cli.detection.parameters import PlaceParams
 from oppload_cli.models.detector import Box
 from oppload_cli.models.timebase import NEARLY_ONE
@@ -75,10 +75,10 @@ class Detection(NamedTuple):
 
     def after(self, passed_s: float) -> Detection:
         """Return the same object `passed_s` seconds later, without a new measurement."""
-        left = self.time_to_contact_s and self.time_to_contact_s - passed_s
-        if left is None or left <= 0:
+        remaining_s = self.time_to_contact_s and self.time_to_contact_s - passed_s
+        if remaining_s is None or remaining_s <= 0:
             return self._replace(time_to_contact_s=None, time_to_contact_error_s=None)
-        return self._replace(time_to_contact_s=left)
+        return self._replace(time_to_contact_s=remaining_s)
 
 
 _NEIGHBOURS = np.ones((3, 3), np.uint8)
@@ -125,9 +125,9 @@ def _focus(maps: UnitMaps, row: int, column: int) -> tuple[float, float]:
 
 
 def _shares_field(maps: UnitMaps, row: int, column: int, peak: _Peak) -> bool:
-    apart_x = abs(maps.centres_x[column] - maps.centres_x[peak.column])
-    apart_y = abs(maps.centres_y[row] - maps.centres_y[peak.row])
-    return bool(max(apart_x, apart_y) < maps.field / 2)
+    across = abs(maps.centres_x[column] - maps.centres_x[peak.column])
+    down = abs(maps.centres_y[row] - maps.centres_y[peak.row])
+    return bool(max(across, down) < maps.field / 2)
 
 
 def _top(values: Map, centres: Floats, index: int) -> float:
@@ -206,7 +206,7 @@ class Places:
         self._tracks: list[Track] = []
         self._count = 0
         self._before_s: float | None = None
-        self._pictures: deque[tuple[float, Picture]] = deque()
+        self._frames: deque[tuple[float, Pyramid]] = deque()
 
     def step(self, maps: UnitMaps, luma: Map, time_s: float) -> list[Track]:
         """Find the objects of the latest frame.
@@ -250,9 +250,9 @@ class Places:
     def _look(self, luma: Map, time_s: float) -> None:
         """Keep this frame, and the youngest frame that is at least an interval older."""
         old_s = time_s - _YOUNGEST * self._interval_s
-        while len(self._pictures) > 1 and self._pictures[1][0] <= old_s:
-            self._pictures.popleft()
-        self._pictures.append((time_s, Picture(luma)))
+        while len(self._frames) > 1 and self._frames[1][0] <= old_s:
+            self._frames.popleft()
+        self._frames.append((time_s, Pyramid(luma)))
 
     def _owner(self, peak: _Peak) -> Track | None:
         x, y = self._maps.centres_x[peak.column], self._maps.centres_y[peak.row]
@@ -273,7 +273,7 @@ class Places:
             self._count, peak.row, peak.column, *place, extent, peak.response, time_s, contact
         )
         self._tracks.append(track)
-        self._time(track, time_s)
+        self._estimate_contact(track, time_s)
         return track
 
     def _measured(self, row: int, column: int, x: float, y: float) -> Extent | None:
@@ -296,23 +296,21 @@ class Places:
         track.row, track.column, track.x, track.y = row, column, x, y
         track.extent = extent or track.extent
         track.response, track.seen_s = peak.response, time_s
-        self._time(track, time_s)
+        self._estimate_contact(track, time_s)
 
-    def _time(self, track: Track, time_s: float) -> None:
+    def _estimate_contact(self, track: Track, time_s: float) -> None:
         track.time_to_contact_s = track.time_to_contact_error_s = None
         if not self._products:
             return
-        before_s, before = self._pictures[0]
+        before_s, before = self._frames[0]
         passed_s = time_s - before_s
         if passed_s > 0 and passed_s >= _YOUNGEST * self._interval_s:
             region = track.x, track.y, _AROUND * track.extent.x, _AROUND * track.extent.y
             start = track.contact.expected(time_s, before_s)
-            found = growth(self._pictures[-1][1], before, region, start)
-            if found:
+            if found := growth(self._frames[-1][1], before, region, start):
                 track.contact.add(time_s, passed_s, found)
-        left = track.contact.remaining(time_s)
-        if left:
-            track.time_to_contact_s, track.time_to_contact_error_s = left
+        if remaining := track.contact.remaining(time_s):
+            track.time_to_contact_s, track.time_to_contact_error_s = remaining
 
 
 class Detections:
@@ -358,16 +356,16 @@ class Detections:
             for each in found
         )
 
-    def of_box(self, answer: Response) -> tuple[Detection, ...]:
-        """Return the only object of a detector without units: the box of its answer.
+    def of_box(self, response: Response) -> tuple[Detection, ...]:
+        """Return the only object of a detector without units: the box of its response.
 
-        The box of `answer` is in working pixels.
+        The box of `response` is in working pixels.
         """
-        if answer.box is None:
+        if response.box is None:
             return ()
-        box = answer.box
+        box = response.box
         source, centre = self._in_source(*box.centre, box.width / 2, box.height / 2)
-        return (Detection(1, source, *centre, answer.response, False, None),)
+        return (Detection(1, source, *centre, response.response, False, None),)
 
     def _detection(self, track: Track) -> Detection:
         box, centre = self._in_source(track.x, track.y, track.extent.x, track.extent.y)

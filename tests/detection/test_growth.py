@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from oppload_cli.detection.growth import SIDE, Growth, Picture, Products, growth
+from oppload_cli.detection.growth import SIDE, Growth, Products, Pyramid, growth
 from oppload_cli.models.detector import UnitMaps
 from tests.media import disk
 
@@ -26,7 +26,7 @@ def patterned(scale: float, x: float = 150, y: float = 110) -> Luma:
 
 
 def grown(now: Luma, before: Luma, region: tuple[float, float, float, float] = REGION) -> Growth:
-    found = growth(Picture(now), Picture(before), region)
+    found = growth(Pyramid(now), Pyramid(before), region)
     assert found is not None
     return found
 
@@ -45,7 +45,7 @@ def test_what_only_moves_does_not_grow() -> None:
 
 
 def test_a_large_growth_is_found_from_a_start_near_it() -> None:
-    now, before = Picture(patterned(2.5)), Picture(patterned(1))
+    now, before = Pyramid(patterned(2.5)), Pyramid(patterned(1))
     found, lost = (growth(now, before, REGION, start) for start in (-0.55, 0.0))
     assert found is not None
     assert found.shrinkage == pytest.approx(1 / 2.5 - 1, rel=0.02)
@@ -70,7 +70,7 @@ def test_a_noisy_edge_that_moves_is_no_sure_growth(moved: int) -> None:
     frames = []
     for at in (150, 150 - moved):
         edge = np.clip((columns - at) / 6, 0, 1) + 0.02 * rng.standard_normal((HEIGHT, WIDTH))
-        frames.append(Picture(np.asarray(edge + 0.1, np.float32)))
+        frames.append(Pyramid(np.asarray(edge + 0.1, np.float32)))
     found = growth(frames[0], frames[1], REGION)
     assert found is None or found.error > -0.2 * found.shrinkage
 
@@ -85,13 +85,13 @@ def test_noise_alone_is_no_growth() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         now, before = (rng.random((HEIGHT, WIDTH), np.float32) for _ in range(2))
-        found = growth(Picture(now), Picture(before), REGION)
+        found = growth(Pyramid(now), Pyramid(before), REGION)
         assert found is None or found.error > 0.2 * -found.shrinkage
 
 
 def test_what_the_frames_do_not_show_has_no_growth() -> None:
-    picture = Picture(patterned(1))
-    assert growth(picture, picture, (-60, 110, 60, 50)) is None
+    pyramid = Pyramid(patterned(1))
+    assert growth(pyramid, pyramid, (-60, 110, 60, 50)) is None
 
 
 def test_an_object_without_width_has_a_size() -> None:
@@ -109,22 +109,22 @@ def test_an_object_without_width_has_a_size() -> None:
 def test_samples_are_taken_where_they_are_said_to_be() -> None:
     """On a slope of luminance, at every level."""
     across, down = np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5)
-    picture = Picture(np.asarray((across + 2 * down) / 1000, np.float32))
+    pyramid = Pyramid(np.asarray((across + 2 * down) / 1000, np.float32))
     along = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1
     wanted = (150 + 60 * along[None, :] + 2 * (110 + 50 * along[:, None])) / 1000
     for level in range(4):
-        assert picture.samples(REGION, level) == pytest.approx(wanted, abs=1e-3)
-    assert (picture.samples((0, 110, 60, 50), 1)[:, : SIDE // 2 - 1] < 0).all()
+        assert pyramid.samples(REGION, level) == pytest.approx(wanted, abs=1e-3)
+    assert (pyramid.samples((0, 110, 60, 50), 1)[:, : SIDE // 2 - 1] < 0).all()
 
 
 def test_a_picture_stays_as_it_was_taken() -> None:
     memory = patterned(1)
-    picture = Picture(memory)
-    before = picture.samples(REGION, 0)
+    pyramid = Pyramid(memory)
+    before = pyramid.samples(REGION, 0)
     memory[:] = 0
-    np.testing.assert_array_equal(picture.samples(REGION, 0), before)
+    np.testing.assert_array_equal(pyramid.samples(REGION, 0), before)
 
 
 def test_frames_of_one_pixel_have_all_levels() -> None:
-    picture = Picture(np.full((1, 1), 0.25, np.float32))
-    assert picture.samples((0.5, 0.5, 0.1, 0.1), 3).shape == (SIDE, SIDE)
+    pyramid = Pyramid(np.full((1, 1), 0.25, np.float32))
+    assert pyramid.samples((0.5, 0.5, 0.1, 0.1), 3).shape == (SIDE, SIDE)
