@@ -54,7 +54,7 @@ class Toy(Detector):
     meaning = "share of the pixels that darkened since the frame before"
     columns = (Column("darkest", "0 to 1", "largest darkening of a pixel"),)
     details = (Column("count", "px", "how many pixels darkened"),)
-    parameters, answers, places = ToyParams, ToyResponse, True
+    parameters, responses, places = ToyParams, ToyResponse, True
     year, reference, answers_to, made_for, cost_ms = 2021, "Somebody", "darkening", "tests", 0.5
     alarm_floors: ClassVar = {"default": 0.02}
     before: Map | None = None
@@ -408,8 +408,10 @@ def test_without_its_line_nothing_knows_of_it(capsys: Capture) -> None:
 
 
 def test_a_column_that_its_answers_lack_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Toy, "answers", Response)
-    with pytest.raises(ParameterError, match="its column 'darkest' must be a field of its answers"):
+    monkeypatch.setattr(Toy, "responses", Response)
+    with pytest.raises(
+        ParameterError, match="its column 'darkest' must be a field of its responses"
+    ):
         registry.register(Toy)
 
 

@@ -6,9 +6,9 @@ best, layers, units = 0.0, {}, None
 with oppload.open_source("controls/looming-perspective", preset="reference") as frames:
     model = oppload.Opplod(frames.working.shape, oppload.parameters_of("opplod", "reference"))
     for frame in frames:
-        answer = model.step(frame.luma)
-        if answer is not None and answer.response > best:
-            best, units = answer.response, model.units.responses.copy()
+        response = model.step(frame.luma)
+        if response is not None and response.response > best:
+            best, units = response.response, model.units.responses.copy()
             layers = {name: values.copy() for name, values in model.maps.items()}
 print({name: round(float(values.mean()), 6) for name, values in layers.items()})
 print("strongest unit (row, column):", divmod(int(units.argmax()), units.shape[1]))

@@ -33,7 +33,7 @@ class AreaGrowthParams(Parameters):
 
 @dataclass(frozen=True)
 class AreaGrowthResponse(Response):
-    """The answer of area growth, with its inner values."""
+    """The response of area growth, with its inner values."""
 
     area: int = inner(0, "px", "count of the pixels that differ from frame 0")
     size: float = inner(0.0, "px", "square root of the area")
@@ -58,7 +58,7 @@ class AreaGrowth(Detector):
     meaning = "relative growth of the area that differs from the first frame"
     unit = "1/frame"
     response_column = "1/frame", "growth of the size, divided by the size, at least 0"
-    answers = AreaGrowthResponse
+    responses = AreaGrowthResponse
     parameters = AreaGrowthParams
     alarm_floors: ClassVar = {"default": 0.1}
     evaluated = False

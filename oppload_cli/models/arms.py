@@ -160,8 +160,8 @@ class ArmsJudgement(CellJudgement):
     def judge(self, dpc: Dpc) -> OpplodResponse:
         """Judge the motion of one frame.
 
-        The answer is that of the unit with the largest R, the sum of its arms' responses. The
-        unit's response is ``c2 (R - T_o)^p`` if R is above T_o, else 0.
+        The response is that of the unit with the largest R, the sum of its arms' responses:
+        ``c2 (R - T_o)^p`` if R is above T_o, else 0.
         """
         params, elapsed = self._params, dpc.photoreceptors.elapsed
         amount, motion = self.pooled(dpc)

@@ -75,7 +75,7 @@ class Column(NamedTuple):
 
 @dataclass(frozen=True)
 class Response:
-    """The answer of a detector to one frame.
+    """The response of a detector to one frame, with its place and its inner values.
 
     A subclass has a field for each column of its detector.
 
@@ -98,7 +98,7 @@ class Response:
 
 
 def inner(default: float, unit: str, meaning: str) -> Any:
-    """Declare an inner value of an answer: a field of its class, and a column of the table.
+    """Declare an inner value of a response: a field of its class, and a column of the table.
 
     `default` is the value if nothing changes in the frame; `unit` and `meaning` are the column's.
     """
@@ -145,7 +145,7 @@ class UnitMaps(NamedTuple):
 
 
 class Detector(ABC):
-    """A model that answers each frame of one video with a response.
+    """A model that responds to each frame of one video.
 
     Parameters
     ----------
@@ -171,12 +171,12 @@ class Detector(ABC):
     response_column : tuple of str
         Unit and meaning of the column ``NAME_response``.
     columns : tuple of Column
-        The detector's own columns; each is a field of `answers`, with a default.
+        The detector's own columns; each is a field of `responses`, with a default.
     details : tuple of Column
         Columns for the inner values that the authors publish; the table has them only with
-        ``--columns all``. By default the fields of `answers` that :func:`inner` declares.
-    answers : type of Response
-        The class of its answers.
+        ``--columns all``. By default the fields of `responses` that :func:`inner` declares.
+    responses : type of Response
+        The class of its responses.
     parameters : type of Parameters
         The class of its parameters.
     presets : mapping of str to Parameters
@@ -204,7 +204,7 @@ class Detector(ABC):
     least_size : tuple of int
         The least height and width of the frames, in px.
     warm_up : int
-        Number of intervals at the start without an answer.
+        Number of intervals at the start without a response.
     places : bool
         Whether the responses have boxes, and `units` shows where objects loom.
 
@@ -229,7 +229,7 @@ class Detector(ABC):
     response_column: ClassVar[tuple[str, str]] = ("", "response; empty during warm-up")
     columns: ClassVar[tuple[Column, ...]] = ()
     details: ClassVar[tuple[Column, ...]] = ()
-    answers: ClassVar[type[Response]] = Response
+    responses: ClassVar[type[Response]] = Response
     parameters: ClassVar[type[Parameters]] = Parameters
     presets: ClassVar[Mapping[str, Parameters]] = {}
     alarm_floors: ClassVar[Mapping[str, float]] = {DEFAULT_PRESET: 0.0}
@@ -260,13 +260,13 @@ class Detector(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if "answers" in vars(cls) and "details" not in vars(cls):
-            declared = [each for each in fields(cls.answers) if "column" in each.metadata]
+        if "responses" in vars(cls) and "details" not in vars(cls):
+            declared = [each for each in fields(cls.responses) if "column" in each.metadata]
             cls.details = tuple(Column(each.name, *each.metadata["column"]) for each in declared)
 
     @abstractmethod
     def step(self, luma: Map) -> Response | None:
-        """Take the next frame and return the answer to it; None during warm-up.
+        """Take the next frame and return the response to it; None during warm-up.
 
         The frame's presentation time, if known, is ``self.layers.time_s``.
 
@@ -298,11 +298,11 @@ class Detector(ABC):
             )
 
     def at_rest(self) -> Response:
-        """Return the answer to a frame in which nothing changed: a response of 0.
+        """Return the response, 0, to a frame in which nothing changed.
 
         A subclass keeps the latest value of inner values that last longer than the motion.
         """
-        return self.answers(0.0)
+        return self.responses(0.0)
 
     @property
     def maps(self) -> dict[str, Map]:

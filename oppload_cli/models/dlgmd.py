@@ -42,7 +42,7 @@ class DlgmdParams(DpcParams):
 
 @dataclass(frozen=True)
 class DlgmdResponse(Response):
-    """The answer of D-LGMD to one frame.
+    """The response of D-LGMD to one frame.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class Dlgmd(Detector):
     unit = "mean of G"
     response_column = "0 to 1", "mean over the frame of G, the grouped map of D-LGMD"
     columns = (Column("s", "", "mean over the frame of S, the presynaptic sum of D-LGMD"),)
-    answers = DlgmdResponse
+    responses = DlgmdResponse
     parameters = DlgmdParams
     alarm_floors: ClassVar = {"default": 0.01}
     by_default = True

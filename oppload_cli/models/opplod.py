@@ -148,7 +148,7 @@ class Opplod(Detector):
     cost_ms = 2.6
     meaning = "OppLoD: DPC, directional inhibition, opponency, enhancing"
     response_column = "", "enhanced response of OppLoD; empty during warm-up"
-    answers = OpplodResponse
+    responses = OpplodResponse
     parameters = OpplodParams
     presets: ClassVar = {
         "reference": _REFERENCE,
@@ -221,7 +221,7 @@ class Opplod(Detector):
                 part.reset()
 
     def at_rest(self) -> OpplodResponse:
-        """Return the answer to a frame in which nothing changed: a response of 0.
+        """Return the response, 0, to a frame in which nothing changed.
 
         The calcium signal keeps its latest value, so that it does not change during a few repeats.
         In a scene at rest it falls, because then the detector gets every frame.

@@ -1,4 +1,4 @@
-"""The parameters of OppLoD (``docs/model.md``, sections 4 and 5), and its answer."""
+"""The parameters of OppLoD (``docs/model.md``, sections 4 and 5), and its response."""
 
 from __future__ import annotations
 
@@ -299,7 +299,7 @@ class OpplodParams(DpcParams):
 
 @dataclass(frozen=True)
 class OpplodResponse(Response):
-    """The answer of OppLoD to one frame.
+    """The response of OppLoD to one frame.
 
     Attributes
     ----------

@@ -377,7 +377,7 @@ class PooledJudgement(CellJudgement):
         Returns
         -------
         OpplodResponse
-            The answer of the unit with the largest R: ``c2 R^2`` if R is above T_o, else 0.
+            The response of the unit with the largest R: ``c2 R^2`` if R is above T_o, else 0.
         """
         params, photoreceptors = self._params, dpc.photoreceptors
         if bars != self._bars:

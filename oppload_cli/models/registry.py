@@ -119,12 +119,12 @@ def register(detector: type[Detector]) -> type[Detector]:
         if column in taken:
             raise ParameterError(f"{where}: its column '{column}' is taken; choose another name")
         taken.add(column)
-    fields = detector.answers.__dataclass_fields__
+    fields = detector.responses.__dataclass_fields__
     for own in (*detector.columns, *detector.details):
         if own.name not in fields:
             raise ParameterError(
-                f"{where}: its column '{own.name}' must be a field of its answers, "
-                f"{detector.answers.__name__}"
+                f"{where}: its column '{own.name}' must be a field of its responses, "
+                f"{detector.responses.__name__}"
             )
     _detectors[detector.name] = detector
     return detector
@@ -321,7 +321,7 @@ class DetectorBank:
     shape : tuple of int
         Height and width of the working frames.
     params : sequence of Parameters
-        One set for each detector; the answers have the same order.
+        One set for each detector; the responses have the same order.
     frame_rate : float, optional
         Frames per second of the video, if known.
     time : TimeParams, optional
@@ -342,8 +342,8 @@ class DetectorBank:
     >>> import numpy as np, oppload_cli as oppload
     >>> bank = oppload.DetectorBank((48, 64), [oppload.DlgmdParams()], frame_rate=30)
     >>> for luma in np.zeros((5, 48, 64), np.float32):
-    ...     answers = bank.step(luma)
-    >>> answers
+    ...     responses = bank.step(luma)
+    >>> responses
     {'dlgmd': DlgmdResponse(response=0.0, box=None, s=0.0)}
     """
 
@@ -358,7 +358,7 @@ class DetectorBank:
             raise ParameterError("no model is chosen; name at least one")
         self._layers = layers = Layers(shape, Clock(time, frame_rate))
         self._photoreceptors = layers.photoreceptors()
-        self._answered: set[str] = set()
+        self._responded: set[str] = set()
         self.detectors: dict[str, Detector] = {}
         for each in params:
             kind = detector_of(each)
@@ -379,16 +379,16 @@ class DetectorBank:
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._answered.clear()
+        self._responded.clear()
         self._photoreceptors.reset()
         for detector in self.detectors.values():
             detector.reset()
 
     def step(self, luma: Map, time_s: float | None = None) -> dict[str, Response | None]:
-        """Take the next frame; return every detector's answer by name.
+        """Take the next frame; return every detector's response by name.
 
-        A detector's answer is None only during its warm-up. If its `step` returns None later, its
-        answer to a frame without change (`at_rest`) is returned instead.
+        A detector's response is None only during its warm-up. If its `step` returns None later, its
+        response to a frame without change (`at_rest`) is returned instead.
 
         Parameters
         ----------
@@ -402,7 +402,7 @@ class DetectorBank:
         FrameError
             If the array is not a luminance image of the right shape.
         DetectorError
-            If a detector returns something other than None or a valid instance of its `answers`,
+            If a detector returns something other than None or a valid instance of its `responses`,
             or if a detector that a user has registered raises an error.
         """
         self._layers.clock.time_s = time_s
@@ -410,31 +410,33 @@ class DetectorBank:
         luma = luma.view()
         luma.flags.writeable = False
         self._photoreceptors.step(luma)
-        answers = {name: _answer(each, luma) for name, each in self.detectors.items()}
-        self._answered |= {name for name, answer in answers.items() if answer is not None}
-        return {n: self._at_rest(n) if each is None else each for n, each in answers.items()}
+        responses = {name: _response_of(each, luma) for name, each in self.detectors.items()}
+        self._responded |= {name for name, each in responses.items() if each is not None}
+        return {n: self._at_rest(n) if each is None else each for n, each in responses.items()}
 
     def at_rest(self, intervals: float) -> dict[str, Response | None]:
-        """Return every detector's answer to a frame in which nothing changed.
+        """Return every detector's response to a frame in which nothing changed.
 
-        The answer is None unless the detector has answered before. If nothing has changed since
-        the start of the video, `step` has taken only one frame. Then a detector answers as soon as
+        The response is None unless the detector has responded before. If nothing has changed since
+        the start of the video, `step` has taken only one frame. Then a detector responds as soon as
         `intervals`, the number of intervals since the start, has reached its warm-up.
         """
         if self._photoreceptors.layer.frames == 1:
-            self._answered |= {n for n, each in self.detectors.items() if intervals >= each.warm_up}
+            self._responded |= {
+                n for n, each in self.detectors.items() if intervals >= each.warm_up
+            }
         return {name: self._at_rest(name) for name in self.detectors}
 
     def _at_rest(self, name: str) -> Response | None:
-        return self.detectors[name].at_rest() if name in self._answered else None
+        return self.detectors[name].at_rest() if name in self._responded else None
 
 
-def _answer(detector: Detector, luma: Map) -> Response | None:
+def _response_of(detector: Detector, luma: Map) -> Response | None:
     with _named(type(detector), "its step failed"):
-        answer = detector.step(luma)
-    if answer is not None and (fault := _fault(detector, answer)):
+        response = detector.step(luma)
+    if response is not None and (fault := _fault(detector, response)):
         raise DetectorError(f"detector '{detector.name}': its step returned {fault}")
-    return answer
+    return response
 
 
 @contextmanager
@@ -452,12 +454,12 @@ def _named(detector: type[Detector], fault: str) -> Iterator[None]:
         ) from error
 
 
-def _fault(detector: Detector, answer: object) -> str:
-    """Return a text that says why an answer is not valid; empty for a valid answer."""
-    if not isinstance(answer, detector.answers):
-        return f"{type(answer).__name__}, not a {detector.answers.__name__} or None"
-    response: object = answer.response  # a user's detector may ignore the types
-    box: object = answer.box
+def _fault(detector: Detector, returned: object) -> str:
+    """Return a text that says why a response is not valid; empty for a valid one."""
+    if not isinstance(returned, detector.responses):
+        return f"{type(returned).__name__}, not a {detector.responses.__name__} or None"
+    response: object = returned.response  # a user's detector may ignore the types
+    box: object = returned.box
     if not isinstance(response, int | float | np.floating) or not 0 <= response < math.inf:
         return f"a response of {response!r:.60}, not a finite number of at least 0"
     if box is not None and not (isinstance(box, Box) and all(map(math.isfinite, box))):

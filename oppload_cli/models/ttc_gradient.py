@@ -44,7 +44,7 @@ class TtcGradientParams(Parameters):
 
 @dataclass(frozen=True)
 class TtcGradientResponse(Response):
-    """The answer of time to contact, with its inner values."""
+    """The response of time to contact, with its inner values."""
 
     a: float = inner(0.0, "px/frame", "horizontal motion at the centre of the frame")
     b: float = inner(0.0, "px/frame", "vertical motion at the centre of the frame")
@@ -77,7 +77,7 @@ class TtcGradient(Detector):
     meaning = "time to contact from brightness gradients: largest expansion of a window"
     unit = "1/frame"
     response_column = "1/frame", "expansion of the best window, weighted with its r2"
-    answers = TtcGradientResponse
+    responses = TtcGradientResponse
     parameters = TtcGradientParams
     alarm_floors: ClassVar = {"default": 0.1}
     evaluated = False

@@ -326,7 +326,7 @@ class WorkingSize(NamedTuple):
 
         `height` is the working height in pixels; None keeps the native size. If the picture is
         higher than wide, `height` is its width, so that a camera turned by 90 degrees gives the
-        same answers. Raises ParameterError if `height` is not an integer of at least 1, or if the
+        same results. Raises ParameterError if `height` is not an integer of at least 1, or if the
         frame would be too large.
         """
         if height is not None and not is_integer(height, 1):

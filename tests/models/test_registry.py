@@ -46,7 +46,7 @@ class OtherResponse(Response):
 class Other(Detector):
     name, label, colour, meaning = "other", "Other", "#123456", "for this test"
     columns = (Column("left", "px", "a column"), Column("y_left", "px", "another column"))
-    answers = OtherResponse
+    responses = OtherResponse
     parameters = OtherParams
 
     def step(self, _: Map) -> Response:
@@ -84,13 +84,13 @@ def test_inner_values_are_columns_unless_a_detector_gives_others() -> None:
         up: float = inner(0.5, "px", "a value inside")
 
     class Default(Other):
-        answers = Inner
+        responses = Inner
 
     class Variant(Default):
         pass
 
     class Chosen(Other):
-        answers, details = Inner, (Column("left", "px", "a column"),)
+        responses, details = Inner, (Column("left", "px", "a column"),)
 
     assert Inner(1.0).up == 0.5
     assert Default.details == Variant.details == (Column("up", "px", "a value inside"),)
@@ -202,9 +202,15 @@ def test_no_detector_may_have_a_column_that_every_result_has(column: str) -> Non
         ({"name": "luma", "columns": (Column("change", "", "a"),)}, "'luma_change' is taken"),
         ({"name": "frame", "columns": (Column("difference_alarm", "", "a"),)}, "_alarm' is taken"),
         ({"name": "flow", "columns": (Column("vectors", "", "a"),)}, "'flow_vectors' is taken"),
-        ({"columns": (Column("A b", "", "a"),)}, "its column 'A b' must be a field of its answers"),
-        ({"columns": (Column("right", "", "a"),)}, "'right' must be a field of its answers, Other"),
-        ({"answers": Response}, "its column 'left' must be a field of its answers, Response"),
+        (
+            {"columns": (Column("A b", "", "a"),)},
+            "its column 'A b' must be a field of its responses",
+        ),
+        (
+            {"columns": (Column("right", "", "a"),)},
+            "'right' must be a field of its responses, Other",
+        ),
+        ({"responses": Response}, "its column 'left' must be a field of its responses, Response"),
         ({"parameters": DlgmdParams}, "its parameters, DlgmdParams, are those of another"),
     ],
 )

@@ -42,7 +42,7 @@ class CiLmdParams(Parameters):
 
 @dataclass(frozen=True)
 class CiLmdResponse(Response):
-    """The answer of ci_lmd, with the value that its authors publish."""
+    """The response of ci_lmd, with the value that its authors publish."""
 
     ci_lmd: float = inner(
         0.5, "0.5 to 1", "sigmoid of the sum of G, divided by 0.9 times the number of pixels"
@@ -68,7 +68,7 @@ class CiLmd(ChangeDetector):
     meaning = "cross-inhibition of ON and OFF after a difference of Gaussians"
     unit = "grey levels"
     response_column = "grey levels", "sum of G, divided by the number of pixels"
-    answers = CiLmdResponse
+    responses = CiLmdResponse
     parameters = CiLmdParams
     alarm_floors: ClassVar = {"default": 9.0}
     year = 2026
@@ -83,7 +83,7 @@ class CiLmd(ChangeDetector):
     def _forget(self) -> None:
         self._on = self._off = self._zeros()
 
-    def _answer(self, p: Plane) -> CiLmdResponse:
+    def _respond(self, p: Plane) -> CiLmdResponse:
         params, d = self.params, _difference(p)
         brighter = positive(d)
         on = cv2.scaleAdd(self._on, DECAY, brighter)

@@ -47,7 +47,7 @@ class EmdLplc2GfParams(Parameters):
 
 @dataclass(frozen=True)
 class EmdLplc2GfResponse(Response):
-    """The answer of EMD-LPLC2-GF to one frame, with its inner values."""
+    """The response of EMD-LPLC2-GF to one frame, with its inner values."""
 
     active: int = inner(0, "", "units above 0")
     lplc2_sum: float = inner(0.0, "", "sum of all units")
@@ -148,7 +148,7 @@ class EmdLplc2Gf(ChangeDetector):
     made_for = "200 x 150 px, 100 frames/s"
     cost_ms = 1.8
     least_size = (8, 8)
-    answers = EmdLplc2GfResponse
+    responses = EmdLplc2GfResponse
     parameters = EmdLplc2GfParams
     alarm_floors: ClassVar = {"default": 1.0}
     places = True
@@ -167,10 +167,10 @@ class EmdLplc2Gf(ChangeDetector):
         self._voltage, self._input, self._active, self._collision = _REST_MV, 0.0, 0, 0
 
     def at_rest(self) -> EmdLplc2GfResponse:
-        """Return the answer to a frame in which nothing changed: a response of 0."""
+        """Return the response, 0, to a frame in which nothing changed."""
         return EmdLplc2GfResponse(0.0, v_end=self._voltage, collision=self._collision)
 
-    def _answer(self, p: Plane) -> EmdLplc2GfResponse:
+    def _respond(self, p: Plane) -> EmdLplc2GfResponse:
         size = self._columns, self._rows
         if p.shape[::-1] != size:
             p = np.asarray(cv2.resize(p, size, interpolation=cv2.INTER_AREA), np.float64)

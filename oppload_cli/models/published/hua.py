@@ -227,7 +227,7 @@ class HuaLiteralParams(HuaFixedParams):
 
 @dataclass(frozen=True)
 class HuaResponse(Response):
-    """The answer of the model to one frame, with its inner values."""
+    """The response of the model to one frame, with its inner values."""
 
     q_right_down: float = inner(0.0, "", "outward motion in the lower right quadrant")
     q_left_down: float = inner(0.0, "", "outward motion in the lower left quadrant")
@@ -258,7 +258,7 @@ class HuaFixed(Detector):
     cost_ms = 4.5
     least_size = (8, 8)
     evaluated = False
-    answers = HuaResponse
+    responses = HuaResponse
     parameters: ClassVar[type[Parameters]] = HuaFixedParams
     alarm_floors: ClassVar = {"default": 7000.0}
     warm_up = _FIRST_FRAME
@@ -291,7 +291,7 @@ class HuaFixed(Detector):
         return HuaResponse(product**0.25, None, *values)
 
     def _quadrants(self) -> Any:
-        """Return the sums of the outward motion over the quadrants, in the order of the answer."""
+        """Return the sums of the outward motion over the quadrants, in the order of the columns."""
         across, down = self._motion.layer.sums
         below, above = self.way_below, 1 - self.way_below
         return np.array(

@@ -71,7 +71,7 @@ class Lgmd1GroupPaperParams(Lgmd1GroupParams):
 
 @dataclass(frozen=True)
 class Lgmd1GroupResponse(Response):
-    """The answer of lgmd1_group, with its inner values."""
+    """The response of lgmd1_group, with its inner values."""
 
     k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G, divided by the number of pixels")
     sum_abs_g: float = inner(0.0, "grey levels", "K, the sum of G")
@@ -83,7 +83,7 @@ class Lgmd1GroupResponse(Response):
 class _Persistent(ChangeDetector):
     """A detector that works on ``Q(t) = P(t) + p1 Q(t-1) + p2 Q(t-2)``.
 
-    The change from frame 0 to frame 1 is left out. A subclass defines `_answer_to`.
+    The change from frame 0 to frame 1 is left out. A subclass defines `_respond_to`.
     """
 
     warm_up = 0
@@ -94,19 +94,19 @@ class _Persistent(ChangeDetector):
         self._t = 0
         self._persistence = _PERSISTENCE["literal"]  # p1, p2
 
-    def _answer(self, p: Plane) -> Response:
+    def _respond(self, p: Plane) -> Response:
         self._t += 1
         if self._t == 1:
-            return self.answers(0.0)
+            return self.responses(0.0)
         before, earlier = self._q
         p1, p2 = self._persistence
         q = p + np.asarray(cv2.addWeighted(before, p1, earlier, p2, 0))
         self._q = [q, before]
-        return self._answer_to(q, before)
+        return self._respond_to(q, before)
 
     @abstractmethod
-    def _answer_to(self, q: Plane, before: Plane) -> Response:
-        """Answer to Q(t) and Q(t-1)."""
+    def _respond_to(self, q: Plane, before: Plane) -> Response:
+        """Respond to Q(t) and Q(t-1)."""
 
 
 class Lgmd1Group(_Persistent):
@@ -126,7 +126,7 @@ class Lgmd1Group(_Persistent):
     meaning = "LGMD1 with persistence and grouping"
     unit = "grey levels"
     response_column = "grey levels", "K, the sum of G, divided by the number of pixels"
-    answers = Lgmd1GroupResponse
+    responses = Lgmd1GroupResponse
     parameters = Lgmd1GroupParams
     alarm_floors: ClassVar = {"default": 200.0}
     year = 2006
@@ -141,7 +141,7 @@ class Lgmd1Group(_Persistent):
         super()._forget()
         self._persistence = _PERSISTENCE[self.params.persistence]
 
-    def _answer_to(self, q: Plane, before: Plane) -> Lgmd1GroupResponse:
+    def _respond_to(self, q: Plane, before: Plane) -> Lgmd1GroupResponse:
         i = self._thresholded(spread(self._thresholded(before), k3(0, 1 / 4, 1 / 8), ZERO))
         s = self._thresholded(q) - self.params.inhibition * i
         g, w = grouped(s, self.params.grouping, 0.01, ZERO)
@@ -188,7 +188,7 @@ class PlgmdParams(Parameters):
 
 @dataclass(frozen=True)
 class PlgmdResponse(Response):
-    """The answer of plgmd, with its inner values."""
+    """The response of plgmd, with its inner values."""
 
     k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G per pixel of the frame, first run")
     sum_abs_g: float = inner(0.0, "grey levels", "sum of G of the first run")
@@ -215,7 +215,7 @@ class Plgmd(_Persistent):
     meaning = "LGMD1 with grouping and random synapses"
     unit = "grey levels"
     response_column = "grey levels", "mean sum of G, divided by the number of pixels"
-    answers = PlgmdResponse
+    responses = PlgmdResponse
     parameters = PlgmdParams
     alarm_floors: ClassVar = {"default": 20.0}
     year = 2023
@@ -230,7 +230,7 @@ class Plgmd(_Persistent):
         super()._forget()
         self._random = np.random.SFC64(self.params.seed)
 
-    def _answer_to(self, q: Plane, before: Plane) -> PlgmdResponse:
+    def _respond_to(self, q: Plane, before: Plane) -> PlgmdResponse:
         sums = np.array([self._sum_of_g(q, before) for _ in range(self.params.runs)])
         potentials = np.array([sigmoid(each / self.pixels) for each in sums])
         spreads = [float(each.std(ddof=min(1, len(each) - 1))) for each in (potentials, sums)]

@@ -48,7 +48,7 @@ class Lgmd1OnoffParams(Parameters):
 
 @dataclass(frozen=True)
 class Lgmd1OnoffResponse(Response):
-    """The answer of lgmd1_onoff, with its inner values; `collision` stays once it is 1."""
+    """The response of lgmd1_onoff, with its inner values; `collision` stays once it is 1."""
 
     mp: float = inner(0.0, "grey levels", "membrane potential")
     smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
@@ -80,7 +80,7 @@ class Lgmd1Onoff(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike without a pause on"),)
-    answers = Lgmd1OnoffResponse
+    responses = Lgmd1OnoffResponse
     parameters = Lgmd1OnoffParams
     alarm_floors: ClassVar = {"default": 5.7}
     year = 2018
@@ -99,10 +99,10 @@ class Lgmd1Onoff(ChangeDetector):
         self._nsp = self._collision = 0
 
     def at_rest(self) -> Lgmd1OnoffResponse:
-        """Return the answer to a frame in which nothing changed: a response of 0."""
+        """Return the response, 0, to a frame in which nothing changed."""
         return Lgmd1OnoffResponse(0.0, collision=self._collision)
 
-    def _answer(self, p: Plane) -> Lgmd1OnoffResponse:
+    def _respond(self, p: Plane) -> Lgmd1OnoffResponse:
         self._t += 1
         self._ffi = low_passed(mean_change(p), self._ffi, self.ti, _TAUS[2])
         if self._ffi >= self.params.gate:

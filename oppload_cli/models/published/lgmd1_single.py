@@ -54,7 +54,7 @@ class Lgmd1SinglePaperParams(Lgmd1SingleParams):
 
 @dataclass(frozen=True)
 class Lgmd1SingleResponse(Response):
-    """The answer of lgmd1_single, with its inner values; `collision` stays once it is 1."""
+    """The response of lgmd1_single, with its inner values; `collision` stays once it is 1."""
 
     mp: float = inner(0.0, "grey levels", "membrane potential, the sum of s")
     smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
@@ -87,7 +87,7 @@ class Lgmd1Single(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
     columns = (Column("collision", "0 or 1", "1 from the fifth spike in a row on"),)
-    answers = Lgmd1SingleResponse
+    responses = Lgmd1SingleResponse
     parameters = Lgmd1SingleParams
     alarm_floors: ClassVar = {"default": 2.7}
     year = 2006
@@ -103,10 +103,10 @@ class Lgmd1Single(ChangeDetector):
         self._nsp = self._collision = 0
 
     def at_rest(self) -> Lgmd1SingleResponse:
-        """Return the answer to a frame in which nothing changed: a response of 0."""
+        """Return the response, 0, to a frame in which nothing changed."""
         return Lgmd1SingleResponse(0.0, collision=self._collision)
 
-    def _answer(self, p: Plane) -> Lgmd1SingleResponse:
+    def _respond(self, p: Plane) -> Lgmd1SingleResponse:
         e = np.abs(p) if self.params.variant == "paper" else p
         before, self._p_before = self._p_before, e
         ffi = mean_change(before)

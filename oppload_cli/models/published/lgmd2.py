@@ -54,7 +54,7 @@ class Lgmd2Params(Parameters):
 
 @dataclass(frozen=True)
 class Lgmd2Response(Response):
-    """The answer of lgmd2, with its inner values."""
+    """The response of lgmd2, with its inner values."""
 
     mp: float = inner(0.0, "grey levels", "membrane potential, the sum of G")
     smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
@@ -85,7 +85,7 @@ class Lgmd2(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
     columns = (Column("collision", "0 or 1", "1 where 8 spikes without a pause have come"),)
-    answers = Lgmd2Response
+    responses = Lgmd2Response
     parameters = Lgmd2Params
     alarm_floors: ClassVar = {"default": 1.7}
     year = 2019
@@ -103,7 +103,7 @@ class Lgmd2(ChangeDetector):
         self._adaptation = Adaptation(800, self.ti)
         self._pm, self._nsp = 0.0, 0
 
-    def _answer(self, p: Plane) -> Lgmd2Response:
+    def _respond(self, p: Plane) -> Lgmd2Response:
         params = self.params
         self._pm = low_passed(mean_change(p), self._pm, self.ti, 90)
         mediated = self._pm / params.mediation

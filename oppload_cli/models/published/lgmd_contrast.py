@@ -41,7 +41,7 @@ class LgmdContrastParams(Parameters):
 
 @dataclass(frozen=True)
 class LgmdContrastResponse(Response):
-    """The answer of lgmd_contrast, with its inner values."""
+    """The response of lgmd_contrast, with its inner values."""
 
     mp: float = inner(0.5, "0.5 to 1", "sigmoid of the sum of G; 0 for frame 0")
     sum_s: float = inner(0.0, "", "sum of S")
@@ -68,7 +68,7 @@ class LgmdContrast(ChangeDetector):
     colour = "#989A2B"
     meaning = "LGMD with contrast normalisation: nearly the same response at all contrasts"
     response_column = "", "sum of G, divided by the number of pixels"
-    answers = LgmdContrastResponse
+    responses = LgmdContrastResponse
     parameters = LgmdContrastParams
     alarm_floors: ClassVar = {"default": 0.27}
     year = 2022
@@ -83,10 +83,10 @@ class LgmdContrast(ChangeDetector):
     def _forget(self) -> None:
         self._m = self._zeros(), self._zeros()
 
-    def _first_answer(self) -> LgmdContrastResponse:
+    def _first_response(self) -> LgmdContrastResponse:
         return LgmdContrastResponse(0.0, mp=0.0)
 
-    def _answer(self, p: Plane) -> LgmdContrastResponse:
+    def _respond(self, p: Plane) -> LgmdContrastResponse:
         on = positive(p)
         before, self._m = self._m, (self._normalised(on), self._normalised(on - p))
         inhibitions = [spread(m, k3(0, 1 / 4, 1 / 8), MIRROR) for m in before]

@@ -54,7 +54,7 @@ class LgmdPlusParams(Parameters):
 
 @dataclass(frozen=True)
 class LgmdPlusResponse(Response):
-    """The answer of lgmd_plus, with its inner values; `collision` stays once it is 1."""
+    """The response of lgmd_plus, with its inner values; `collision` stays once it is 1."""
 
     mp: float = inner(0.0, "grey levels", "membrane potential, the sum of the low-passed G")
     smp: float = inner(0.5, "0.5 to 1", "sigmoid of the membrane potential")
@@ -85,7 +85,7 @@ class LgmdPlus(ChangeDetector):
     unit = "grey levels"
     response_column = "grey levels", "membrane potential, divided by the number of pixels"
     columns = (Column("collision", "0 or 1", "1 once the rate of spikes has reached 56 Hz"),)
-    answers = LgmdPlusResponse
+    responses = LgmdPlusResponse
     parameters = LgmdPlusParams
     alarm_floors: ClassVar = {"default": 2.1}
     year = 2020
@@ -107,10 +107,10 @@ class LgmdPlus(ChangeDetector):
         self._ffi, self._collision = 0.0, 0
 
     def at_rest(self) -> LgmdPlusResponse:
-        """Return the answer to a frame in which nothing changed: a response of 0."""
+        """Return the response, 0, to a frame in which nothing changed."""
         return LgmdPlusResponse(0.0, collision=self._collision)
 
-    def _answer(self, p: Plane) -> LgmdPlusResponse:
+    def _respond(self, p: Plane) -> LgmdPlusResponse:
         self._ffi = low_passed(mean_change(p), self._ffi, self.ti, 10)
         rest = 1 - self._ffi / _GATE
         tau_g = 10 * (rest if rest >= 0 else 0.5)

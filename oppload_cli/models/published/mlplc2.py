@@ -145,7 +145,7 @@ class Mlplc2Params(Parameters):
 
 @dataclass(frozen=True)
 class Mlplc2Response(Response):
-    """The answer of mLPLC2 to one frame, with its inner values."""
+    """The response of mLPLC2 to one frame, with its inner values."""
 
     max_mag: float = inner(0.0, "", "largest motion of a pixel")
     max_x: int = inner(0, "px", "column of the largest motion, working size")
@@ -183,7 +183,7 @@ class Mlplc2(ChangeDetector):
     made_for = "fields of 150 px, 30 frames/s"
     cost_ms = 2.1
     least_size = (15, 15)
-    answers = Mlplc2Response
+    responses = Mlplc2Response
     parameters = Mlplc2Params
     alarm_floors: ClassVar = {"default": 25_000.0}
     places = True
@@ -212,7 +212,7 @@ class Mlplc2(ChangeDetector):
         self._fields: list[_Attention] = []
         self._frames = self._opened = 0
 
-    def _answer(self, p: Plane) -> Mlplc2Response:
+    def _respond(self, p: Plane) -> Mlplc2Response:
         self._frames += 1
         # The present change goes into each slot in turn. So at every second frame the present
         # change inhibits and the former change excites, as in the authors' program.

@@ -33,7 +33,7 @@ DECAY = 0.1  # share of ON and OFF that remains in the next frame
 class ChangeDetector(Detector):
     """A detector that works on the signed change of grey levels between two frames.
 
-    A subclass defines `_answer` and `_forget`.
+    A subclass defines `_respond` and `_forget`.
 
     Attributes
     ----------
@@ -63,20 +63,20 @@ class ChangeDetector(Detector):
         now = grey_levels(luma, self.shape)
         before, self._before = self._before, now
         if before is None:
-            return self._first_answer()
+            return self._first_response()
         depth = cv2.CV_32F if self.precision is np.float32 else cv2.CV_64F
-        return self._answer(np.asarray(cv2.subtract(now, before, dtype=depth)))
+        return self._respond(np.asarray(cv2.subtract(now, before, dtype=depth)))
 
-    def _first_answer(self) -> Response | None:
-        """Return the answer to frame 0."""
-        return None if self.warm_up else self.answers(0.0)
+    def _first_response(self) -> Response | None:
+        """Return the response to frame 0."""
+        return None if self.warm_up else self.responses(0.0)
 
     def _zeros(self) -> Plane:
         return np.zeros(self.shape, self.precision)
 
     @abstractmethod
-    def _answer(self, p: Plane) -> Response | None:
-        """Answer to ``P(t) = L8(t) - L8(t-1)``, -255 to 255; this method may overwrite `p`."""
+    def _respond(self, p: Plane) -> Response | None:
+        """Respond to ``P(t) = L8(t) - L8(t-1)``, -255 to 255; this method may overwrite `p`."""
 
     @abstractmethod
     def _forget(self) -> None:

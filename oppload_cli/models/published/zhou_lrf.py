@@ -51,7 +51,7 @@ class ZhouLrfParams(Parameters):
 
 @dataclass(frozen=True)
 class ZhouLrfResponse(Response):
-    """The answer of the trained receptive field to one frame, with its inner values."""
+    """The response of the trained receptive field to one frame, with its inner values."""
 
     r_max: float = inner(0.0, "", "largest response of a unit")
     x: int = inner(0, "px", "column of the centre of the winning unit's field, working size")
@@ -131,7 +131,7 @@ class ZhouLrf(Detector):
     answers_to = "motion outward from a unit's middle, by contrast; not misses, retreats, rotation"
     made_for = "60 degrees over 12 elements, 30 frames/s"
     cost_ms = 2.0
-    answers = ZhouLrfResponse
+    responses = ZhouLrfResponse
     parameters = ZhouLrfParams
     evaluated = False
     alarm_floors: ClassVar = {"default": 3.0}
@@ -167,7 +167,7 @@ class ZhouLrf(Detector):
             _DELAY_KEPT * old + (1 - _DELAY_KEPT) * new
             for old, new in zip(before, samples, strict=True)
         ]
-        return self._answer(samples, self._delayed)
+        return self._respond(samples, self._delayed)
 
     def _samples(self, brightness: Plane) -> list[Plane]:
         """Return the blurred brightness at each element's left, right, lower and upper edge."""
@@ -175,7 +175,7 @@ class ZhouLrf(Detector):
         across, along = corners[1::2, ::2], corners[::2, 1::2]
         return [across[:, :-1], across[:, 1:], along[1:], along[:-1]]
 
-    def _answer(self, samples: list[Plane], delayed: list[Plane]) -> Response:
+    def _respond(self, samples: list[Plane], delayed: list[Plane]) -> Response:
         left, right, lower, upper = samples
         late_left, late_right, late_lower, late_upper = delayed
         across = right * late_left - late_right * left
