@@ -15,6 +15,8 @@ from oppload_cli.models.dpc import grey_levels
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from numpy.typing import NDArray
 
     from oppload_cli.models.dpc import Map
@@ -69,11 +71,21 @@ class AreaGrowth(Detector):
     warm_up = 0
 
     params: AreaGrowthParams
-    _start: NDArray[np.uint8] | None = None
+
+    def __init__(
+        self, shape: tuple[int, int], params: AreaGrowthParams | None = None, **others: Any
+    ) -> None:
+        super().__init__(shape, params, **others)
+        self.reset()
 
     def reset(self) -> None:
         """Forget all frames: the next frame is frame 0."""
-        self._start = None
+        self._start: NDArray[np.uint8] | None = None
+        self._area = 0
+
+    def at_rest(self) -> AreaGrowthResponse:
+        """Return the response, 0, to a frame in which nothing changed; the area stays."""
+        return AreaGrowthResponse(0.0, area=self._area, size=math.sqrt(self._area))
 
     def step(self, luma: Map) -> AreaGrowthResponse:
         """Take the next frame."""
@@ -83,11 +95,12 @@ class AreaGrowth(Detector):
             self._sizes: deque[float] = deque(maxlen=_SPAN + 1)
         # Grey levels are integers: a level is above the threshold if it is above its integer part.
         least = math.floor(self.params.least * 255)
-        area = int(np.count_nonzero(cv2.absdiff(now, self._start) > least))
+        self._area = int(np.count_nonzero(cv2.absdiff(now, self._start) > least))
         difference = float(cv2.norm(now, self._before, cv2.NORM_L1)) / (255 * now.size)
         self._before = now
-        size = math.sqrt(area)
+        size = math.sqrt(self._area)
         self._sizes.append(size)
         dsize = (size - self._sizes[0]) / _SPAN if len(self._sizes) > _SPAN else 0.0
         growth = dsize / size if size else 0.0
-        return AreaGrowthResponse(max(growth, 0.0), None, area, size, dsize, growth, difference)
+        values = self._area, size, dsize, growth, difference
+        return AreaGrowthResponse(max(growth, 0.0), None, *values)

@@ -142,6 +142,35 @@ def test_a_collision_stays_over_a_still_scene() -> None:
     assert model.at_rest().collision == 0  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(
+    ("name", "lasting"),
+    [
+        ("area_growth", ("area", "size")),
+        ("mlplc2", ("n_fields", "field_id", "field_x", "field_y")),
+        ("hua_literal", ("q_right_down", "q_left_down", "q_left_up", "q_right_up", "product")),
+    ],
+)
+def test_values_that_outlast_the_motion_stay_over_a_still_scene(
+    name: str, lasting: tuple[str, ...]
+) -> None:
+    frames = growing(1.0)
+    model = model_of(name, frames)
+    at_start = model.at_rest()
+    last = [model.step(light(each)) for each in frames][-1]
+    kept = model.at_rest()
+    assert [getattr(kept, each) for each in lasting] == [getattr(last, each) for each in lasting]
+    assert (kept.response, kept != at_start) == (0, True)
+    model.reset()
+    assert model.at_rest() == at_start == model.responses(0.0)
+
+
+@pytest.mark.parametrize("name", ["lgmd1_group", "lgmd1_group_paper", "plgmd"])
+def test_the_potential_over_a_still_scene_is_that_without_any_g(name: str) -> None:
+    still = [np.full((36, 49), 128, np.uint8)] * 3
+    assert [each.k for each in answers(name, still)] == [0, 0, 0.5]
+    assert model_of(name, still).at_rest().k == 0.5  # type: ignore[attr-defined]
+
+
 # ---- Known responses of each detector ------------------------------------------------------
 
 

@@ -161,9 +161,9 @@ class EmdLplc2Gf(ChangeDetector):
         self._rows = min(height, self.params.height)
         self._columns = max(2, round(width * self._rows / height))
         self._field = self.params.receptive_field or 2 * round(self._rows / 3)
-        size, inner = (self._rows, self._columns), (self._rows - 1, self._columns - 1)
+        size, between = (self._rows, self._columns), (self._rows - 1, self._columns - 1)
         self._filtered, self._on, self._off, self._now = np.zeros((4, *size))
-        self._motions, self._room = np.zeros((2, *inner)), np.zeros(inner)
+        self._motions, self._room = np.zeros((2, *between)), np.zeros(between)
         self._voltage, self._input, self._active, self._collision = _REST_MV, 0.0, 0, 0
 
     def at_rest(self) -> EmdLplc2GfResponse:

@@ -10,7 +10,7 @@ import numpy as np
 
 from oppload_cli.models.detector import Detector, Response, inner
 from oppload_cli.models.dpc import grey_levels
-from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE
+from oppload_cli.models.published.parts import DECAY, EDGE, USUAL_RATE, low_pass_share
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ class _Motion:
     """
 
     def __init__(self, shape: tuple[int, int], low_pass_ms: float, interval_ms: float) -> None:
-        self.shape, self._share = shape, interval_ms / (interval_ms + low_pass_ms)
+        self.shape, self._share = shape, low_pass_share(interval_ms, low_pass_ms)
         self._bands = _gaussian_line(1, 1.0), _gaussian_line(2, 2.0)
         self._change, self._band, self._net, self._bent = np.empty((4, *shape), np.float32)
         self.reset()
@@ -286,9 +286,15 @@ class HuaFixed(Detector):
         if not self._motion.step(luma):
             return None
         self._sums = self._quadrants()
-        product = float(np.prod(np.maximum(self._sums, 0)))
-        values = *self._sums.tolist(), product
-        return HuaResponse(product**0.25, None, *values)
+        return self._with_sums(self._product**0.25)
+
+    @property
+    def _product(self) -> float:
+        return float(np.prod(np.maximum(self._sums, 0)))
+
+    def _with_sums(self, response: float) -> HuaResponse:
+        values = *self._sums.tolist(), self._product
+        return HuaResponse(response, None, *values)
 
     def _quadrants(self) -> Any:
         """Return the sums of the outward motion over the quadrants, in the order of the columns."""
@@ -315,6 +321,10 @@ class HuaLiteral(HuaFixed):
     alarm_floors: ClassVar = {"default": 100_000.0}
 
     way_below: ClassVar[int] = 1
+
+    def at_rest(self) -> HuaResponse:
+        """Return the response, 0, to a frame in which nothing changed; the sums stay."""
+        return self._with_sums(0.0)
 
     def _quadrants(self) -> Any:
         return self._sums + super()._quadrants()

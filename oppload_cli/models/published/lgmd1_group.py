@@ -73,7 +73,9 @@ class Lgmd1GroupPaperParams(Lgmd1GroupParams):
 class Lgmd1GroupResponse(Response):
     """The response of lgmd1_group, with its inner values."""
 
-    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G, divided by the number of pixels")
+    k: float = inner(
+        0.5, "0 to 1", "sigmoid of the sum of G, divided by the number of pixels; 0 for frames 0, 1"
+    )
     sum_abs_g: float = inner(0.0, "grey levels", "K, the sum of G")
     omega: float = inner(0.0, "grey levels", "w, the scale of grouping")
     sum_abs_s: float = inner(0.0, "grey levels", "sum of the absolute S")
@@ -94,10 +96,10 @@ class _Persistent(ChangeDetector):
         self._t = 0
         self._persistence = _PERSISTENCE["literal"]  # p1, p2
 
-    def _respond(self, p: Plane) -> Response:
+    def _respond(self, p: Plane) -> Response | None:
         self._t += 1
         if self._t == 1:
-            return self.responses(0.0)
+            return self._first_response()
         before, earlier = self._q
         p1, p2 = self._persistence
         q = p + np.asarray(cv2.addWeighted(before, p1, earlier, p2, 0))
@@ -140,6 +142,9 @@ class Lgmd1Group(_Persistent):
     def _forget(self) -> None:
         super()._forget()
         self._persistence = _PERSISTENCE[self.params.persistence]
+
+    def _first_response(self) -> Lgmd1GroupResponse:
+        return Lgmd1GroupResponse(0.0, k=0.0)
 
     def _respond_to(self, q: Plane, before: Plane) -> Lgmd1GroupResponse:
         i = self._thresholded(spread(self._thresholded(before), k3(0, 1 / 4, 1 / 8), ZERO))
@@ -190,9 +195,11 @@ class PlgmdParams(Parameters):
 class PlgmdResponse(Response):
     """The response of plgmd, with its inner values."""
 
-    k: float = inner(0.0, "0 to 1", "sigmoid of the sum of G per pixel of the frame, first run")
+    k: float = inner(
+        0.5, "0 to 1", "sigmoid of the sum of G per pixel, first run; 0 for frames 0, 1"
+    )
     sum_abs_g: float = inner(0.0, "grey levels", "sum of G of the first run")
-    k_mean: float = inner(0.0, "0 to 1", "mean of k over the runs")
+    k_mean: float = inner(0.5, "0 to 1", "mean of k over the runs")
     k_sd: float = inner(0.0, "0 to 1", "standard deviation of k over the runs")
     sumg_mean: float = inner(0.0, "grey levels", "mean of the sum of G over the runs")
     sumg_sd: float = inner(0.0, "grey levels", "standard deviation of the sum of G over the runs")
@@ -229,6 +236,9 @@ class Plgmd(_Persistent):
     def _forget(self) -> None:
         super()._forget()
         self._random = np.random.SFC64(self.params.seed)
+
+    def _first_response(self) -> PlgmdResponse:
+        return PlgmdResponse(0.0, k=0.0, k_mean=0.0)
 
     def _respond_to(self, q: Plane, before: Plane) -> PlgmdResponse:
         sums = np.array([self._sum_of_g(q, before) for _ in range(self.params.runs)])

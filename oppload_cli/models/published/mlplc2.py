@@ -10,8 +10,14 @@ import cv2
 import numpy as np
 
 from oppload_cli.models.detector import Box, Response, inner
-from oppload_cli.models.published import parts
-from oppload_cli.models.published.parts import ZERO, ChangeDetector, low_pass_share, spread
+from oppload_cli.models.published.parts import (
+    DECAY,
+    USUAL_RATE,
+    ZERO,
+    ChangeDetector,
+    low_pass_share,
+    spread,
+)
 from oppload_cli.schema import Parameters, parameter
 
 if TYPE_CHECKING:
@@ -56,11 +62,11 @@ def _cut(p: Plane, line: Plane) -> Plane:
     and near the left edge only that part of the last row that lies to the right of the band.
     """
     reach = len(line) // 2
-    inner, last_row = p.copy(), np.zeros((len(line), len(line)))
-    inner[:_BAND], inner[:, :_BAND], last_row[-1] = 0, 0, line[-1] * line
-    out = np.asarray(cv2.sepFilter2D(inner, -1, line, line, borderType=ZERO))
+    inside, last_row = p.copy(), np.zeros((len(line), len(line)))
+    inside[:_BAND], inside[:, :_BAND], last_row[-1] = 0, 0, line[-1] * line
+    out = np.asarray(cv2.sepFilter2D(inside, -1, line, line, borderType=ZERO))
     side = _BAND + reach
-    out[:, :side] = spread(inner[:, : side + reach], last_row, ZERO)[:, :side]
+    out[:, :side] = spread(inside[:, : side + reach], last_row, ZERO)[:, :side]
     out[: _BAND - reach], out[-side:], out[:, : _BAND - reach], out[:, -side:] = 0, 0, 0, 0
     return np.asarray(out, np.float64)
 
@@ -192,7 +198,7 @@ class Mlplc2(ChangeDetector):
     params: Mlplc2Params
 
     def _forget(self) -> None:
-        self._interval_ms = 1000 / (self.frame_rate or parts.USUAL_RATE)
+        self._interval_ms = 1000 / (self.frame_rate or USUAL_RATE)
         line = _corner_line(*_COMPRESSION)
         self._reach = reach = spread(np.ones(self.shape), np.outer(line, line), ZERO).ravel()
         # A compressed signal is above the threshold if the signal is above this limit.
@@ -211,6 +217,16 @@ class Mlplc2(ChangeDetector):
         self._earlier = list(self._active)
         self._fields: list[_Attention] = []
         self._frames = self._opened = 0
+
+    def at_rest(self) -> Mlplc2Response:
+        """Return the response, 0, to a frame in which nothing changed; the fields stay."""
+        count, oldest = len(self._fields), self._oldest
+        number, x, y = oldest.number, oldest.x, oldest.y
+        return Mlplc2Response(0.0, n_fields=count, field_id=number, field_x=x, field_y=y)
+
+    @property
+    def _oldest(self) -> _Attention:
+        return self._fields[0] if self._fields else _Attention(0, -1, -1)
 
     def _respond(self, p: Plane) -> Mlplc2Response:
         self._frames += 1
@@ -240,7 +256,7 @@ class Mlplc2(ChangeDetector):
         bright = excitation >= 0
         # ON where excitation and the difference are above 0, OFF where both are below 0.
         s *= (s > 0) == bright
-        self._signal *= parts.DECAY
+        self._signal *= DECAY
         on, off = self._signal.reshape(2, *self.shape)
         on += np.maximum(s, 0, out=excitation)
         off -= np.minimum(s, 0, out=excitation)
@@ -279,15 +295,14 @@ class Mlplc2(ChangeDetector):
         if magnitude.any():
             best = int(magnitude.argmax())
             largest_motion = float(magnitude[best]), int(x[best]), int(y[best])
-        fields = self._fields or [_Attention(0, -1, -1)]
-        oldest, largest = fields[0], max(fields, key=lambda each: each.outputs[-1])
+        oldest = self._oldest
+        largest = max(self._fields or [oldest], key=lambda each: each.outputs[-1])
         output, side = largest.outputs[-1], 2.0 * _HALF_FIELD
         left_top = largest.x - _HALF_FIELD, largest.y - _HALF_FIELD
         box = Box(*left_top, side, side) if output > 0 else None
-        place, last = (oldest.number, oldest.x, oldest.y), (oldest.outputs[-1], output)
-        count, collision = len(self._fields), int(output >= _COLLISION)
-        sums = float(np.abs(net).sum()), count
-        values = *largest_motion, *sums, *place, *oldest.quadrants, *last, collision
+        fields = len(self._fields), oldest.number, oldest.x, oldest.y, *oldest.quadrants
+        last = oldest.outputs[-1], output, int(output >= _COLLISION)
+        values = *largest_motion, float(np.abs(net).sum()), *fields, *last
         return Mlplc2Response(output, box, *values)
 
     def _open(self, y: Places, x: Places, magnitude: Plane) -> None:
