@@ -252,13 +252,14 @@ def detector_named(name: str) -> type[Detector]:
 def names_of(text: str) -> tuple[str, ...]:
     """Return the names of the detectors in a value of ``--model``.
 
-    `text` is ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET`` or
-    ``all``, or several of these with commas between them. Other names are a ParameterError.
+    `text` is ``NAME``, ``NAME:VARIANT`` (``NAME:literal`` is NAME itself), ``NAME:PRESET``,
+    ``all`` or ``all:PRESET``, or several of these with commas between them. Other names are a
+    ParameterError.
     """
     names: list[str] = []
     for part in text.split(","):
         name, _, variant = part.strip().partition(":")
-        if name == ALL and not variant:
+        if name == ALL and variant in {"", *PRESETS}:
             names += [one for one, each in detectors().items() if not each.variant_of]
             continue
         detector_named(name)

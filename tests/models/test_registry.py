@@ -121,6 +121,8 @@ def test_the_names_that_a_user_may_write() -> None:
     with pytest.raises(ParameterError, match="has no variant 'old': it has literal and paper"):
         registry.names_of("lgmd1_group:old")
     assert registry.names_of("opplod:paper") == ("opplod",)  # a preset
+    assert registry.names_of("all:paper") == registry.names_of("all")
+    assert preset_in(["all:paper"]) == "paper"
     with pytest.raises(ParameterError, match="no model 'lgmd3'; did you mean"):
         registry.names_of("lgmd2,lgmd3:paper")
 

@@ -32,6 +32,14 @@ def test_later_settings_win_and_say_where_they_came_from(tmp_path: Path) -> None
     assert settings.origins["height"] == "command line"
 
 
+def test_a_preset_after_a_model_of_a_file_must_be_that_of_the_run(tmp_path: Path) -> None:
+    path = write(tmp_path, 'preset = "paper"\nmodels = ["opplod:paper"]')
+    assert resolve(config=path).preset == "paper"
+    assert resolve(config=path, preset="default", models=["dlgmd"]).models == ("dlgmd",)
+    with pytest.raises(ParameterError, match="asks for preset 'paper', but the preset is 'defa"):
+        resolve(config=path, preset="default")
+
+
 def test_defaults() -> None:
     settings = resolve()
     assert (settings.preset, settings.models, settings.height) == (
@@ -60,6 +68,7 @@ def test_a_preset_brings_its_own_alarm() -> None:
         ("preset = 3", "'preset' must be a word"),
         ('preset = "papr"', "no preset 'papr'; did you mean 'paper'"),
         ('models = "opplod"', "models must be a list"),
+        ('models = ["opplod:paper"]', "'models' asks for preset 'paper', but .* is 'default'"),
         ('models = ["dlgdm"]', "no model 'dlgdm'; did you mean 'dlgmd'"),
         ("height = 0", "height must be 'native' or 1 to 8192"),
         ("height = ", "is not valid TOML"),
