@@ -225,6 +225,11 @@ def test_wrong_uses(
         oppload.run(source, **options)
 
 
+def test_a_rate_may_be_as_low_as_a_frame_a_week() -> None:
+    *_, last = oppload.analyse(np.zeros((3, 9, 9), np.uint8), rate=1 / 604_800, rmo=False)
+    assert last.time_s == pytest.approx(2 * 604_800)
+
+
 def test_settings_reach_the_detectors() -> None:
     result = oppload.run(
         np.stack(FRAMES), rate=30, rmo=False, settings={"opplod.gain": 2, "alarm.on": False},

@@ -173,7 +173,7 @@ def checked_rate(rate: float | Fraction | None) -> Fraction | None:
             f"rate must be a number above 0 and at most {_HIGHEST_RATE} frames/s, not {rate!r}"
         )
     exact = rate if isinstance(rate, Fraction) else Fraction(float(rate))
-    return exact.limit_denominator(1 << 16)
+    return exact.limit_denominator(1 << 16) or exact  # a rate below 1 / 2^17 would become 0
 
 
 def _checked_times(times: Sequence[float], count: int) -> list[float]:
