@@ -8,6 +8,7 @@ import os
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from fractions import Fraction
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Protocol
 
 from oppload_cli.errors import BusyError, OutputError
@@ -207,8 +208,7 @@ def _differences(task: Task, content: dict[str, Any]) -> Iterator[str]:
     settings, facts = task.settings, content["input"]
     size = os.path.getsize(task.name) if is_file(task.name) else None  # noqa: PTH202 - any name
     other_size = size is not None and facts.get("bytes") not in {None, size}
-    # Names may be addresses.
-    if other_size or os.path.basename(task.name) != os.path.basename(facts["name"]):  # noqa: PTH119
+    if other_size or PurePath(task.name).name != PurePath(facts["name"]).name:
         yield f"of another input, {facts['name']}"
     rate = facts["frame_rate"]
     if facts["kind"] == "images" and Fraction(rate) != (task.image_rate or USUAL_RATE):

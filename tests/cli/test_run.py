@@ -238,6 +238,8 @@ def test_a_frame_rate_that_is_assumed_or_ignored_is_told(tmp_path: Path) -> None
     assert (facts["frame_rate"], facts["rate_assumed"]) == ("25/1", False)
     refused = oppload("run", folder, *words, "--if-exists", "skip")
     assert (refused.returncode, "of images at 25/1 frames/s" in refused.stderr) == (2, True)
+    with_slash = f"{folder}/", *words, "--if-exists", "skip", "--image-rate", "25"
+    assert "skipped" in oppload("run", *with_slash).stderr
 
 
 def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
