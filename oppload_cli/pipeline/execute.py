@@ -313,11 +313,12 @@ class _Run:
         silent = [name for name, each in self._summaries.items() if not each.frames]
         if self.frames and silent:
             remarks.append(self._never_responded(silent))
-        seconds = self.video.times.seconds
-        if self.frames and seconds < self._settings.alarm.blind_s:
+        seconds, alarm = self.video.times.seconds, self._settings.alarm
+        begins_blind = alarm.on and alarm.cut_ratio > 0
+        if self.frames and begins_blind and seconds < alarm.blind_s:
             remarks.append(
                 f"lasts {seconds:.2f} s: too short for an alarm, as the first "
-                f"{self._settings.alarm.blind_s:.2g} s never count"
+                f"{alarm.blind_s:.2g} s never count"
             )
         return tuple(remarks)
 

@@ -253,6 +253,9 @@ def test_a_video_too_short_for_an_alarm_says_so(tmp_path: Path) -> None:
         assert (done.returncode, said in done.stderr) == (0, True)
     write_video(tmp_path / "long.avi", grey_frames(12))
     assert "too short" not in oppload("run", tmp_path / "long.avi", *words).stderr
+    for setting in ("alarm.on=false", "alarm.cut_ratio=0"):  # no alarms, or no blind frames
+        done = oppload("run", tmp_path / "short.avi", *words, "--set", setting)
+        assert "too short" not in done.stderr
 
 
 def test_a_run_in_which_nothing_could_respond_says_so(tmp_path: Path) -> None:
