@@ -303,6 +303,7 @@ class Parameters(Table):
     _error: ClassVar[type[OpploadError]] = ParameterError
     _units: ClassVar[bool] = False
     _none: ClassVar[str] = " or none"
+    _set: ClassVar[str] = ""  # name of the set in settings, if it differs from that of the class
 
     def resolved(self, height: int) -> Self:  # noqa: ARG002
         """Return these parameters with the values that depend on the video filled in.
@@ -366,7 +367,7 @@ class Parameters(Table):
     @classmethod
     def _label(cls, name: str) -> str:
         words = re.sub(r"(?<=.)(?=[A-Z])", "_", cls.__name__.removesuffix("Params"))
-        return f"parameter '{name}' of {words.lower()}"
+        return f"parameter '{name}' of {cls._set or words.lower()}"
 
     @classmethod
     def _known(cls, name: str) -> Parameter:

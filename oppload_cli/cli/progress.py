@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os.path
 import time
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Never
 
 from oppload_cli.cli import on_terminal, progress_bar, say
@@ -116,7 +117,7 @@ class BatchProgress:
 
     def _now(self) -> str:
         seconds = time.monotonic() - self._started
-        running = ", ".join(printable(os.path.basename(name)) for name in self._running)  # noqa: PTH119
+        running = ", ".join(printable(PurePath(name).name) for name in self._running)
         return f"{self._frames / max(seconds, 1e-3):.0f} frames/s, {running}"
 
 

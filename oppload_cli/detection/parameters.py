@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, make_dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from oppload_cli.errors import ParameterError
 from oppload_cli.models.presets import DEFAULT_PRESET, preset_named
@@ -224,6 +224,8 @@ class PlaceParams(Parameters):
     >>> max(len(record.detections) for record in records)
     1
     """
+
+    _set: ClassVar[str] = "places"
 
     floor: float = parameter(1e-3, "least response of an object", low=0, high=1e9)
     share: float = parameter(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from statistics import median
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import cv2
 import numpy as np
@@ -35,6 +35,8 @@ _STILL_S = 1.0  # a camera never gives exactly the same picture for so long
 @dataclass(frozen=True, kw_only=True)
 class RepeatParams(Parameters):
     """How repeats of a picture are handled (``docs/model.md``, "Repeats")."""
+
+    _set: ClassVar[str] = "repeats"
 
     handling: str = parameter(
         NEAR,

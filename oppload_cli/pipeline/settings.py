@@ -327,7 +327,7 @@ def _yes_or_no(value: object) -> bool:
 
 
 def _columns(value: object) -> str:
-    if value not in {_USUAL, ALL}:
+    if value not in (_USUAL, ALL):  # a tuple: the value of a file may be a list
         raise ParameterError(f"columns must be '{_USUAL}' or '{ALL}', not {value!r}")
     return str(value)
 

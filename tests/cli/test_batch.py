@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from oppload_cli.cli.progress import AlarmTable
+from oppload_cli.cli import progress
+from oppload_cli.cli.progress import AlarmTable, BatchProgress
 from oppload_cli.pipeline.task import Outcome
 from oppload_cli.results.alarms import verdicts_in
 from tests.cli import process
@@ -291,6 +292,14 @@ def test_the_bar_names_the_running_inputs(clips: Path, tmp_path: Path) -> None:
     assert "/12 [" in text
     assert " frames/s, clip" in text
     assert "all                 12" in text
+
+
+def test_a_folder_that_is_running_is_named_without_its_slash(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress, "_LINE_EVERY_S", 0)
+    BatchProgress(2, 0).started("clips/approach/")
+    assert capsys.readouterr().err == "0 of 2 inputs, 0 frames/s, approach\n"
 
 
 def test_a_result_is_skipped_only_if_it_is_the_same(clips: Path, tmp_path: Path) -> None:

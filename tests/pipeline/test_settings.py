@@ -70,6 +70,7 @@ def test_a_preset_brings_its_own_alarm() -> None:
         ('models = "opplod"', "models must be a list"),
         ('models = ["opplod:paper"]', "'models' asks for preset 'paper', but .* is 'default'"),
         ('models = ["dlgdm"]', "no model 'dlgdm'; did you mean 'dlgmd'"),
+        ('columns = ["all"]', "columns must be 'usual' or 'all', not"),
         ("height = 0", "height must be 'native' or 1 to 8192"),
         ("height = ", "is not valid TOML"),
     ],
@@ -93,6 +94,8 @@ def test_the_message_names_a_wrong_file_and_its_mistake(
         ("opplod.recepive_field=3", "did you mean 'receptive_field'"),
         ("opplod.receptive_field=0", "must be at least 2"),
         ("opplod.gain=nan", "finite"),
+        ("places.most=0", "parameter 'most' of places must be at least 1"),
+        ("repeats.share=2", "parameter 'share' of repeats must be at most 0.5"),
     ],
 )
 def test_a_wrong_assignment(assignment: str, message: str) -> None:
